@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -50,6 +51,8 @@ BOTH = ("lift", "turn")
 FAR = (9.0, 9.0, 9.0)
 THERE = (0.0, 1.0, 0.5)
 """Where the hand is at a turn of 90 degrees."""
+HIT = "not free: arm/hand and crate/1"
+NAN = float("nan")
 QUARTER = [(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])]
 
 
@@ -78,6 +81,40 @@ class TrajectoryRig(RobotRig):
 
     def _take_status(self, message: Any) -> None:
         self.said.append(message)
+
+    def run(self, turn: float = np.pi / 2) -> None:
+        """Start a trajectory that takes a thousand seconds."""
+        self.send_joints(lift=0.0, turn=0.0)
+        self.answer()
+        self.begin([QUARTER[0], (1000.0, [0.0, turn])])
+
+    def rest(self) -> None:
+        """End what runs, by an empty trajectory."""
+        self.said.clear()
+        self.forwarded.clear()
+        self.publish([])
+        self.stopped()
+
+    def refused_for(self, reason: str, *given: Any, **more: Any) -> dict[str, str]:
+        """Send points that are refused for a reason; return the values of the status."""
+        status, values = self.go(*given, **more)
+        assert status.level == ERROR
+        assert reason in status.message
+        return values
+
+    def begin(self, *given: Any, **more: Any) -> dict[str, str]:
+        """Send points that are forwarded; return the values of the status."""
+        status, values = self.go(*given, **more)
+        assert (status.level, status.message) == (OK, "forwarded")
+        self.said.clear()
+        self.forwarded.clear()
+        return values
+
+    def forwards(self, *given: Any, **more: Any) -> dict[str, str]:
+        """Send points that are forwarded, and end what runs; return the values of the status."""
+        values = self.begin(*given, **more)
+        self.rest()
+        return values
 
     def put(self, place: Sequence[float]) -> None:
         """Put the crate somewhere."""
@@ -125,153 +162,6 @@ class TrajectoryRig(RobotRig):
         return message
 
 
-def test_a_free_trajectory_is_forwarded_untouched() -> None:
-    with TrajectoryRig() as rig:
-        status, values = rig.go(QUARTER)
-        assert (status.level, status.message) == (OK, "forwarded")
-        assert values["interpolation"] == "linear"
-
-
-def test_a_trajectory_that_collides_is_refused_with_index_time_and_pair() -> None:
-    with TrajectoryRig(THERE) as rig:
-        half = [(1.0, [0.0, np.pi / 4])]
-        status, values = rig.go([QUARTER[0], *half, *QUARTER[1:]])
-        assert status.level == ERROR
-        assert status.message.startswith("refused: not free: arm/hand and crate/1")
-        assert (values["first"], values["second"]) == ("arm/hand", "crate/1")
-        assert values["index"] == "2"
-        assert 1.5 < float(values["time (s)"]) < 2.0
-        assert rig.refused("arm/trajectory_in") == {"not free": 1}
-        assert rig.go([*QUARTER[:1], *half])[0].level == OK
-
-
-def test_what_lies_between_the_points_counts() -> None:
-    with TrajectoryRig(THERE) as rig:
-        beyond = [QUARTER[0], (2.0, [0.0, 2.5])]
-        assert rig.go(beyond)[0].level == ERROR
-        assert rig.go([QUARTER[0], (1.0, [1.0, 0.0]), (2.0, [1.0, 2.5])])[0].level == OK
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_splines_swing_where_lines_do_not(order: int) -> None:
-    rest, swing = [[0.0, 0.0]] * (order - 1), [0.0, 4.0]
-    still = [(0.0, [0.0, 0.0]), (2.0, [0.0, 0.0])]
-    swings = [(0.0, [0.0, 0.0], swing, *rest), (2.0, [0.0, 0.0], [0.0, -4.0], *rest)]
-    with TrajectoryRig(THERE) as rig:
-        assert rig.go(still)[0].level == OK
-        status, values = rig.go(swings)
-        assert status.message.startswith("refused: not free: arm/hand and crate/1")
-        assert 0.0 < float(values["time (s)"]) < 1.0
-        rig.put(FAR)
-        status, values = rig.go(swings)
-        assert (status.level, values["interpolation"]) == (OK, ("cubic", "quintic")[order - 1])
-        assert int(values["pieces"]) > 10
-
-
-def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are() -> None:
-    with TrajectoryRig((np.cos(0.8), np.sin(0.8), 0.5)) as rig:
-        status, values = rig.go(QUARTER[1:])
-        assert status.message.startswith("refused: not free: arm/hand and crate/1")
-        assert values["index"] == "0"
-        assert 0.5 < float(values["time (s)"]) < 1.5
-        rig.put(FAR)
-        assert rig.go(QUARTER[1:])[0].level == OK
-        last: list[Any] = []
-        rig.client.create_subscription(
-            DiagnosticStatus, "arm/trajectory_status", last.append, LATCHED
-        )
-        assert rig.until(lambda: last, "what was said before")[0].message == "forwarded"
-        rig.said.clear()
-        rig.put((np.cos(0.8), np.sin(0.8), 0.5))
-        assert rig.stopped().startswith("stopped: not free: arm/hand and crate/1")
-        for late in ([(0.0, QUARTER[1][1])], [(1.0, [0.0, 0.1]), *QUARTER[1:]]):
-            assert "not at its start" in rig.go(late)[0].message
-
-
-def test_joints_that_are_not_named_stay_where_they_are() -> None:
-    turn = [(0.0, [0.0]), (2.0, [np.pi / 2])]
-    with TrajectoryRig((0.0, 1.0, 0.8)) as rig:
-        assert rig.go(turn, ["turn"])[0].level == OK
-        rig.said.clear()
-        rig.send_joints(lift=0.3, turn=0.0)
-        assert rig.stopped() == "stopped: a joint that it does not name has moved: lift"
-        assert rig.go(turn, ["turn"])[0].level == ERROR
-
-
-NAN = float("nan")
-
-
-@pytest.mark.parametrize(
-    ("points", "names", "reason"),
-    [
-        ([(0.0, [0.1, 0.0]), *QUARTER[1:]], BOTH, "not at its start"),
-        ([QUARTER[0], (2.0, [0.0, 3.1])], BOTH, "joint arm/turn out of its limits"),
-        ([QUARTER[0], (2.0, [0.0])], BOTH, "bad point"),
-        ([QUARTER[0], (0.0, [0.0, 0.0])], BOTH, "its time does not rise"),
-        ([QUARTER[0], (2.0, [0.0, NAN])], BOTH, "not finite"),
-        (QUARTER, ("lift", "tail"), "unknown joint"),
-        (QUARTER, ("lift", "lift"), "repeated joint"),
-        ([(0.0, [0.0, 0.0], [0.0, 0.0]), (9.0, [0.0, 0.0], [0.0, 1e9])], BOTH, "too many pieces"),
-        ([(1.0, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], BOTH, "is not at time 0"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(points: Any, names: Any, reason: str) -> None:
-    with TrajectoryRig() as rig:
-        status, _ = rig.go(points, names)
-        assert status.level == ERROR
-        assert reason in status.message
-
-
-def test_a_stamp_far_from_now_is_refused() -> None:
-    with TrajectoryRig() as rig:
-        header = Header()
-        header.stamp.sec = 5
-        assert "bad stamp" in rig.go(QUARTER, stamp=header)[0].message
-
-
-def stamped(rig: TrajectoryRig, seconds: float) -> Header:
-    """Return a header whose stamp is some time ahead of the node's clock."""
-    return Header(stamp=stamp_to_ros(rig.now() + int(seconds * 1e9)))
-
-
-def test_until_a_stamp_ahead_joints_swing_on_from_where_they_are() -> None:
-    points = [(0.0, [0.0, 0.0], [0.0, 0.0]), (2.0, [0.0, -1.0], [0.0, 0.0])]
-    with TrajectoryRig((np.cos(0.25), np.sin(0.25), 0.5)) as rig:
-        rig.set(stamp_tolerance=5.0)
-        rig.send_joints({"turn": 2.0}, lift=0.0, turn=0.0)
-        rig.answer()
-        assert rig.go(points)[0].level == OK  # at once: there is no time for a swing
-        status, values = rig.go(points, stamp=stamped(rig, 1.0))
-        assert status.message.startswith("refused: not free: arm/hand and crate/1")
-        assert values["index"] == "0"
-
-
-def test_with_a_stamp_that_has_passed_joints_jump_to_where_it_is_by_now() -> None:
-    around = [
-        *((0.0, [0.0, 0.0]), (1.0, [1.0, 0.0]), (2.0, [1.0, 1.0])),
-        *((3.0, [0.0, 1.0]), (30.0, [0.0, 1.1])),
-    ]
-    with TrajectoryRig((np.cos(0.5), np.sin(0.5), 0.5)) as rig:
-        rig.set(stamp_tolerance=20.0)
-        assert rig.go(around)[0].level == OK
-        status, _ = rig.go(around, stamp=stamped(rig, -10.0))
-        assert status.message.startswith("refused: not free: arm/hand and crate/1")
-        rig.put(FAR)
-        assert rig.go(around, stamp=stamped(rig, -10.0))[0].level == OK
-
-
-def test_no_swing_begins_with_a_velocity_that_is_not_known() -> None:
-    with TrajectoryRig() as rig:
-        rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
-        rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0)
-        rig.answer()
-        still = [0.0, 0.0]
-        status, _ = rig.go([(1.0, still, still)])
-        assert "the velocity of joint turn is not known" in status.message
-        assert rig.go([(1.0, still)])[0].level == OK
-        assert rig.go([(0.0, still, still), (1.0, still, still)])[0].level == OK
-
-
 def test_what_cannot_be_attached_is_said() -> None:
     with TrajectoryRig() as rig:
         marker = cube(("arm", 5), (0.0, 0.0, 2.0), (0.1, 0.1, 0.1), frame_locked=True)
@@ -280,108 +170,30 @@ def test_what_cannot_be_attached_is_said() -> None:
         rig.until(lambda: "5" in str(rig.robot.links and rig.robot.links.rows), "the robot")
         rig.send_joints(lift=0.0, turn=0.0)
         rig.answer()
-        assert rig.go(QUARTER)[0].level == OK
+        rig.forwards(QUARTER)
         rig.send(marker)
         rig.cycles(2)
         rig.send_joints(lift=0.0, turn=0.0)
         rig.answer()
-        text = "refused: scene not known: not attached: name must not be that of a link"
-        assert rig.go(QUARTER)[0].message.startswith(text)
-
-
-def test_without_knowing_everything_none_is_forwarded() -> None:
-    with TrajectoryRig() as rig:
-        rig.send_joints(lift=NAN)
-        rig.until(lambda: rig.robot.fault, "the fault")
-        assert "scene not known" in rig.go(QUARTER)[0].message
-
-
-def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides() -> None:
-    with TrajectoryRig() as rig:
-        rig.listen("collision_status")
-        rig.until(lambda: "collision_status" in rig.last, "a status")
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.said.clear()
-        rig.forwarded.clear()
-        rig.put((5.0, 5.0, 5.0))
-        rig.cycles(2)
-        assert not rig.said
-        rig.put(THERE)
-        assert rig.stopped().startswith("stopped: not free: arm/hand and crate/1")
-        hold, empty = rig.forwarded
-        assert [list(point.positions) for point in hold.points] == [[0.0, 0.0]]
-        assert duration_from_ros(hold.points[0].time_from_start) == 0
-        assert hold.joint_names == list(BOTH)
-        assert empty == JointTrajectory(joint_names=list(BOTH))
-        text = "robot arm: trajectory stopped: not free"
-        rig.until(lambda: text in rig.last["collision_status"].status[0].message, text)
-        rig.cycles(2)
-        assert len(rig.said) == 1  # once
-        rig.put(FAR)
-        assert rig.go(QUARTER)[0].level == OK
-        rig.until(lambda: text not in rig.last["collision_status"].status[0].message, "no more")
-
-
-def test_a_trajectory_is_stopped_when_another_shape_in_the_same_box_is_in_its_way() -> None:
-    crate = cube(CRATE, (0.0, 1.35, 0.85), (0.6, 0.6, 0.6))
-    with TrajectoryRig() as rig:
-        crate.type = Marker.SPHERE
-        rig.send(crate)
-        rig.answer()
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.said.clear()
-        crate.type = Marker.CUBE
-        rig.send(crate)
-        assert rig.stopped().startswith("stopped: not free: arm/hand and crate/1")
-
-
-def test_a_trajectory_is_stopped_when_links_are_padded_so_that_it_collides() -> None:
-    with TrajectoryRig((0.0, 1.2, 0.5)) as rig:
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.said.clear()
-        rig.set(padding_overrides=["arm/*: 0.06"])
-        assert rig.stopped().startswith("stopped: not free: arm/hand and crate/1")
-
-
-def test_a_trajectory_is_stopped_when_it_is_not_known_any_more() -> None:
-    with TrajectoryRig() as rig:
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.said.clear()
-        rig.send_joints(lift=NAN)
-        assert rig.stopped().startswith("stopped: scene not known")
+        text = "scene not known: not attached: name must not be that of a link"
+        rig.refused_for(text, QUARTER)
 
 
 def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
-    long = [QUARTER[0], (1000.0, QUARTER[1][1])]
     with TrajectoryRig() as rig:
-        assert rig.go(long)[0].level == OK
-        rig.said.clear()
+        rig.run()
         rig.describe(URDF.replace('name="arm"', 'name="other"'))
         assert rig.stopped().startswith("stopped: ")
         rig.until(lambda: rig.robot.fault.startswith("joints without"), "the other robot")
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
-        assert rig.go(long)[0].level == OK
-        rig.said.clear()
+        rig.run()
         assert rig.change(Transition.TRANSITION_DEACTIVATE)
         assert "inactive" in rig.stopped()
-
-
-def test_clear_stops_a_trajectory_where_the_joints_are() -> None:
-    with TrajectoryRig() as rig:
-        rig.known()
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.send_joints(lift=0.0, turn=0.3)
-        rig.answer()
-        rig.said.clear()
-        rig.forwarded.clear()
-        rig.call(Trigger, "obb_collision/clear", Trigger.Request())
-        rig.send_joints(lift=0.0, turn=1.4)
-        assert rig.stopped() == "stopped: all objects were removed"
-        assert [list(point.positions) for point in rig.forwarded[0].points] == [[0.0, 0.3]]
-        rig.known()
-        rig.cycles(2)
-        assert len(rig.said) == 1
+        assert rig.change(Transition.TRANSITION_ACTIVATE)
+        rig.run()
+        rig.node.say_farewell()  # of a signal that ends the node
+        assert "the node does not check any more" in rig.stopped()
+        rig.refused_for("the node does not check any more", QUARTER)
+        rig.node.say_farewell()  # nothing runs any more
 
 
 def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running() -> None:
@@ -394,14 +206,10 @@ def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
         rig.known()
         node = rig.node
         assert node.robots is not None
-        trajectory = JointTrajectory(joint_names=list(BOTH))
         point = JointTrajectoryPoint(positions=NONE, velocities=NONE, accelerations=NONE)
-        trajectory.points = [point]
+        trajectory = JointTrajectory(joint_names=list(BOTH), points=[point])
         for begin, end in ((0.0, 0.3), (1.4, 1.45)):
-            wanted = [(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])]
-            assert rig.go(wanted)[0].level == OK
-            rig.said.clear()
-            rig.forwarded.clear()
+            rig.begin([(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])])
             rig.robot.take_joints(joints(end))
             assert node._clear(Trigger.Request(), Trigger.Response()).success
             for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
@@ -420,72 +228,240 @@ def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
             rig.known()
 
 
-def test_a_trajectory_is_stopped_when_a_signal_ends_the_node() -> None:
+@pytest.fixture(scope="module")
+def shared() -> Iterator[TrajectoryRig]:
     with TrajectoryRig() as rig:
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.said.clear()
-        rig.node.say_farewell()
-        assert "the node does not check any more" in rig.stopped()
-        assert rig.go(QUARTER)[0].message.endswith("the node does not check any more")
-        rig.node.say_farewell()  # nothing runs any more
+        yield rig
+
+
+@pytest.fixture
+def rig(shared: TrajectoryRig) -> TrajectoryRig:
+    """Return the rig with the robot at rest, the crate far away, and nothing running."""
+    shared.set(trajectory_margin=0.001, stamp_tolerance=0.5)
+    shared.until(lambda: not shared.robot.fault.startswith("robot_"), "the robot")
+    shared.send_joints(lift=0.0, turn=0.0)
+    shared.put(FAR)
+    shared.rest()
+    return shared
+
+
+def test_free_ones_are_forwarded_untouched_and_others_refused_with_index_time_and_pair(
+    rig: TrajectoryRig,
+) -> None:
+    assert rig.forwards(QUARTER)["interpolation"] == "linear"
+    rig.put(THERE)
+    half = [(1.0, [0.0, np.pi / 4])]
+    before = rig.refused("arm/trajectory_in").get("not free", 0)
+    values = rig.refused_for(f"refused: {HIT}", [QUARTER[0], *half, *QUARTER[1:]])
+    assert (values["first"], values["second"]) == ("arm/hand", "crate/1")
+    assert values["index"] == "2"
+    assert 1.5 < float(values["time (s)"]) < 2.0
+    assert rig.refused("arm/trajectory_in") == {"not free": before + 1}
+    rig.forwards([*QUARTER[:1], *half])
+    rig.refused_for(HIT, [QUARTER[0], (2.0, [0.0, 2.5])])  # between its points
+    rig.forwards([QUARTER[0], (1.0, [1.0, 0.0]), (2.0, [1.0, 2.5])])
+
+
+@each("order", (1, 2))
+def test_splines_swing_where_lines_do_not(order: int, rig: TrajectoryRig) -> None:
+    rest, swing = [[0.0, 0.0]] * (order - 1), [0.0, 4.0]
+    swings = [(0.0, [0.0, 0.0], swing, *rest), (2.0, [0.0, 0.0], [0.0, -4.0], *rest)]
+    rig.put(THERE)
+    rig.forwards([(0.0, [0.0, 0.0]), (2.0, [0.0, 0.0])])
+    assert 0.0 < float(rig.refused_for(HIT, swings)["time (s)"]) < 1.0
+    rig.put(FAR)
+    values = rig.forwards(swings)
+    assert values["interpolation"] == ("cubic", "quintic")[order - 1]
+    assert int(values["pieces"]) > 10
+
+
+def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are(
+    rig: TrajectoryRig,
+) -> None:
+    on_the_way = (np.cos(0.8), np.sin(0.8), 0.5)
+    rig.put(on_the_way)
+    values = rig.refused_for(HIT, QUARTER[1:])
+    assert values["index"] == "0"
+    assert 0.5 < float(values["time (s)"]) < 1.5
+    rig.put(FAR)
+    rig.begin(QUARTER[1:])
+    last: list[Any] = []
+    rig.client.create_subscription(DiagnosticStatus, "arm/trajectory_status", last.append, LATCHED)
+    assert rig.until(lambda: last, "what was said before")[0].message == "forwarded"
+    rig.put(on_the_way)
+    assert rig.stopped().startswith(f"stopped: {HIT}")
+    for late in ([(0.0, QUARTER[1][1])], [(1.0, [0.0, 0.1]), *QUARTER[1:]]):
+        rig.refused_for("not at its start", late)
+
+
+def test_joints_that_are_not_named_stay_where_they_are(rig: TrajectoryRig) -> None:
+    turn = [(0.0, [0.0]), (2.0, [np.pi / 2])]
+    rig.put((0.0, 1.0, 0.8))
+    rig.begin(turn, ["turn"])
+    rig.send_joints(lift=0.3, turn=0.0)
+    assert rig.stopped() == "stopped: a joint that it does not name has moved: lift"
+    rig.refused_for("refused", turn, ["turn"])
+
+
+@each(
+    "points, names, reason",
+    [
+        ([(0.0, [0.1, 0.0]), *QUARTER[1:]], BOTH, "not at its start"),
+        ([QUARTER[0], (2.0, [0.0, 3.1])], BOTH, "joint arm/turn out of its limits"),
+        ([QUARTER[0], (2.0, [0.0])], BOTH, "bad point"),
+        ([QUARTER[0], (0.0, [0.0, 0.0])], BOTH, "its time does not rise"),
+        ([QUARTER[0], (2.0, [0.0, NAN])], BOTH, "not finite"),
+        (QUARTER, ("lift", "tail"), "unknown joint"),
+        (QUARTER, ("lift", "lift"), "repeated joint"),
+        ([(0.0, [0.0, 0.0], [0.0, 0.0]), (9.0, [0.0, 0.0], [0.0, 1e9])], BOTH, "too many pieces"),
+        ([(1.0, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], BOTH, "is not at time 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    points: Any, names: Any, reason: str, rig: TrajectoryRig
+) -> None:
+    rig.refused_for(reason, points, names)
+
+
+def stamped(rig: TrajectoryRig, seconds: float) -> Header:
+    """Return a header whose stamp is some time ahead of the node's clock."""
+    return Header(stamp=stamp_to_ros(rig.now() + int(seconds * 1e9)))
+
+
+def test_stamps_say_when_it_begins(rig: TrajectoryRig) -> None:
+    far = Header()
+    far.stamp.sec = 5
+    rig.refused_for("bad stamp", QUARTER, stamp=far)
+    rig.set(stamp_tolerance=20.0)
+    points = [(0.0, [0.0, 0.0], [0.0, 0.0]), (2.0, [0.0, -1.0], [0.0, 0.0])]
+    rig.put((np.cos(0.25), np.sin(0.25), 0.5))
+    rig.send_joints({"turn": 2.0}, lift=0.0, turn=0.0)
+    rig.answer()
+    rig.forwards(points)  # at once: there is no time for a swing
+    values = rig.refused_for(HIT, points, stamp=stamped(rig, 1.0))  # joints swing on until then
+    assert values["index"] == "0"
+    around = [
+        *((0.0, [0.0, 0.0]), (1.0, [1.0, 0.0]), (2.0, [1.0, 1.0])),
+        *((3.0, [0.0, 1.0]), (30.0, [0.0, 1.1])),
+    ]
+    rig.put((np.cos(0.5), np.sin(0.5), 0.5))
+    rig.send_joints(lift=0.0, turn=0.0)
+    rig.answer()
+    rig.forwards(around)
+    past = stamped(rig, -10.0)
+    rig.refused_for(HIT, around, stamp=past)  # joints jump to where it is by now
+    rig.put(FAR)
+    rig.forwards(around, stamp=past)
+
+
+def test_no_swing_begins_with_a_velocity_that_is_not_known(rig: TrajectoryRig) -> None:
+    rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
+    rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0)
+    rig.answer()
+    still = [0.0, 0.0]
+    rig.refused_for("the velocity of joint turn is not known", [(1.0, still, still)])
+    rig.forwards([(1.0, still)])
+    rig.forwards([(0.0, still, still), (1.0, still, still)])
+
+
+def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(
+    rig: TrajectoryRig,
+) -> None:
+    rig.listen("collision_status")
+    rig.until(lambda: "collision_status" in rig.last, "a status")
+    rig.run()
+    rig.put((5.0, 5.0, 5.0))
+    rig.cycles(2)
+    assert not rig.said
+    rig.put(THERE)
+    assert rig.stopped().startswith(f"stopped: {HIT}")
+    hold, empty = rig.forwarded
+    assert [list(point.positions) for point in hold.points] == [[0.0, 0.0]]
+    assert duration_from_ros(hold.points[0].time_from_start) == 0
+    assert hold.joint_names == list(BOTH)
+    assert empty == JointTrajectory(joint_names=list(BOTH))
+    text = "robot arm: trajectory stopped: not free"
+    rig.until(lambda: text in rig.last["collision_status"].status[0].message, text)
+    rig.cycles(2)
+    assert len(rig.said) == 1  # once
+    rig.put(FAR)
+    rig.forwards(QUARTER)
+    rig.until(lambda: text not in rig.last["collision_status"].status[0].message, "no more")
+    rig.ignore("collision_status")
+
+
+def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: TrajectoryRig) -> None:
+    crate = cube(CRATE, (0.0, 1.35, 0.85), (0.6, 0.6, 0.6), type=Marker.SPHERE)
+    rig.send(crate)
+    rig.answer()
+    rig.run()
+    crate.type = Marker.CUBE  # another shape in the same box
+    rig.send(crate)
+    assert rig.stopped().startswith(f"stopped: {HIT}")
+    rig.put((0.0, 1.2, 0.5))
+    rig.run()
+    rig.set(padding_overrides=["arm/*: 0.06"])
+    assert rig.stopped().startswith(f"stopped: {HIT}")
+    rig.set(padding_overrides=[""])
+    rig.put(FAR)
+    rig.run()
+    rig.send_joints(lift=NAN)
+    assert rig.stopped().startswith("stopped: scene not known")
+    rig.refused_for("scene not known", QUARTER)
+    assert rig.go([])[0].message == "forwarded: a stop"  # always
+    rig.run()
+    rig.send_joints(lift=0.0, turn=0.5)
+    rig.answer()
+    sent = rig.publish([], ["turn"])  # an empty one is a stop of what runs
+    rig.until(lambda: len(rig.forwarded) == 2, "the stop")
+    hold, empty = rig.forwarded
+    assert [list(point.positions) for point in hold.points] == [[0.0, 0.5]]
+    assert empty == sent
+
+
+def test_clear_stops_a_trajectory_where_the_joints_are(rig: TrajectoryRig) -> None:
+    rig.known()
+    rig.run()
+    rig.send_joints(lift=0.0, turn=0.3)
+    rig.answer()
+    rig.call(Trigger, "obb_collision/clear", Trigger.Request())
+    rig.send_joints(lift=0.0, turn=1.4)
+    assert rig.stopped() == "stopped: all objects were removed"
+    assert [list(point.positions) for point in rig.forwarded[0].points] == [[0.0, 0.3]]
+    rig.known()
+    rig.cycles(2)
+    assert len(rig.said) == 1
 
 
 SHORT = [(0.0, [0.0, 0.0]), (0.001, [0.0, np.pi / 2]), (0.002, [0.5, np.pi / 2])]
 """Long past when a test goes on: a robot that is behind goes slower than planned."""
 
 
-def test_a_trajectory_counts_until_the_robot_is_there_however_slow() -> None:
-    with TrajectoryRig() as rig:
-        for turn, place in ((0.0, THERE), (np.pi / 2, (0.0, 1.0, 1.0))):
-            rig.send_joints(lift=0.0, turn=0.0)
-            rig.answer()
-            assert rig.go(SHORT)[0].level == OK
+@each("turn, place", ((0.0, THERE), (np.pi / 2, (0.0, 1.0, 1.0))))
+def test_a_trajectory_counts_until_the_robot_is_there_however_slow(
+    turn: float, place: Any, rig: TrajectoryRig
+) -> None:
+    rig.put(FAR)
+    for given in (0.0, None, turn / 2.0, turn):
+        if given is None:
+            rig.begin(SHORT)
             rig.cycles(3)
-            rig.said.clear()
-            rig.send_joints(lift=0.0, turn=turn / 2.0)
-            rig.answer()
-            rig.send_joints(lift=0.0, turn=turn)
-            rig.answer()
-            rig.put(place)
-            assert rig.stopped().startswith("stopped: not free: arm/hand and crate/1")
-            rig.put(FAR)
-
-
-def test_what_the_robot_has_behind_it_counts_no_more() -> None:
-    with TrajectoryRig() as rig:
-        assert rig.go(SHORT)[0].level == OK
-        rig.said.clear()
-        rig.send_joints(lift=0.25, turn=np.pi / 2)
+            continue
+        rig.send_joints(lift=0.0, turn=given)
         rig.answer()
-        rig.put((1.0, 0.0, 0.5))
-        assert decider(rig)._running.passed == 0.001
-        rig.send_joints(lift=0.5, turn=np.pi / 2)
+    rig.put(place)
+    assert rig.stopped().startswith(f"stopped: {HIT}")
+
+
+def test_what_the_robot_has_behind_it_counts_no_more(rig: TrajectoryRig) -> None:
+    rig.begin(SHORT)
+    for lift, place in ((0.25, (1.0, 0.0, 0.5)), (0.5, (0.0, 1.0, 1.0))):
+        rig.send_joints(lift=lift, turn=np.pi / 2)
         rig.answer()
         rig.cycles(2)
-        assert decider(rig)._running is None
-        rig.put((0.0, 1.0, 1.0))
+        rig.put(place)
         rig.cycles(2)
         assert not rig.said
-
-
-def test_an_empty_trajectory_is_a_stop_of_what_runs() -> None:
-    with TrajectoryRig() as rig:
-        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
-        rig.send_joints(lift=0.0, turn=0.5)
-        rig.answer()
-        rig.forwarded.clear()
-        sent = rig.publish([], ["turn"])
-        rig.until(lambda: len(rig.forwarded) == 2, "the stop")
-        hold, empty = rig.forwarded
-        assert [list(point.positions) for point in hold.points] == [[0.0, 0.5]]
-        assert empty == sent
-
-
-def test_an_empty_trajectory_is_a_stop_and_always_forwarded() -> None:
-    with TrajectoryRig() as rig:
-        rig.send_joints(lift=NAN)
-        rig.until(lambda: rig.robot.fault, "the fault")
-        assert rig.go([])[0].message == "forwarded: a stop"
 
 
 LONG = [(0.0, [0.0, 0.0], [0.0, 0.0]), (1000.0, [0.0, 2.9], [0.0, 0.0])]
@@ -498,53 +474,31 @@ def decider(rig: TrajectoryRig) -> Any:
     return rig.node.robots._trajectories["arm/trajectory_in"]
 
 
-def shares(rig: TrajectoryRig) -> int:
-    """Return how many shares of 500 pieces the trajectory has that runs."""
-    running = decider(rig)._running
-    return -(-len(running.pieces.begins) // 500)
-
-
-@pytest.fixture
-def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a check take as long as a loaded machine needs."""
-    monkeypatch.setattr(trajectories, "LONGEST_CHECK", 1e9)
+def test_one_with_many_pieces_is_decided_over_some_cycles(
+    rig: TrajectoryRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trajectories, "LONGEST_CHECK", 1e9)  # however loaded the machine is
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**18)
+    rig.set(trajectory_margin=1e-6)
+    start = rig.node.cycle.monitor.total
+    shares = -(-int(rig.begin(LONG)["pieces"]) // trajectories.SHARE)
+    assert shares >= 3
+    assert rig.node.cycle.monitor.total - start >= shares - 1
+    rig.rest()
+    rig.put((-0.97, 0.24, 0.5))  # in the way of the last share
+    rig.refused_for(HIT, LONG)
 
 
-@pytest.mark.usefixtures("unhurried")
-def test_one_with_many_pieces_is_decided_over_some_cycles() -> None:
-    with TrajectoryRig() as rig:
-        rig.set(trajectory_margin=1e-6)
-        start = rig.node.cycle.monitor.total
-        assert rig.go(LONG)[0].message == "forwarded"
-        assert shares(rig) >= 3
-        assert rig.node.cycle.monitor.total - start >= shares(rig) - 1
-
-
-@pytest.mark.usefixtures("unhurried")
-def test_it_is_refused_where_its_last_share_collides() -> None:
-    with TrajectoryRig((-0.97, 0.24, 0.5)) as rig:
-        rig.set(trajectory_margin=1e-6)
-        status, _ = rig.go(LONG)
-        assert status.message.startswith("refused: not free: arm/hand and crate/1")
-
-
-def test_joints_that_turn_millions_of_times_do_not_block_the_node() -> None:
+def test_what_takes_long_to_check_is_refused_and_does_not_block_the_node(
+    rig: TrajectoryRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     spins = [(0.0, [0.0, 0.0]), *((float(n), [0.0, n * 1e12]) for n in range(1, 50))]
-    with TrajectoryRig() as rig:
-        for points in (spins, [spins[0], (1.0, [0.0, 1e299])]):
-            status, values = rig.go(points)
-            assert status.message.startswith("refused: not free")
-            assert values["index"] == "1"
-
-
-def test_what_takes_long_to_check_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for points in (spins, [spins[0], (1.0, [0.0, 1e299])]):  # millions of turns
+        assert rig.refused_for("refused: not free", points)["index"] == "1"
     monkeypatch.setattr(trajectories, "LONGEST_CHECK", 0.0)
-    with TrajectoryRig() as rig:
-        rig.set(trajectory_margin=1e-6)
-        status, _ = rig.go(LONG)
-        assert status.message == "refused: not decided: to check it takes longer than 0 s"
-        assert rig.go(QUARTER)[0].level == OK  # one piece
+    rig.set(trajectory_margin=1e-6)
+    rig.refused_for("refused: not decided: to check it takes longer than 0 s", LONG)
+    rig.forwards(QUARTER)  # one piece
 
 
 def test_what_happens_while_it_is_decided_counts(monkeypatch: pytest.MonkeyPatch) -> None:
