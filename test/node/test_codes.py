@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from numpy.lib.recfunctions import repack_fields
 
 pytest.importorskip("rclpy")
@@ -257,7 +258,7 @@ TABLE: dict[str, tuple[dict[str, Any], Step, tuple[str, str], Step]] = {
 }
 
 
-@pytest.mark.parametrize("name", TABLE)
+@each("name", TABLE)
 def test_a_code_is_reached_and_left_again(name: str) -> None:
     parameters, enter, (code, who), leave = TABLE[name]
     with told(*APART, frames=FakeFrames(), **parameters) as rig:
@@ -379,7 +380,7 @@ def test_what_cannot_be_read_marks_its_input_until_that_is_read_again_or_cleared
         wait(rig)
 
 
-@pytest.mark.parametrize("where", ["objects", "object_poses", "object_boxes", "a cycle", "points"])
+@each("where", ["objects", "object_poses", "object_boxes", "a cycle", "points"])
 def test_an_error_nobody_foresaw_in_an_input_is_not_forgotten_until_clear(
     where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -433,7 +434,7 @@ ON_TOP: dict[str, tuple[Step, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", ON_TOP)
+@each("name", ON_TOP)
 def test_a_pair_wins_over_all_that_is_missing_until_one_of_its_objects_is_gone(name: str) -> None:
     cause, code = ON_TOP[name]
     with told(*TOGETHER, frames=FakeFrames(), transform_timeout=0.05) as rig:

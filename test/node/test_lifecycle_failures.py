@@ -21,6 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from lifecycle_rig import (
@@ -44,7 +45,7 @@ from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.node import CollisionNode
 
 
-@pytest.mark.parametrize("way", [*WAYS])
+@each("way", [*WAYS])
 def test_a_transition_that_is_not_possible_is_refused_and_changes_nothing(way: str) -> None:
     with managed(*WAYS[way]) as rig:
         possible = {
@@ -75,8 +76,8 @@ def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_r
         Rig(scene_file=str(tmp_path / "missing.yaml"))
 
 
-@pytest.mark.parametrize(
-    ("part", "way", "transition"),
+@each(
+    "part, way, transition",
     [
         ("_make_cycle", (), CONFIGURE),
         ("_begin", (), CONFIGURE),

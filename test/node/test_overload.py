@@ -19,6 +19,7 @@ from __future__ import annotations
 from itertools import count
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
@@ -34,7 +35,7 @@ FLOOD = 300
 one by one."""
 
 
-@pytest.mark.parametrize("topic", ["objects", "object_transform", "object_states", "object_poses"])
+@each("topic", ["objects", "object_transform", "object_states", "object_poses"])
 def test_the_first_cycle_after_a_flood_has_the_newest_state(topic: str, rig: Rig) -> None:
     rig.send(cube(A1), cube(A2, (9, 0, 0)))
     rig.answer()

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rclpy.context import Context
@@ -93,7 +94,7 @@ def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) 
         rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "floor gone")
 
 
-@pytest.mark.parametrize("name", READY)
+@each("name", READY)
 def test_ready_scenes_start_by_name(name: str) -> None:
     context = Context()
     context.init(domain_id=DOMAIN)
@@ -117,8 +118,8 @@ def test_a_scene_file_that_cannot_be_used_ends_the_node_with_file_and_line(
     assert f"{file}:2: " in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("names", "keys"),
+@each(
+    "names, keys",
     [
         (["cup/1", "a/b/2", "/3"], [("cup", 1), ("a/b", 2), ("", 3)]),
         (["cup", "cup/0", "cup/x"], [("cup", 1), ("cup", 0), ("cup/x", 0)]),

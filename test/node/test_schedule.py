@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube
@@ -60,7 +61,7 @@ def storm(seconds: float, cost: float) -> tuple[list[int], float]:
     return taken, len(taken) * cost
 
 
-@pytest.mark.parametrize("cost", [0.0, 0.001, 0.02, 0.3])
+@each("cost", [0.0, 0.001, 0.02, 0.3])
 def test_a_storm_takes_a_share_of_the_time(cost: float) -> None:
     taken, used = storm(10.0, cost)
     assert len(taken) <= 10.0 / STORM_PERIOD + 2

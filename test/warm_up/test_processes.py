@@ -26,6 +26,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from each import each
 from processes import limited
 
 from obb_collision import _kernel_cache
@@ -132,7 +133,7 @@ for line in sys.stdin:
 """
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@each("count", [1, 2])
 def test_a_process_that_hangs_is_ended_and_the_other_steps_are_done(
     monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from lifecycle_msgs.msg import Transition
@@ -189,8 +190,8 @@ def test_overrides_in_a_parameter_file_are_those_that_the_node_declares(tmp_path
         assert rig.node._subscribed.open["points"].qos_profile.reliability == RELIABLY
 
 
-@pytest.mark.parametrize(
-    ("policies", "reason"),
+@each(
+    "policies, reason",
     [
         ({"depth": -3}, "depth must be 1 to 100000, not -3"),
         ({"depth": 100_001}, "depth must be 1 to 100000, not 100001"),

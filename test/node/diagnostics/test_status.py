@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rclpy.context import Context
@@ -41,7 +42,7 @@ A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
 
 
-@pytest.mark.parametrize("policy", ["keep", "ignore"])
+@each("policy", ["keep", "ignore"])
 def test_stale_objects_are_kept_or_ignored_but_always_reported(policy: str) -> None:
     ages = {"object_timeout_overrides": ["*: 0.3"]}
     with Rig(given=ages, stale_policy=policy, marker_rate=100.0) as rig:
@@ -144,8 +145,8 @@ def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) ->
     assert rig.pairs() == {("a/1", "a/2")}
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
+@each(
+    "name, value, reason",
     [
         ("rate", 0.0, "range"),
         ("rate", NAN, "range"),

@@ -20,6 +20,7 @@ from collections import Counter
 from typing import Any
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
@@ -131,7 +132,7 @@ def test_what_nobody_subscribes_to_costs_no_call(calls: Counter[str]) -> None:
         assert rig.node.cycle.report.costs == {}
 
 
-@pytest.mark.parametrize("effect", RUNNING)
+@each("effect", RUNNING)
 def test_a_subscription_starts_an_effect_and_its_end_stops_it(
     calls: Counter[str], effect: str
 ) -> None:
@@ -152,7 +153,7 @@ def test_a_subscription_starts_an_effect_and_its_end_stops_it(
         assert settled(scene, calls) == Counter()
 
 
-@pytest.mark.parametrize("effect", [*EFFECTS, "collisions", "text", "markers"])
+@each("effect", [*EFFECTS, "collisions", "text", "markers"])
 def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
     topics = [topic.name.replace("~", "obb_collision") for topic in TOPICS.values()]
     if effect == "collisions":  # of which those need the rows, too
@@ -286,8 +287,8 @@ def pairs_of(message: Any) -> set[tuple[int, int]]:
     return set(zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True))
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
+@each(
+    "name, value, reason",
     [
         ("effects.contacts", "maybe", "one of off, auto, on"),
         ("effects.contacts", 3, "one of off, auto, on"),

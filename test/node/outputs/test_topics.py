@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
@@ -91,7 +92,7 @@ def test_states_move_many_objects_by_name(rig: Rig) -> None:
     assert rig.pairs() == {("a/1", "a/2")}
 
 
-@pytest.mark.parametrize("single", [False, True])
+@each("single", [False, True])
 def test_clouds_move_many_objects_by_number(rig: Rig, single: bool) -> None:
     rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(B1, (6, 0, 0)))
     rig.answer()

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -121,8 +122,8 @@ def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together
     until_pairs(rig, 10)
 
 
-@pytest.mark.parametrize(
-    ("name", "entry", "reason"),
+@each(
+    "name, entry, reason",
     [
         ("groups", "gripper", "is not like 'gripper: hand/* finger/1'"),
         ("groups", "a/b: c/1", "a group cannot be called 'a/b'"),
@@ -166,8 +167,8 @@ def test_words_with_spaces_are_in_quotes() -> None:
     assert group_from_text("my group: 'my arm/*' b/1") == ("my group", ("my arm/*", "b/1"))
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@each(
+    "text, expected",
     [
         ("gripper/*: 0.02", ("gripper/*", 0.02)),
         ("gripper=1e-3", ("gripper/*", 0.001)),
@@ -178,7 +179,7 @@ def test_paddings_are_read(text: str, expected: Any) -> None:
     assert padding_from_text(text) == expected
 
 
-@pytest.mark.parametrize("form", ["cubes", "lines"])
+@each("form", ["cubes", "lines"])
 def test_padding_shows_in_the_markers(form: str) -> None:
     with Rig(padding=0.125, marker_form=form, marker_rate=100.0) as rig:
         rig.listen("obb_collision/markers")

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose, sync
@@ -111,8 +112,8 @@ def test_an_override_outlives_a_change_of_shape() -> None:
         assert levels(rig) == ["aabb"]
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@each(
+    "text, expected",
     [
         ("gripper/*: mesh", ("gripper/*", Accuracy.MESH)),
         ("gripper=mesh", ("gripper/*", Accuracy.MESH)),
@@ -136,8 +137,8 @@ def test_the_last_override_that_fits_counts() -> None:
     assert [at_least.value(name) for name in ("b/1", "a/2", "a/1")] == [5, 6, 5]
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
+@each(
+    "name, value, reason",
     [
         ("accuracy", "triangles", "one of sphere, aabb, obb_faces, obb, obb_tree, hull, mesh"),
         ("accuracy_overrides", ["a/*: exact"], "accuracy must be one of"),

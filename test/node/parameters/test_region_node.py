@@ -20,6 +20,7 @@ import math
 from typing import Any
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
@@ -133,9 +134,7 @@ def test_a_start_with_a_halo_that_is_too_small_ends_with_the_reason() -> None:
         pass
 
 
-@pytest.mark.parametrize(
-    "wrong", ["w: 0 to 1", "x: 1 to 1", "x: 0", "x: nan to 1", "x: inf to inf"]
-)
+@each("wrong", ["w: 0 to 1", "x: 1 to 1", "x: 0", "x: nan to 1", "x: inf to inf"])
 def test_entries_that_are_no_range_are_refused(rig: Rig, wrong: str) -> None:
     (result,) = rig.set(region=[wrong])
     assert not result.successful

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -106,7 +107,7 @@ def test_it_may_touch_the_end_effector_of_the_srdf() -> None:
         assert rig.reasons([[0.0, 0.0]]) == [VALID]
 
 
-@pytest.mark.parametrize("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW])
+@each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW])
 def test_states_are_checked_with_it_as_a_part_of_the_robot(kind: int) -> None:
     with ValidityRig() as rig:
         rig.start_robot()
@@ -188,7 +189,7 @@ def test_the_frame_of_no_link_is_refused_and_states_are_not_valid() -> None:
         assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
 
 
-@pytest.mark.parametrize("by_tf", [False, True])
+@each("by_tf", [False, True])
 def test_the_frame_may_be_that_of_tf(by_tf: bool) -> None:
     frames = FakeFrames()
     options = {"frames": frames, "given": {"robot_bases": [""]}} if by_tf else {}

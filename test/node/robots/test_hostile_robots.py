@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -62,7 +63,7 @@ def assert_well(rig: RobotRig) -> None:
     assert rig.node.guard.total == 0, rig.node.guard.last
 
 
-@pytest.mark.parametrize("speed", [5e-324, 1e-310, 1e-20, 1e300, 1e9, NAN, np.inf, -1e308])
+@each("speed", [5e-324, 1e-310, 1e-20, 1e300, 1e9, NAN, np.inf, -1e308])
 def test_any_velocity_leaves_the_links_where_the_positions_say(speed: float) -> None:
     with RobotRig() as rig:
         rig.start_robot()
@@ -123,8 +124,8 @@ BEFORE, BETWEEN, AFTER = URDF.split("<limit")
 LOOP = f'{BEFORE}<mimic joint="turn"/><limit{BETWEEN}<mimic joint="lift"/><limit{AFTER}'
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
+@each(
+    "text, reason",
     [
         (LOOP, "mimic"),
         (URDF.replace("0.1 0.1 0.1", "0.1 -1 0.1"), "negative"),
@@ -138,13 +139,16 @@ LOOP = f'{BEFORE}<mimic joint="turn"/><limit{BETWEEN}<mimic joint="lift"/><limit
         ),
         (URDF.replace('name="arm"', f'name="{"x" * 1_000_000}"'), "name"),
         (
-            URDF.replace("</link>", "<collision><geometry><sphere radius='1'/></geometry>"
-                         "</collision>" * MOST_GEOMETRIES + "</link>", 1),
+            URDF.replace(
+                "</link>",
+                "<collision><geometry><sphere radius='1'/></geometry>"
+                "</collision>" * MOST_GEOMETRIES + "</link>",
+                1,
+            ),
             f"{MOST_GEOMETRIES} is the limit",
         ),
     ],
-    ids=["loop", "negative", "nan", "no limits", "no mesh", "entities", "name", "shapes"],
-)  # fmt: skip
+)
 def test_descriptions_that_cannot_be_used_leave_the_robot_unknown(text: str, reason: str) -> None:
     with ValidityRig() as rig:
         rig.start_robot()
@@ -159,7 +163,7 @@ def test_descriptions_that_cannot_be_used_leave_the_robot_unknown(text: str, rea
         assert_well(rig)
 
 
-@pytest.mark.parametrize("shape", ['box size="0 0 0"', 'sphere radius="0"', 'box size="1 0 1"'])
+@each("shape", ['box size="0 0 0"', 'sphere radius="0"', 'box size="1 0 1"'])
 def test_shapes_of_no_volume_collide_or_are_refused(shape: str) -> None:
     with RobotRig() as rig:
         rig.describe(URDF.replace('box size="0.1 0.1 0.1"', shape))
@@ -225,7 +229,7 @@ def test_trajectories_with_too_many_points_are_refused_before_they_are_read() ->
         assert rig.node.guard.total == 0
 
 
-@pytest.mark.parametrize("times", [(0.0, 2.0, 1.0), (0.0, 0.0), (-1.0, 1.0), (1.0, 1.0)])
+@each("times", [(0.0, 2.0, 1.0), (0.0, 0.0), (-1.0, 1.0), (1.0, 1.0)])
 def test_trajectories_with_unordered_times_are_refused_while_another_one_runs(
     times: tuple[float, ...],
 ) -> None:
@@ -247,7 +251,7 @@ def test_trajectories_with_unordered_times_are_refused_while_another_one_runs(
         assert rig.node.robots._trajectories["arm/trajectory_in"]._running is not None
 
 
-@pytest.mark.parametrize("bad", [[NAN] * 7, [1e308] * 7, [0.0] * 7, [0, 0, np.inf, 0, 0, 0, 1]])
+@each("bad", [[NAN] * 7, [1e308] * 7, [0.0] * 7, [0, 0, np.inf, 0, 0, 0, 1]])
 def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown(bad: list[float]) -> None:
     frames = FakeFrames()
     frames.known["stand"] = pose(0.0)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -108,7 +109,7 @@ def test_a_base_is_fixed_by_a_frame_or_by_a_topic() -> None:
         np.testing.assert_allclose(rig.pose_of(HAND), pose(8.0, 0.0, 0.5), atol=1e-12)
 
 
-@pytest.mark.parametrize("base", [[""], ["arm: base"]])
+@each("base", [[""], ["arm: base"]])
 def test_a_base_by_tf_is_not_known_without_its_transform(base: list[str]) -> None:
     frames = FakeFrames()
     with RobotRig({"robot_bases": base}, frames=frames, transform_timeout=0.0) as rig:
@@ -162,8 +163,8 @@ def test_stale_joints_are_not_free() -> None:
         rig.known()
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
+@each(
+    "text, reason",
     [
         (URDF.replace('upper="3"', 'upper="-5"', 1), "exceeds its upper"),
         (URDF.replace("<robot", "<!DOCTYPE robot [<!ENTITY a 'a'>]><robot", 1), "document type"),
@@ -309,8 +310,8 @@ def test_a_node_that_is_configured_again_has_its_robots_again() -> None:
         assert rig.node.objects.scene.accuracy == Accuracy.HULL
 
 
-@pytest.mark.parametrize(
-    ("given", "reason"),
+@each(
+    "given, reason",
     [
         ({"robots": ["arm", "arm"]}, "twice"),
         ({"robots": ["an arm"]}, "letters"),
@@ -346,7 +347,7 @@ def test_a_quaternion_of_zeros_is_refused() -> None:
         assert rig.node.guard.total == 0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each("seed", range(5))
 def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
     """One rule per link listed the links of rigid bodies n times n: 2 million of 1,000 links."""
     rng, count = np.random.default_rng(seed), 60

@@ -23,6 +23,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -73,7 +74,7 @@ def start(rig: RobotRig) -> None:
     rig.known()
 
 
-@pytest.mark.parametrize("what", ["nan", "frame", "stamp"])
+@each("what", ["nan", "frame", "stamp"])
 def test_a_base_that_is_refused_is_unknown_until_the_next_accepted_pose(what: str) -> None:
     with RobotRig(BY_TOPIC) as rig:
         start(rig)
@@ -131,7 +132,7 @@ def joints(rig: RobotRig, **values: float) -> JointState:
     return JointState(header=rig.header(), name=list(values), position=list(values.values()))
 
 
-@pytest.mark.parametrize("what", ["stamp", "cut short", "longer"])
+@each("what", ["stamp", "cut short", "longer"])
 def test_joints_whose_state_is_refused_are_unknown_until_one_is_accepted(what: str) -> None:
     with RobotRig() as rig:
         rig.start_robot()

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -96,7 +97,7 @@ def send(rig: SpeedRig, lift: float, velocity: tuple[float, ...] = ()) -> None:
     rig.joint_states.publish(message)
 
 
-@pytest.mark.parametrize("velocity", [(), (NAN, NAN), (NAN, 0.0), (1e301, 0.0), (INF, 0.0)])
+@each("velocity", [(), (NAN, NAN), (NAN, 0.0), (1e301, 0.0), (INF, 0.0)])
 def test_where_no_velocity_can_be_used_it_is_that_between_the_last_two_states(
     velocity: tuple[float, ...],
 ) -> None:
@@ -122,7 +123,7 @@ def test_the_scale_is_zero_where_speeds_are_too_large() -> None:
         assert rig.scale() == pytest.approx(0.5, abs=1e-6)
 
 
-@pytest.mark.parametrize(("limit", "scale"), [("0.4", 0.3), ("0", 0.0)])
+@each("limit, scale", [("0.4", 0.3), ("0", 0.0)])
 def test_with_one_state_alone_a_joint_is_as_fast_as_it_can_be(limit: str, scale: float) -> None:
     urdf = URDF.replace('upper="3"', f'upper="3" velocity="{limit}"', 1)
     with SpeedRig(speed_reaction_time=0.5) as rig:

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -160,8 +161,8 @@ def spoil(request: Any, what: str) -> None:
         state.attached_collision_objects.append(plain())
 
 
-@pytest.mark.parametrize(
-    ("what", "reason"),
+@each(
+    "what, reason",
     [
         ("unknown joint", "unknown joint"),
         ("array lengths differ", "array lengths differ"),

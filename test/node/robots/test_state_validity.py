@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
@@ -119,7 +120,7 @@ def test_answers_are_those_of_the_library() -> None:
         np.testing.assert_allclose(rows["distance"], expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("padded", ["arm/*", "arm/hand/1", "crate/*"])
+@each("padded", ["arm/*", "arm/hand/1", "crate/*"])
 def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str) -> None:
     with ValidityRig() as rig:
         rig.start_robot()

@@ -20,6 +20,7 @@ import time
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration, Time
@@ -61,7 +62,7 @@ class Times:
         return self.jumps
 
 
-@pytest.mark.parametrize("jump", [-3600 * SECOND, -SECOND, SECOND, 56 * 365 * 86400 * SECOND])
+@each("jump", [-3600 * SECOND, -SECOND, SECOND, 56 * 365 * 86400 * SECOND])
 def test_steps_of_the_systems_clock_are_found(jump: int) -> None:
     times = Times()
     assert times.step(SECOND, SECOND) == []
@@ -108,7 +109,7 @@ def test_the_steady_clock_does_not_go_back() -> None:
     assert first >= time.monotonic_ns() - SECOND, "the time asleep counts"
 
 
-@pytest.mark.parametrize("shift", [-500 * SECOND, 500 * SECOND])
+@each("shift", [-500 * SECOND, 500 * SECOND])
 def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig = ObjectsRig(A1, object_timeout=3.0)
     slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
@@ -202,8 +203,8 @@ def test_by_topics_the_time_may_change_to_a_simulations_and_back(
         assert rig.pairs() == set()
 
 
-@pytest.mark.parametrize(("sec", "nanosec"), [(-5, 0), (-(2**31), 2**32 - 1), (3, 10**9)])
-@pytest.mark.parametrize("from_start", [False, True])
+@each("sec, nanosec", [(-5, 0), (-(2**31), 2**32 - 1), (3, 10**9)])
+@each("from_start", [False, True])
 def test_times_that_no_clock_gives_are_refused(
     capfd: pytest.CaptureFixture[str], from_start: bool, sec: int, nanosec: int
 ) -> None:

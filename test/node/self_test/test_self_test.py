@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -89,7 +90,7 @@ def test_a_wrong_answer_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     assert 1 <= len(result.examples) <= service.SHOWN
 
 
-@pytest.mark.parametrize("name", ["poses", "predictions", "hulls and meshes"])
+@each("name", ["poses", "predictions", "hulls and meshes"])
 def test_wrong_truths_are_found_as_well_so_that_these_comparisons_are_not_empty(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,7 +120,7 @@ def test_it_ends_in_time_and_says_what_it_could_not_compare() -> None:
     assert (stopped.reason, stopped.compared) == (STOPPED, 1)
 
 
-@pytest.mark.parametrize("error", [KernelMissingError("k"), ValueError("broken")])
+@each("error", [KernelMissingError("k"), ValueError("broken")])
 def test_what_was_not_compared_at_all_has_not_passed(error: BaseException) -> None:
     def fails(_: Any) -> Iterator[str]:
         raise error
@@ -174,7 +175,7 @@ def test_cycles_go_on_while_it_runs_in_a_thread_of_its_own(
     assert first.result().passed == b"\x01"
 
 
-@pytest.mark.parametrize("way", [(), (Transition.TRANSITION_CONFIGURE,)])
+@each("way", [(), (Transition.TRANSITION_CONFIGURE,)])
 def test_it_works_in_every_state(way: tuple[int, ...]) -> None:
     with Rig(deaf=True, autostart=False) as rig:
         for transition in way:
