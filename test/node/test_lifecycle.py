@@ -86,6 +86,9 @@ def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
         names = dict(rig.client.get_service_names_and_types())
         assert f"{NAMESPACE}/obb_collision/clear" not in names
         rig.next(STATUS)  # repeated, so that its deadline holds
+        assert rig.change(0, "configure"), "labels work as well as numbers"
+        assert rig.change(0, "activate")
+        assert rig.state() == "active"
 
 
 def test_a_node_that_is_configured_only_stores_and_an_active_one_checks_what_it_stored(
@@ -132,16 +135,6 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
         assert rig.change(ACTIVATE)
         assert rig.pairs() == NAMED
         said(rig, COLLIDING, "1 pair", True)
-
-
-def test_what_is_not_known_while_inactive_is_no_collision_where_the_user_wants_that() -> None:
-    with managed(CONFIGURE, ACTIVATE, unknown_is_collision=False) as rig:
-        rig.wait_inputs()
-        rig.send(*PAIR)
-        rig.answer()
-        said(rig, COLLIDING, "1 pair", True)
-        assert rig.change(DEACTIVATE)
-        said(rig, UNKNOWN, "inactive", False)
 
 
 @each("form", ["cubes", "lines"])
@@ -224,13 +217,6 @@ def test_shut_down_it_knows_nothing_for_good_and_its_process_stays(way: str) -> 
         assert not rig.change(CONFIGURE)
         assert all(result.successful for result in rig.set(rate=40.0))
         assert not any(thread.name == STATUS for thread in threading.enumerate())
-
-
-def test_labels_work_as_well_as_numbers() -> None:
-    with managed() as rig:
-        assert rig.change(0, "configure")
-        assert rig.change(0, "activate")
-        assert rig.state() == "active"
 
 
 def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:

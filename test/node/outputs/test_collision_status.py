@@ -199,30 +199,6 @@ def test_an_object_without_a_box_makes_it_unknown_and_is_named() -> None:
         wait(rig, FREE, flag=False)
 
 
-def test_annotations_are_no_objects() -> None:
-    with listening() as rig:
-        rig.send(cube(A1), cube(A2, type=Marker.TEXT_VIEW_FACING, text="hello"))
-        rig.answer()
-        wait(rig, FREE, flag=False)
-
-
-def test_a_cycle_that_fails_is_not_known_and_the_next_good_one_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with listening() as rig:
-        rig.send(cube(A1))
-        rig.answer()
-        wait(rig, FREE, flag=False)
-
-        def fail(*_: Any) -> None:
-            raise ZeroDivisionError
-
-        with monkeypatch.context() as patch:
-            patch.setattr(rig.node.objects.scene, "check", fail)
-            wait(rig, UNKNOWN, "internal_error", True)
-        wait(rig, FREE, flag=False)
-
-
 def test_a_cycle_that_does_not_end_is_told_by_another_thread(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -285,25 +285,3 @@ def test_only_objects_that_call_for_an_effect_get_it() -> None:
 def pairs_of(message: Any) -> set[tuple[int, int]]:
     rows = contacts_from_ros(message)
     return set(zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True))
-
-
-@each(
-    "name, value, reason",
-    [
-        ("effects.contacts", "maybe", "one of off, auto, on"),
-        ("effects.contacts", 3, "one of off, auto, on"),
-        ("effects.contacts_max_points", 5, "one of 4, 8"),
-        ("effects.contacts_objects", [1.0], "a list of texts"),
-        ("effects.clearance_max_distance", -1.0, "range"),
-        ("effects.sweep_tolerance", 0.0, "range"),
-        ("effects.points_margin", float("nan"), "range"),
-    ],
-)
-def test_wrong_settings_are_refused_with_a_reason(
-    rig: Rig, name: str, value: Any, reason: str
-) -> None:
-    before = rig.node.get_parameter(name).value
-    (result,) = rig.set(**{name: value})
-    assert not result.successful
-    assert reason in result.reason
-    assert rig.node.get_parameter(name).value == before

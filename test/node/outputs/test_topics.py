@@ -62,11 +62,6 @@ def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
     rig.until(lambda: not rig.last["in_collision"].data, "in_collision false")
 
 
-def test_touching_boxes_collide(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (1.0, 0.0, 0.0)))
-    assert rig.pairs() == {("a/1", "a/2")}
-
-
 def test_rows_are_sorted_with_the_smaller_key_first(rig: Rig) -> None:
     # sent in an order in which scene indices and keys disagree
     rig.send(

@@ -29,7 +29,6 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.parameters.groups import Groups, group_from_text, pair_from_text
-from obb_collision.scene.store.overrides import padding_from_text
 
 
 def fill(rig: Rig) -> set[tuple[str, str]]:
@@ -122,33 +121,6 @@ def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together
     until_pairs(rig, 10)
 
 
-@each(
-    "name, entry, reason",
-    [
-        ("groups", "gripper", "is not like 'gripper: hand/* finger/1'"),
-        ("groups", "a/b: c/1", "a group cannot be called 'a/b'"),
-        ("groups", "one: two", "'two' is no group"),
-        ("groups", "one: 'a/1", "no closing quotation"),
-        ("check_only_pairs", "a/* b/* c/*", "two names or patterns"),
-        ("check_only_pairs", "a/* gripper", "check_only_pairs: 'gripper' is no group"),
-        ("padding_overrides", "a/*: -0.1", "between 0 and 1000 m"),
-        ("padding_overrides", "a/*: nan", "between 0 and 1000 m"),
-        ("padding_overrides", "a/*: wide", "padding must be a number"),
-        ("padding_overrides", "arm: 0.1", "all of a namespace are 'arm/*'"),
-        ("effects.contacts_objects", "arm", "effects.contacts_objects: 'arm' is no group"),
-    ],
-)
-def test_what_is_wrong_is_named_and_changes_nothing(
-    rig: Rig, name: str, entry: str, reason: str
-) -> None:
-    before = rig.node.get_parameter(name).value
-    (result,) = rig.set(**{name: [entry]})
-    assert not result.successful
-    assert result.reason.startswith(name)
-    assert reason in result.reason
-    assert rig.node.get_parameter(name).value == before
-
-
 def test_a_node_whose_lists_do_not_fit_does_not_start() -> None:
     with pytest.raises(ValueError, match="allowed_pairs: 'gripper' is no group"):
         Rig(allowed_pairs=["gripper table/1"])
@@ -165,18 +137,6 @@ def test_groups_are_limited_with_all_that_they_stand_for() -> None:
 def test_words_with_spaces_are_in_quotes() -> None:
     assert pair_from_text("'my arm/*' table/1") == ("my arm/*", "table/1")
     assert group_from_text("my group: 'my arm/*' b/1") == ("my group", ("my arm/*", "b/1"))
-
-
-@each(
-    "text, expected",
-    [
-        ("gripper/*: 0.02", ("gripper/*", 0.02)),
-        ("gripper=1e-3", ("gripper/*", 0.001)),
-        ("a:b/1 : 0", ("a:b/1", 0.0)),
-    ],
-)
-def test_paddings_are_read(text: str, expected: Any) -> None:
-    assert padding_from_text(text) == expected
 
 
 @each("form", ["cubes", "lines"])

@@ -16,18 +16,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
-from each import each
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose, sync
 from rings import RING, crate, levels, ring
 
-from obb_collision.accuracy import Accuracy
 from obb_collision.node import collisions_from_ros
-from obb_collision.scene.store.overrides import Overrides, limited, override_from_text
 
 
 def test_triangles_of_markers_are_looked_at_where_the_accuracy_says_so() -> None:
@@ -110,54 +105,6 @@ def test_an_override_outlives_a_change_of_shape() -> None:
         rig.send(cube(("a", 1), size=(2.0, 2.0, 2.0)))
         assert rig.pairs() == {("a/1", "a/2")}
         assert levels(rig) == ["aabb"]
-
-
-@each(
-    "text, expected",
-    [
-        ("gripper/*: mesh", ("gripper/*", Accuracy.MESH)),
-        ("gripper=mesh", ("gripper/*", Accuracy.MESH)),
-        ("a/b=hull", ("a/b/*", Accuracy.HULL)),
-        ("=aabb", ("/*", Accuracy.AABB)),
-        ("a:b/1 :obb_tree", ("a:b/1", Accuracy.OBB_TREE)),
-        ("*:sphere", ("*", Accuracy.SPHERE)),
-    ],
-)
-def test_overrides_are_read(text: str, expected: Any) -> None:
-    assert override_from_text(text) == expected
-
-
-def test_the_last_override_that_fits_counts() -> None:
-    overrides = Overrides([("*", Accuracy.OBB), ("a/*", Accuracy.MESH), ("a/1", Accuracy.HULL)])
-    assert [overrides.value(name) for name in ("b/1", "a/2", "a/1")] == [3, 6, 5]
-    assert Overrides().value("a/1") is None
-    at_most = limited(overrides.overrides, Accuracy.SPHERE, Accuracy.HULL)
-    assert [at_most.value(name) for name in ("b/1", "a/2", "a/1")] == [3, 5, 5]
-    at_least = limited(overrides.overrides, Accuracy.HULL, Accuracy.MESH)
-    assert [at_least.value(name) for name in ("b/1", "a/2", "a/1")] == [5, 6, 5]
-
-
-@each(
-    "name, value, reason",
-    [
-        ("accuracy", "triangles", "one of sphere, aabb, obb_faces, obb, obb_tree, hull, mesh"),
-        ("accuracy_overrides", ["a/*: exact"], "accuracy must be one of"),
-        ("accuracy_overrides", ["a/*"], "is not like 'gripper/*: mesh'"),
-        ("accuracy_overrides", ["arm: mesh"], "all of a namespace are 'arm/*'"),
-        ("accuracy_overrides", [3], "a list of texts"),
-        ("tree_depth", -1, "range"),
-        ("time_budget", -0.1, "range"),
-        ("allowed_pairs", ["a/*"], "two names or patterns"),
-    ],
-)
-def test_wrong_values_are_refused_with_a_reason_and_change_nothing(
-    rig: Rig, name: str, value: Any, reason: str
-) -> None:
-    before = rig.node.get_parameter(name).value
-    (result,) = rig.set(**{name: value})
-    assert not result.successful
-    assert reason in result.reason
-    assert rig.node.get_parameter(name).value == before
 
 
 def test_allowed_pairs_may_touch_and_may_change() -> None:

@@ -29,9 +29,15 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rig import Rig, cube
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.parameters.specs import MAX_PATTERNS, Spec
-from obb_collision.scene.store.overrides import Overrides, override_from_text
+from obb_collision.scene.store.overrides import (
+    Overrides,
+    limited,
+    override_from_text,
+    padding_from_text,
+)
 
 ROOT = Path(__file__).parents[3]
 FIELDS: dict[str, list[Any]] = {
@@ -183,7 +189,7 @@ def test_lists_have_a_limit() -> None:
                 Spec(spec.name, [], entry=spec.entry, most=2000).read(["a/*: mesh"] * 1001)
 
 
-def test_overrides_by_name_and_by_pattern_count_in_their_order() -> None:
+def test_overrides_by_name_and_by_pattern_count_in_their_order_and_may_be_limited() -> None:
     texts = [
         "a/1: mesh",
         "a/*: hull",
@@ -198,7 +204,82 @@ def test_overrides_by_name_and_by_pattern_count_in_their_order() -> None:
         entries = [override_from_text(text) for text in texts[:count]]
         for name in names:
             fitting = [level for where, level in entries if fnmatchcase(name, where)]
-            assert Overrides(entries).value(name) == (fitting[-1] if fitting else None)
+            expected = fitting[-1] if fitting else None
+            assert Overrides(entries).value(name) == expected
+            for low, high in ((Accuracy.SPHERE, Accuracy.OBB), (Accuracy.OBB, Accuracy.MESH)):
+                value = limited(Overrides(entries).overrides, low, high).value(name)
+                assert value == (min(max(expected, low), high) if fitting else None)
+
+
+@each(
+    "text, read, expected",
+    [
+        ("gripper/*: mesh", override_from_text, ("gripper/*", Accuracy.MESH)),
+        ("gripper=mesh", override_from_text, ("gripper/*", Accuracy.MESH)),
+        ("a/b=hull", override_from_text, ("a/b/*", Accuracy.HULL)),
+        ("=aabb", override_from_text, ("/*", Accuracy.AABB)),
+        ("a:b/1 :obb", override_from_text, ("a:b/1", Accuracy.OBB)),
+        ("*:sphere", override_from_text, ("*", Accuracy.SPHERE)),
+        ("gripper/*: 0.02", padding_from_text, ("gripper/*", 0.02)),
+        ("gripper=1e-3", padding_from_text, ("gripper/*", 0.001)),
+        ("a:b/1 : 0", padding_from_text, ("a:b/1", 0.0)),
+    ],
+)
+def test_overrides_are_read(text: str, read: Any, expected: Any) -> None:
+    assert read(text) == expected
+
+
+@each(
+    "name, value, reason",
+    [
+        ("rate", 0.0, "range"),
+        ("rate", float("nan"), "range"),
+        ("rate", 10, "type"),
+        ("padding", -0.1, "range"),
+        ("object_timeout", float("inf"), "range"),
+        ("stale_policy", "forget", "one of unknown, collide, keep, ignore"),
+        ("trigger", "", "one of timer, arrival"),
+        ("max_objects", 0, "range"),
+        ("fixed_frame", "odom", "read-only"),
+        ("accuracy", "triangles", "one of sphere, aabb, "),
+        ("accuracy_overrides", ["a/*: exact"], "accuracy must be one of"),
+        ("accuracy_overrides", ["a/*"], "is not like 'gripper/*: mesh'"),
+        ("accuracy_overrides", ["arm: mesh"], "all of a namespace are 'arm/*'"),
+        ("accuracy_overrides", [3], "a list of texts"),
+        ("tree_depth", -1, "range"),
+        ("time_budget", -0.1, "range"),
+        ("allowed_pairs", ["a/*"], "two names or patterns"),
+        ("groups", ["gripper"], "is not like 'gripper: hand/* finger/1'"),
+        ("groups", ["a/b: c/1"], "a group cannot be called 'a/b'"),
+        ("groups", ["one: two"], "'two' is no group"),
+        ("groups", ["one: 'a/1"], "no closing quotation"),
+        ("check_only_pairs", ["a/* b/* c/*"], "two names or patterns"),
+        ("check_only_pairs", ["a/* gripper"], "check_only_pairs: 'gripper' is no group"),
+        ("padding_overrides", ["a/*: -0.1"], "between 0 and 1000 m"),
+        ("padding_overrides", ["a/*: nan"], "between 0 and 1000 m"),
+        ("padding_overrides", ["a/*: wide"], "padding must be a number"),
+        ("padding_overrides", ["arm: 0.1"], "all of a namespace are 'arm/*'"),
+        *(("region", [text], "region: ") for text in ("w: 0 to 1", "x: 1 to 1", "x: 0")),
+        *(("region", [text], "region: ") for text in ("x: nan to 1", "x: inf to inf")),
+        ("effects.contacts", "maybe", "one of off, auto, on"),
+        ("effects.contacts", 3, "one of off, auto, on"),
+        ("effects.contacts_max_points", 5, "one of 4, 8"),
+        ("effects.contacts_objects", [1.0], "a list of texts"),
+        ("effects.contacts_objects", ["arm"], "effects.contacts_objects: 'arm' is no group"),
+        ("effects.clearance_max_distance", -1.0, "range"),
+        ("effects.sweep_tolerance", 0.0, "range"),
+        ("effects.points_margin", float("nan"), "range"),
+    ],
+)
+def test_a_wrong_value_is_refused_with_the_reason_and_changes_nothing(
+    rig: Rig, name: str, value: Any, reason: str
+) -> None:
+    before = rig.node.get_parameter(name).value
+    (result,) = rig.set(**{name: value})
+    assert not result.successful
+    assert reason in result.reason
+    assert result.reason.startswith(name) or not isinstance(value, list)
+    assert rig.node.get_parameter(name).value == before
 
 
 def test_the_file_of_the_package_describes_every_parameter() -> None:
