@@ -72,7 +72,7 @@ def draw_accuracy() -> None:
         numbers, unit = time.rsplit(" ", 1)
         library, *kinds = re.split(r" / | ", name)
         peer = name.split(",")[0] not in ours
-        names = [f"{library} {kind}" for kind in kinds] if peer else [name.replace(", depth", "")]
+        names = [f"{library} {kind}" for kind in kinds] if peer else [name]
         shares = false.split(" / ")
         for one, number, share in zip(names, numbers.split(" / "), shares, strict=True):
             percent = 0 if share == "none" else int(share.removesuffix(" %"))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How closely to look at a pair: the levels of a ladder from coarse to exact."""
+"""Levels of accuracy, a ladder from coarse to exact: how closely to look at a pair."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from obb_collision.words import shown
 class Accuracy(IntEnum):
     """What stands for an object when a pair is decided, coarse to exact.
 
-    Sphere, AABB and OBB_FACES never miss what OBB reports, OBB never what OBB_TREE or HULL
-    report, and these two never what MESH reports. Neither of a pair of neighbours need be the
-    stricter one otherwise: spheres suit cubes, AABBs suit what stands upright.
+    SPHERE and AABB never miss what OBB reports, OBB never what HULL reports, and HULL never what
+    MESH reports. Neither of the first two is the stricter one: spheres suit cubes, AABBs suit what
+    stands upright.
 
     A coarser level is not always the cheaper one: it reports more pairs, so that whole checks on
-    the first three take longer than on OBB. The page on accuracy has both times, measured.
+    the first two take longer than on OBB. The page on accuracy has both times, measured.
 
     Examples
     --------
@@ -39,16 +39,19 @@ class Accuracy(IntEnum):
 
     SPHERE = 0  #: the sphere around the box
     AABB = 1  #: the world-axis-aligned box around the box
-    OBB_FACES = 2  #: the box, by 6 of the 15 axes: those of its faces
     OBB = 3  #: the box, all 15 axes, certified; the default
-    OBB_TREE = 4  #: 2^depth boxes a mesh
     HULL = 5  #: the convex hull of a mesh
     MESH = 6  #: the triangles; watertight meshes are solids, open ones surfaces
 
+    @property
+    def label(self) -> str:
+        """Its name as users write it: in lower case."""
+        return self.name.lower()
+
 
 #: Names of the levels that need nothing but boxes, and of all.
-BOX_LEVELS = tuple(level.name.lower() for level in Accuracy if level <= Accuracy.OBB)
-ALL_LEVELS = tuple(level.name.lower() for level in Accuracy)
+BOX_LEVELS = tuple(level.label for level in Accuracy if level <= Accuracy.OBB)
+ALL_LEVELS = tuple(level.label for level in Accuracy)
 
 
 def as_accuracy(value: Accuracy | str | int) -> Accuracy:
@@ -60,7 +63,13 @@ def as_accuracy(value: Accuracy | str | int) -> Accuracy:
             return Accuracy(value)
         except (ValueError, TypeError):
             pass
-    raise ValueError(f"accuracy must be one of {', '.join(ALL_LEVELS)}, got {shown(value)}")
+    words = ", ".join(ALL_LEVELS)
+    raise ValueError(f"accuracy must be one of {words}, got {shown(value)}{instead_of(value)}")
+
+
+def instead_of(value: object) -> str:
+    """Return the end of a sentence about a level of former times; others were better in all."""
+    return ": use obb or hull instead" if value in ("obb_faces", "obb_tree") else ""
 
 
 def as_box_accuracy(value: Accuracy | str | int) -> Accuracy:
@@ -68,7 +77,7 @@ def as_box_accuracy(value: Accuracy | str | int) -> Accuracy:
     level = as_accuracy(value)
     if level > Accuracy.OBB:
         raise ValueError(
-            f"accuracy must be one of {', '.join(BOX_LEVELS)}, got {level.name.lower()}: "
+            f"accuracy must be one of {', '.join(BOX_LEVELS)}, got {level.label}: "
             "the mesh levels need a Scene with mesh objects"
         )
     return level

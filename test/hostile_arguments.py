@@ -100,7 +100,6 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         "set_twists twists": (lambda s, v: s.set_twists([0, 1], v), np.zeros((2, 6))),
         "name": (lambda s, v: s.name(v), 0),
         "padding": (lambda s, v: setattr(s, "padding", v), 0.1),
-        "tree_depth": (lambda s, v: setattr(s, "tree_depth", v), 3),
         "max_pairs": (lambda s, v: setattr(s, "max_pairs", v), 3),
         "accuracy": (lambda s, v: setattr(s, "accuracy", v), "obb"),
         "points": (lambda s, v: setattr(s, "obstacle_points", v), np.zeros((3, 3))),

@@ -31,7 +31,6 @@ import pytest
 from each import each
 
 import obb_collision as oc
-from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Sphere
 
@@ -252,7 +251,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "SceneDescription.states": (oc.SceneDescription("x", ()).states, {"time": 0.0}),
     "Scene": (
         oc.Scene,
-        {"padding": 0.1, "exact": False, "accuracy": "obb", "tree_depth": 3,
+        {"padding": 0.1, "exact": False, "accuracy": "obb",
          "time_budget": 0.01, "max_pairs": 9},
     ),
     "Scene.add": (
@@ -322,7 +321,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     **{
         f"Scene.{name} =": (setting(name), {name: value})
         for name, value in {
-            "padding": 0.1, "accuracy": "obb", "tree_depth": 3, "time_budget": 0.1,
+            "padding": 0.1, "accuracy": "obb", "time_budget": 0.1,
             "obstacle_points": POINTS, "max_pairs": 9, "region": REGION,
             "allowed": [("a", "b", True)], "check_only": [("a", "b")], "allowed_within": ["a"],
             "padding_overrides": [("a", 0.1)],
@@ -431,7 +430,10 @@ def test_a_quaternion_near_unit_length_is_taken_as_it_is(length: float) -> None:
 
 
 def test_a_level_is_a_name_a_number_or_itself() -> None:
-    for level, name in enumerate(ALL_LEVELS):
-        for value in (name, level, oc.Accuracy(level)):
-            assert oc.Scene(accuracy=value).accuracy == level  # type: ignore[arg-type]
+    assert {level.label: int(level) for level in oc.Accuracy} == {
+        "sphere": 0, "aabb": 1, "obb": 3, "hull": 5, "mesh": 6
+    }  # fmt: skip
+    for level in oc.Accuracy:
+        for value in (level.label, int(level), level):
+            assert oc.Scene(accuracy=value).accuracy == level
     assert set(EFFECTS) == {"separations", "contacts", "clearance", "sweep", "points"}

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
-from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.cycle import Cycle
 from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
 from obb_collision.node.diagnostics.monitors import (
@@ -141,7 +141,9 @@ def _effect_levels(report: Report | None) -> Iterator[tuple[str, object]]:
     for name in () if report is None else sorted(report.results):
         assert report is not None
         levels = Counter(report.accuracies_of(name).tolist())
-        yield from ((f"{name} on {ALL_LEVELS[level]}", n) for level, n in sorted(levels.items()))
+        yield from (
+            (f"{name} on {Accuracy(level).label}", n) for level, n in sorted(levels.items())
+        )
 
 
 def object_status(
@@ -166,9 +168,9 @@ def object_status(
         ("colliding", colliding),
         *_shared(objects),
         *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
-        *((f"pairs on {ALL_LEVELS[level]}", count) for level, count in sorted(levels.items())),
+        *((f"pairs on {Accuracy(level).label}", count) for level, count in sorted(levels.items())),
         *_effect_levels(report),
-        *(() if cap is None else [("highest accuracy in the time budget", ALL_LEVELS[cap])]),
+        *(() if cap is None else [("highest accuracy in the time budget", Accuracy(cap).label)]),
         ("stale policy", policy),
         *_prepared(objects),
         *counts.items(),

@@ -63,7 +63,7 @@ class SceneParameters:
         if self._threads != parameters.threads:
             set_threads(parameters.threads or None)
             self._threads = parameters.threads
-        for name in ("padding", "tree_depth", "max_pairs"):
+        for name in ("padding", "max_pairs"):
             _set(scene, name, getattr(parameters, name))
         _set(scene, "time_budget", parameters.time_budget or None)
         self.apply_accuracy()

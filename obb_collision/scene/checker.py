@@ -120,11 +120,8 @@ class Checker:
         """Whether the next check may get further though nothing changes."""
         return self.last is not None and self.last.behind
 
-    def find(self, depth: int, exact: bool, budget: Budget | None = None) -> Findings:
-        """Return what collides. depth: of the boxes on the level "obb_tree".
-
-        Where there is a region, it is settled.
-        """
+    def find(self, exact: bool, budget: Budget | None = None) -> Findings:
+        """Return what collides. Where there is a region, it is settled."""
         store, last = self._store, self.last
         self.pair_filter = self._allowed.pair_filter(store.names, store.version)
         if last is not None and last.total is not None:
@@ -132,7 +129,7 @@ class Checker:
         if last is not None and not (store.touched or last.behind):
             found = Findings(*last.found, old=np.arange(len(last.pairs)))
         else:
-            found = self._find_anew(last, depth, exact, budget)
+            found = self._find_anew(last, exact, budget)
         found.cap = None if budget is None else budget.cap
         near = NO_ROWS if self.region is None else store.near.copy()
         self.last = found  # first: what is changed is so until then, should an interrupt come
@@ -140,9 +137,7 @@ class Checker:
         store.settle()
         return found
 
-    def _find_anew(
-        self, last: Findings | None, depth: int, exact: bool, budget: Budget | None
-    ) -> Findings:
+    def _find_anew(self, last: Findings | None, exact: bool, budget: Budget | None) -> Findings:
         """Decide pairs by whichever way is quickest."""
         store = self._store
         if self._layout.revision != store.revision:
@@ -155,10 +150,10 @@ class Checker:
         if last is not None:
             slots = store.changed.nonzero()[0]
             if len(slots) < len(active) or np.count_nonzero(store.active[slots]) < len(active):
-                found = self._find_changed(last, slots, depth, exact, budget)
+                found = self._find_changed(last, slots, exact, budget)
                 if found is not None:
                     return found
-        return self._find_all(depth, exact, budget)
+        return self._find_all(exact, budget)
 
     def _find_few(self, last: Findings | None, exact: bool) -> Findings:
         """Decide all pairs of a few boxes."""
@@ -184,7 +179,7 @@ class Checker:
             pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8), old=old if known else None
         )
 
-    def _find_all(self, depth: int, exact: bool, budget: Budget | None) -> Findings:
+    def _find_all(self, exact: bool, budget: Budget | None) -> Findings:
         """Decide all pairs, or as many as the limit leaves."""
         self._tree = None
         self._update_bounds()
@@ -194,7 +189,7 @@ class Checker:
             return Findings(*self._on_obb(*pairs_of_keys(self._store.all_boxes(), keys, exact)))
         if self.limit is None or len(active) < 2:
             candidates = self._slots(find_candidates(minimum, maximum))
-            found, behind = self._decide(candidates, depth, exact, budget)
+            found, behind = self._decide(candidates, exact, budget)
             return Findings(*found, behind)
         behinds: list[bool] = []
 
@@ -203,7 +198,7 @@ class Checker:
             later = bool(behinds) and budget is not None
             highest = Accuracy.OBB if later else Accuracy.MESH
             given = None if later else budget
-            found, behind = self._decide(candidates, depth, exact, given, highest=highest)
+            found, behind = self._decide(candidates, exact, given, highest=highest)
             behinds.append(behind or later)
             return found
 
@@ -215,7 +210,7 @@ class Checker:
         return Findings(*limited.found, total=limited.total, colliding=limited.colliding)
 
     def _find_changed(
-        self, last: Findings, slots: Rows, depth: int, exact: bool, budget: Budget | None
+        self, last: Findings, slots: Rows, exact: bool, budget: Budget | None
     ) -> Findings | None:
         """Decide pairs with a change to them, and those left behind; None: too many for that.
 
@@ -237,7 +232,7 @@ class Checker:
                 again = last.accuracies < pair_levels(store, *columns(last.pairs))
                 again &= ~store.changed[last.pairs].any(axis=1)
                 waiting = last.pairs[again], last.verdicts[again], last.accuracies[again]
-            new, behind = self._decide(candidates, depth, exact, budget, waiting)
+            new, behind = self._decide(candidates, exact, budget, waiting)
         most = len(last.pairs) + len(keys) + len(new[0])
         pairs, old = np.empty((most, 2), np.int64), np.empty(most, np.int64)
         verdicts, levels = np.empty(most, np.int8), np.empty(most, np.int8)
@@ -266,14 +261,14 @@ class Checker:
         return tree.pairs_of_changes(slots, store.changed, store.active, store.all_boxes())
 
     def _decide(
-        self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,
+        self, candidates: Pairs, exact: bool, budget: Budget | None,
         waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
     ) -> tuple[Found, bool]:  # fmt: skip
         store = self._store
         candidates = self._counted(candidates)
         if self._layout.plain:
             return self._on_obb(*colliding_pairs(store.all_boxes(), candidates, exact)), False
-        return decide_pairs(store, self._cache, candidates, depth, exact, budget, waiting, highest)
+        return decide_pairs(store, self._cache, candidates, exact, budget, waiting, highest)
 
     def _colliding_keys(self, rows: Pairs) -> NDArray[np.int64]:
         """Return the ``colliding_keys`` of pairs (m, 2) of rows of active boxes."""

@@ -46,12 +46,9 @@ GROWTH = 4
 
 
 def any_collides(
-    store: ObjectStore, cache: ShapeCache, pair_filter: PairFilter | None, depth: int, exact: bool
+    store: ObjectStore, cache: ShapeCache, pair_filter: PairFilter | None, exact: bool
 ) -> tuple[bool, int]:
-    """Return whether any two objects collide, and how many pairs were tested until that was clear.
-
-    depth: of the boxes on "obb_tree".
-    """
+    """Return whether any two objects collide, and how many pairs were tested for that."""
     active = np.flatnonzero(store.active)
     boxes = store.boxes(active)
     if pair_filter is None and is_plain(store):
@@ -68,14 +65,12 @@ def any_collides(
             some = pairs[start : start + size]
             start, size = start + size, size * GROWTH
             tested += len(some)
-            if len(decide_pairs(store, cache, some, depth, exact)[0][0]):
+            if len(decide_pairs(store, cache, some, exact)[0][0]):
                 return True, tested
     return False, tested
 
 
-def colliding_with(
-    store: ObjectStore, cache: ShapeCache, slot: int, depth: int, exact: bool
-) -> Rows:
+def colliding_with(store: ObjectStore, cache: ShapeCache, slot: int, exact: bool) -> Rows:
     """Return the slots of the objects that the one of a slot collides with, ascending."""
     active = np.flatnonzero(store.active)
     row = int(np.searchsorted(active, slot))
@@ -83,7 +78,7 @@ def colliding_with(
     if is_plain(store):
         pairs = colliding_pairs(store.all_boxes(), candidates, exact)[0]
     else:
-        pairs = decide_pairs(store, cache, candidates, depth, exact)[0][0]
+        pairs = decide_pairs(store, cache, candidates, exact)[0][0]
     return np.sort(pairs.sum(axis=1) - slot)
 
 

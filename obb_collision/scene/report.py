@@ -237,7 +237,7 @@ class Report:
     def separations(self) -> Floats:
         """(m,) metres, signed: negative where they overlap.
 
-        These, normals, positions and depths are those of the boxes up to OBB_TREE, of convex shapes
+        These, normals, positions and depths are those of the boxes up to OBB, of convex shapes
         above; on levels below OBB, and of curved shapes, separations may be positive.
         """
         return self._column("separations")

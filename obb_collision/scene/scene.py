@@ -58,10 +58,9 @@ class Scene(SceneSettings):
     accuracy: the level of ``Accuracy`` for objects without one of their own, or its name. A pair is
     decided on the lower level of its two objects, above "obb" only where that can say more than
     boxes do (see ``scene.refinement.ladder``).
-    tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
     time_budget: seconds for a check, None for no limit; see the property.
     max_pairs: pairs that a report has at most, None for no limit; see the property.
-    Raises ValueError for a padding or depth below zero, a budget or limit that is not positive, and
+    Raises ValueError for a padding below zero, a budget or limit that is not positive, and
     an unknown accuracy.
 
     Parameters
@@ -70,7 +69,6 @@ class Scene(SceneSettings):
         Metres, not negative.
     exact : bool
     accuracy : Accuracy or str
-    tree_depth : int
     time_budget : float, optional
         Seconds.
     max_pairs : int, optional
@@ -92,7 +90,7 @@ class Scene(SceneSettings):
     """
 
     def __repr__(self) -> str:
-        return f"Scene({len(self)} objects, accuracy {self._accuracy.name.lower()!r})"
+        return f"Scene({len(self)} objects, accuracy {self._accuracy.label!r})"
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set a property; AttributeError, with a guess, for what a scene has not."""
@@ -179,9 +177,7 @@ class Scene(SceneSettings):
         if self._region is not None:
             return len(self.check()) > 0
         pair_filter = self._allowed.pair_filter(self._store.names, self._store.version)
-        return any_collides(
-            *(self._store, self._cache, pair_filter, self._tree_depth, self._exact)
-        )[0]
+        return any_collides(*(self._store, self._cache, pair_filter, self._exact))[0]
 
     def query(
         self,
@@ -237,7 +233,7 @@ class Scene(SceneSettings):
         self._checker.settle_region()
         body = body_in(self._store, self._cache, shape, local_boxes(shape), where, padding, level)
         with body as (store, cache, slot):
-            found = colliding_with(store, cache, slot, self._tree_depth, self._exact)
+            found = colliding_with(store, cache, slot, self._exact)
             names = [str(self._store.names[row]) for row in found]
         return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
 
@@ -294,7 +290,7 @@ class Scene(SceneSettings):
 
     def _find(self) -> Findings:
         """Return what collides and nothing more: what a check costs without any effect."""
-        return self._checker.find(self._tree_depth, self._exact, self._budget)
+        return self._checker.find(self._exact, self._budget)
 
     def _reported(self, start: float) -> Report:
         """Return a report of what collides now: of what is known already where nothing changed."""
@@ -335,7 +331,7 @@ class Scene(SceneSettings):
             return None
         return PlacedShapes(
             *(self._store, self._cache, found.pairs, found.accuracies, found.cap),
-            *(self._tree_depth, self._exact, found.total is None),
+            *(self._exact, found.total is None),
         )
 
 

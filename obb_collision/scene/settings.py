@@ -40,8 +40,6 @@ from obb_collision.scene.store.patterns import as_patterns, matching
 from obb_collision.scene.store.region import Region
 from obb_collision.words import shown
 
-#: Depth of the trees on the level "obb_tree": eight boxes a mesh.
-DEFAULT_DEPTH = 3
 #: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
 MOST_PAIRS = 2**53
 #: Seconds for a check above which milliseconds were probably meant.
@@ -57,7 +55,6 @@ class SceneSettings(SceneObjects):
         padding: float = 0.0,
         exact: bool = False,
         accuracy: Accuracy | str = "obb",
-        tree_depth: int = DEFAULT_DEPTH,
         time_budget: float | Budget | None = None,
         max_pairs: int | None = None,
         region: Region | None = None,
@@ -65,7 +62,6 @@ class SceneSettings(SceneObjects):
         self._allowed = AllowedPairs()
         self._effects = EffectSettings(EFFECTS.values())
         self._exact = as_flag(exact, "exact")
-        self._tree_depth = as_whole(tree_depth, "tree_depth")
         self._obstacle_points: NDArray[Any] | None = None
         self._budget: Budget | None = None
         self.time_budget = time_budget
@@ -88,18 +84,6 @@ class SceneSettings(SceneObjects):
     def _forget_report(self) -> None:
         """Make the next check a new one, though nothing has moved."""
         self._last = LastCheck()
-
-    @property
-    def tree_depth(self) -> int:
-        """Depth of the boxes on the level "obb_tree": at most 2^depth of them a mesh."""
-        return self._tree_depth
-
-    @tree_depth.setter
-    def tree_depth(self, value: int) -> None:
-        depth = as_whole(value, "tree_depth")
-        high = self._store.accuracies >= Accuracy.OBB_TREE
-        self._store.mark(np.flatnonzero(self._store.used & high))
-        self._tree_depth = depth
 
     @property
     def max_pairs(self) -> int | None:

@@ -270,7 +270,11 @@ def read_objects(
 
 def read_accuracy(value: Value) -> Accuracy:
     """Return a level by its name."""
-    return as_accuracy(value.choice(ALL_LEVELS))
+    word = value.text(f"one of {', '.join(ALL_LEVELS)}")
+    try:
+        return as_accuracy(word)
+    except ValueError as error:
+        value.refuse(str(error).removeprefix("accuracy "))
 
 
 def _read_object(value: Value, files: MeshFiles) -> SceneObject:

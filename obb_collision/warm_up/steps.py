@@ -171,13 +171,6 @@ def _meshes() -> None:
     _level(Accuracy.MESH)
 
 
-def _obb_trees() -> None:
-    """Run the level "obb_tree", first what needs no tree to be built."""
-    body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
-    oc.verdicts(body, body, depth=0)
-    _level(Accuracy.OBB_TREE)
-
-
 def _level(level: Accuracy) -> None:
     """Run a level above "obb" on all kinds of shapes, exactly too.
 
@@ -465,7 +458,6 @@ STEPS: dict[str, Callable[[], None] | str] = {
     SWEPT: _swept_hulls,
     SURFACES: _surfaces,
     CONVEX_PAIRS: _convex_pairs,
-    accuracy_step(Accuracy.OBB_TREE): _obb_trees,
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
     "queries of rays, planes, points, capsules, triangles": _other_queries,
@@ -484,7 +476,6 @@ NODE_STEPS = (
 NEEDS_ROS = (MESSAGES,)
 BESIDE = {
     BOXES: (BOUNDS,),
-    accuracy_step(Accuracy.OBB_TREE): (TREES, HULLS),
     accuracy_step(Accuracy.HULL): (HULLS,),
     accuracy_step(Accuracy.MESH): (SURFACES, TREES, HULLS),
     effect_level_step("clearance", Accuracy.HULL): (effect_step("clearance"),),

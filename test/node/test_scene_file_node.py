@@ -36,7 +36,7 @@ from obb_collision.scene_files import READY, load_scene
 
 ROOT = Path(__file__).parents[2]
 SCENE = """
-accuracy: {default: obb, parts: obb_faces, lid: sphere}
+accuracy: {default: obb, parts: aabb, lid: sphere}
 padding: 0.25
 groups: {parts: ["part/*"]}
 allowed: [[parts, lid]]
@@ -71,7 +71,7 @@ def test_objects_rules_and_settings_of_a_scene_file_are_those_of_the_node(scene_
         }
         scene = rig.node.objects.scene
         assert scene.accuracy == Accuracy.OBB
-        assert scene._store.accuracies[scene.index("part/7")] == Accuracy.OBB_FACES
+        assert scene._store.accuracies[scene.index("part/7")] == Accuracy.AABB
         assert scene._store.accuracies[scene.index("lid/0")] == Accuracy.AABB
         value = {name: rig.node.get_parameter(name).value for name in rig.node._parameters}
         assert value["padding"] == 0.25
@@ -133,7 +133,7 @@ def test_names_of_a_file_become_keys(names: list[str], keys: list[Any]) -> None:
 def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
     found = SceneFile(load_scene(scene_file))
     values = found.parameters()
-    assert values["accuracy_overrides"] == ["part/*: obb_faces", "lid/0: sphere", "lid/0: aabb"]
+    assert values["accuracy_overrides"] == ["part/*: aabb", "lid/0: sphere", "lid/0: aabb"]
     assert values["effects.contacts_objects"] == ["part/*", "lid/0"]
 
 

@@ -56,7 +56,6 @@ from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
-    faces_may_collide,
     meeting_bounds,
     spheres_may_collide,
 )
@@ -124,14 +123,6 @@ def test_careful_verdicts_overlapping(record_property: Record) -> None:
         return max(exact_gaps(a, b)) / careful_bound(a, b) + 2  # certain at -1, unsure beyond
 
     moved.check(record_property, lambda a, b: verdicts(a, b) != Verdict.OVERLAP, quantity)
-
-
-def test_coarse_faces(record_property: Record) -> None:
-    Moved(PAIRS, loose=True).check(
-        record_property,
-        lambda a, b: ~faces_may_collide(*_rows(a, b)),
-        lambda a, b: max(exact_gaps(a, b)[:6]) / fast_bound(a, b),
-    )
 
 
 def test_coarse_spheres(record_property: Record) -> None:

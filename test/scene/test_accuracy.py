@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from each import each
@@ -29,18 +27,14 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.trees import pool
-from obb_collision.queries.verdict.coarse import (
-    bounds_may_collide,
-    faces_may_collide,
-    spheres_may_collide,
-)
+from obb_collision.queries.verdict.coarse import bounds_may_collide, spheres_may_collide
 from obb_collision.queries.verdict.verdict import SEPARATE
 from tools.cases.families import FAMILIES, generate
 
 #: Pairs of each of the 16 families: 104,000 in all.
 PAIRS = 6500
-COARSE = ("sphere", "aabb", "obb_faces")
-FINE = ("obb_tree", "hull", "mesh")
+COARSE = ("sphere", "aabb")
+FINE = ("hull", "mesh")
 ZOO = zoo()
 MESHES = ("sphere1", "torus1", "star1", "bumpy1", "hull1", "open_sphere1", "sheet1", "hollow1",
           "crumbs1", "annulus2", "cone0", "moebius", "triangle", "capsule1")  # fmt: skip
@@ -58,9 +52,8 @@ def test_a_coarse_level_never_misses_what_obb_reports(name: str) -> None:
     first, second = np.arange(PAIRS), np.arange(PAIRS, 2 * PAIRS)
     reported = oc.verdicts(boxes[first], boxes[second]) != SEPARATE
     assert reported.any()
-    for meet in (spheres_may_collide, faces_may_collide):
-        assert not (reported & ~meet(boxes, first, second)).any()
-        assert not (reported & ~meet(boxes, second, first)).any()
+    assert not (reported & ~spheres_may_collide(boxes, first, second)).any()
+    assert not (reported & ~spheres_may_collide(boxes, second, first)).any()
     exact = oc.verdicts(boxes[first], boxes[second], exact=True) != SEPARATE
     assert not (exact & ~bounds_may_collide(boxes, first, second)).any()
 
@@ -69,7 +62,7 @@ def test_coarse_levels_tell_some_pairs_apart() -> None:
     a, b = generate("ordinary scene", PAIRS, seed=11)
     boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
     found = {name: len(oc.find_pairs(boxes, accuracy=name)) for name in (*COARSE, "obb")}
-    assert found["obb"] < found["obb_faces"] < found["aabb"] < 3 * found["obb"]
+    assert found["obb"] < found["aabb"] < 3 * found["obb"]
     assert found["obb"] < found["sphere"] < 3 * found["obb"]
 
 
@@ -146,17 +139,9 @@ def test_every_level_of_a_scene_reports_what_the_exacter_ones_do(seed: int) -> N
         assert report.pairs.tolist() == sorted(report.pairs.tolist())
         assert report.accuracies.max() == oc.Accuracy[name.upper()]
         assert (report.verdicts != SEPARATE).all()
-    for name in ("obb_tree", "hull"):
-        assert reported["mesh"] < reported[name] < reported["obb"]
+    assert reported["mesh"] < reported["hull"] < reported["obb"]
     for name in COARSE:
         assert reported["obb"] < reported[name]
-    depths = []
-    scene.accuracy = "obb_tree"
-    for depth in (0, 2, 5, 8):
-        scene.tree_depth = depth
-        depths.append(keys(scene.check().pairs))
-    for coarser, finer in pairwise(depths):
-        assert reported["mesh"] <= finer < coarser <= reported["obb"]
 
 
 def test_mesh_verdicts_of_a_scene_are_those_of_the_mesh_queries() -> None:
@@ -217,12 +202,11 @@ def test_a_pair_is_decided_on_the_lower_level_of_its_objects() -> None:
     for level in (*COARSE, "obb"):
         scene.add("rod", oc.shapes.Box([0.1, 0.1, 2.0]), accuracy=level)
         assert scene.check().accuracies.tolist() == [oc.Accuracy[level.upper()]]
-    scene.accuracy = "obb_tree"
+    scene.accuracy = "hull"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]  # the rod keeps its own
     scene.set_accuracy("rod", None)
-    scene.tree_depth = 6
-    assert len(scene.check()) == 0
-    assert scene.accuracy == oc.Accuracy.OBB_TREE
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
+    assert scene.accuracy == oc.Accuracy.HULL
 
 
 def test_points_without_triangles_stay_on_obb() -> None:
@@ -239,8 +223,6 @@ def test_padded_meshes_are_decided_by_their_distance() -> None:
     for padding, levels in ((0.49 * gap, []), (0.51 * gap, [oc.Accuracy.MESH])):
         scene.accuracy, scene.padding = "mesh", padding
         assert scene.check().accuracies.tolist() == levels
-    scene.accuracy = "obb_tree"
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     scene.accuracy = "hull"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
 
@@ -314,16 +296,16 @@ def test_the_default_is_obb() -> None:
 @each("wrong", ["box", "OBB", 7, -1, None, True, 2.5, "hull", "mesh", 6])
 def test_find_pairs_refuses_other_levels_and_names_the_choices(wrong: object) -> None:
     boxes = oc.Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
-    with pytest.raises(ValueError, match="sphere, aabb, obb_faces, obb"):
+    with pytest.raises(ValueError, match="sphere, aabb, obb"):
         oc.find_pairs(boxes, accuracy=wrong)  # type: ignore[arg-type]
 
 
-def test_a_scene_refuses_what_is_no_level_or_depth() -> None:
-    with pytest.raises(ValueError, match="obb_tree, hull, mesh"):
+def test_a_scene_refuses_what_is_no_level() -> None:
+    with pytest.raises(ValueError, match=r"obb, hull, mesh, got triangles$"):
         oc.Scene(accuracy="triangles")
-    for depth in (-1, 1.5, True, "3"):
-        with pytest.raises(ValueError, match="tree_depth"):
-            oc.Scene(tree_depth=depth)  # type: ignore[arg-type]
+    for former in ("obb_faces", "obb_tree"):
+        with pytest.raises(ValueError, match=f"got {former}: use obb or hull instead"):
+            oc.Scene(accuracy=former)
     scene = ring_and_rod()
     with pytest.raises(ValueError, match="accuracy must be one of"):
         scene.add("new", oc.shapes.Box([1, 1, 1]), accuracy="fine")

@@ -84,22 +84,20 @@ class Twin:
         """Do one thing at random."""
         names = list(self.objects)
         name = names[self.rng.integers(len(names))] if names else ""
-        what = self.rng.choice(
-            [
-                "add",
-                "move",
-                "many",
-                "remove",
-                "enable",
-                "accuracy",
-                "sphere",
-                "all",
-                "padding",
-                "rule",
-                "depth",
-            ],
-            p=[0.2, 0.28, 0.05, 0.1, 0.08, 0.1, 0.06, 0.02, 0.03, 0.05, 0.03],
-        )
+        kinds = [
+            "add",
+            "move",
+            "many",
+            "remove",
+            "enable",
+            "accuracy",
+            "sphere",
+            "all",
+            "padding",
+            "rule",
+        ]
+        shares = [0.2, 0.28, 0.05, 0.1, 0.08, 0.1, 0.06, 0.02, 0.03, 0.08]
+        what = self.rng.choice(kinds, p=shares)
         if what == "add" or not names:
             self.add()
         elif what == "move":
@@ -137,9 +135,6 @@ class Twin:
             else:
                 a, b = self.rng.choice(PATTERNS, 2)
                 self.scene.allow(str(a), str(b), bool(self.rng.random() < 0.6))
-        else:
-            self.settings["tree_depth"] = int(self.rng.integers(0, 5))
-            self.scene.tree_depth = self.settings["tree_depth"]
 
     def anew(self) -> oc.Scene:
         """Return a scene made of what this one has now, with the same indices."""

@@ -27,7 +27,7 @@ from obb_collision.geometry.capsules import Capsules
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 ZOO = zoo()
-FINE = ("obb_tree", "hull", "mesh")
+FINE = ("hull", "mesh")
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 
 
@@ -70,10 +70,9 @@ def test_the_order_of_the_levels_holds_with_all_shapes(seed: int) -> None:
         scene.accuracy = name
         report = scene.check()
         reported[name] = set(report.names())
-        if name in ("obb_tree", "hull"):
+        if name == "hull":
             assert report.verdicts[report.accuracies > oc.Accuracy.OBB].max() == oc.Verdict.TOUCHING
     assert reported["mesh"] < reported["hull"] < reported["obb"]
-    assert reported["mesh"] < reported["obb_tree"] < reported["obb"]
     assert len(reported["mesh"]) < 0.8 * len(reported["obb"])
 
 
@@ -142,7 +141,7 @@ def test_round_shapes_leave_the_corners_of_their_boxes_free(name: str) -> None:
         Cylinder(0.45, 0.9),
         Ellipsoid([0.4, 0.45, 0.5]),
     ):
-        scene = oc.Scene(accuracy=name, tree_depth=8)
+        scene = oc.Scene(accuracy=name)
         scene.add("ball", ball)
         scene.add("other", shape, [0.75, 0.75, 0.0, *UPRIGHT])
         assert len(scene.check()) == 0, shape

@@ -108,7 +108,6 @@ CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
     "allowed within": lambda s: setattr(s, "allowed_within", ["box"]),
     "region": lambda s: setattr(s, "region", oc.regions.Region([-5] * 3, [2.2, 5, 5], halo=2.0)),
     "max pairs": lambda s: setattr(s, "max_pairs", 2),
-    "tree depth": lambda s: setattr(s, "tree_depth", 1),
     "effect": lambda s: s.set_effect("clearance", "on", max_distance=0.2),
     "twist": lambda s: s.set_twist("ball", [1, 0, 0, 0, 0, 0]),
     "query": lambda s: s.query(PYRAMID, at(6.0)),
@@ -117,7 +116,7 @@ CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
     "ask": lambda s: s.any_collision(),
 }
 #: What is asked, and what a scene has whose effects show none of it.
-NO_CHANGE = ("query", "query of a box", "check", "ask", "renew", "twist", "tree depth")
+NO_CHANGE = ("query", "query of a box", "check", "ask", "renew", "twist")
 #: What comes before a change: nothing; changes not checked yet; and a region.
 PREPARED: dict[str, Callable[[oc.Scene], Any]] = {
     "checked": lambda s: None,

@@ -40,7 +40,7 @@ allowed:
   - [hand, hand]
   - [things, table/0]
 accuracy:
-  default: obb_faces
+  default: sphere
   hand: mesh
   hand/1: hull
 padding: 1e-3
@@ -84,7 +84,7 @@ def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     assert description.effects["markers"].mode == "off"
 
     scene = description.build()
-    expected = oc.Scene(padding=1e-3, accuracy="obb_faces")
+    expected = oc.Scene(padding=1e-3, accuracy="sphere")
     expected.add("table/0", Box([2, 1, 0.5]), [0, 0, 0.25, 0, 0, 0, 1], padding=0.0)
     expected.add("cup/0", Cylinder(0.125, 0.25), [0.5, 0, 0.625, 0, 0, 0, 1])
     turn = [0, 0, np.sin(0.25), np.cos(0.25)]

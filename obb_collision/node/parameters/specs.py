@@ -24,6 +24,7 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
+from obb_collision.accuracy import instead_of
 from obb_collision.scene.effects.settings import MODES, OFF, ON
 from obb_collision.words import MAX_NAME, MAX_OBJECT_NAME, MAX_PATH, check_name, shown
 
@@ -93,7 +94,9 @@ class Spec:
             raise ValueError(f"{self.name} must be {kind}, got {shown(value)}")
         if self.choices and value not in self.choices:
             words = _words(self.choices)
-            raise ValueError(f"{self.name} must be one of {words}, not {shown(value)}")
+            raise ValueError(
+                f"{self.name} must be one of {words}, not {shown(value)}{instead_of(value)}"
+            )
         if isinstance(value, str) and (value or not self.optional):
             check_name(value, self.name, MAX_PATH if self.optional else MAX_NAME)
         if self.limits is not None:

@@ -37,7 +37,6 @@ from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
-from obb_collision.scene.settings import DEFAULT_DEPTH
 from obb_collision.scene.store.overrides import (
     MAX_OVERRIDES,
     override_from_text,
@@ -314,9 +313,6 @@ ACCURACY = (
     Spec("accuracy_overrides", [""], entry=override_from_text, most=MAX_OVERRIDES).means(
         "Accuracy of some objects: 'gripper/*: mesh' by name, pattern or group, or 'gripper=mesh' "
         "by namespace. The last one that matches an object is used."
-    ),
-    Spec("tree_depth", DEFAULT_DEPTH, (0, 20)).means(
-        "Maximum depth of the trees of obb_tree: 2^depth boxes per mesh."
     ),
     Spec("time_budget", 0.0, (0.0, 1.0)).means(
         "Maximum time for a check (s): pairs are tested at the highest accuracy that fits, up to "

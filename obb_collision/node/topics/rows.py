@@ -29,7 +29,7 @@ import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
-from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.queries.clearance.clearance import Clearances
@@ -229,7 +229,7 @@ def text_from_rows(
             ("depth", repr(float(row["depth"]))),
             ("normal", " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz")),
             ("verdict", Verdict(row["verdict"]).name.lower()),
-            ("accuracy", ALL_LEVELS[row["accuracy"]]),
+            ("accuracy", Accuracy(row["accuracy"]).label),
         ]
         message.status.append(
             DiagnosticStatus(

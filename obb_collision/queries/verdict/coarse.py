@@ -17,8 +17,6 @@
 Spheres: around each box, radius the length of its half extents. Apart if the distance of the
 centres exceeds the sum of the radii by SPHERE_SLACK. That is 2^9 times the bound up to which
 ``verdict`` gives TOUCHING, and axes orthonormal to 64 roundoffs only add 2^-47 to a radius.
-Faces: the first 6 of the 15 axes, with the bound of the fast stage, so that what is apart here is
-apart there.
 Bounds: world AABBs, grown so that boxes whose bounds are apart are SEPARATE for ``verdict``,
 too, not merely apart. Boxes that are a distance d apart have a gap of at least d / sqrt(3) along
 one of the 15 axes: the direction of the distance lies among at most three of these, no two of them
@@ -32,10 +30,8 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import BoxArrays, Boxes, world_bounds_of
-from obb_collision.numerics.constants import FAST_BOUND, ROUNDOFF, UNDERFLOW
+from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import minus, norm, rows_at, sum_abs, vector_at
-from obb_collision.queries.verdict.pair_frame import Pair, box_at, pair_of
-from obb_collision.queries.verdict.sat import face_gaps_of_a, face_gaps_of_b
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Slack of the sphere test relative to the distance and the radii (see above).
@@ -86,13 +82,6 @@ def bounds_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask
     return np.asarray(((low_a <= high_b) & (low_b <= high_a)).all(axis=1))
 
 
-def faces_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
-    """Return (m,) whether none of the six face normals separates two boxes certainly."""
-    out = np.empty(len(rows_a), np.bool_)
-    _faces_kernel(boxes.arrays, rows_a, rows_b, out)
-    return out
-
-
 @njit
 def bounds_kernel(
     boxes: BoxArrays, rows: np.ndarray, minimum: Floats, maximum: Floats, start: int, stop: int
@@ -137,23 +126,3 @@ def _spheres_touch(offset: Vector, h: Vector, f: Vector) -> bool:
     """Return whether the spheres around two boxes are not certainly apart; h, f: half extents."""
     distance, radii = norm(offset), norm(h) + norm(f)
     return distance - radii <= SPHERE_SLACK * (distance + radii) + UNDERFLOW
-
-
-@njit
-def _faces_kernel(
-    boxes: BoxArrays, rows_a: np.ndarray, rows_b: np.ndarray, out: np.ndarray
-) -> None:
-    for n in range(len(rows_a)):
-        pair, size = pair_of(box_at(boxes, rows_a[n]), box_at(boxes, rows_b[n]))
-        out[n] = not faces_separate(pair, size)
-
-
-@njit
-def faces_separate(pair: Pair, size: float) -> bool:
-    """Return whether a face normal of one box separates two, as in ``verdict.fast_verdict``."""
-    bound = FAST_BOUND * size + UNDERFLOW
-    x, y, z = face_gaps_of_a(pair)
-    if max(x, y, z) > bound:
-        return True
-    x, y, z = face_gaps_of_b(pair)
-    return max(x, y, z) > bound

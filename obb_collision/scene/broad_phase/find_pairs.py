@@ -35,7 +35,6 @@ from obb_collision.numerics.sorting import (
 )
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS, RowPairs
 from obb_collision.queries.verdict.coarse import (
-    faces_may_collide,
     meeting_bounds,
     sphere_bounds,
     spheres_may_collide,
@@ -77,7 +76,7 @@ def find_pairs(
     exact : bool
         Decide by integer arithmetic what doubles can't tell from touching.
     accuracy : Accuracy or str
-        "sphere", "aabb" or "obb_faces" look less closely and never miss what "obb" reports.
+        "sphere" or "aabb" look less closely and never miss what "obb" reports.
 
     Returns
     -------
@@ -154,8 +153,6 @@ def coarse_meet(
     """Return (m,) whether pairs collide on a level below OBB, given that their AABBs overlap."""
     if level == Accuracy.SPHERE:
         return spheres_may_collide(boxes, first, second)
-    if level == Accuracy.OBB_FACES:
-        return faces_may_collide(boxes, first, second)
     return np.ones(len(first), np.bool_)
 
 

@@ -19,7 +19,7 @@ pairs are decided on, falls at once when what it costs no longer fits, and rises
 level has fitted with room to spare for some cycles, for more of them after every rise that did not
 last.
 OBB is the minimum: levels below it are not quicker (find_pairs on 10,000 crowded boxes: 8.9 ms on
-"aabb", 12.2 on "sphere", 8.4 on "obb_faces", 8.9 on "obb"), they only report more pairs.
+"aabb", 12.2 on "sphere", 8.9 on "obb"), they only report more pairs.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.words import shown
 
 #: The levels that a budget chooses from, and how many pairs ask for each.
-ABOVE = (Accuracy.OBB_TREE, Accuracy.HULL, Accuracy.MESH)
+ABOVE = (Accuracy.HULL, Accuracy.MESH)
 Counts = Mapping[Accuracy, int]
 
 #: Cycles in which the cap is chosen anew each time, since the first ones load and compile.
@@ -165,7 +165,8 @@ class Budget:
         elif loads.get(self.cap, 0.0) > 1.0:
             self._fall(fitting)
         elif not any(counts.values()) and self.cap > Accuracy.OBB and self._room() <= 0.0:
-            self._fall(Accuracy(self.cap - 1))  # effects come after, and may take less time there
+            # effects come after, and may take less time below
+            self._fall(max(level for level in (Accuracy.OBB, *ABOVE) if level < self.cap))
             self._after.clear()
         elif ready and max(ready) > self.cap:
             self.cap = max(ready)

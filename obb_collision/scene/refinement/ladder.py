@@ -15,9 +15,8 @@
 """Deciding pairs on the levels of ``Accuracy``: which level a pair gets, and its verdict.
 
 A pair is decided on the lower level of its two objects' accuracies. The levels above OBB look only
-at what OBB reports. They need a shape that is no box, else the pair stays on OBB. With padding
-OBB_TREE is OBB, except for spheres, capsules and boxes among themselves: trees of boxes don't model
-it. MESH is HULL then for pairs without a mesh.
+at what OBB reports. They need a shape that is no box, else the pair stays on OBB. With padding MESH
+is HULL for pairs without a mesh, except for spheres, capsules and boxes among themselves.
 """
 
 from __future__ import annotations
@@ -43,7 +42,6 @@ from obb_collision.typing import Floats, Rows
 #: The level of boxes, as kernels compare it.
 OBB = int(Accuracy.OBB)
 HULL = int(Accuracy.HULL)
-MESH = int(Accuracy.MESH)
 #: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their levels (m,).
 Found = tuple[Pairs, Verdicts, Levels]
 
@@ -92,8 +90,8 @@ def _levels_kernel(
         padded = paddings[i] > 0.0 or paddings[j] > 0.0
         if low == BOXED or high == BOX:  # decided by boxes only
             level = min(level, OBB)
-        elif padded and high != ROUND:  # trees of boxes don't model it
-            level = min(level, OBB if level < HULL else MESH if high == TRIANGLES else HULL)
+        elif padded and high != ROUND and high != TRIANGLES:
+            level = min(level, HULL)
         levels[n] = level
 
 
@@ -101,15 +99,15 @@ NONE: Found = np.empty((0, 2), np.int64), np.empty(0, np.int8), np.empty(0, np.i
 
 
 def decide_pairs(
-    store: ObjectStore, cache: ShapeCache, candidates: Pairs, depth: int, exact: bool,
+    store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool,
     budget: Budget | None = None, waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
 ) -> tuple[Found, bool]:  # fmt: skip
     """Return the candidates (m, 2), pairs of slots whose bounds overlap, that are not SEPARATE.
 
-    depth: of the boxes on OBB_TREE. waiting: pairs that haven't changed, decided on a lower level
-    than they ask for; returned among the others if they still collide. highest: no candidate is
-    decided above this level. Also returns whether any
-    pair has been decided on a lower level than it asks for, which takes a budget.
+    waiting: pairs that haven't changed, decided on a lower level than they ask for; returned among
+    the others if they still collide. highest: no candidate is decided above this level. Also
+    returns whether any pair has been decided on a lower level than it asks for, which takes a
+    budget.
     """
     boxes = store.all_boxes()
     first, second = columns(candidates)
@@ -128,7 +126,7 @@ def decide_pairs(
         levels = np.append(levels, waiting[2])
     high = np.flatnonzero(asked > Accuracy.OBB)
     if len(high) or budget is not None:  # which allows effects a level though nothing collides
-        job = MeshPairs(store, cache, *columns(pairs[high]), depth, exact)
+        job = MeshPairs(store, cache, *columns(pairs[high]), exact)
         state = levels[high], verdicts[high]
         refine(job, asked[high], high >= len(met), *state, budget)
         levels[high], verdicts[high] = state
@@ -143,7 +141,7 @@ def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, levels: Levels, exact
     if len(levels) == 0 or levels.min() >= Accuracy.OBB:
         return pair_verdicts(boxes, first, boxes, second, exact)
     result = np.full(len(first), SEPARATE, np.int8)
-    for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.OBB_FACES):
+    for level in (Accuracy.SPHERE, Accuracy.AABB):
         rows = np.flatnonzero(levels == level)
         if len(rows):
             meet = coarse_meet(boxes, first[rows], second[rows], level)

@@ -39,7 +39,7 @@ from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.mesh_clearance import clearances_of
-from obb_collision.queries.meshes.meshes import UNLIMITED, mesh_collisions, mesh_verdicts
+from obb_collision.queries.meshes.meshes import UNLIMITED, mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
@@ -65,7 +65,7 @@ def prepare_shapes(store: ObjectStore, cache: ShapeCache) -> None:
         return
     for hull in (False, True):
         cache.build(store, wanted, hull, None)
-    pair = MeshPairs(store, cache, wanted[-1:], wanted[-1:], 0, False)
+    pair = MeshPairs(store, cache, wanted[-1:], wanted[-1:], False)
     row = np.zeros(1, np.int64)
     for level in ABOVE:
         if pair.prepare(level, row, None).all():
@@ -73,10 +73,7 @@ def prepare_shapes(store: ObjectStore, cache: ShapeCache) -> None:
 
 
 class MeshPairs:
-    """Pairs (m,), (m,) of slots, neither both boxes nor BOXED; a ``refinement.Job``.
-
-    depth: of the boxes on OBB_TREE.
-    """
+    """Pairs (m,), (m,) of slots, neither both boxes nor BOXED; a ``refinement.Job``."""
 
     def __init__(
         self,
@@ -84,11 +81,10 @@ class MeshPairs:
         cache: ShapeCache,
         first: Rows,
         second: Rows,
-        depth: int,
         exact: bool,
     ) -> None:
         self._store, self._cache = store, cache
-        self._depth, self._exact = depth, exact
+        self._exact = exact
         named = _marked(len(store.names), first, second)
         self._slots = np.flatnonzero(named)
         numbers = np.cumsum(named) - 1
@@ -122,7 +118,7 @@ class MeshPairs:
         result[simple] = self._round_verdicts(rows[simple])
         result[hulls] = self._hull_verdicts(rows[hulls])
         rest = ~(simple | hulls)
-        result[rest] = self._tree_verdicts(level, rows[rest])
+        result[rest] = self._tree_verdicts(rows[rest])
         if level != Accuracy.MESH:
             return np.minimum(result, np.int8(TOUCHING))
         met = np.flatnonzero(rest & (result != SEPARATE) & self._curved(rows))
@@ -177,15 +173,12 @@ class MeshPairs:
         cores[~boxes, 5] += store.paddings[slots[~boxes]]
         return cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
 
-    def _tree_verdicts(self, level: Accuracy, rows: Rows) -> Verdicts:
+    def _tree_verdicts(self, rows: Rows) -> Verdicts:
         if len(rows) == 0:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
         pairs = np.stack([i, j], axis=1)
         bodies = PlacedMeshes.trusted(*self._cache.trees(self._slots), *self._places)
-        if level == Accuracy.OBB_TREE:
-            met = mesh_collisions(bodies, bodies, pairs, depth=self._depth)
-            return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
         effort = UNLIMITED if self._exact else EFFORT
         kinds, radii = self._store.kinds[self._slots], self._store.paddings[self._slots]
         thin = (kinds == ROUND)[pairs].any(axis=1)

@@ -85,7 +85,7 @@ class PlacedShapes:
     """Shapes as they were at a check; slots of objects that are boxes are not among them.
 
     pairs (m, 2), sorted, decided on levels (m,); cap: what a budget allowed, None without one;
-    depth, exact: as for ``decide_pairs``; complete: whether pairs are all that collide.
+    exact: as for ``decide_pairs``; complete: whether pairs are all that collide.
     """
 
     def __init__(
@@ -95,7 +95,6 @@ class PlacedShapes:
         pairs: Pairs,
         levels: Levels,
         cap: Accuracy | None,
-        depth: int = 0,
         exact: bool = False,
         complete: bool = True,
     ) -> None:
@@ -103,7 +102,7 @@ class PlacedShapes:
         self._store, self._cache, self._version = store.with_shapes(), cache, cache.version
         self._shapes = cache.lend_shapes()
         self._pairs, self._decided, self._cap = pairs, levels, cap
-        self._depth, self._exact = depth, exact
+        self._exact = exact
         self.kinds, self.paddings = store.kinds, store.paddings
         self._accuracies = store.accuracies
         self._shaped = np.flatnonzero(store.used & (store.kinds > BOX))
@@ -262,7 +261,7 @@ class PlacedShapes:
         there = copy(self._store)
         there.centers, there.rotations = boxes.centers, boxes.rotations
         there.half_extents, there.poses = boxes.half_extents, poses
-        return decide_pairs(there, self._cache, pairs, self._depth, self._exact)[0][0]
+        return decide_pairs(there, self._cache, pairs, self._exact)[0][0]
 
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""

@@ -80,8 +80,8 @@ def refine(
         _decide(job, level, np.flatnonzero((target == level) & ~waiting), state, budget)
     for level in ABOVE:
         _decide(job, level, np.flatnonzero((asked == level) & waiting), state, budget)
-    number = budget.cycle % TRIAL_CYCLES
-    if number < len(ABOVE) and ABOVE[number] != budget.cap and budget.is_due(ABOVE[number]):
+    number = budget.cycle % TRIAL_CYCLES - 1  # the cheapest in the very first cycle
+    if 0 <= number < len(ABOVE) and ABOVE[number] != budget.cap and budget.is_due(ABOVE[number]):
         _try(job, ABOVE[number], asked, budget, TRIAL_SHARE)
     budget.refined()
 

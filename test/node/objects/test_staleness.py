@@ -216,7 +216,7 @@ def test_what_is_sent_once_does_not_age_and_each_object_has_its_own_limit() -> N
     assert (rig.known().reasons[0].code, rig.known().reasons[0].who) == ("stale", ("a/2",))
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb_faces", "hull", "mesh"])
+@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "hull", "mesh"])
 def test_every_accuracy_respects_the_growth(accuracy: str) -> None:
     rig = ObjectsRig(A1, A2)
     rig.limit(0.5, COLLIDE, speed=SPEED, reach=10.0)

@@ -61,7 +61,6 @@ CHANGES: tuple[tuple[str, Any], ...] = (
     ("time_budget", 0.0),
     ("padding", 0.01),
     ("padding", 0.0),
-    ("tree_depth", 1),
     ("accuracy_overrides", ["many/*: sphere", "9/*: hull"]),
     ("accuracy_overrides", []),
     ("allowed_pairs", ["many/1* many/2*"]),

@@ -206,7 +206,7 @@ def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> Boxes:
     return Boxes(*(np.concatenate(part) for part in parts))
 
 
-@each("accuracy", [None, "sphere", "aabb", "obb_faces"])
+@each("accuracy", [None, "sphere", "aabb"])
 @each(
     "exponents",
     [(-324, -300), (-170, -150), (-3, 3), (140, 170), (298, 300), (300, 300), (-324, 300)],
@@ -280,7 +280,7 @@ def test_pairs_between_two_sets_at_every_magnitude(seed: int, n: int, m: int) ->
     )
 
 
-@each("accuracy", ["sphere", "aabb", "obb_faces"])
+@each("accuracy", ["sphere", "aabb"])
 def test_coarse_pairs_between_two_sets_are_those_of_one_set(accuracy: str) -> None:
     boxes = uniform(np.random.default_rng(8), 300)
     among = find_pairs(boxes, accuracy=accuracy)

@@ -84,7 +84,7 @@ def results(report: Report) -> list[tuple[str, str, int, int]]:
     return sorted((str(a), str(b), verdict, level) for (a, b), verdict, level in rows)
 
 
-@each("accuracy", ["obb_tree", "hull", "mesh"])
+@each("accuracy", ["hull", "mesh"])
 def test_pairs_are_on_obb_until_their_trees_are_there(
     builder: Builder, accuracy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

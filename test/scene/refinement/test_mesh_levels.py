@@ -32,16 +32,12 @@ from obb_collision.geometry.poses import place_boxes
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.pool import HullPool, Hulls, mesh_tree
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.verdict.coarse import (
-    bounds_may_collide,
-    faces_may_collide,
-    spheres_may_collide,
-)
+from obb_collision.queries.verdict.coarse import bounds_may_collide, spheres_may_collide
 from obb_collision.queries.verdict.verdict import SEPARATE
 from obb_collision.shapes import Mesh
 
 ZOO = zoo()
-LEVELS = ("sphere", "aabb", "obb_faces", "obb", "obb_tree", "hull", "mesh")
+LEVELS = ("sphere", "aabb", "obb", "hull", "mesh")
 #: Pairs of meshes for each pair of boxes of ``--pairs``: 30,000 by default.
 TIMES = 20
 DEPTHS = (0, 1, 2, 3, 5, 8, 12)
@@ -107,7 +103,7 @@ def test_no_level_misses_what_a_more_exact_one_reports(
         assert not (finer & ~tree).any(), depth
         finer = tree
     assert (finer == obb).mean() > 0.9999  # the first node of a tree is the mesh's box
-    for coarse in (spheres_may_collide, faces_may_collide, bounds_may_collide):
+    for coarse in (spheres_may_collide, bounds_may_collide):
         assert not (obb & ~coarse(boxes, i, j)).any()
 
 
@@ -179,7 +175,7 @@ def huge(subdivisions: int) -> Mesh:
 def test_huge_meshes_are_decided_on_every_level(level: str, pairs: int) -> None:
     """20,480 triangles; with ``--pairs`` of 10,000 or more 1.3 million."""
     ball = huge(8 if pairs >= 10_000 else 5)
-    scene = oc.Scene(accuracy=level, tree_depth=8)
+    scene = oc.Scene(accuracy=level)
     scene.add("a", ball)
     scene.add("b", ball, [0.8, 0.1, 0, 0, 0, 0, 1])
     scene.add("cup", Mesh(*ZOO["open_sphere1"]), [0, 0, 3.0, 0, 0, 0, 1])
@@ -187,5 +183,5 @@ def test_huge_meshes_are_decided_on_every_level(level: str, pairs: int) -> None:
     scene.move("b", [1.2, 0.9, 0.9, 0, 0, 0, 1])
     assert scene.check().names() == []
     scene.move("b", [0.75, 0.75, 0, 0, 0, 0, 1])  # their boxes meet
-    apart = level in ("obb_tree", "hull", "mesh")
+    apart = level in ("hull", "mesh")
     assert len(scene.check()) == (not apart)

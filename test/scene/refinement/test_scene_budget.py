@@ -33,11 +33,11 @@ from obb_collision.scene.refinement.budget import ABOVE, Budget
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.typing import Rows
 
-OBB, OBB_TREE, HULL, MESH = Accuracy.OBB, *ABOVE
+OBB, HULL, MESH = Accuracy.OBB, *ABOVE
 ZOO = zoo()
 BUDGET = 0.01
 #: Seconds a pair takes.
-COSTS = {OBB_TREE: 1e-6, HULL: 4e-6, MESH: 1e-4}
+COSTS = {HULL: 4e-6, MESH: 1e-4}
 
 
 class Ticking:
