@@ -69,7 +69,8 @@ def as_accuracy(value: Accuracy | str | int) -> Accuracy:
 
 def instead_of(value: object) -> str:
     """Return the end of a sentence about a level of former times; others were better in all."""
-    return ": use obb or hull instead" if value in ("obb_faces", "obb_tree") else ""
+    former = isinstance(value, str) and value in ("obb_faces", "obb_tree")
+    return ": use obb or hull instead" if former else ""
 
 
 def as_box_accuracy(value: Accuracy | str | int) -> Accuracy:

@@ -301,10 +301,10 @@ def test_find_pairs_refuses_other_levels_and_names_the_choices(wrong: object) ->
 
 
 def test_a_scene_refuses_what_is_no_level() -> None:
-    with pytest.raises(ValueError, match=r"obb, hull, mesh, got triangles$"):
+    with pytest.raises(ValueError, match=r"obb, hull, mesh, got 'triangles'$"):
         oc.Scene(accuracy="triangles")
     for former in ("obb_faces", "obb_tree"):
-        with pytest.raises(ValueError, match=f"got {former}: use obb or hull instead"):
+        with pytest.raises(ValueError, match=f"got '{former}': use obb or hull instead"):
             oc.Scene(accuracy=former)
     scene = ring_and_rod()
     with pytest.raises(ValueError, match="accuracy must be one of"):

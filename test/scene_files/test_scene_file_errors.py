@@ -118,7 +118,7 @@ REFUSED = {
     f"objects: [{BOX}]\nallowed: [[a]]": "allowed[0]: must be a pair of groups, names or patterns",
     f"objects: [{BOX}]\nallowed: a": "allowed: must be a list, got a",
     f"objects: [{BOX}]\naccuracy: exact": "accuracy: must be one of sphere, aabb, obb,",
-    f"objects: [{BOX}]\naccuracy: obb_tree": "got obb_tree: use obb or hull instead",
+    f"objects: [{BOX}]\naccuracy: obb_tree": "got 'obb_tree': use obb or hull instead",
     f"objects: [{BOX}]\naccuracy: {{a: fine}}": "accuracy.a: must be one of sphere",
     f"objects: [{BOX}]\naccuracy: {{b: obb}}": "accuracy.b: b is no group, object or pattern",
     f"objects: [{BOX}]\npadding: -1": "padding: must be a number, not negative, got -1",

@@ -246,7 +246,7 @@ def test_overrides_are_read(text: str, read: Any, expected: Any) -> None:
         ("accuracy_overrides", ["a/*"], "is not like 'gripper/*: mesh'"),
         ("accuracy_overrides", ["arm: mesh"], "all of a namespace are 'arm/*'"),
         ("accuracy_overrides", [3], "a list of texts"),
-        ("tree_depth", -1, "range"),
+        ("accuracy", "obb_faces", "not 'obb_faces': use obb or hull instead"),
         ("time_budget", -0.1, "range"),
         ("allowed_pairs", ["a/*"], "two names or patterns"),
         ("groups", ["gripper"], "is not like 'gripper: hand/* finger/1'"),
