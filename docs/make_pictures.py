@@ -30,7 +30,6 @@ import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -229,10 +228,8 @@ def draw_robots() -> None:
     """Draw the states per second of each checker in each world."""
     from tools.robots import save_plot
 
-    rows: list[Any] = [
-        SimpleNamespace(
-            world=world, checker=checker, states_per_second=float(rate.replace(",", ""))
-        )
+    rows = [
+        {"world": world, "checker": checker, "states_per_second": float(rate.replace(",", ""))}
         for world, _, checker, _, rate, *_ in table("robots.md", "| world | objects | checker |")
     ]
     save_plot(rows, FOLDER / "robots.svg")

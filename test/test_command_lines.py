@@ -65,11 +65,9 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--markdown": PLOTS, **SEED, **JSON,
     },
     "python -m tools.wrong_answers": {"--pairs": WHOLES, "--family": ["none such"], **SEED, **JSON},
-    "python -m tools.budget": {"--meshes": WHOLES, "--cycles": WHOLES, "--times": REALS, **JSON},
     "python -m tools.peers.convex_distances": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.meshes": {"--pairs": WHOLES, **JSON},
-    "python -m tools.peers.mesh_distances": {"--pairs": WHOLES, **JSON},
     "python -m tools.weight": {},
     "python -m tools.goals": {
         "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED, **JSON,
@@ -81,7 +79,6 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--seconds": REALS, "--pairs": WHOLES, **SEED, **JSON,
     },
     "python -m tools.peers.engines": {"--sizes": WHOLES},
-    "python -m tools.points": {"--points": WHOLES, "--boxes": WHOLES, **JSON},
 }  # fmt: skip
 
 

@@ -20,7 +20,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -56,19 +55,6 @@ PATIENCE = 120.0
 """Seconds until the node knows robot and boxes, and for an answer."""
 ASKING = 0.5
 """Seconds after which a node that has just started is asked again."""
-
-
-@dataclass(frozen=True)
-class ChunkRow:
-    """Milliseconds from the publication of a chunk of states to its answer."""
-
-    world: str
-    states: int
-    chunks: int
-    median: float
-    p99: float
-    longest: float
-    valid: float
 
 
 class Started:
@@ -188,8 +174,10 @@ def measure_chunks(
     folder: Path,
     boxes: Sequence[SceneObject],
     states: Floats,
-) -> ChunkRow:
+) -> dict[str, Any]:
     """Ask a node for states (n, CHUNK, joints); TimeoutError where it does not answer.
+
+    Returns milliseconds from the publication of a chunk to its answer.
 
     texts: URDF and SRDF; folder: in which packages of meshes are.
     """
@@ -209,5 +197,12 @@ def measure_chunks(
             valid.append(float(node.rows["valid"].mean()))
     counted = 1e3 * np.array(times[WARM_CHUNKS:])
     median, p99 = np.percentile(counted, (50, 99)).tolist()
-    figures = median, p99, float(counted.max()), float(np.mean(valid[WARM_CHUNKS:]))
-    return ChunkRow(f"{len(boxes)} boxes", states.shape[1], len(counted), *figures)
+    return {
+        "world": f"{len(boxes)} boxes",
+        "states": states.shape[1],
+        "chunks": len(counted),
+        "median": median,
+        "p99": p99,
+        "longest": float(counted.max()),
+        "valid": float(np.mean(valid[WARM_CHUNKS:])),
+    }

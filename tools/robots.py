@@ -21,11 +21,10 @@ import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from time import thread_time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -48,62 +47,18 @@ from tools.peers.robots import (
     pinocchio_kinematics,
 )
 
-if TYPE_CHECKING:
-    from tools.robot_latency import ChunkRow
-
 OURS = "this library"
 #: Rounds in which all take their turn; the least time of each counts.
 ROUNDS = 5
 #: Boxes keep this far from the axis of the base, metres.
 CLEAR_OF_BASE = 0.35
-#: Tables of text cells by name, and all figures.
-Measured = tuple[dict[str, list[list[str]]], dict[str, Any]]
+Row = dict[str, Any]
 #: Before the path of a mesh file beside the URDF.
 RELATIVE = re.compile(r'filename="(?!/|\w+://)')
 #: Boxes around the robot of a node.
 BOXES_OF_CHUNKS = 30
 #: States after the first collision that a motion is compared at.
 SAMPLES = 200
-
-
-@dataclass(frozen=True)
-class Row:
-    """What one checker does in one world: states per second, and beside the triangles.
-
-    missed, false_alarms: of the states that it calls free and colliding; -1 where not compared.
-    """
-
-    world: str
-    objects: int
-    checker: str
-    states_per_second: float
-    microseconds: float
-    colliding: float
-    compared: int = 0
-    missed: int = -1
-    false_alarms: float = -1.0
-
-
-@dataclass(frozen=True)
-class MotionRow:
-    """Motions between free states: per second, share that is free, what samples find beyond it."""
-
-    world: str
-    objects: int
-    motions_per_second: float
-    microseconds: float
-    free: float
-    undecided: int
-    missed: int
-
-
-@dataclass(frozen=True)
-class KinematicsRow:
-    """The poses of all links, or with pinocchio of all joints: states per second."""
-
-    checker: str
-    states_per_second: float
-    microseconds: float
 
 
 def default_robot() -> tuple[Path, Path | None, Path]:
@@ -164,7 +119,9 @@ def random_states(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
     return np.asarray(rng.uniform(low, high, (count, len(low))))
 
 
-def measure(checkers: Mapping[str, Callable[[Floats], object]], states: Floats) -> dict[str, float]:
+def times_of(
+    checkers: Mapping[str, Callable[[Floats], object]], states: Floats
+) -> dict[str, float]:
     """Return the processor time per state of each, seconds, in turns."""
     best = dict.fromkeys(checkers, np.inf)
     for check in checkers.values():
@@ -177,23 +134,27 @@ def measure(checkers: Mapping[str, Callable[[Floats], object]], states: Floats) 
     return best
 
 
-def compared(
-    name: str, check: CheckStates, states: Floats, truth: np.ndarray | None
-) -> tuple[int, int, float]:
-    """Return how many states were compared with triangles, missed, and the share of false ones."""
+def compared(name: str, check: CheckStates, states: Floats, truth: np.ndarray | None) -> Row:
+    """Return how many states were compared with triangles, missed, and the share of false ones.
+
+    Of the states that a checker calls free, and of those that it calls colliding.
+    """
     if truth is None or name == TRUTH:
-        return 0, -1, -1.0
+        return {}
     found = check(states)
-    return (
-        len(states),
-        int((truth & ~found).sum()),
-        float((found & ~truth).sum() / max(1, found.sum())),
-    )
+    return {
+        "compared": len(states),
+        "missed": int((truth & ~found).sum()),
+        "false_alarms": float((found & ~truth).sum() / max(1, found.sum())),
+    }
 
 
-def motion_row(
-    world: str, objects: int, checker: RobotScene, states: Floats, count: int
-) -> MotionRow:
+def timed(seconds: float) -> Row:
+    """Return the time of a state in both ways."""
+    return {"microseconds": 1e6 * seconds, "states_per_second": 1.0 / seconds}
+
+
+def motion_row(checker: RobotScene, states: Floats, count: int) -> Row:
     """Measure motions between free states, and compare with samples."""
     free = states[checker.check(states).valid][: 2 * count]
     starts, ends = free[: len(free) // 2], free[len(free) // 2 : len(free) // 2 * 2]
@@ -205,13 +166,16 @@ def motion_row(
     for start, end in zip(starts[report.valid], ends[report.valid], strict=True):
         times = np.linspace(0.0, 1.0, SAMPLES)[:, None]
         missed += bool(checker.check(start + times * (end - start)).colliding.any())
-    return MotionRow(
-        world, objects, 1.0 / time, 1e6 * time, float(report.valid.mean()),
-        int(report.undecided.sum()), missed,
-    )  # fmt: skip
+    return {
+        "us_per_motion": 1e6 * time,
+        "motions_per_second": 1.0 / time,
+        "free": float(report.valid.mean()),
+        "undecided": int(report.undecided.sum()),
+        "missed": missed,
+    }
 
 
-def kinematics_rows(options: argparse.Namespace) -> list[KinematicsRow]:
+def kinematics_rows(options: argparse.Namespace) -> list[Row]:
     """Measure kinematics, beside pinocchio's where that is installed."""
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     ways: dict[str, Callable[[Floats], object]] = {OURS: robot.link_poses}
@@ -221,11 +185,11 @@ def kinematics_rows(options: argparse.Namespace) -> list[KinematicsRow]:
         )
         ways["pinocchio"] = pinocchio_kinematics(nothing)
     states = random_states(robot, options.states, np.random.default_rng(options.seed))
-    times = measure(ways, states)
-    return [KinematicsRow(name, 1 / time, 1e6 * time) for name, time in times.items()]
+    times = times_of(ways, states)
+    return [{"checker": name} | timed(time) for name, time in times.items()]
 
 
-def chunk_row(options: argparse.Namespace) -> ChunkRow:
+def chunk_row(options: argparse.Namespace) -> Row:
     """Measure chunks of states through a node; TimeoutError where it does not answer."""
     from tools import robot_latency as node
 
@@ -245,7 +209,7 @@ def chunk_row(options: argparse.Namespace) -> ChunkRow:
     )
 
 
-def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
+def run(options: argparse.Namespace) -> tuple[list[Row], list[Row]]:
     """Measure in all worlds; print what is left out, and why."""
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     rows, motions = [], []
@@ -262,67 +226,39 @@ def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
             except Exception as error:  # peers raise any exception
                 print(f"{world}: {name} is left out: {error}")
         states = random_states(robot, options.states, rng)
-        times = measure(checkers, states)
+        times = times_of(checkers, states)
         many = random_states(robot, options.compared, rng)
         truth = checkers[TRUTH](many) if TRUTH in checkers and options.compared else None
+        here = {"world": world, "objects": len(objects)}
         for name, check in checkers.items():
-            found = compared(name, check, many, truth)
-            share = float(check(states).mean())
-            rows.append(
-                Row(world, len(objects), name, 1 / times[name], 1e6 * times[name], share, *found)
-            )
-        motions.append(motion_row(world, len(objects), checker, many, options.motions))
+            row = here | {"checker": name} | timed(times[name])
+            row["colliding"] = float(check(states).mean())
+            rows.append(row | compared(name, check, many, truth))
+        motions.append(here | motion_row(checker, many, options.motions))
     return rows, motions
+
+
+COLUMNS = {
+    "world": ("world", "{}"), "objects": ("objects", "{}"), "checker": ("checker", "{}"),
+    "microseconds": ("us per state", "{:.2f}"),
+    "states_per_second": ("states per second", "{:,.0f}"),
+    "us_per_motion": ("us per motion", "{:.0f}"), "motions_per_second": ("per second", "{:,.0f}"),
+    "times": ("this library is", "{:.1f} x as fast"), "colliding": ("colliding", "{:.0%}"),
+    "free": ("free", "{:.0%}"), "undecided": ("undecided", "{}"),
+    "compared": ("compared", "{:,}"), "missed": ("missed", "{}"),
+    "false_alarms": ("false alarms", "{:.2%}"), "states": ("states", "{}"),
+    "chunks": ("chunks", "{:,}"), "median": ("median (ms)", "{:.2f}"),
+    "p99": ("99 % (ms)", "{:.2f}"), "longest": ("longest (ms)", "{:.2f}"),
+    "valid": ("valid", "{:.0%}"),
+}  # fmt: skip
+"""Heads and formats of figures, in the order of the columns."""
 
 
 def table(rows: Sequence[Row]) -> list[list[str]]:
     """Return header and lines, as text cells."""
-    ours = {row.world: row.microseconds for row in rows if row.checker == OURS}
-    header = [
-        "world", "objects", "checker", "us per state", "states per second", "this library is",
-        "colliding", "compared", "missed", "false alarms",
-    ]  # fmt: skip
-    lines = [
-        [
-            row.world, str(row.objects), row.checker, f"{row.microseconds:.2f}",
-            f"{row.states_per_second:,.0f}", f"{row.microseconds / ours[row.world]:.1f} x as fast",
-            f"{100 * row.colliding:.0f} %", f"{row.compared:,}" if row.compared else "",
-            str(row.missed) if row.compared else "",
-            f"{100 * row.false_alarms:.2f} %" if row.compared else "",
-        ]
-        for row in rows
-    ]  # fmt: skip
-    return [header, *lines]
-
-
-def motion_table(rows: Sequence[MotionRow]) -> list[list[str]]:
-    """Return header and lines, as text cells."""
-    header = ["world", "objects", "us per motion", "per second", "free", "undecided", "missed"]
-    lines = [
-        [
-            row.world, str(row.objects), f"{row.microseconds:.0f}",
-            f"{row.motions_per_second:,.0f}", f"{100 * row.free:.0f} %", str(row.undecided),
-            str(row.missed),
-        ]
-        for row in rows
-    ]  # fmt: skip
-    return [header, *lines]
-
-
-def kinematics_table(rows: Sequence[KinematicsRow]) -> list[list[str]]:
-    """Return header and lines, as text cells."""
-    lines = [
-        [row.checker, f"{row.microseconds:.2f}", f"{row.states_per_second:,.0f}"] for row in rows
-    ]
-    return [["kinematics", "us per state", "states per second"], *lines]
-
-
-def chunk_table(row: ChunkRow) -> list[list[str]]:
-    """Return header and line, as text cells."""
-    header = ["world", "states", "chunks", "median (ms)", "99 % (ms)", "longest (ms)", "valid"]
-    times = (f"{time:.2f}" for time in (row.median, row.p99, row.longest))
-    counts = str(row.states), f"{row.chunks:,}"
-    return [header, [row.world, *counts, *times, f"{100 * row.valid:.0f} %"]]
+    shown = [name for name in COLUMNS if any(name in row for row in rows)]
+    cells = [[COLUMNS[n][1].format(row[n]) if n in row else "" for n in shown] for row in rows]
+    return [[COLUMNS[name][0] for name in shown], *cells]
 
 
 def save_plot(rows: Sequence[Row], path: Path) -> None:
@@ -331,14 +267,16 @@ def save_plot(rows: Sequence[Row], path: Path) -> None:
 
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
-    names = list(dict.fromkeys(row.checker for row in rows))
-    places = {world: n for n, world in enumerate(dict.fromkeys(row.world for row in rows))}
+    names = list(dict.fromkeys(row["checker"] for row in rows))
+    places = {world: n for n, world in enumerate(dict.fromkeys(row["world"] for row in rows))}
     for name in names:
-        some = [row for row in rows if row.checker == name]
+        some = [row for row in rows if row["checker"] == name]
         axes.plot(
-            [places[row.world] for row in some], [row.states_per_second for row in some], "o-",
+            [places[row["world"]] for row in some],
+            [row["states_per_second"] for row in some],
+            "o-",
             label=name,
-        )  # fmt: skip
+        )
     axes.set_xticks(list(places.values()), list(places), rotation=30, ha="right")
     axes.set_yscale("log")
     axes.set_ylabel("states per second, one core")
@@ -372,29 +310,18 @@ def parser() -> Parser:
     return made
 
 
-def measure_node(options: argparse.Namespace) -> Measured:
-    """Measure the node; return tables and all figures."""
-    row = chunk_row(options)
-    return {"latency": chunk_table(row)}, {"latency": asdict(row)}
-
-
-def measure_library(options: argparse.Namespace) -> Measured:
-    """Measure the library beside others; return tables and all figures, and draw them."""
+def measure(options: argparse.Namespace) -> dict[str, list[Row]]:
+    """Measure a node, or the library beside others; return rows by name of the table."""
+    if options.latency:
+        return {"latency": [chunk_row(options)]}
     kinematics = kinematics_rows(options)
     rows, motions = run(options)
+    ours = {row["world"]: row["microseconds"] for row in rows if row["checker"] == OURS}
+    for row in rows:
+        row["times"] = row["microseconds"] / ours[row["world"]]
     if options.plot:
         save_plot(rows, options.plot)
-    tables = {
-        "states": table(rows),
-        "motions": motion_table(motions),
-        "kinematics": kinematics_table(kinematics),
-    }
-    figures = {
-        "states": [asdict(row) for row in rows],
-        "motions": [asdict(row) for row in motions],
-        "kinematics": [asdict(row) for row in kinematics],
-    }
-    return tables, figures
+    return {"states": rows, "motions": motions, "kinematics": kinematics}
 
 
 @interruptible("python -m tools.robots")
@@ -409,12 +336,12 @@ def main(args: Sequence[str] | None = None) -> int:
     before = threads()
     set_threads(1)
     try:
-        tables, report = measure_node(options) if options.latency else measure_library(options)
+        report = measure(options)
     except (ValueError, OSError) as error:  # TimeoutError, too
         made.error(str(error))
     finally:
         set_threads(before)
-    blocks = {f"robots {name}": f"\n{as_markdown(lines)}\n" for name, lines in tables.items()}
+    blocks = {f"robots {name}": f"\n{as_markdown(table(rows))}\n" for name, rows in report.items()}
     print(*(block.strip() for block in blocks.values()), sep="\n\n")
     if options.json:
         options.json.write_text(json.dumps(report, indent=1) + "\n")

@@ -25,10 +25,9 @@ from obb_collision.commands import SUBCOMMANDS
 
 ROOT = Path(__file__).parents[2]
 TOOLS = (
-    *("budget", "certainty", "faults", "fuzz", "goals", "known_bugs", "latency", "points"),
+    *("certainty", "faults", "fuzz", "goals", "known_bugs", "latency"),
     *("regions", "robots", "soak", "peers.effects", "peers.engines"),
     *("weight", "wrong_answers", "peers.convex_distances", "peers.sweeps", "peers.meshes"),
-    "peers.mesh_distances",
 )
 SCRIPTS = dict(
     re.findall(r'"(obb_collision\w*) = ([\w.]+:\w+)"', (ROOT / "setup.py").read_text("utf-8"))

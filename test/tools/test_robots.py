@@ -88,7 +88,7 @@ def test_a_node_answers_chunks_of_states(
     file = tmp_path / "latency.json"
     options = ["--packages", str(CONFIG), "--latency", "10", "--json", str(file)]
     assert robots.main([*ARM, *options]) == 0
-    row = json.loads(file.read_text())["latency"]
+    row = json.loads(file.read_text())["latency"][0]
     assert (row["world"], row["states"], row["chunks"]) == ("30 boxes", 50, 10)
     assert 0.0 < row["median"] <= row["p99"] <= row["longest"]
     assert 0.0 < row["valid"] < 1.0

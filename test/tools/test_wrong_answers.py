@@ -26,7 +26,7 @@ from support import family, stored
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts
-from tools import judges, wrong_answers
+from tools import wrong_answers
 from tools.cases.families import FAMILIES, generate
 
 
@@ -77,13 +77,13 @@ def test_one_family_by_part_of_its_name(capsys: pytest.CaptureFixture[str]) -> N
 def test_a_missing_peer_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missing = judges.Peer("nobody", "no-such-distribution", "no_such_module", _never, "")
+    missing = wrong_answers.Peer("nobody", "no-such-distribution", "no_such_module", _never, "")
     monkeypatch.setattr(wrong_answers, "PEERS", (missing,))
     assert wrong_answers.main(["--pairs", "5", "--family", "ordinary"]) == 0
     assert "nobody: not installed" in capsys.readouterr().out
 
 
-def _never(module: object) -> judges.Judge:
+def _never(module: object) -> wrong_answers.Judge:
     raise AssertionError(module)
 
 
@@ -95,19 +95,21 @@ def test_a_wrong_verdict_fails_the_command(monkeypatch: pytest.MonkeyPatch) -> N
     assert wrong_answers.main(["--pairs", "20", "--family", "ordinary"]) == 1
 
 
-@pytest.mark.parametrize("peer", judges.PEERS, ids=lambda peer: peer.name)
-def test_judges_are_right_where_it_is_easy(peer: judges.Peer) -> None:
+@pytest.mark.parametrize("peer", wrong_answers.PEERS, ids=lambda peer: peer.name)
+def test_judges_are_right_where_it_is_easy(peer: wrong_answers.Peer) -> None:
     """A column of wrong answers must not come from asking a peer the wrong way."""
     judge = peer.judge()
     if judge is None:
         pytest.skip(f"{peer.name} is not installed")
-    for ask in (judge, judges.textbook):
+    for ask in (judge, wrong_answers.textbook):
         for name in ("ordinary scene", "each of the 15 axes alone"):
             a, b = generate(name, 300, seed=1)
             gaps = oracle.relative_separations(a, b)
             clear = np.abs(gaps) > 1e-4
             assert clear.sum() > 50
-            np.testing.assert_array_equal(ask(a, b)[clear] == judges.COLLIDING, gaps[clear] < 0.0)
+            np.testing.assert_array_equal(
+                ask(a, b)[clear] == wrong_answers.COLLIDING, gaps[clear] < 0.0
+            )
 
 
 def test_families_do_not_depend_on_one_another() -> None:

@@ -14,7 +14,7 @@
 
 """Faults around a node, each made with real processes, and what the node did.
 
-``bench`` starts a node in another process and asks it, ``peers`` are programs beside it. The faults
-are in ``processes``, ``times``, ``loads``, ``resources`` and ``caches``, one function per fault;
-``faults`` has the list of them, and ``command`` is the console script ``python -m tools.faults``.
+``bench`` starts a node in another process and asks it, ``peers`` are programs beside it. The
+faults are in ``processes`` and ``resources``, one function per fault; ``__main__`` has the list of
+them, and is ``python -m tools.faults``.
 """

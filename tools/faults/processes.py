@@ -11,8 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""Faults of processes: publishers, nodes and subscribers that are killed, frozen or do not read."""
+"""Faults of processes and loads: programs killed, frozen or not reading; too much to do."""
 
 from __future__ import annotations
 
@@ -181,3 +180,62 @@ def stop_reader(bench: Bench) -> str:
         f"longest time between two answers {during:.3f} s, {before:.3f} s before; memory of the "
         f"node grew by {total:.1f} MiB in 6 s, {grown:.1f} of them in the last 4"
     )
+
+
+SECONDS = 5.0
+LONGEST = 1.0
+"""Seconds between two answers under load, at most, of a node with a processor of its own: more by
+as much as it waited for one, because what makes the load runs on the same machine."""
+RECOVERY = 1.0
+"""Seconds in which a node must answer as soon as ever after a load."""
+
+
+def overload(bench: Bench) -> str:
+    """Send as fast as two processes can, for some seconds."""
+    node = bench.start("max_objects:=600")
+    senders = [bench.peer("sender") for _ in range(2)]
+    bench.until(lambda: bench.value("objects", "count") > 500, "objects of the senders")
+    memory = node.status("VmRSS")
+    before = node.scheduled()
+    during = bench.probes(SECONDS)
+    most = LONGEST * node.crowding(before)
+    check(during <= most, f"{during:.2f} s between two answers, {most:.2f} allowed")
+    delay = bench.value("cycle", "longest delay (s)")
+    for sender in senders:
+        sender.send(signal.SIGINT)
+    for sender in senders:
+        sender.end()
+    before = node.scheduled()
+    recovery = bench.probe()
+    most = RECOVERY * node.crowding(before)
+    check(recovery <= most, f"right only {recovery:.2f} s after the load, {most:.2f} allowed")
+    grown = (node.status("VmRSS") - memory) / 2**20
+    bench.spin(1.1)  # for /diagnostics of after that
+    topics = ("input objects", "input object_poses")
+    lost, superseded, messages = (
+        sum(bench.value(topic, key) for topic in topics)
+        for key in ("lost", "superseded", "messages")
+    )
+    check(lost + superseded > 0, "no drop was counted")
+    return (
+        f"longest time between two answers {during:.3f} s, longest delay of a state {delay:.3f} s; "
+        f"{messages:,.0f} messages taken, {lost:,.0f} lost, {superseded:,.0f} states superseded; "
+        f"right {recovery:.2f} s after it ended; memory grew by {grown:.1f} MiB"
+    )
+
+
+def storm_parameters(bench: Bench) -> str:
+    """Set parameters from three processes, right and wrong ones, for some seconds."""
+    node = bench.start()
+    setters = [bench.peer("setter") for _ in range(3)]
+    before = node.scheduled()
+    during = bench.probes(SECONDS)
+    most = LONGEST * node.crowding(before)
+    check(during <= most, f"{during:.2f} s between two answers, {most:.2f} allowed")
+    for setter in setters:
+        setter.kill()
+    before = node.scheduled()
+    after = bench.probe()
+    most = RECOVERY * node.crowding(before)
+    check(after <= most, f"right only {after:.2f} s after it, {most:.2f} allowed")
+    return f"longest time between two answers {during:.3f} s; right {after:.2f} s after it"

@@ -14,8 +14,8 @@
 
 """Hostile messages, bytes and files on all inputs of a node in another process.
 
-``mutations`` spoils messages and bytes, ``files`` and ``messages`` make what is sent. ``process``
-is the node's process, ``session`` an attack on it, ``attack`` all parts of an attack, one after the
-other or in several processes, ``file_attack`` its part about files. ``command`` is the console
-script ``python -m tools.fuzz``, ``report`` what it prints.
+``mutations`` spoils messages and bytes; ``files``, ``messages``, ``cases`` and ``robot`` make what
+is sent. ``process`` is the node's process and ``frames`` what runs in it, ``client`` talks to it,
+``session`` is an attack on it with its ``probes``, ``attack`` all parts of one. ``__main__`` is
+``python -m tools.fuzz``, ``report`` what it prints.
 """

@@ -11,19 +11,22 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""The parts of an attack in one process, or a share of each in several.
 
-
-"""The parts of an attack in one process, or a share of each in several."""
+Files are read by a process that is watched, and some are given to a node at its start.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import time
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -31,16 +34,13 @@ from pathlib import Path
 from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.robots.robot_input import JOINT_STATES
-from tools.fuzz.file_attack import attack_node, attack_reader
-from tools.fuzz.files.scenes import READERS
-from tools.fuzz.messages.cases import CASES
-from tools.fuzz.messages.robot_messages import ARGUMENTS, LATCHED, ROBOT
-from tools.fuzz.messages.stream import Stream
-from tools.fuzz.process.canary import Canary
-from tools.fuzz.process.child import Child
-from tools.fuzz.session.client import Client, FoundError
-from tools.fuzz.session.result import Result
-from tools.fuzz.session.session import Session
+from tools.fuzz.cases import CASES, Stream
+from tools.fuzz.client import STARTING, Client, FoundError
+from tools.fuzz.files import READERS, mutated_scene
+from tools.fuzz.process import Canary, Child
+from tools.fuzz.report import Result
+from tools.fuzz.robot import ARGUMENTS, LATCHED, ROBOT
+from tools.fuzz.session import Session
 from tools.middleware import for_large_messages
 
 LARGEST_DOMAIN = 100
@@ -48,7 +48,7 @@ PROGRESS = 5.0
 """Seconds between two lines of progress."""
 BATCH = 100
 """Hostile messages between two probes."""
-MODULE = "tools.fuzz.process.frames"
+MODULE = "tools.fuzz.frames"
 DEPTH = 1000
 """Messages that a topic of the node queues."""
 PER_NODE = 200
@@ -201,3 +201,49 @@ class Attack:
                     f"{self.reached} of {last}, {rate:.0f} per second, longest time without an "
                     f"answer {longest:.3f} s\n"
                 )
+
+
+READING = 10.0
+"""Seconds that a file may take, without those for which its reader waits for a processor."""
+REFUSED = 1
+"""Exit code of a node whose scene file can't be used."""
+READY = "ready: "
+"""In the log of a node that has started."""
+
+
+def attack_reader(what: str, folder: Path, seed: int, first: int, last: int) -> tuple[int, float]:
+    """Have files read ("scene" or "robot"); returns how many were refused, the longest time (s)."""
+    numbers = [str(number) for number in (seed, first, last)]
+    module = "tools.fuzz.files"
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, what, str(folder), *numbers],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    output, errors = process.communicate()
+    done = [json.loads(line) for line in output.splitlines()]
+    if process.returncode != 0 or len(done) != last - first:
+        raise FoundError(f"{what}:{first + len(done)} ended its reader: {errors[-2000:]}")
+    longest = max(done, key=lambda row: row[1])
+    if longest[1] > READING:
+        raise FoundError(f"{what}:{longest[0]} took {longest[1]:.1f} s")
+    return sum(bool(refused) for _, _, refused in done), longest[1]
+
+
+def attack_node(folder: Path, seed: int, number: int, start: Callable[[list[str]], Child]) -> bool:
+    """Start a node with a scene file; returns whether it took it."""
+    path = folder / "node_scene.yaml"
+    path.write_bytes(mutated_scene(seed, number))
+    child = start(["-p", f"scene_file:={path}"])
+    end = time.monotonic() + STARTING
+    while child.exit_code is None and READY not in "\n".join(child.lines()):
+        if time.monotonic() > end:
+            child.end()
+            raise FoundError(f"a node with scene:{number} neither started nor ended")
+        time.sleep(0.05)
+    taken = child.exit_code is None
+    code, lines = child.end(), child.lines()
+    if code != (0 if taken else REFUSED) or any("Traceback" in line for line in lines):
+        raise FoundError(f"a node with scene:{number} ended with {code}: {lines[-1:]}")
+    return taken

@@ -11,15 +11,76 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-
-"""What an attack prints, and what in its result is a fault."""
+"""Results of an attack: what was sent and seen, growth of the node, and what of it is a fault."""
 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, field
+from statistics import median
 
-from tools.fuzz.session.result import Result
+from tools.fuzz.process import Usage
+
+WARM_UP = 0.2
+"""Share of the samples before the first one that counts."""
+FEWEST = 40
+"""Samples from which on growth is judged."""
+
+
+class Usages:
+    """Samples of what a process uses."""
+
+    def __init__(self) -> None:
+        self.samples: list[Usage] = []
+
+    def add(self, usage: Usage | None) -> None:
+        """Add a sample, if there is one."""
+        if usage is not None:
+            self.samples.append(usage)
+
+    def growth(self) -> Usage | None:
+        """Return by how much the median of the last samples exceeds that after warm-up.
+
+        None where there are too few samples.
+        """
+        count = len(self.samples)
+        if count < FEWEST:
+            return None
+        size = int(WARM_UP * count)
+        early, late = self.samples[size : 2 * size], self.samples[-size:]
+        columns = zip(zip(*early, strict=True), zip(*late, strict=True), strict=True)
+        return Usage(*(round(median(after) - median(before)) for before, after in columns))
+
+    def course(self) -> list[float]:
+        """Return the median memory (bytes) of each tenth of the samples, in their order."""
+        size = max(1, len(self.samples) // 10)
+        parts = [self.samples[k : k + size] for k in range(0, len(self.samples), size)]
+        return [median(usage.memory for usage in part) for part in parts]
+
+
+@dataclass
+class Result:
+    """What was sent and seen."""
+
+    sent: Counter[str] = field(default_factory=Counter)
+    """Messages and requests by topic and service."""
+    probes: Counter[str] = field(default_factory=Counter)
+    """Answered probes by the way in which their boxes came."""
+    again: int = 0
+    """Sets of boxes that were sent again, as a hostile one had a later stamp."""
+    longest: float = 0.0
+    """Longest time between two answers (s)."""
+    lost: int = 0
+    """Answers that the middleware lost on their way; times without them are not judged."""
+    excused: int = 0
+    """Times that were longer than allowed only because the machine had other work."""
+    late: list[tuple[str, float, float]] = field(default_factory=list)
+    """Where one was longer than allowed: the batch, its length and what is allowed."""
+    usages: Usages = field(default_factory=Usages)
+    received: Counter[str] = field(default_factory=Counter)
+    """Messages that the node has received, and those that its queues lost."""
+    refused: Counter[str] = field(default_factory=Counter)
+
 
 MORE = 8
 """Descriptors and threads by which a node may grow after warm-up: of what comes and goes."""

@@ -49,7 +49,7 @@ from obb_collision.queries.convex.support import (
     ConvexBodies,
 )
 from obb_collision.typing import Floats, Rows
-from tools.peers.mesh_distances import Ask
+from tools.peers.effects import Ask
 from tools.peers.meshes import TURNS
 
 KINDS = {

@@ -14,8 +14,7 @@
 
 """A node in another process at full rate for a long time, every answer checked.
 
-``world`` is what the scene is, and what changes with each step; ``truth`` says by brute force which
-of its bodies collide, ``encoding`` makes the messages of a step, ``session`` sends them;
-``checker`` judges the answers, ``watch`` reads what a process holds, ``result`` says what held;
-``command`` is the console script ``python -m tools.soak``.
+``world`` has the bodies, the changes of each step and their messages; ``session`` sends them;
+``checker`` judges the answers by brute force; ``result`` says what held, and reads what a process
+holds; ``__main__`` is ``python -m tools.soak``.
 """

@@ -20,21 +20,23 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
-from tools.fuzz.process.child import Child
-from tools.progress import Bar
-from tools.soak.result import Result
-from tools.soak.session import LostError, Session
-from tools.soak.watch import sample
+from tools.fuzz.client import FoundError
+from tools.fuzz.process import Child
+from tools.soak.result import Result, sample
+from tools.soak.session import Session
 
 LARGEST_DOMAIN = 100
 SAMPLE_PERIOD = 0.5
 """Seconds between two looks at the memory of the node."""
+PROGRESS = 10.0
+"""Seconds between two lines of progress."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -71,7 +73,7 @@ def main(args: Sequence[str] | None = None) -> int:
             session.begin(child)
             _run(session, child, result, options)
             session.end(child)
-        except LostError as error:
+        except FoundError as error:
             result.stopped = str(error)
         except KeyboardInterrupt:
             result.stopped = "interrupted"
@@ -89,24 +91,24 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _run(session: Session, child: Child, result: Result, options: argparse.Namespace) -> None:
     """Make steps until the time is over, or an answer is wrong."""
-    start = due = time.monotonic()
+    start = due = shown_at = time.monotonic()
     warm = options.warm_up
     if warm is None:
         warm = min(60.0, options.seconds / 5.0)
-    bar = Bar(options.seconds, "s")
-    try:
-        while (passed := time.monotonic() - start) < options.seconds and not result.wrong:
-            if options.steps and result.steps >= options.steps:
-                break
-            session.step(child)
-            result.seconds = time.monotonic() - start
-            if time.monotonic() >= due:
-                due += SAMPLE_PERIOD
-                if passed >= warm:
-                    result.samples.append(sample(child.number, passed))
-                bar.show(passed, f"{result.checked} answers checked, {result.wrong} wrong")
-    finally:
-        bar.end()
+    while (passed := time.monotonic() - start) < options.seconds and not result.wrong:
+        if options.steps and result.steps >= options.steps:
+            break
+        session.step(child)
+        now = time.monotonic()
+        result.seconds = now - start
+        if now >= due:
+            due += SAMPLE_PERIOD
+            if passed >= warm:
+                result.samples.append(sample(child.number, passed))
+        if now > shown_at + PROGRESS:
+            shown_at = now
+            text = f"{passed:.0f} of {options.seconds:.0f} s: {result.checked} answers checked"
+            print(text, file=sys.stderr, flush=True)
 
 
 def _print(result: Result, seed: int) -> list[str]:

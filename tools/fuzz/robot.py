@@ -11,13 +11,14 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""Messages on the topics of a robot: descriptions, joints, states, trajectories, good and bad."""
+"""Messages on the topics of a robot, good and bad, and states whose answers are verified."""
 
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
@@ -25,18 +26,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.messages.clouds import cloud_to_ros
-from obb_collision.node.messages.conversions import duration_to_ros, pose_to_ros
+from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
+from obb_collision.node.messages.conversions import duration_to_ros, pose_to_ros, stamp_to_ros
+from obb_collision.node.robots.validity import NOT_KNOWN
 from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.description.robot import Robot
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
-from tools.fuzz.files.meshes import OBJ
-from tools.fuzz.files.robots import MESH, SRDF, mutated, urdf
-from tools.fuzz.messages.messages import Messages
+from tools.fuzz.client import Client, FoundError
+from tools.fuzz.files import MESH, OBJ, SRDF, mutated, urdf
+from tools.fuzz.messages import Messages
+from tools.fuzz.process import Child
 
 ROBOT = "bot"
 ARGUMENTS = ("-p", f"robots:=['{ROBOT}']", "-p", f"robot_bases:=['{ROBOT}: 0 0 0 0 0 0 1']")
@@ -171,3 +175,45 @@ class RobotMessages:
         ]
         possible, alone = (one.check(states).valid for one in (self._holding, self._alone))
         return Question(messages, possible, alone)
+
+
+KNOWN = 20.0
+"""Seconds in which the robot must be known: it may be that a process reads meshes of another."""
+CLEARING = 2.0
+"""Seconds after which objects are removed again; each time the robot is read anew."""
+
+
+def ask_robot(robot: RobotMessages, random: Random, client: Client, child: Child) -> None:
+    """Remove all objects, send good messages and ask for states, until all that can be are valid.
+
+    That they are not may be for a time: hostile objects that waited in a queue come after they were
+    removed, and are removed again, and what is attached comes by another topic. FoundError for
+    others that are valid, and where it lasts.
+    """
+    number, start, before, next_time = random.getrandbits(31), time.monotonic(), child.delays(), 0.0
+    seen: object = None
+    while time.monotonic() < start + KNOWN + child.waited(before):
+        if time.monotonic() > next_time:
+            client.call(child, Trigger, "clear", Trigger.Request())
+            next_time = time.monotonic() + CLEARING
+        header = Header(stamp=stamp_to_ros(time.time_ns()), frame_id="map")
+        question = robot.question(number, header)
+        seen = _ask(question, header, client, child)
+        if seen is None:
+            return
+    raise FoundError(f"after {KNOWN:g} s states of the robot are {seen}; {client.status()}")
+
+
+def _ask(question: Question, header: Header, client: Client, child: Child) -> object:
+    """Send messages and wait for the answer; returns it where it is not what it shall become."""
+    for topic, message in question.messages:
+        client.publishers[topic].publish(message)
+    reached = partial(client.answer_at, header.stamp)
+    answer = client.until(child, reached, "answer about states of the robot")
+    rows = cloud_from_ros(answer, ("valid", "reason"))
+    valid = rows["valid"].astype(bool)
+    known = len(rows) == len(question.possible) and bool((rows["reason"] != NOT_KNOWN).all())
+    may_be = question.alone if known else np.zeros(len(rows), bool)
+    if len(rows) != len(may_be) or (valid & ~may_be).any():
+        raise FoundError(f"of states of the robot valid are {rows}, possible are {may_be}")
+    return None if known and np.array_equal(valid, question.possible) else rows

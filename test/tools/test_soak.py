@@ -12,22 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What counts as wrong: any pair missing or too many, or a depth, whatever of a step is there."""
+"""The soak: what counts as wrong, the brute force behind it, and a short run."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import oracle
 import pytest
 
 pytest.importorskip("rclpy")
+import rig  # noqa: F401 - of this machine only
+
 from obb_collision.node.topics.topics import COLLISIONS
-from tools.soak.checker import Checker, Found, found_in, pair_of
-from tools.soak.encoding import rows_of
-from tools.soak.result import Result
-from tools.soak.truth import truth_of
-from tools.soak.watch import Sample
+from tools.soak import __main__ as command
+from tools.soak.checker import Checker, Found, found_in, pair_of, rotations_of, truth_of
+from tools.soak.result import Result, Sample
 from tools.soak.world import (
     BOXES,
     MARKERS,
@@ -39,6 +42,7 @@ from tools.soak.world import (
     World,
     anchor,
     beacon,
+    rows_of,
 )
 
 
@@ -74,7 +78,7 @@ def after(checker: Checker, changes: dict[str, Change], *topics: str) -> Bodies:
 
 
 def test_answers_with_any_changes_of_a_step_are_right_if_they_are(checker: Checker) -> None:
-    result = checker._result
+    result = checker.result
     assert checker.judge(rows(right(checker.world.bodies)))
     for number in range(20):
         changes = checker.world.step()
@@ -121,7 +125,7 @@ def test_a_wrong_answer_is_found(
     found = right(checker.world.bodies)
     spoil(found)
     checker.judge(rows(found))
-    result = checker._result
+    result = checker.result
     assert result.wrong == 1
     assert "1 wrong answers" in result.faults()
     assert what in result.failure
@@ -131,7 +135,7 @@ def test_a_wrong_answer_is_found(
 def test_a_pair_that_is_there_twice_is_wrong(checker: Checker) -> None:
     table = rows(right(checker.world.bodies))
     checker.judge(np.concatenate([table, table[:1]]))
-    assert checker._result.wrong == 1
+    assert checker.result.wrong == 1
 
 
 def test_an_answer_to_the_step_before_is_wrong_afterwards(checker: Checker) -> None:
@@ -140,7 +144,7 @@ def test_an_answer_to_the_step_before_is_wrong_afterwards(checker: Checker) -> N
     checker.begin(changes)
     checker.end()
     checker.judge(rows(before))
-    assert checker._result.wrong == 1
+    assert checker.result.wrong == 1
 
 
 def test_single_poses_may_come_one_by_one_in_order(checker: Checker) -> None:
@@ -153,10 +157,10 @@ def test_single_poses_may_come_one_by_one_in_order(checker: Checker) -> None:
     checker.begin({TRANSFORM: Change({**moved, beacon(TRANSFORM): lit._replace(pose=at.pose)})})
     some = dict(checker.world.bodies) | {first: moved[first]}
     assert not checker.judge(rows(right(some)))
-    assert checker._result.wrong == 0
+    assert checker.result.wrong == 0
     some = dict(checker.world.bodies) | {second: moved[second]}
     checker.judge(rows(right(some)))
-    assert checker._result.wrong == 1
+    assert checker.result.wrong == 1
 
 
 def test_rows_are_read_as_they_were_written(checker: Checker) -> None:
@@ -205,3 +209,76 @@ def test_growth_is_found() -> None:
     result.samples = [Sample(k, 100.0 + 0.02 * k, 50.0, 20 + k, 10) for k in range(100)]
     assert result.faults() == ["memory grew by 1.8 MB", "descriptors grew by 90"]
     assert "memory of the node (MB): 100.09 after the warm-up, 101.89 at the end" in result.lines()
+
+
+def test_brute_force_is_right() -> None:
+    seen = set()
+    for seed in range(5):
+        world = World(seed, 40)
+        world.apply(world.first())
+        world.apply(world.step())
+        poses, sizes = rows_of(world.bodies)
+        boxes = list(zip(poses[:, :3], rotations_of(poses[:, 3:]), 0.5 * sizes, strict=True))
+        i, j = np.triu_indices(len(boxes), 1)
+        pairs = [oracle.ExactPair(boxes[a], boxes[b]) for a, b in zip(i, j, strict=True)]
+        verdicts = np.array([pair.verdict() for pair in pairs])
+        truth = truth_of(poses, sizes)
+        assert truth.sure.all()
+        colliding = np.flatnonzero(verdicts != oracle.SEPARATE)
+        assert truth.pairs.tolist() == np.stack([i, j], axis=1)[colliding].tolist()
+        depths = [-pairs[k].separation() for k in colliding]
+        np.testing.assert_allclose(truth.depths, depths, atol=1e-12)
+        seen |= set(verdicts.tolist())
+    assert seen == {oracle.SEPARATE, oracle.TOUCHING, oracle.OVERLAP}, "some rest on others"
+
+
+def test_what_doubles_do_not_decide_is_said() -> None:
+    turned = np.array([0.0, 0.0, np.sin(0.3), np.cos(0.3)])
+    # edge to edge along the rotated x axis, apart by less than is sure
+    offset = 1.0 * rotations_of(turned[None])[0, :, 0]
+    poses = np.array([[0.0, 0.0, 0.0, *turned], [*(offset * (1.0 + 1e-11)), *turned]])
+    truth = truth_of(poses, np.ones((2, 3)))
+    assert truth.pairs.tolist() == [[0, 1]]
+    assert not truth.sure[0]
+    poses[:, 3:] = 0.0, 0.0, 0.0, 1.0
+    poses[1, :3] = 1.0, 1.0, 1.0
+    truth = truth_of(poses, np.ones((2, 3)))
+    assert truth.sure.all()
+    assert truth.depths.tolist() == [0.0]
+
+
+@pytest.mark.slow  # .ci/full runs a long one
+def test_a_short_soak_holds(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "result.json"
+    arguments = ["--seconds", "1000", "--steps", "60", "--seed", "2", "--json", str(file)]
+    # what caches fill in the first seconds is no growth
+    code = command.main([*arguments, "--objects", "40", "--growth", "100"])
+    output = capfd.readouterr().out
+    assert code == 0, output
+    assert output.endswith("everything held\n")
+    result = json.loads(file.read_text())
+    assert result["steps"] == 60
+    assert result["checked"] >= 60
+    assert result["wrong"] == result["unsure"] == 0
+    assert result["not held"] == []
+    assert min(result["sent"].values()) > 5
+    assert min(result["bodies"].values()) > 5
+    assert result["latency (ms)"]["99 %"] > 0.0
+
+
+@pytest.mark.slow  # test_checker.py finds them without a node
+def test_objects_that_are_missing_are_found(capfd: pytest.CaptureFixture[str]) -> None:
+    # whatever has moved is in no pair by the next check, however soon that is
+    wrong = ["-p", "object_timeout:=0.000001", "-p", "stale_policy:=ignore"]
+    code = command.main(["--seconds", "60", "--objects", "30", "--", *wrong])
+    output = capfd.readouterr().out
+    assert code == 1
+    assert '"missing"' in output
+    assert "python -m tools.soak --seed 1 --steps" in output
+    assert "\nNOT held: " in output
+    assert "wrong answers" in output
+
+
+def test_a_node_that_ends_is_found(capfd: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--", "--no-such-argument"]) == 1
+    assert "NOT held: the node ended with" in capfd.readouterr().out

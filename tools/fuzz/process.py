@@ -11,8 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""The node in a process of its own: started, watched, ended."""
+"""The node in a process of its own, and a process that shows when the machine stood still."""
 
 from __future__ import annotations
 
@@ -121,3 +120,55 @@ class Child:
     def last_lines(log: Path, count: int = 20) -> list[str]:
         """Return the last lines of the output of a process."""
         return log.read_text(errors="replace").splitlines()[-count:]
+
+
+NAP = 0.005
+"""Seconds of a sleep."""
+LATE = 0.01
+"""Seconds by which it wakes late that count."""
+SLEEPER = f"""
+import os, time
+parent = os.getppid()
+os.write(1, b"awake\\n")
+while os.getppid() == parent:
+    wanted = time.time() + {NAP}
+    time.sleep({NAP})
+    if (woken := time.time()) > wanted + {LATE}:
+        os.write(1, f"{{wanted}} {{woken}}\\n".encode())
+"""
+"""Prints when it should have woken and when it did (s since 1970)."""
+
+
+class Canary:
+    """A process that only sleeps, and says how late it woke.
+
+    Whatever keeps it from running keeps others from it, too: other programs, a hypervisor that
+    gives the processor away, memory that is being freed.
+    """
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", "-c", SLEEPER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
+        os.set_blocking(self._process.stdout.fileno(), False)
+        self._rest = b""
+
+    def stalls(self) -> list[tuple[float, float]]:
+        """Return since when and until when (s since 1970) it stood still, since the last call."""
+        assert self._process.stdout is not None
+        *lines, self._rest = (self._rest + (self._process.stdout.read() or b"")).split(b"\n")
+        return [(float(start), float(end)) for start, end in (line.split() for line in lines)]
+
+    @property
+    def number(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.communicate()

@@ -11,25 +11,38 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""The client of an attacked node: publishers, what it receives, hostile requests to services.
 
-"""The client of an attacked node: its publishers, what it receives, calls of services."""
+After a request to a service everything is set back as it was.
+"""
 
 from __future__ import annotations
 
 import importlib
 import time
 from collections.abc import Callable, Collection, Mapping
+from random import Random
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import SetBool
 
+from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.topics.topics import TOPICS
-from tools.fuzz.process.child import Child
+from tools.fuzz.mutations import hostile_value, mutate
+from tools.fuzz.process import Child
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STARTING = 300.0
@@ -164,19 +177,20 @@ class Client:
 
     def wait_for_start(self, child: Child) -> None:
         """Wait until the node answers, with all effects computed."""
-        inputs = [p for topic, p in self.publishers.items() if not topic.startswith("/")]
-
-        def have_subscribers() -> bool:
-            return all(publisher.get_subscription_count() for publisher in inputs)
-
-        self.until(child, have_subscribers, "inputs", STARTING)
+        self.until(child, self.have_subscribers, "inputs", STARTING)
         self.until(child, lambda: self.answers, "collisions", STARTING)
         self.until(child, lambda: self.diagnostics, "diagnostics")
-        self.until(child, self._all_computed, "effects, all computed", STARTING)
+        self.until(child, self.is_all_computed, "effects, all computed", STARTING)
 
-    def _all_computed(self) -> bool:
-        """Whether no effect waits for its kernels any more."""
-        assert self.diagnostics is not None
+    def have_subscribers(self) -> bool:
+        """Return whether the node takes what is published on its own topics."""
+        inputs = [p for topic, p in self.publishers.items() if not topic.startswith("/")]
+        return all(publisher.get_subscription_count() for publisher in inputs)
+
+    def is_all_computed(self) -> bool:
+        """Return whether no effect waits for its kernels any more."""
+        if self.diagnostics is None:
+            return False
         values = [pair for status in self.diagnostics.status for pair in status.values]
         states = [pair.value for pair in values if pair.key.startswith("effect ")]
         return bool(states) and not any("ready" in state for state in states)
@@ -185,9 +199,9 @@ class Client:
         """Return how much was refused for a reason, by the last diagnostics."""
         return self._sum("", f"rejected: {reason}")
 
-    def objects(self) -> int:
-        """Return how many objects there are, by the last diagnostics."""
-        return self._sum(": objects", "count")
+    def count(self, key: str) -> int:
+        """Return a count of the objects, by the last diagnostics."""
+        return self._sum(": objects", key)
 
     def _sum(self, name: str, key: str) -> int:
         """Return the sum of the values of a key, of the last diagnostics whose name ends so."""
@@ -237,3 +251,142 @@ class Client:
             return next((future.result() for future in futures if future.done()), None)
 
         return self.until(child, answered, f"answer {name}")
+
+
+TEXTS = ("* *", "a/* b/*", "a/1: mesh", "*: hull", "a=sphere", "", "a", "[", "file:///dev/zero")
+LONGEST_LIST = 3
+MANY = 2000
+"""Entries of the longest list."""
+SIM_TIME = "use_sim_time"
+ENDING = (
+    Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
+    Transition.TRANSITION_INACTIVE_SHUTDOWN,
+    Transition.TRANSITION_ACTIVE_SHUTDOWN,
+    Transition.TRANSITION_DESTROY,
+)
+"""Transitions from which no way leads back."""
+BACK = {
+    State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
+    State.PRIMARY_STATE_INACTIVE: Transition.TRANSITION_ACTIVATE,
+}
+
+
+class Services:
+    """The services of a node, its parameters among them."""
+
+    def __init__(self, client: Client, child: Child) -> None:
+        self._client, self._child = client, child
+        self._kinds: dict[str, type] = client.until(child, client.services, "services")
+        names = self._call("list_parameters", ListParameters.Request()).result.names
+        values = self._call("get_parameters", GetParameters.Request(names=names)).values
+        self._given = dict(zip(names, values, strict=True))
+
+    def given(self, name: str) -> Any:
+        """Return the value that a parameter had at the start, and has between two attacks."""
+        return parameter_value_to_python(self._given[name])
+
+    def _call(self, name: str, request: Any) -> Any:
+        return self._client.call(self._child, self._kinds[name], name, request)
+
+    def attack(self, random: Random) -> str:
+        """Make one hostile request, and undo what it did; returns its kind."""
+        name = random.choice(("parameter", "parameter", "clock", *self._kinds))
+        if name == "parameter":
+            self._set_one(random)
+        elif name == "clock":
+            self._disturb_clock(random)
+        else:
+            request = _hostile_request(self._kinds[name], list(self._given), random)
+            self._call(name, request)
+            self._set_back(request)
+        return name
+
+    def _set_one(self, random: Random) -> None:
+        """Set a parameter to anything, and back if that was accepted."""
+        parameter = hostile_parameter(random.choice(list(self._given)), random)
+        request = SetParameters.Request(parameters=[parameter])
+        if self._call("set_parameters", request).results[0].successful:
+            self._set_back(request)
+
+    def _set_back(self, request: Any) -> None:
+        """Undo what a request may have done."""
+        if isinstance(request, (SetParameters.Request, SetParametersAtomically.Request)):
+            names = {parameter.name for parameter in request.parameters} & self._given.keys()
+            present = self._call("get_parameters", GetParameters.Request(names=sorted(names)))
+            for name, value in zip(sorted(names), present.values, strict=True):
+                if value != self._given[name]:
+                    self._restore(name)
+        elif isinstance(request, SetBool.Request):
+            self._call("enable", SetBool.Request(data=True))
+        elif isinstance(request, ChangeState.Request):
+            self._activate()
+
+    def _restore(self, name: str) -> None:
+        parameters = [Parameter(name=name, value=self._given[name])]
+        back = self._call("set_parameters", SetParameters.Request(parameters=parameters)).results[0]
+        if not back.successful:
+            raise FoundError(f"{name} can't be set back to {self.given(name)!r}: {back.reason}")
+
+    def _activate(self) -> None:
+        """Bring a managed node back to where it answers."""
+        for _ in BACK:
+            state = self._call("get_state", GetState.Request()).current_state.id
+            if state not in BACK:
+                return
+            request = ChangeState.Request(transition=Transition(id=BACK[state]))
+            if not self._call("change_state", request).success:
+                raise FoundError(f"no way back from state {state}")
+
+    def _disturb_clock(self, random: Random) -> None:
+        """Switch to simulated time, and have it jump; then back."""
+        parameter = Parameter(name=SIM_TIME, value=ParameterValue(type=1, bool_value=True))
+        self._call("set_parameters", SetParameters.Request(parameters=[parameter]))
+        clock = self._client.publishers["/clock"]
+        self._client.until(self._child, clock.get_subscription_count, "subscription to /clock")
+        now = time.time_ns()
+        for _ in range(random.randint(1, 8)):
+            message = Clock(clock=stamp_to_ros(now + random.randint(-(10**10), 10**10)))
+            if random.random() < 0.5:
+                mutate(message, random)
+            clock.publish(serialize_message(message))
+        self._call("get_parameters", GetParameters.Request(names=[SIM_TIME]))
+        self._restore(SIM_TIME)
+
+
+def hostile_parameter(name: str, random: Random) -> Parameter:
+    """Return a parameter with a value of any type."""
+    value = ParameterValue(type=random.randrange(10))
+    value.bool_value = random.random() < 0.5
+    value.integer_value = hostile_value("int64", random)
+    value.double_value = hostile_value("double", random)
+    value.string_value = hostile_value("string", random)
+    value.byte_array_value = [b"\0"] * random.randint(0, LONGEST_LIST)
+    value.bool_array_value = [True] * random.randint(0, LONGEST_LIST)
+    value.integer_array_value = [1] * random.randint(0, LONGEST_LIST)
+    value.double_array_value = [hostile_value("double", random)] * random.randint(0, LONGEST_LIST)
+    length = MANY if random.random() < 0.02 else random.randint(0, LONGEST_LIST)
+    texts = (*TEXTS, value.string_value)
+    value.string_array_value = [random.choice(texts) for _ in range(length)]
+    return Parameter(name=name, value=value)
+
+
+def _hostile_request(kind: Any, names: list[str], random: Random) -> Any:
+    """Return a request to a service: with names of parameters and hostile ones, and mutated."""
+    request = kind.Request()
+    for name, type_name in request.get_fields_and_field_types().items():
+        if type_name == "sequence<string>":
+            given = [random.choice((*names, hostile_value("string", random))) for _ in range(5)]
+            setattr(request, name, given)
+        elif type_name == "sequence<rcl_interfaces/Parameter>":
+            some = [random.choice(names) for _ in range(random.randint(0, LONGEST_LIST))]
+            setattr(request, name, [hostile_parameter(one, random) for one in some])
+    for _ in range(random.randint(0, 3)):
+        try:
+            mutate(request, random)
+        except (AssertionError, IndexError):  # rclpy refuses it, or there is nothing to mutate
+            continue
+    if isinstance(request, ChangeState.Request) and (
+        request.transition.id in ENDING or request.transition.label
+    ):
+        request.transition.id, request.transition.label = random.randrange(5), ""
+    return request

@@ -25,8 +25,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 from tools.faults import __main__ as command
+from tools.faults.__main__ import BY_NAME, FAULTS, Fault, Outcome, attempt
 from tools.faults.bench import Bench, FaultError
-from tools.faults.faults import BY_NAME, FAULTS, Fault, Outcome, attempt
 
 SHORT = ("publisher-killed", "little-memory")
 """Faults that are made at every run of the tests; the others take minutes together."""
@@ -52,7 +52,7 @@ def test_names_and_descriptions_are_distinct() -> None:
 
 
 def test_the_page_has_every_fault_as_expected() -> None:
-    page = Path(__file__).parents[3] / "docs" / "faults.md"
+    page = Path(__file__).parents[2] / "docs" / "faults.md"
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
     assert [row.split("`")[1] for row in rows] == list(BY_NAME)
     for row, fault in zip(rows, FAULTS, strict=True):

@@ -11,7 +11,6 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
 """The node's process of an attack, with stand-ins for tf2 and vision_msgs where not installed.
 
 That for tf2 stores what it is given, as tf2 would not: what is no number comes to the node's own
@@ -36,7 +35,7 @@ from obb_collision.node.messages.conversions import NANOSECONDS, transform_from_
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
 from obb_collision.typing import Floats
-from tools.fuzz.messages.look_alikes import TYPE
+from tools.fuzz.messages import TYPE
 
 TF_TOPICS = ("/tf", "/tf_static")
 STORED = 100

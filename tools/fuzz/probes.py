@@ -11,7 +11,6 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
 """Good items among hostile ones in the same messages, and which pairs of them collide.
 
 A probe is a set of boxes with ids of its own. They arrive by markers, or are put in place by one of
@@ -46,9 +45,8 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats
-from tools.fuzz.messages.look_alikes import Box, Detection, Detections, serialised
-from tools.fuzz.messages.messages import Messages
-from tools.fuzz.mutations.fields import FLOATS, mutate
+from tools.fuzz.messages import Box, Detection, Detections, Messages, serialised
+from tools.fuzz.mutations import FLOATS, mutate
 
 NAMESPACE, SETS = "probe", "probe set"
 """Namespaces of the probes: of markers, and of sets of boxes; detections have their own."""

@@ -11,7 +11,6 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
 """One attack: hostile messages in batches, and after each batch a probe that must be answered.
 
 The longest time between two answers of the node is read from the times at which it published them,
@@ -35,12 +34,9 @@ from obb_collision.node.messages.clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros
-from tools.fuzz.messages.cases import grid
-from tools.fuzz.messages.stream import Sent, Stream
-from tools.fuzz.process.canary import Canary
-from tools.fuzz.process.child import Child
-from tools.fuzz.session.client import Answer, Client, FoundError
-from tools.fuzz.session.probes import (
+from tools.fuzz.cases import Sent, Stream, grid
+from tools.fuzz.client import Answer, Client, FoundError, Services
+from tools.fuzz.probes import (
     BOXES,
     COMPLETE,
     MOVES,
@@ -52,9 +48,9 @@ from tools.fuzz.session.probes import (
     Probes,
     header_at,
 )
-from tools.fuzz.session.result import Result
-from tools.fuzz.session.robot_probe import ask_robot
-from tools.fuzz.session.services import Services
+from tools.fuzz.process import Canary, Child
+from tools.fuzz.report import Result
+from tools.fuzz.robot import ask_robot
 
 PERIOD = 0.02
 """Seconds between two answers by the node's default rate."""
@@ -111,7 +107,7 @@ class Session:
             self._client.publishers["object_boxes"].publish(boxes)
 
             def reached(count: int = count) -> bool:
-                return self._client.objects() == count
+                return self._client.count("count") == count
 
             self._client.until(self._child, reached, f"{count} objects")
 
