@@ -40,9 +40,8 @@ from obb_collision.queries.rays.rays import cast_rays, cast_segments
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.verdict import Verdict
-from obb_collision.robots.checks.robot_scene import RobotScene
-from obb_collision.robots.description.robot import Robot
-from obb_collision.robots.proofs.proved_pairs import prove_pairs
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.broad_phase.nms import nms
@@ -77,7 +76,6 @@ __all__ = [
     "nms",
     "overlap_volumes",
     "points_inside",
-    "prove_pairs",
     "regions",
     "separations",
     "set_threads",

@@ -50,7 +50,7 @@ SUBCOMMANDS = {
     "view": ("commands:view", "a running node, live in the browser"),
     "status": ("commands:status", "what running nodes say, and an exit code of it"),
     "merge": ("commands:merge", "join the nodes of several regions, until Ctrl-C"),
-    "srdf": ("robots.proofs.srdf_command:main", "find which links of a robot can never collide"),
+    "srdf": ("robots.srdf_command:main", "find which links of a robot can never collide"),
     "warm-up": ("warm_up.command:main", "compile everything, so that later starts need not"),
     "accuracy": ("benchmarks.accuracy:main", "what each level of accuracy costs here"),
     "speed": ("benchmarks.speed:main", "how fast a scene is checked here"),

@@ -242,10 +242,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {"name": "a", "link": "rock", "pose": POSE, "touch_links": ["rock"]},
     ),
     "RobotScene.detach": (with_cup, {"name": "cup"}),
-    "prove_pairs": (
-        oc.prove_pairs,
-        {"robot": oc.Robot.from_urdf(ROCK), "time_limit": 1.0},
-    ),
+    "Robot.prove_pairs": (oc.Robot.from_urdf(ROCK).prove_pairs, {"time_limit": 1.0}),
     "Robot.link_poses": (oc.Robot.from_urdf(ROCK).link_poses, {"states": np.zeros((2, 0))}),
     "load_scene": (oc.load_scene, {"path": "none.yaml"}),
     "SceneDescription.states": (oc.SceneDescription("x", ()).states, {"time": 0.0}),

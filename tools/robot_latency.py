@@ -37,7 +37,7 @@ from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
 from obb_collision.node.robots.validity import NOT_KNOWN, ROWS
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats

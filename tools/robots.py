@@ -32,8 +32,8 @@ from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.benchmarks.tables import as_markdown, write_into
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
-from obb_collision.robots.checks.robot_scene import RobotScene
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.scene import Scene
 from obb_collision.scene_files import find_scene, load_scene
 from obb_collision.scene_files.description import SceneObject

@@ -27,7 +27,7 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import Pose
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching

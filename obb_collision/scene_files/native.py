@@ -25,7 +25,7 @@ from types import MappingProxyType
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import MODES
 from obb_collision.scene_files.description import (

@@ -434,7 +434,7 @@ def _robots() -> None:
         checker.check_motions(states[:2], states[1:])
         checker.distances(states)
     checker.check_path(states)
-    oc.prove_pairs(robot, 1.0)
+    robot.prove_pairs(1.0)
 
 
 EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level in levels)

@@ -29,7 +29,7 @@ from random import Random
 import numpy as np
 import trimesh
 
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene_files import READY, describe_scene, find_scene
 from tools.fuzz.mutations import damaged
 

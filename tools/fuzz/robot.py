@@ -33,8 +33,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import duration_to_ros, pose_to_ros, stamp_to_ros
 from obb_collision.node.robots.validity import NOT_KNOWN
-from obb_collision.robots.checks.robot_scene import RobotScene
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
 from tools.fuzz.client import Client, FoundError

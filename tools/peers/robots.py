@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 
 from obb_collision.geometry.poses import rotate_vectors
-from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.kinematics.kinematics import FIXED, PRISMATIC
+from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from obb_collision.typing import Floats, Integers, Mask

@@ -38,7 +38,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.states import AHEAD, OLDER, States
 from obb_collision.node.objects.table import NEVER
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.typing import Floats, Mask, Rows
 
 LENGTHS_DIFFER = "array lengths differ"

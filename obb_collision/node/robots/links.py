@@ -41,7 +41,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
 from obb_collision.robots.checks.robot_arrays import allowed_links, rigid_groups
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.typing import Floats, Rows
 

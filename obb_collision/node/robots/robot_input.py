@@ -43,7 +43,7 @@ from obb_collision.node.parameters.entries import BY_TOPIC, Base
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
 

@@ -45,7 +45,6 @@ from obb_collision.node.robots.trajectory import (
     whole_point,
 )
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
-from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.kinematics.splines import (
     Pieces,
     Point,
@@ -54,6 +53,7 @@ from obb_collision.robots.kinematics.splines import (
     straight_pieces,
     with_jump,
 )
+from obb_collision.robots.robot_scene import RobotScene
 
 SHARE = 500
 """Pieces that are checked in a cycle before a trajectory is forwarded."""

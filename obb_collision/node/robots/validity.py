@@ -50,7 +50,7 @@ from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.robots.joints import LENGTHS_DIFFER, UNKNOWN_JOINT
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
-from obb_collision.robots.checks.robot_scene import RobotScene
+from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows
 
 TOO_SLOW = "checking took too long"

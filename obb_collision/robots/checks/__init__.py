@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Checks of states and motions of robots in a scene: ``RobotScene``."""
+"""Checks of states and motions of robots in a scene, for ``RobotScene``."""

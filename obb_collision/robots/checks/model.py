@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -48,10 +49,12 @@ from obb_collision.robots.checks.world import (
     pair_rules,
     world_of,
 )
-from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
+
+if TYPE_CHECKING:
+    from obb_collision.robots.robot import Robot
 
 #: Metres along each axis within which the first robot moves without the world, which is relative
 #: to where that robot was, being placed again; farther away roundings would grow.

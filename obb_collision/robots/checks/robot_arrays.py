@@ -17,14 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from obb_collision.geometry.poses import compose_poses, multiply_quaternions, rotate_vectors
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree
 from obb_collision.typing import Floats, Integers, Mask, Rows
+
+if TYPE_CHECKING:
+    from obb_collision.robots.robot import Robot
 
 #: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
 OPPOSITE = 1e-6

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Descriptions of robots: URDF and SRDF, links and their shapes, and ``Robot``."""
+"""Descriptions of robots: URDF and SRDF, joints, links and their shapes."""

@@ -29,17 +29,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, rotation_of
-from obb_collision.geometry.shapes.primitives import positive_number
-from obb_collision.geometry.validation import check_kind
 from obb_collision.robots.checks.arrays import LinkBodies
 from obb_collision.robots.checks.bodies import body_of
 from obb_collision.robots.checks.robot_arrays import chain_lengths
-from obb_collision.robots.description.robot import Robot, driven
+from obb_collision.robots.description.joints import driven
 from obb_collision.robots.description.srdf import sorted_pair
 from obb_collision.robots.description.urdf import Joint, JointKind
 from obb_collision.robots.proofs.cells import (
@@ -55,6 +53,9 @@ from obb_collision.robots.proofs.cells import (
     search_cells,
 )
 from obb_collision.typing import Floats
+
+if TYPE_CHECKING:
+    from obb_collision.robots.robot import Robot
 
 NEVER, ALWAYS, ADJACENT = "never", "always", "adjacent"
 CAN_COLLIDE, UNDECIDED = "can collide", "undecided"
@@ -98,49 +99,9 @@ class PairProof:
 
 
 def prove_pairs(
-    robot: Robot, time_limit: float = 60.0, progress: Callable[[PairProof], None] | None = None
+    robot: Robot, seconds: float, progress: Callable[[PairProof], None] | None
 ) -> list[PairProof]:
-    """Return what is proved of each pair of links with shapes, for all states within the limits.
-
-    Bodies are those of accuracy ``hull``. Joints without limits turn once around; where one that
-    slides, or a planar or floating one, has none, a pair is undecided. The SRDF does not matter.
-
-    Parameters
-    ----------
-    robot : Robot
-    time_limit : float
-        Seconds for all pairs; what is not done by then is undecided.
-    progress : callable, optional
-        Called with each ``PairProof`` when it is done.
-
-    Returns
-    -------
-    list of PairProof
-        In the order of the links.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
-    Examples
-    --------
-    >>> ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
-    >>> links = "".join(f'<link name="{name}">{ball}</link>' for name in "abc")
-    >>> joints = "".join(
-    ...     f'<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/>'
-    ...     '<origin xyz="0.3 0 0"/><axis xyz="0 0 1"/><limit lower="-1" upper="1"/></joint>'
-    ...     for a, b in ("ab", "bc")
-    ... )
-    >>> robot = oc.Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>')
-    >>> for proof in oc.prove_pairs(robot):
-    ...     print(*proof.links, proof.verdict)
-    a b adjacent
-    a c never
-    b c adjacent
-    """
-    check_kind(robot, Robot, "robot")
-    limit = positive_number(time_limit, "time_limit")
+    """Return what is proved of each pair of links: `Robot.prove_pairs`, in checked seconds."""
     bodies = _bodies(robot)
     order = [sorted_pair(a, b) for a, b in combinations(bodies, 2)]
     done: dict[tuple[str, str], PairProof] = {}
@@ -155,7 +116,7 @@ def prove_pairs(
             progress(done[links])
     for pair in waiting[:1]:
         pair.load_kernels()
-    end = time.monotonic() + limit
+    end = time.monotonic() + seconds
     waiting.sort(key=lambda pair: len(pair.between.rows))
     for left, pair in zip(range(len(waiting), 0, -1), waiting, strict=True):
         start = time.monotonic()

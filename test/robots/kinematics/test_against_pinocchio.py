@@ -25,7 +25,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.robots.description.robot import driven
+from obb_collision.robots.description.joints import driven
 
 pinocchio: Any = pytest.importorskip("pinocchio")
 try:

@@ -27,8 +27,8 @@ from kinematics_oracle import OracleJoint, link_matrices, value_of
 from urdfs import joint, link, urdf
 
 import obb_collision as oc
-from obb_collision.robots.proofs.proved_pairs import PairProof, prove_pairs
-from obb_collision.robots.proofs.srdf_command import report, srdf_text
+from obb_collision.robots.proofs.proved_pairs import PairProof
+from obb_collision.robots.srdf_command import report, srdf_text
 
 CONFIG = Path(__file__).parents[3] / "config"
 RADIUS = 0.15
@@ -93,7 +93,7 @@ def distance(
 @settings(max_examples=25, deadline=None)
 def test_no_random_state_contradicts_a_proof(joints: list[OracleJoint], seed: int) -> None:
     robot = robot_of(joints)
-    proofs = prove_pairs(robot, 2.0)
+    proofs = robot.prove_pairs(2.0)
     assert [proof.links for proof in proofs] == [
         (min(a, b), max(a, b)) for a, b in combinations(robot.link_names, 2)
     ]
@@ -118,7 +118,7 @@ def test_no_random_state_contradicts_a_proof(joints: list[OracleJoint], seed: in
 
 
 def proved(robot: oc.Robot, time_limit: float = 20.0) -> dict[tuple[str, str], PairProof]:
-    return {proof.links: proof for proof in prove_pairs(robot, time_limit)}
+    return {proof.links: proof for proof in robot.prove_pairs(time_limit)}
 
 
 def test_the_arm_is_decided_and_its_srdf_has_just_these_pairs() -> None:
@@ -202,20 +202,20 @@ def test_joints_without_limits_turn_once_around() -> None:
 
 def test_time_that_is_up_leaves_pairs_undecided() -> None:
     robot = oc.Robot.from_urdf(CONFIG / "arm.urdf")
-    verdicts = {proof.verdict for proof in prove_pairs(robot, 1e-9)}
+    verdicts = {proof.verdict for proof in robot.prove_pairs(1e-9)}
     assert verdicts <= {"adjacent", "can collide", "undecided"}
     assert "undecided" in verdicts
 
 
 def test_progress_is_told_once_a_pair() -> None:
     seen: list[PairProof] = []
-    proofs = prove_pairs(line_of(0.31, 0.31), 5.0, seen.append)
+    proofs = line_of(0.31, 0.31).prove_pairs(5.0, seen.append)
     assert sorted(proof.links for proof in seen) == [proof.links for proof in proofs]
 
 
 def test_an_srdf_is_written_that_reads_as_it_was_proved() -> None:
     robot = oc.Robot.from_urdf(CONFIG / "arm.urdf")
-    proofs = prove_pairs(robot, 20.0)
+    proofs = robot.prove_pairs(20.0)
     unchecked = {proof.links for proof in proofs if proof.verdict in ("never", "adjacent")}
     again = oc.Robot.from_urdf(CONFIG / "arm.urdf", srdf_text(robot, proofs))
     assert again.disabled_pairs == unchecked
@@ -230,6 +230,6 @@ def test_names_that_mean_something_in_xml_are_written_as_they_are() -> None:
     name = "&lt;&quot;&amp;'"
     text = urdf(link(name, BALL), link("b", BALL), joint("j", "fixed", name, "b", ""))
     robot = oc.Robot.from_urdf(text)
-    again = oc.Robot.from_urdf(text, srdf_text(robot, prove_pairs(robot, 1.0)))
+    again = oc.Robot.from_urdf(text, srdf_text(robot, robot.prove_pairs(1.0)))
     assert again.disabled_pairs == {("<\"&'", "b")}
     assert again.doubts == ()

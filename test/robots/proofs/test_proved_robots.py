@@ -37,7 +37,7 @@ STATES = 200_000
 def test_all_pairs_are_decided_and_none_is_contradicted(name: str) -> None:
     file = next(Path(str(file.locate())).resolve() for file in FILES if file.name == name)
     share = next(folder for folder in file.parents if folder.name == "share")
-    proofs = oc.prove_pairs(oc.Robot.from_urdf(file, package_dirs=[share]), PATIENCE)
+    proofs = oc.Robot.from_urdf(file, package_dirs=[share]).prove_pairs(PATIENCE)
     assert all(proof.verdict != "undecided" for proof in proofs)
     others = "".join(
         '<disable_collisions link1="{}" link2="{}"/>'.format(*proof.links)

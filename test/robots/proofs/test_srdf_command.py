@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 
 import obb_collision as oc
-from obb_collision.robots.proofs.srdf_command import main
+from obb_collision.robots.srdf_command import main
 
 CONFIG = Path(__file__).parents[3] / "config"
 

@@ -34,8 +34,8 @@ from obb_collision.robots.checks.reports import MotionReport, StateDistances, St
 from obb_collision.robots.checks.robot_arrays import check_turns
 from obb_collision.robots.checks.states import check_states
 from obb_collision.robots.checks.world import WorldState, padding_of
-from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.kinematics.kinematics import PLANAR, checked_states, link_poses
+from obb_collision.robots.robot import Robot
 from obb_collision.scene.object_settings import check_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape

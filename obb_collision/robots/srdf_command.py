@@ -27,8 +27,8 @@ from obb_collision.cli import Parser, interruptible, new_file, option, real
 from obb_collision.words import printable
 
 if TYPE_CHECKING:  # what needs no robots, as a wrong option, need not load them
-    from obb_collision.robots.description.robot import Robot
     from obb_collision.robots.proofs.proved_pairs import PairProof
+    from obb_collision.robots.robot import Robot
 
 NAME = "obb_collision srdf"
 #: Exit code where a description cannot be read, or the SRDF not be written.
@@ -71,9 +71,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     if options.urdf is None:  # not before unknown options are named
         parser.error("the file of the robot is missing")
-    from obb_collision.robots.description.robot import Robot
     from obb_collision.robots.description.xml_values import read_source
-    from obb_collision.robots.proofs.proved_pairs import prove_pairs
+    from obb_collision.robots.robot import Robot
 
     done = 0
 
@@ -86,7 +85,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         robot = Robot.from_urdf(options.urdf, options.srdf, options.package_dir)
         given = None if options.srdf is None else read_source(options.srdf, "srdf")[0]
-        proofs = prove_pairs(robot, options.time_limit, progress)
+        proofs = robot.prove_pairs(options.time_limit, progress)
         if sys.stderr.isatty():
             sys.stderr.write("\r\x1b[K")
         text = srdf_text(robot, proofs, given)
