@@ -60,7 +60,7 @@ def table(page: str, head: str) -> list[list[str]]:
 
 def draw_accuracy() -> None:
     """Draw what accuracy costs: the time per pair against false alarms."""
-    from obb_collision.benchmarks.contest import Price, Row
+    from obb_collision.benchmarks.contest import ContestRow, Price
     from obb_collision.benchmarks.plots import save_accuracy
 
     text = (FOLDER / "accuracy.md").read_text(encoding="utf-8")
@@ -76,7 +76,7 @@ def draw_accuracy() -> None:
         for one, number, share in zip(names, numbers.split(" / "), shares, strict=True):
             percent = 0 if share == "none" else int(share.removesuffix(" %"))
             price.rows.append(
-                Row(one, peer, float(number) * UNITS[unit], reports=100, false=percent)
+                ContestRow(one, peer, float(number) * UNITS[unit], reports=100, false=percent)
             )
     save_accuracy([price], [], FOLDER / "accuracy.svg")
 
@@ -175,14 +175,14 @@ def draw_demo() -> None:
     from obb_collision.demo.command import DEFAULT_SCENE, scene_file
     from obb_collision.demo.run import Demo
     from obb_collision.demo.scene import DemoScene
-    from obb_collision.demo.view import LiveView, View
+    from obb_collision.demo.view import BrowserView, LiveView
     from obb_collision.node.runtime.environment import set_defaults
 
     set_defaults()
     context = Context()
     context.init()
     scene = DemoScene(*scene_file(DEFAULT_SCENE))
-    view = View(port=0, view=scene.description.view)
+    view = BrowserView(port=0, view=scene.description.view)
     demo = Demo(context, scene, rate=30.0, seconds=1.0, report=print, live=True)
     live = LiveView(view, demo.listener, scene.shapes, scene.zones)
     try:

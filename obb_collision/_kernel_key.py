@@ -42,9 +42,15 @@ types: Any = _types
 
 #: Settings of numba, by environment variables or files, that change what is compiled.
 FLAGS = (
-    "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LLVM_REFPRUNE_PASS", "LOOP_VECTORIZE", "OPT",
-    "SLP_VECTORIZE", "USING_SVML",
-)  # fmt: skip
+    "BOUNDSCHECK",
+    "DEBUGINFO_DEFAULT",
+    "ENABLE_AVX",
+    "LLVM_REFPRUNE_PASS",
+    "LOOP_VECTORIZE",
+    "OPT",
+    "SLP_VECTORIZE",
+    "USING_SVML",
+)
 
 
 @cache

@@ -51,8 +51,8 @@ from obb_collision.benchmarks.steps import (
     STEPS,
     Case,
     Note,
-    Plan,
-    Row,
+    StepPlan,
+    StepRow,
     best_coal,
     differences,
     joined,
@@ -161,13 +161,13 @@ def goal_table(goals: Sequence[Goal]) -> list[list[str]]:
 class Goals:
     """Measures the goals, and holds the rows and notes of the scenes on the way."""
 
-    def __init__(self, plan: Plan, show: Show) -> None:
+    def __init__(self, plan: StepPlan, show: Show) -> None:
         self.node_rows: list[dict[str, Any]] = []
-        self.rows: list[Row] = []
+        self.rows: list[StepRow] = []
         self.notes: list[Note] = []
         self._plan, self._show = plan, show
 
-    def _run(self, case: Case, contestants: Sequence[Contestant]) -> dict[str, Row]:
+    def _run(self, case: Case, contestants: Sequence[Contestant]) -> dict[str, StepRow]:
         rows, notes = run_case(case, contestants, [threads()], self._plan, self._show)
         self.rows += rows
         self.notes += notes
@@ -248,7 +248,7 @@ class Goals:
 
     def per_pair(self) -> Iterator[Goal]:
         """Measure hulls and meshes per pair, on meshes that trimesh makes."""
-        plan = contest.Plan(2_000, 20_000, 2_000, PAIR_SECONDS)
+        plan = contest.StepPlan(2_000, 20_000, 2_000, PAIR_SECONDS)
         made = generated_corpus(self._plan.seed)
         price = contest.measure(made, plan, self._plan.seed, self._show)
         found = {row.name: row for row in price.rows}
@@ -322,7 +322,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     facts = machine(one.distribution for one in PEERS)
     print(machine_line(facts))
     with progress(SECONDS) as bar:
-        run = Goals(Plan(options.seconds, options.limit, STEPS, options.seed), bar.show)
+        run = Goals(StepPlan(options.seconds, options.limit, STEPS, options.seed), bar.show)
         goals = list(run.all())
     print(as_text(goal_table(goals)))
     print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))

@@ -33,12 +33,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.benchmarks.contest import Plan, Price, measure
+from obb_collision.benchmarks.contest import ContestPlan, Price, measure
 from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
 from obb_collision.benchmarks.effect_errors import EffectRow, measure_effects
 from obb_collision.benchmarks.pair_peers import BOX_PEERS, MESH_PEERS
 from obb_collision.benchmarks.tables import Table, as_text, machine
-from obb_collision.benchmarks.timing import Progress, Show, progress
+from obb_collision.benchmarks.timing import Show, TimedProgress, progress
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.geometry.fitting.fit import FITS, fit_points
 from obb_collision.geometry.shapes.meshes import Mesh
@@ -66,7 +66,7 @@ class FitRow(NamedTuple):
 
 
 @dataclass
-class Result:
+class AccuracyResult:
     """All that was measured."""
 
     prices: list[Price] = field(default_factory=list)
@@ -88,7 +88,7 @@ class Size(NamedTuple):
     timed: int
 
 
-def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
+def run(seconds: float, seed: int, size: Size, bar: TimedProgress) -> AccuracyResult:
     """Measure everything in about ``seconds``."""
     bar.show("compiling")
     boxes, generated = box_corpus(size.bodies, seed), generated_corpus(seed)
@@ -96,7 +96,7 @@ def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
     bar.leave(LEAST_SHARE * seconds)
     bar.show("reading real meshes")
     real = real_corpus(SHARES["reading"] * bar.left)
-    result = Result()
+    result = AccuracyResult()
     bar.show("fits")
     result.fits = measure_fits([generated, real], SHARES["fits"] * bar.left, bar.show)
     best, pairs = real if real.shapes else generated, min(EFFECT_PAIRS, size.pairs)
@@ -106,7 +106,7 @@ def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
         if not corpus.shapes:
             result.prices.append(Price(corpus.name, corpus.note, 0, 0))
             continue
-        plan = Plan(size.bodies, size.pairs, size.timed, share * bar.left)
+        plan = ContestPlan(size.bodies, size.pairs, size.timed, share * bar.left)
         result.prices.append(measure(corpus, plan, seed, bar.show))
     return result
 
@@ -116,11 +116,11 @@ def _warm_up(generated: Corpus, seed: int) -> None:
     few = Corpus("", dict(list(generated.shapes.items())[:3]))
     measure_effects(few, 30, 0.0, seed, lambda what: None)
     for corpus in (box_corpus(20, seed), few):
-        measure(corpus, Plan(20, 1, 10, 0.0), seed, lambda what: None)
+        measure(corpus, ContestPlan(20, 1, 10, 0.0), seed, lambda what: None)
     measure_fits([few], 0.0, lambda what: None)
 
 
-def as_json(result: Result, options: argparse.Namespace) -> dict[str, Any]:
+def as_json(result: AccuracyResult, options: argparse.Namespace) -> dict[str, Any]:
     """Return everything measured, for a file."""
     prices = [
         asdict(price) | {"rows": [row.as_dict() for row in price.rows]} for price in result.prices
@@ -200,7 +200,7 @@ def effect_table(rows: Sequence[EffectRow]) -> Table:
     return lines
 
 
-def format_result(result: Result) -> str:
+def format_result(result: AccuracyResult) -> str:
     """Return everything as text."""
     parts = []
     for price in result.prices:

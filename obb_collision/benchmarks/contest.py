@@ -29,7 +29,7 @@ from obb_collision.benchmarks.corpora import Corpus
 from obb_collision.benchmarks.levels import (
     Crowd,
     Level,
-    Prepared,
+    PreparedMesh,
     Throw,
     levels_of,
     memory,
@@ -53,7 +53,7 @@ OURS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
 
 
 @dataclass
-class Row:
+class ContestRow:
     """A level or peer: what it costs and how often it is wrong; None if not measured."""
 
     name: str
@@ -100,7 +100,7 @@ class Price:
     bodies: int
     pairs: int = 0
     colliding: int = 0
-    rows: list[Row] = field(default_factory=list)
+    rows: list[ContestRow] = field(default_factory=list)
     out_of_order: int = 0  #: pairs that a more exact level reports and a coarser one doesn't
     ratios: dict[str, float] = field(default_factory=dict)  #: peer's time over that of our level
     missing: list[str] = field(default_factory=list)  #: peers that are not installed
@@ -110,12 +110,12 @@ class Price:
         """Pairs that a level of ours must report and does not: none, or there is a defect."""
         return self.out_of_order + sum(row.missed for row in self.rows if not row.peer)
 
-    def row(self, name: str) -> Row:
+    def row(self, name: str) -> ContestRow:
         """Return the row of a name."""
         return next(row for row in self.rows if row.name == name)
 
 
-class Plan(NamedTuple):
+class ContestPlan(NamedTuple):
     """Bodies in the room, pairs decided, pairs timed, and seconds for all of it."""
 
     bodies: int
@@ -127,11 +127,13 @@ class Plan(NamedTuple):
 class Contest:
     """Our levels and the installed peers, on the same pairs of the same bodies."""
 
-    def __init__(self, corpus: Corpus, prepared: list[Prepared], plan: Plan, seed: int) -> None:
+    def __init__(
+        self, corpus: Corpus, prepared: list[PreparedMesh], plan: ContestPlan, seed: int
+    ) -> None:
         self.prepared = prepared
         self.accuracies = levels_of(corpus)
         self.price = Price(corpus.name, corpus.note, len(corpus.shapes), plan.bodies)
-        self.price.rows = [Row(level.name, peer=False) for level in self.accuracies]
+        self.price.rows = [ContestRow(level.name, peer=False) for level in self.accuracies]
         self._rng = np.random.default_rng(seed)
         self.bodies = Crowd(corpus, plan.bodies, seed)
         if prepared:
@@ -142,7 +144,7 @@ class Contest:
                 self.peers[peer.label] = peer.load(corpus.shapes.values())
             except ImportError:
                 self.price.missing.append(peer.label)
-        self.price.rows += [Row(label, peer=True) for label in self.peers]
+        self.price.rows += [ContestRow(label, peer=True) for label in self.peers]
 
     def ask_all(self, throw: Throw, first: Rows, second: Rows) -> dict[str, Ask]:
         """Return by name the function that decides the pairs of a throw."""
@@ -223,7 +225,7 @@ class Contest:
             row.prepare_ms = prepare_ms(level.name, self.prepared)
 
 
-def measure(corpus: Corpus, plan: Plan, seed: int, show: Show) -> Price:
+def measure(corpus: Corpus, plan: ContestPlan, seed: int, show: Show) -> Price:
     """Measure all levels and the installed peers on a corpus, in about ``plan.seconds``."""
     start = perf_counter()
     end = start + plan.seconds
@@ -239,9 +241,9 @@ def measure(corpus: Corpus, plan: Plan, seed: int, show: Show) -> Price:
     return contest.price
 
 
-def _prepared(corpus: Corpus, end: float, show: Show) -> tuple[Corpus, list[Prepared]]:
+def _prepared(corpus: Corpus, end: float, show: Show) -> tuple[Corpus, list[PreparedMesh]]:
     """Return the meshes that were prepared before ``end``, one at least, and their trees."""
-    prepared: list[Prepared] = []
+    prepared: list[PreparedMesh] = []
     for k, shape in enumerate(corpus.shapes.values()):
         if isinstance(shape, Mesh) and (k == 0 or perf_counter() < end):
             show(f"{corpus.name}: trees {k + 1}/{len(corpus.shapes)}")
@@ -251,7 +253,7 @@ def _prepared(corpus: Corpus, end: float, show: Show) -> tuple[Corpus, list[Prep
     return corpus, prepared
 
 
-def _count_far_spheres(row: Row, throw: Throw, near: Mask) -> None:
+def _count_far_spheres(row: ContestRow, throw: Throw, near: Mask) -> None:
     """Count the spheres that collide though the AABBs do not, and their candidates."""
     pairs, meet = throw.sphere_counts
     far = meet - int(near.sum())

@@ -50,7 +50,7 @@ COAL_MANAGERS = {
 WXYZ = [0, 1, 2, 6, 3, 4, 5]
 
 
-class Peer(Protocol):
+class Stepper(Protocol):
     """One way to do the step."""
 
     def step(self, frame: Frame) -> Any:
@@ -103,7 +103,7 @@ class Contestant(NamedTuple):
 
     name: str
     module: str
-    make: Callable[[Floats, Floats], Peer]
+    make: Callable[[Floats, Floats], Stepper]
     distribution: str = ""
     threads: int | None = 1
 
@@ -218,7 +218,7 @@ class Coal:
         return as_rows((c.o1.cost_density, c.o2.cost_density) for c in contacts)
 
 
-def _ours(name: str, make: Callable[[Floats, Floats], Peer]) -> Contestant:
+def _ours(name: str, make: Callable[[Floats, Floats], Stepper]) -> Contestant:
     return Contestant(name, "numba", make, threads=None)
 
 

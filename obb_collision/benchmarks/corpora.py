@@ -175,23 +175,45 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         "torus": creation.torus(0.6, 0.3, 48, 24),
         "goblet": _turned([[0, 0], [5, 0], [1, 1], [1, 5], [4, 7], [5, 11], [4.6, 11], [0, 7]]),
         "hourglass": _turned([[0, 0], [4, 0], [4, 1], [0.6, 5], [4, 9], [4, 10], [0, 10]]),
-        "wheel": _turned([[1, -1], [2, -1], [2, -0.3], [6, -0.3], [6, -1.5], [7, -1.5],
-                          [7, 1.5], [6, 1.5], [6, 0.3], [2, 0.3], [2, 1], [1, 1], [1, -1]]),
+        "wheel": _turned(
+            [
+                [1, -1],
+                [2, -1],
+                [2, -0.3],
+                [6, -0.3],
+                [6, -1.5],
+                [7, -1.5],
+                [7, 1.5],
+                [6, 1.5],
+                [6, 0.3],
+                [2, 0.3],
+                [2, 1],
+                [1, 1],
+                [1, -1],
+            ]
+        ),
         "needle": convex_hull(needle),
         "chip": convex_hull(chip),
         "bumpy ball": bumpy,
         "open bowl": bowl,
         "wavy sheet": sheet,
         "bracket": _boxes([[0, 0, 0, 10, 3, 1], [-4.5, 0, 4, 1, 3, 8]]),
-        "table": _boxes([[0, 0, 5, 10, 8, 0.5]] + [[x, y, 2.5, 0.6, 0.6, 5] for x in (-4, 4)
-                                                    for y in (-3, 3)]),
+        "table": _boxes(
+            [[0, 0, 5, 10, 8, 0.5]] + [[x, y, 2.5, 0.6, 0.6, 5] for x in (-4, 4) for y in (-3, 3)]
+        ),
         "stairs": _boxes([[k, 0, 0.5 * k, 1.2, 4, 0.6] for k in range(8)]),
         "jack": _boxes([[0, 0, 0, 10, 1, 1], [0, 0, 0, 1, 10, 1], [0, 0, 0, 1, 1, 10]]),
-        "dumbbell": _parts([creation.icosphere(2, radius=2.0), creation.cylinder(0.5, 8.0),
-                            creation.icosphere(2, radius=2.0)], [-4.0, 0.0, 4.0]),
+        "dumbbell": _parts(
+            [
+                creation.icosphere(2, radius=2.0),
+                creation.cylinder(0.5, 8.0),
+                creation.icosphere(2, radius=2.0),
+            ],
+            [-4.0, 0.0, 4.0],
+        ),
         "spring": _spring(),
         "axes": creation.axis(origin_size=0.1, axis_length=1.0),
-    }  # fmt: skip
+    }
 
 
 def _turned(profile: list[list[float]]) -> Any:

@@ -87,7 +87,7 @@ class Variant:
         return self.scene.check()
 
 
-class Pairs(Variant):
+class PairsOnly(Variant):
     """The same without the machinery of effects: only what finds the pairs."""
 
     def step(self, frame: Moment) -> None:
@@ -121,7 +121,10 @@ def run_scene(name: str, seconds: float) -> list[CostRow]:
     """Measure a scene file for about ``seconds``."""
     description = load_scene(name)
     names, frames = effects_of(description), frames_of(description)
-    variants: dict[str, Variant] = {PAIRS: Pairs(description, ()), OFF: Variant(description, ())}
+    variants: dict[str, Variant] = {
+        PAIRS: PairsOnly(description, ()),
+        OFF: Variant(description, ()),
+    }
     variants |= {effect: Variant(description, (effect,)) for effect in names}
     if len(names) > 1:
         variants[ALL] = Variant(description, names)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What accuracy costs the effects: clearance, contacts and time of impact per level.
+"""Errors of effects by accuracy: clearance, contacts and time of impact per level.
 
 Pairs of the shapes of a corpus, each pair alone, at distances at which they are apart, collide, or
 come nearer with 1 m/s. Every effect computes them on every level that it has; the error is the

@@ -127,10 +127,13 @@ def _aabb_kernel(
     for n in range(len(rows_a)):
         i, j = rows_a[n], rows_b[n]
         out[n] = (
-            low[i, 0] <= high[j, 0] and low[j, 0] <= high[i, 0]
-            and low[i, 1] <= high[j, 1] and low[j, 1] <= high[i, 1]
-            and low[i, 2] <= high[j, 2] and low[j, 2] <= high[i, 2]
-        )  # fmt: skip
+            low[i, 0] <= high[j, 0]
+            and low[j, 0] <= high[i, 0]
+            and low[i, 1] <= high[j, 1]
+            and low[j, 1] <= high[i, 1]
+            and low[i, 2] <= high[j, 2]
+            and low[j, 2] <= high[i, 2]
+        )
 
 
 def _ask_aabb(throw: Throw, first: Rows, second: Rows) -> Mask:
@@ -181,7 +184,7 @@ def levels_of(corpus: Corpus) -> tuple[Level, ...]:
     return BOX_LEVELS if corpus.boxes_only else LEVELS
 
 
-class Prepared(NamedTuple):
+class PreparedMesh(NamedTuple):
     """What is made of a mesh once: its trees, and the milliseconds each took."""
 
     mesh: MeshTrees
@@ -191,7 +194,7 @@ class Prepared(NamedTuple):
     hull_ms: float
 
 
-def prepare(mesh: Mesh) -> Prepared:
+def prepare(mesh: Mesh) -> PreparedMesh:
     """Fit the box and build the trees of a mesh, timed."""
     start = thread_time()
     fit_points(mesh._points())
@@ -202,17 +205,17 @@ def prepare(mesh: Mesh) -> Prepared:
     built = thread_time()
     hull = Hulls.of(hull_mesh(mesh)[0])
     mesh_ms, hull_ms = 1e3 * np.diff([start, built, thread_time()])
-    return Prepared(triangles, hull, box_ms, float(mesh_ms), float(hull_ms))
+    return PreparedMesh(triangles, hull, box_ms, float(mesh_ms), float(hull_ms))
 
 
-def prepare_ms(level: str, prepared: list[Prepared]) -> float:
+def prepare_ms(level: str, prepared: list[PreparedMesh]) -> float:
     """Return the mean milliseconds that a level needs once for a shape; boxes need none."""
     extra = {"mesh": "mesh_ms", "hull": "hull_ms"}.get(level)
     times = [p.box_ms + (getattr(p, extra) if extra else 0.0) for p in prepared]
     return float(np.mean(times)) if times else 0.0
 
 
-def memory(level: str, boxes: Boxes, prepared: list[Prepared]) -> float:
+def memory(level: str, boxes: Boxes, prepared: list[PreparedMesh]) -> float:
     """Return the bytes that a level reads of one object, float64, the mean over the shapes.
 
     A hull or mesh is stored once for all objects of one shape.

@@ -23,7 +23,7 @@ from typing import Any
 from obb_collision.benchmarks.contest import Price
 from obb_collision.benchmarks.effect_costs import OFF, PAIRS, CostRow
 from obb_collision.benchmarks.effect_errors import EffectRow
-from obb_collision.benchmarks.steps import OWN, Row, best_rows
+from obb_collision.benchmarks.steps import OWN, StepRow, best_rows
 
 #: Colour, line and mark of ours, which are thick and filled, and of each peer.
 STYLES: dict[str, tuple[str, Any, str]] = {
@@ -120,13 +120,19 @@ def _draw_spots(axes: Any, spots: Sequence[tuple[str, bool, float, float]], labe
         up = (9, -14, 20, -25)[k % 4]  # neighbours on different sides
         weight = "normal" if peer else "bold"
         axes.annotate(
-            name, (time, height), (0, up), textcoords="offset points", ha="center", color=color,
-            fontsize=8.5, fontweight=weight,
-        )  # fmt: skip
+            name,
+            (time, height),
+            (0, up),
+            textcoords="offset points",
+            ha="center",
+            color=color,
+            fontsize=8.5,
+            fontweight=weight,
+        )
     _finish(axes, label, [axes.xaxis], _time)
 
 
-def save_speed(rows: Sequence[Row], path: Path) -> None:
+def save_speed(rows: Sequence[StepRow], path: Path) -> None:
     """Draw the full step: milliseconds over the number of boxes, and by form of the scene."""
     drawn = [row for row in best_rows(rows) if row.moving == 1.0]
     sizes = [row for row in drawn if row.form == drawn[0].form]
@@ -156,7 +162,7 @@ def save_speed(rows: Sequence[Row], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def _draw_sizes(axes: Any, name: str, rows: Sequence[Row]) -> None:
+def _draw_sizes(axes: Any, name: str, rows: Sequence[StepRow]) -> None:
     own = sorted(rows, key=lambda row: row.boxes)
     label = f"obb_collision: {name}" if name in OWN else name
     points = [row.boxes for row in own], [row.median_ms for row in own]

@@ -34,8 +34,8 @@ from obb_collision.benchmarks.forms import FORMS
 from obb_collision.benchmarks.steps import (
     STEPS,
     Case,
-    Plan,
-    Row,
+    StepPlan,
+    StepRow,
     blocks_of,
     differences,
     joined,
@@ -67,12 +67,12 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
 
 def measure(
     options: argparse.Namespace, peers: Sequence[Contestant]
-) -> tuple[list[Row], list[str]]:
+) -> tuple[list[StepRow], list[str]]:
     """Return a row per contestant and scene, and notes about those that are left out."""
     wanted = [one for one in peers if any(part in one.name for part in options.peers or [""])]
     notes = [("not installed:", one.name) for one in wanted if not one.installed]
-    plan = Plan(options.seconds, options.limit, options.steps, options.seed)
-    cases, rows = cases_of(options), list[Row]()
+    plan = StepPlan(options.seconds, options.limit, options.steps, options.seed)
+    cases, rows = cases_of(options), list[StepRow]()
     with progress(SECONDS * len(cases)) as bar:
         for done, case in enumerate(cases):
             bar.leave(SECONDS * (len(cases) - done))

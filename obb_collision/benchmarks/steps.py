@@ -38,7 +38,7 @@ from obb_collision.benchmarks.contestants import (
     SCENE,
     SEPARATIONS,
     Contestant,
-    Peer,
+    Stepper,
 )
 from obb_collision.benchmarks.forms import Frame, make_frames
 from obb_collision.benchmarks.tables import Table, as_markdown, digits
@@ -69,7 +69,7 @@ class Case(NamedTuple):
     moving: float = 1.0
 
 
-class Row(NamedTuple):
+class StepRow(NamedTuple):
     """What one contestant took in one case, and how its pairs differ from ours."""
 
     name: str
@@ -92,7 +92,7 @@ class Row(NamedTuple):
         return Case(self.form, self.boxes, self.moving)
 
 
-class Plan(NamedTuple):
+class StepPlan(NamedTuple):
     """How long to measure: seconds per case, the limit for one contestant, steps, the seed."""
 
     seconds: float = 2.0
@@ -101,12 +101,12 @@ class Plan(NamedTuple):
     seed: int = 0
 
 
-class Entry(NamedTuple):
+class StepEntry(NamedTuple):
     """A contestant in a case, with a number of threads."""
 
     contestant: Contestant
     threads: int
-    peer: Peer
+    peer: Stepper
     build_s: float
     times: list[float]
 
@@ -131,11 +131,11 @@ def own_settings() -> Iterator[None]:
         gc.enable()
 
 
-def _enter(one: Contestant, number: int, half_extents: Floats, poses: Floats) -> Entry:
+def _enter(one: Contestant, number: int, half_extents: Floats, poses: Floats) -> StepEntry:
     set_threads(number)
     start = perf_counter()
     peer = one.make(half_extents, poses)
-    return Entry(one, number, peer, perf_counter() - start, [])
+    return StepEntry(one, number, peer, perf_counter() - start, [])
 
 
 def _codes(pairs: Rows, count: int) -> Rows:
@@ -145,7 +145,7 @@ def _codes(pairs: Rows, count: int) -> Rows:
 
 
 def choose(
-    case: Case, contestants: Sequence[Contestant], plan: Plan
+    case: Case, contestants: Sequence[Contestant], plan: StepPlan
 ) -> tuple[list[Contestant], list[Note]]:
     """Return who takes part in a case, after a trial with few boxes, and notes about the others."""
     count = min(case.boxes, TRIAL)
@@ -169,9 +169,9 @@ def run_case(
     case: Case,
     contestants: Sequence[Contestant],
     numbers: Sequence[int],
-    plan: Plan,
+    plan: StepPlan,
     show: Show,
-) -> tuple[list[Row], list[Note]]:
+) -> tuple[list[StepRow], list[Note]]:
     """Return a row per contestant, ours with each number of threads, and notes."""
     what = f"{case.boxes:,} boxes, {case.form}, {case.moving:.0%} moving"
     with own_settings():
@@ -189,7 +189,10 @@ def run_case(
 
 
 def _take_turns(
-    entries: Sequence[Entry], frames: Sequence[Frame], plan: Plan, show: Callable[[int], None]
+    entries: Sequence[StepEntry],
+    frames: Sequence[Frame],
+    plan: StepPlan,
+    show: Callable[[int], None],
 ) -> tuple[list[Any], Frame]:
     """Let all step until each has enough; return what they found in the last frame, and that."""
     for entry in entries:
@@ -216,8 +219,12 @@ def _take_turns(
 
 
 def _rows(
-    case: Case, entries: Sequence[Entry], founds: Sequence[Any], frame: Frame, half_extents: Floats
-) -> list[Row]:
+    case: Case,
+    entries: Sequence[StepEntry],
+    founds: Sequence[Any],
+    frame: Frame,
+    half_extents: Floats,
+) -> list[StepRow]:
     boxes = Boxes.from_poses(frame.poses, half_extents)
     truth = _codes(PAIRS.make(half_extents, frame.poses).step(frame), case.boxes)
     rows = []
@@ -228,7 +235,7 @@ def _rows(
         off = np.abs(separations(boxes, boxes, differing).separations).max(initial=0.0)
         times = 1e3 * np.array(entry.times)
         rows.append(
-            Row(
+            StepRow(
                 name=entry.contestant.name,
                 threads=entry.threads,
                 form=case.form,
@@ -247,7 +254,7 @@ def _rows(
     return rows
 
 
-def label(row: Row) -> str:
+def label(row: StepRow) -> str:
     """Return the name of a contestant with its threads."""
     return f"{row.name}, {row.threads} thread{'s' * (row.threads > 1)}"
 
@@ -257,7 +264,7 @@ def share(moving: float) -> str:
     return SHARES.get(moving, f"{100 * moving:g} % moving")
 
 
-def reference(rows: Iterable[Row]) -> Row | None:
+def reference(rows: Iterable[StepRow]) -> StepRow | None:
     """Return our row that others are compared with: separations, as many threads as there are."""
     ours = [row for row in rows if row.name == SEPARATIONS.name]
     return max(ours, key=lambda row: row.threads, default=None)
@@ -271,7 +278,7 @@ ACROSS: dict[str, tuple[Callable[[Case], object], Callable[[Case], str]]] = {
 }
 
 
-def tables(rows: Sequence[Row]) -> dict[str, Table]:
+def tables(rows: Sequence[StepRow]) -> dict[str, Table]:
     """Return tables by title: a line per contestant, milliseconds in the columns.
 
     In brackets how many times as long as ours with separations it took.
@@ -292,7 +299,7 @@ def tables(rows: Sequence[Row]) -> dict[str, Table]:
     return found
 
 
-def _grid(rows: Sequence[Row], cases: list[Case], head: Callable[[Case], str]) -> Table:
+def _grid(rows: Sequence[StepRow], cases: list[Case], head: Callable[[Case], str]) -> Table:
     """Return a line per contestant; coal has one, with the quickest that misses nothing."""
     own = [row for row in rows if row.case in cases]
     lines: dict[str, dict[Case, str]] = {}
@@ -305,12 +312,12 @@ def _grid(rows: Sequence[Row], cases: list[Case], head: Callable[[Case], str]) -
     return [head_line, *([name, *(c.get(case, "") for case in cases)] for name, c in lines.items())]
 
 
-def _order(row: Row) -> tuple[int, int]:
+def _order(row: StepRow) -> tuple[int, int]:
     names = [one.name for one in (*OURS, *PEERS)]
     return names.index(row.name) if row.name in names else len(names), row.threads
 
 
-def best_coal(rows: Sequence[Row], case: Case) -> Row | None:
+def best_coal(rows: Sequence[StepRow], case: Case) -> StepRow | None:
     """Return the quickest broad phase of coal in a case, of those that miss no pair in any."""
     coal = [row for row in rows if row.name.startswith("coal ")]
     bad = {row.name for row in coal if row.missed}
@@ -318,7 +325,7 @@ def best_coal(rows: Sequence[Row], case: Case) -> Row | None:
     return min(own, key=lambda row: row.median_ms, default=None)
 
 
-def _cell(row: Row, rows: Sequence[Row]) -> str:
+def _cell(row: StepRow, rows: Sequence[StepRow]) -> str:
     mark = "*" if row.missed or row.false else ""
     which = row.name.removeprefix("coal") if row.name.startswith("coal ") else ""
     ours = reference(other for other in rows if other.case == row.case)
@@ -326,7 +333,7 @@ def _cell(row: Row, rows: Sequence[Row]) -> str:
     return f"{digits(row.median_ms)}{mark}{which}{ratio}"
 
 
-def differences(rows: Iterable[Row]) -> list[str]:
+def differences(rows: Iterable[StepRow]) -> list[str]:
     """Return a line for everybody whose pairs are not ours, and how near they are to touching."""
     return [
         f"* {row.name}, {row.boxes:,} boxes, {row.form}: {row.missed} of {row.pairs + row.missed} "
@@ -336,7 +343,7 @@ def differences(rows: Iterable[Row]) -> list[str]:
     ]
 
 
-def slopes(rows: Sequence[Row]) -> list[str]:
+def slopes(rows: Sequence[StepRow]) -> list[str]:
     """Return a line for each of ours: how time grows from size to size, and its exponent."""
     lines = []
     most = max(row.threads for row in rows)
@@ -370,7 +377,7 @@ def joined(notes: Iterable[Note]) -> list[str]:
     return [f"{why} {', '.join(where)}".strip() for why, where in lines.items()]
 
 
-def blocks_of(rows: Sequence[Row], notes: Sequence[str]) -> dict[str, str]:
+def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
     """Return the blocks of a page by name: tables by their kind, and lists of lines."""
     blocks: dict[str, str] = {}
     for title, table in tables(rows).items():
@@ -381,9 +388,9 @@ def blocks_of(rows: Sequence[Row], notes: Sequence[str]) -> dict[str, str]:
     return blocks
 
 
-def best_rows(rows: Sequence[Row]) -> list[Row]:
+def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
     """Return what is drawn: ours with the most threads, and the quickest of each peer per case."""
-    best: dict[tuple[object, str], Row] = {}
+    best: dict[tuple[object, str], StepRow] = {}
     for row in rows:
         name = row.name if row.name in OWN else row.name.split(" ")[0]
         if name == SCENE.name:

@@ -94,7 +94,7 @@ def take_turns(
     return Times({name: np.array(times) for name, times in spent.items()})
 
 
-class Progress:
+class TimedProgress:
     """Seconds spent of those allowed, and what is being done: a bar, or lines of text."""
 
     def __init__(self, seconds: float, bar: Any = None) -> None:
@@ -126,15 +126,15 @@ class Progress:
 
 
 @contextmanager
-def progress(seconds: float) -> Iterator[Progress]:
+def progress(seconds: float) -> Iterator[TimedProgress]:
     """Show a bar while the block runs, if tqdm is installed and the output is a terminal."""
     try:
         tqdm = import_module("tqdm").tqdm if sys.stderr.isatty() else None
     except ImportError:
         tqdm = None
     if tqdm is None:
-        yield Progress(seconds)
+        yield TimedProgress(seconds)
         return
     form = "{desc:45.45} {percentage:3.0f}%|{bar}| {elapsed}"
     with tqdm(total=seconds, bar_format=form, file=sys.stderr, leave=False) as bar:
-        yield Progress(seconds, bar)
+        yield TimedProgress(seconds, bar)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
     from obb_collision.demo.run import Demo
-    from obb_collision.demo.view import View
+    from obb_collision.demo.view import BrowserView
     from obb_collision.scene_files.description import View as Viewpoint
 
 
@@ -213,12 +213,14 @@ def _make_demo(
     return demo, closing(LiveView(view, demo.listener, scene.shapes, scene.zones))
 
 
-def open_view(port: int, host: str = "localhost", view: Viewpoint | None = None) -> View | None:
+def open_view(
+    port: int, host: str = "localhost", view: Viewpoint | None = None
+) -> BrowserView | None:
     """Open the view in the browser, or print why there is none."""
     try:
-        from obb_collision.demo.view import View
+        from obb_collision.demo.view import BrowserView
 
-        opened = View(port, host, view)
+        opened = BrowserView(port, host, view)
     except ImportError:
         say("the live view needs viser: pip install 'obb_collision[view]'", sys.stderr)
         return None

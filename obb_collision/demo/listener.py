@@ -29,7 +29,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.demo.narrator import NARRATORS, Pairs
+from obb_collision.demo.narrator import NARRATORS, PairsNarrator
 from obb_collision.demo.publisher import LATCHED
 from obb_collision.node import collisions_from_ros, named_pairs
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
@@ -128,7 +128,7 @@ class Listener(Node):
         self._report = report
         self._names: DiagnosticStatus | None = None
         self.stamp, self.start, self.epoch, self.cycles = -1, 0, 0, 0
-        self.pairs = Pairs()
+        self.pairs = PairsNarrator()
         self.places: Floats = np.empty((0, 3))
         self.latencies: list[float] = []
         self.boxes = NO_BOXES

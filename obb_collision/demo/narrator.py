@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the demo prints: pairs as they begin and end, and what is new among the effects.
+"""Lines that the demo prints: pairs as they begin and end, and what is new of effects.
 
 A narrator per topic: ``update`` takes a message's named rows and yields the lines that are worth
 printing, ``summary`` those at the end. ``rows`` are the latest ones, for the picture.
@@ -49,7 +49,7 @@ def pair_text(row: node.NamedPair) -> str:
     return pair_of(row) + ("  touching" if is_touching(row) else depth)
 
 
-class Pairs:
+class PairsNarrator:
     """Colliding pairs: which begin and end."""
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class Pairs:
         )
 
 
-class Contacts:
+class ContactsNarrator:
     """Contact points: how many there were at once."""
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class Contacts:
         yield f"contacts: {len(self.rows)} points at the end, at most {self._most} at once"
 
 
-class Clearances:
+class ClearancesNarrator:
     """Near pairs: the minimum distance of those that are apart."""
 
     def __init__(self) -> None:
@@ -152,7 +152,7 @@ class Predictions:
             yield f"time to collision at the end: {row.time:.2f} s, {pair_of(row)}"
 
 
-class PointsInside:
+class PointsInsideNarrator:
     """Points in zones: how many, and when a zone is entered and left."""
 
     def __init__(self) -> None:
@@ -187,8 +187,8 @@ def _all_predictions(message: Any, namespaces: Any) -> list[node.NamedPrediction
 
 #: By effect: what gives a message's rows names, and the narrator.
 NARRATORS: dict[str, tuple[Callable[..., list[Any]], type]] = {
-    "contacts": (node.named_contacts, Contacts),
-    "clearance": (node.named_clearances, Clearances),
+    "contacts": (node.named_contacts, ContactsNarrator),
+    "clearance": (node.named_clearances, ClearancesNarrator),
     "sweep": (_all_predictions, Predictions),
-    "points": (node.named_points_inside, PointsInside),
+    "points": (node.named_points_inside, PointsInsideNarrator),
 }

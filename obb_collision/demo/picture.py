@@ -40,8 +40,8 @@ from obb_collision.demo.snapshot import (
     PREDICTED_COLOR,
     STATE_COLORS,
     Color,
-    Note,
-    Snapshot,
+    DrawnScene,
+    Label,
     look_at,
 )
 from obb_collision.geometry.boxes import Boxes
@@ -67,14 +67,16 @@ INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 
 
 def save_picture(
-    file: Path, snapshot: Snapshot, title: str, subtitle: str, view: View | None = None
+    file: Path, snapshot: DrawnScene, title: str, subtitle: str, view: View | None = None
 ) -> None:
     """Write a picture of what a node published as PNG. OSError for the file."""
     figure = draw_picture(snapshot, title, subtitle, view)
     figure.savefig(file, format="png", pil_kwargs={"optimize": True})
 
 
-def draw_picture(snapshot: Snapshot, title: str, subtitle: str, view: View | None = None) -> Figure:
+def draw_picture(
+    snapshot: DrawnScene, title: str, subtitle: str, view: View | None = None
+) -> Figure:
     """Return the figure: the scene in the middle, texts around it."""
     notes = snapshot.notes if len(snapshot.names) <= MAX_NOTED else []
     margin = MARGIN if notes else 0.02
@@ -129,7 +131,7 @@ def _draw_floor(axes: Any, camera: _Camera, boxes: Boxes) -> None:
     axes.add_collection(LineCollection(projected, colors="0.88", linewidths=0.8, zorder=0))
 
 
-def _draw_solids(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
+def _draw_solids(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
     """Draw faces shaded in the colour of their state, and the edges of the boxes."""
     low, high = snapshot.boxes.world_bounds()
     piece = PIECE * float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
@@ -184,7 +186,7 @@ def _visible_edges(boxes: Boxes, eye: Floats, piece: float) -> tuple[Floats, Any
     return start + share[..., None] * step, owner[row]
 
 
-def _draw_zones(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
+def _draw_zones(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
     for row, name in enumerate(snapshot.names):
         if name in snapshot.zones:
             color = snapshot.zones[name]
@@ -199,7 +201,7 @@ def _draw_zones(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
             )
 
 
-def _draw_marks(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
+def _draw_marks(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
     """Draw contacts, closest points and points over everything: contacts are inside of things."""
 
     def dots(points: Floats, color: Color, size: float, rim: float, order: float) -> None:
@@ -215,7 +217,7 @@ def _draw_marks(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
     dots(snapshot.contacts, CONTACT_COLOR, 36.0, 1.2, 6.0)
 
 
-def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Note]) -> None:
+def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label]) -> None:
     """Write the first notes at the sides, each at the one that it is nearer to, top down."""
     if not notes:
         return

@@ -30,7 +30,7 @@ from obb_collision.demo.listener import Listener
 from obb_collision.demo.narrator import NARRATORS
 from obb_collision.demo.publisher import FRAME, ScenePublisher
 from obb_collision.demo.scene import DemoScene
-from obb_collision.demo.snapshot import Snapshot, take_snapshot
+from obb_collision.demo.snapshot import DrawnScene, take_snapshot
 from obb_collision.node.node import NODE_NAME, CollisionNode
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.scene_files.description import SceneRobot
@@ -203,7 +203,7 @@ class Demo:
         narrators = (listener.pairs, *listener.effects.values())
         return lines + [line for narrator in narrators for line in narrator.summary()]
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> DrawnScene:
         """Return what the node published about the latest state."""
         listener, names = self.listener, self.scene.shapes
         if listener.boxes.stamp < 0:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is to be drawn, by whatever draws it: objects by state, contacts, distances, points."""
+"""A scene to draw, for picture and view: objects by state, contacts, distances, points."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from obb_collision.typing import Floats, Integers
 SECTIONS = 24
 
 
-class Triangles(NamedTuple):
+class DrawnTriangles(NamedTuple):
     """Vertices (n, 3), faces (m, 3), and the scale (3,) that makes metres of the vertices.
 
     Equal shapes but for the scale share the same arrays. closed: whether the faces point outwards
@@ -53,24 +53,24 @@ class Triangles(NamedTuple):
 
 
 @lru_cache(maxsize=10_000)
-def triangles_of(shape: shapes.Shape) -> Triangles:
+def triangles_of(shape: shapes.Shape) -> DrawnTriangles:
     """Return a shape as triangles in its own frame."""
     scale = np.array(shape.scale, np.float64)
     if isinstance(shape, shapes.Box):
-        return Triangles(*_unit_body("box"), scale * shape.size)
+        return DrawnTriangles(*_unit_body("box"), scale * shape.size)
     if isinstance(shape, (shapes.Sphere, shapes.Ellipsoid)):
         radii = shape.radius if isinstance(shape, shapes.Sphere) else np.array(shape.radii)
-        return Triangles(*_unit_body("sphere"), scale * radii)
+        return DrawnTriangles(*_unit_body("sphere"), scale * radii)
     if isinstance(shape, (shapes.Cylinder, shapes.Cone)):
         size = np.array((shape.radius, shape.radius, shape.length))
         kind = "cylinder" if isinstance(shape, shapes.Cylinder) else "cone"
-        return Triangles(*_unit_body(kind), scale * size)
+        return DrawnTriangles(*_unit_body(kind), scale * size)
     if isinstance(shape, shapes.Capsule):
-        return Triangles(*_capsule(shape.radius, shape.length), scale)
+        return DrawnTriangles(*_capsule(shape.radius, shape.length), scale)
     if isinstance(shape, shapes.Hull):
         return _hull_triangles(shape, scale)
     if isinstance(shape, shapes.Mesh):
-        return Triangles(shape.vertices, shape.faces, scale, closed=False)
+        return DrawnTriangles(shape.vertices, shape.faces, scale, closed=False)
     raise TypeError(f"the demo can't draw a {type(shape).__name__}")
 
 
@@ -97,14 +97,14 @@ def _capsule(radius: float, length: float) -> tuple[Floats, Integers]:
     return np.array(body.vertices), np.array(body.faces)
 
 
-def _hull_triangles(shape: shapes.Hull, scale: Floats) -> Triangles:
+def _hull_triangles(shape: shapes.Hull, scale: Floats) -> DrawnTriangles:
     try:
         body: Any = convex.convex_hull(shape.points)
     except QhullError:  # a point, a line, a triangle
         rows = np.arange(len(shape.points))
         faces = np.stack([rows, np.roll(rows, -1), np.roll(rows, -2)], axis=1)
         body = Trimesh(shape.points, faces, process=False)
-    return Triangles(np.array(body.vertices), np.array(body.faces), scale, closed=False)
+    return DrawnTriangles(np.array(body.vertices), np.array(body.faces), scale, closed=False)
 
 
 Color = tuple[float, float, float]
@@ -112,8 +112,11 @@ Color = tuple[float, float, float]
 FREE, TOUCHING, OVERLAPPING, DOUBTFUL = 0, 1, 2, 3
 STATE_NAMES = ("free", "touching", "overlapping", "stale or refused")
 STATE_COLORS: tuple[Color, ...] = (
-    (0.05, 0.56, 0.34), (0.93, 0.60, 0.05), (0.86, 0.10, 0.14), (0.50, 0.50, 0.50)
-)  # fmt: skip
+    (0.05, 0.56, 0.34),
+    (0.93, 0.60, 0.05),
+    (0.86, 0.10, 0.14),
+    (0.50, 0.50, 0.50),
+)
 #: Colours of contacts, closest points, predicted contacts, and points outside and in zones.
 CONTACT_COLOR = (0.25, 0.02, 0.05)
 NEAR_COLOR, PREDICTED_COLOR = (0.10, 0.38, 0.75), (0.55, 0.20, 0.65)
@@ -123,7 +126,7 @@ OUTSIDE_COLOR, INSIDE_COLOR = (0.55, 0.62, 0.70), (0.05, 0.12, 0.45)
 DIRECTION, DISTANCE = np.array((0.38, -0.78, 0.50)), 1.5
 
 
-class Note(NamedTuple):
+class Label(NamedTuple):
     """A text about a place (3,), m."""
 
     place: Floats
@@ -136,13 +139,13 @@ class Body(NamedTuple):
 
     name: str
     state: int
-    triangles: Triangles
+    triangles: DrawnTriangles
     position: Floats
     rotation: Floats
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class DrawnScene:
     """A node's latest outputs.
 
     names, boxes, states: n objects. shapes: those known, by name; zones: colours of regions, by
@@ -160,7 +163,7 @@ class Snapshot:
     near: Floats
     cloud: Floats
     inside: npt.NDArray[np.bool_]
-    notes: list[Note]
+    notes: list[Label]
 
     def bodies(self) -> Iterator[Body]:
         """Yield the objects that are not zones; a box for one whose shape is not known."""
@@ -199,7 +202,7 @@ class Snapshot:
 
 def take_snapshot(
     listener: Listener, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
-) -> Snapshot:
+) -> DrawnScene:
     """Return what a listener has received. ValueError if there are no boxes among it."""
     boxes, names = listener.boxes, listener.boxes.names
     if not names:
@@ -216,7 +219,7 @@ def take_snapshot(
     for row in [row for row, name in enumerate(names) if name in zones]:
         local = (cloud - placed.centers[row]) @ placed.rotations[row]
         inside |= (np.abs(local) <= placed.half_extents[row]).all(axis=1)
-    return Snapshot(
+    return DrawnScene(
         names=names,
         boxes=placed,
         states=np.array([states.get(name, FREE) for name in names]),
@@ -243,23 +246,25 @@ def look_at(view: View | None, boxes: Boxes) -> tuple[Floats, Floats]:
 
 def _notes(
     listener: Listener, names: list[str], boxes: Boxes, zones: Mapping[str, Color]
-) -> list[Note]:
+) -> list[Label]:
     notes = []
     corners = boxes.centers + np.einsum("nij,nj->ni", boxes.rotations, boxes.half_extents)
     corner_of = dict(zip(names, corners, strict=True))
     for row in _rows(listener, "points"):
         if row.name in corner_of:
             color = zones.get(row.name, INSIDE_COLOR)
-            notes.append(Note(corner_of[row.name], f"{row.points} points in {row.name}", color))
+            notes.append(Label(corner_of[row.name], f"{row.points} points in {row.name}", color))
     for pair, place in sorted(_overlapping(listener), key=lambda p: -np.nan_to_num(p[0].depth)):
         text = f"{1e3 * pair.depth:.0f} mm deep: {pair_of(pair)}"
-        notes.append(Note(place, text, STATE_COLORS[OVERLAPPING]))
+        notes.append(Label(place, text, STATE_COLORS[OVERLAPPING]))
     for row in sorted(_rows(listener, "sweep"), key=lambda row: row.time):
         text = f"in {row.time:.1f} s: {pair_of(row)}"
-        notes.append(Note(np.array(row.point), text, PREDICTED_COLOR))
+        notes.append(Label(np.array(row.point), text, PREDICTED_COLOR))
     for row in sorted(_rows(listener, "clearance"), key=lambda row: row.distance):
         middle = 0.5 * (np.array(row.point_a) + np.array(row.point_b))
-        notes.append(Note(middle, f"{1e3 * row.distance:.0f} mm apart: {pair_of(row)}", NEAR_COLOR))
+        notes.append(
+            Label(middle, f"{1e3 * row.distance:.0f} mm apart: {pair_of(row)}", NEAR_COLOR)
+        )
     return notes
 
 

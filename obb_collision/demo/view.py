@@ -40,8 +40,8 @@ from obb_collision.demo.snapshot import (
     STATE_COLORS,
     Body,
     Color,
-    Snapshot,
-    Triangles,
+    DrawnScene,
+    DrawnTriangles,
     look_at,
     take_snapshot,
     triangles_of,
@@ -68,7 +68,7 @@ WAITING = "Waiting for the node. Its first start compiles kernels: see its log f
 CUBE = triangles_of(Box((1.0, 1.0, 1.0)))
 
 
-class View:
+class BrowserView:
     """A scene in the browser. ImportError without viser, OSError for the port.
 
     host: "localhost" for this machine only, "0.0.0.0" for all that reach it. handles: by name, how
@@ -90,7 +90,7 @@ class View:
         self.handles: dict[str, tuple[Any, Any]] = {}  # with what they were made from
         self.url = f"http://{host}:{self._server.get_port()}"
 
-    def show(self, snapshot: Snapshot) -> None:
+    def show(self, snapshot: DrawnScene) -> None:
         """Draw a snapshot in place of the last one."""
         self._begin(snapshot.boxes)
         zone = np.array([name in snapshot.zones for name in snapshot.names])
@@ -141,11 +141,17 @@ class View:
         cell = 10.0 ** round(np.log10(self._size / 12.0))
         floor = (target[0], target[1], min(0.0, low[2]))
         self._server.scene.add_grid(
-            "/floor", 1.4 * self._size, 1.4 * self._size, position=floor, cell_size=cell,
-            section_size=10.0 * cell, cell_color=(225, 225, 225), section_color=(205, 205, 205),
-        )  # fmt: skip
+            "/floor",
+            1.4 * self._size,
+            1.4 * self._size,
+            position=floor,
+            cell_size=cell,
+            section_size=10.0 * cell,
+            cell_color=(225, 225, 225),
+            section_color=(205, 205, 205),
+        )
 
-    def _show_bodies(self, snapshot: Snapshot) -> None:
+    def _show_bodies(self, snapshot: DrawnScene) -> None:
         """Draw the bodies, those that differ only in size together."""
         names: dict[str, list[Body]] = defaultdict(list)
         for body in snapshot.bodies():
@@ -168,7 +174,7 @@ class View:
     def _meshes(
         self,
         name: str,
-        triangles: Triangles,
+        triangles: DrawnTriangles,
         placed: Boxes,
         scales: Floats,
         colors: Floats,
@@ -234,7 +240,7 @@ class View:
             if not np.array_equal(getattr(handle, field), value):
                 setattr(handle, field, value)
 
-    def _write(self, snapshot: Snapshot) -> None:
+    def _write(self, snapshot: DrawnScene) -> None:
         """Write what the colours mean, and the notes, into the panel."""
         lines = [(text, color) for text, color, _ in snapshot.legend()]
         notes = [(note.text, note.color) for note in snapshot.notes[:NOTES]]
@@ -264,7 +270,7 @@ class LiveView:
 
     def __init__(
         self,
-        view: View,
+        view: BrowserView,
         listener: Listener,
         shapes: Mapping[str, Shape] | None = None,
         zones: Mapping[str, Color] | None = None,

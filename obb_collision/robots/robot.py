@@ -118,9 +118,13 @@ class Robot:
     """
 
     def __init__(
-        self, description: Description, semantics: Semantics, root: str, joints: list[Joint],
+        self,
+        description: Description,
+        semantics: Semantics,
+        root: str,
+        joints: list[Joint],
         virtual: Joint | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         shapes = description.shapes
         moving = joints if virtual is None else [virtual, *joints]
         variables = variables_of(moving)
@@ -148,9 +152,14 @@ class Robot:
 
     @classmethod
     def from_urdf(
-        cls, urdf: Source, srdf: Source | None = None, package_dirs: PackageDirs | None = None, *,
-        move_virtual_joint: bool = False, read_mesh: ReadMesh | None = None,
-    ) -> Robot:  # fmt: skip
+        cls,
+        urdf: Source,
+        srdf: Source | None = None,
+        package_dirs: PackageDirs | None = None,
+        *,
+        move_virtual_joint: bool = False,
+        read_mesh: ReadMesh | None = None,
+    ) -> Robot:
         """Return the robot that a URDF describes.
 
         Parameters

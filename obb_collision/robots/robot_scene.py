@@ -311,9 +311,15 @@ class RobotScene(NotCopied):
         self._attach(name, shape, link, pose, touch_links, padding, of_scene=True)
 
     def _attach(
-        self, name: str, shape: Shape | OBB, link: str, pose: ArrayLike | None,
-        touch_links: Sequence[str] | Set[str], padding: float, of_scene: bool,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        shape: Shape | OBB,
+        link: str,
+        pose: ArrayLike | None,
+        touch_links: Sequence[str] | Set[str],
+        padding: float,
+        of_scene: bool,
+    ) -> None:
         if name in self._model.link_names:
             raise ValueError(f"name must not be that of a link, got {shown(name)}")
         where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))

@@ -51,15 +51,21 @@ def _parser() -> Parser:
     )
     parser.add_argument("urdf", type=Path, nargs="?", metavar="URDF", help="file of the robot")
     parser.add_argument(
-        "-o", "--output", type=new_file(), metavar="FILE",
+        "-o",
+        "--output",
+        type=new_file(),
+        metavar="FILE",
         help="file of the SRDF; else it is printed",
-    )  # fmt: skip
+    )
     option(parser, "--time-limit", real(0.001, LONGEST), 60.0, "seconds for all pairs")
     option(parser, "--srdf", Path, text="SRDF of which all but the disabled pairs is taken over")
     parser.add_argument(
-        "--package-dir", action="append", default=[], metavar="FOLDER",
+        "--package-dir",
+        action="append",
+        default=[],
+        metavar="FOLDER",
         help="folder in which packages of package:// are; may be given several times",
-    )  # fmt: skip
+    )
     option(parser, "--report", new_file(), text="file of the report; else it is printed to stderr")
     return parser
 
@@ -91,8 +97,9 @@ def main(args: Sequence[str] | None = None) -> int:
         text = srdf_text(robot, proofs, given)
         told = "".join(f"{printable(line)}\n" for line in report(robot, proofs).splitlines())
         for lines, path, stream in (
-            (text, options.output, sys.stdout), (told, options.report, sys.stderr),
-        ):  # fmt: skip
+            (text, options.output, sys.stdout),
+            (told, options.report, sys.stderr),
+        ):
             if path is None:
                 stream.write(lines)
             else:

@@ -81,7 +81,7 @@ class Lidar:
                 break
             there.remove(scene.name(around.boxes[0]))
         origins = np.tile(origin, (len(directions), 1))
-        found = scene.cast_rays(*(origins, directions, ways), accuracy=Accuracy.MESH, objects=there)
+        found = scene.cast_rays(origins, directions, ways, accuracy=Accuracy.MESH, objects=there)
         ways = np.minimum(ways, found.distances)
         moment = round(time * 1e6) % 2**63  # microseconds: the resolution that matters in a stamp
         noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)

@@ -43,7 +43,7 @@ def quiet(what: str) -> None:
 
 @pytest.fixture(scope="module")
 def price() -> contest.Price:
-    return contest.measure(FEW, contest.Plan(40, 200, 30, 2.0), 1, quiet)
+    return contest.measure(FEW, contest.ContestPlan(40, 200, 30, 2.0), 1, quiet)
 
 
 def test_trimesh_makes_many_kinds_of_meshes_of_one_size() -> None:
@@ -96,7 +96,7 @@ def test_peers_that_are_installed_agree(price: contest.Price) -> None:
 def test_missed_collisions_are_counted_and_end_in_an_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    corpus, plan = box_corpus(50, 0), contest.Plan(50, 50, 20, 0.0)
+    corpus, plan = box_corpus(50, 0), contest.ContestPlan(50, 50, 20, 0.0)
     price = contest.measure(corpus, plan, 2, quiet)
     assert [row.name for row in price.rows if not row.peer] == [one.name for one in BOX_LEVELS]
     assert price.missed == price.row("obb").false == 0

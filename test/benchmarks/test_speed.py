@@ -29,11 +29,11 @@ import obb_collision as oc
 from obb_collision.benchmarks import effect_costs, speed
 from obb_collision.benchmarks.contestants import OURS, PAIRS, PEERS, Contestant, OurPairs
 from obb_collision.benchmarks.forms import FORMS, make_frames
-from obb_collision.benchmarks.steps import Case, Plan, Row, run_case, slopes, tables
+from obb_collision.benchmarks.steps import Case, StepPlan, StepRow, run_case, slopes, tables
 from obb_collision.benchmarks.tables import write_into
 from obb_collision.typing import Floats, Rows
 
-QUICK = Plan(seconds=0.0, steps=1)
+QUICK = StepPlan(seconds=0.0, steps=1)
 
 
 def silent(what: str) -> None:
@@ -102,14 +102,14 @@ def test_pairs_that_differ_are_counted_with_their_distance_from_touching() -> No
 
 
 def test_who_would_take_too_long_is_left_out_with_a_note() -> None:
-    plan = Plan(seconds=0.0, steps=1, limit=1e-9)
+    plan = StepPlan(seconds=0.0, steps=1, limit=1e-9)
     rows, notes = run_case(Case(boxes=50), [PAIRS, stand_in("slow", OurPairs)], [1], plan, silent)
     assert [row.name for row in rows] == ["find_pairs"]
     assert notes[0][0] == "slow would take too long for"
 
 
-def row(name: str, boxes: int, median: float, form: str = "uniform", threads: int = 2) -> Row:
-    return Row(name, threads, form, boxes, 1.0, median, median, 20, 0.0, 1, 0, 0, 0.0)
+def row(name: str, boxes: int, median: float, form: str = "uniform", threads: int = 2) -> StepRow:
+    return StepRow(name, threads, form, boxes, 1.0, median, median, 20, 0.0, 1, 0, 0, 0.0)
 
 
 def test_slopes_are_those_of_the_medians() -> None:

@@ -35,15 +35,15 @@ from obb_collision.demo.snapshot import (
     OVERLAPPING,
     STATE_COLORS,
     TOUCHING,
-    Note,
-    Snapshot,
+    DrawnScene,
+    Label,
 )
 
 NONE: Any = np.empty((0, 3))
 ZONE = (0.1, 0.2, 0.9)
 
 
-def make_snapshot(count: int, notes: int = 0, **changes: Any) -> Snapshot:
+def make_snapshot(count: int, notes: int = 0, **changes: Any) -> DrawnScene:
     """Return a snapshot of boxes in rows."""
     random = np.random.default_rng(3)
     poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (count, 1))
@@ -61,14 +61,14 @@ def make_snapshot(count: int, notes: int = 0, **changes: Any) -> Snapshot:
         "cloud": NONE,
         "inside": np.empty(0, np.bool_),
         "notes": [
-            Note(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE)
+            Label(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE)
             for k in range(notes)
         ],
     }
-    return Snapshot(**(fields | changes))
+    return DrawnScene(**(fields | changes))
 
 
-def count_pixels(snapshot: Snapshot, color: tuple[float, float, float]) -> int:
+def count_pixels(snapshot: DrawnScene, color: tuple[float, float, float]) -> int:
     figure: Any = draw_picture(snapshot, "", "")
     figure.legends.clear()
     figure.canvas.draw()

@@ -30,7 +30,7 @@ from obb_collision.scene_files import READY, find_scene, load_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
-from obb_collision.demo.narrator import Clearances, PointsInside, Predictions  # noqa: E402
+from obb_collision.demo.narrator import ClearancesNarrator, PointsInsideNarrator, Predictions  # noqa: E402
 from obb_collision.demo.run import Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction  # noqa: E402
@@ -69,12 +69,12 @@ def test_what_begins_and_ends_is_printed_once() -> None:
     assert narrator.rows == []
     assert "2 collisions predicted, 1 between two states" in next(narrator.summary())
 
-    inside = PointsInside()
+    inside = PointsInsideNarrator()
     entered = list(inside.update([NamedPoints("zone/0", 7, 0, 0, 0.1)], 0.0))
     left = list(inside.update([], 1.0))
     assert (entered, left) == (["entered zone/0  7 points inside"], ["left    zone/0"])
 
-    near = Clearances()
+    near = ClearancesNarrator()
     rows = [NamedClearance("a/0", "b/0", gap, origin, origin) for gap in (0.25, -0.5)]
     assert list(near.update(rows, 3.0)) == []
     assert "minimum 250.0 mm, a/0 – b/0, at 3.0 s" in next(near.summary())  # noqa: RUF001

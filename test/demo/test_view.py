@@ -39,7 +39,7 @@ from obb_collision.demo.listener import boxes_from_bytes  # noqa: E402
 from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402
-from obb_collision.demo.view import WAITING, LiveView, View  # noqa: E402
+from obb_collision.demo.view import WAITING, BrowserView, LiveView  # noqa: E402
 from obb_collision.geometry.boxes import Boxes  # noqa: E402
 from obb_collision.node.messages.box_markers import COLORS, Markers  # noqa: E402
 from obb_collision.node.messages.errors import RefusedError  # noqa: E402
@@ -74,7 +74,7 @@ def test_the_view_shows_what_the_node_published(demo: Demo) -> None:
     pytest.importorskip("viser")
     demo.begin()
     states = []
-    with closing(View(port=0)) as view:
+    with closing(BrowserView(port=0)) as view:
         assert WAITING in view.panel.content
         for time in (0.0, 4.0):
             demo.settle(time)
@@ -94,7 +94,7 @@ def test_the_view_shows_what_the_node_published(demo: Demo) -> None:
 
 def test_the_view_follows_the_topics(demo: Demo) -> None:
     pytest.importorskip("viser")
-    view = View(port=0)
+    view = BrowserView(port=0)
     with closing(LiveView(view, demo.listener, demo.scene.shapes)):
         demo.begin()
         demo.spin_until(lambda: "edges of boxes" in view.handles, PATIENCE)
@@ -149,7 +149,7 @@ def test_boxes_come_out_of_the_bytes_of_markers() -> None:
 
 def test_edges_of_many_boxes_are_shown(demo: Demo) -> None:
     pytest.importorskip("viser")
-    with closing(View(port=0)) as view:
+    with closing(BrowserView(port=0)) as view:
         ends = np.random.default_rng(1).normal(size=(48, 3))
         assert WAITING in view.panel.content
         view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])

@@ -119,10 +119,16 @@ def new_placed(checked: Checked) -> Placed:
     count, first = len(bodies.frames), tests.first
     most = len(tests.pairs) + first * (count - first)
     placed = Placed(
-        np.empty((1, links, 7)), np.zeros((links + 1, 3)), np.zeros((links + 1, 3, 3)),
-        np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros(count, np.bool_),
-        np.empty((2, STACK), np.int64), np.empty((most, 2), np.int64), np.empty(most),
-    )  # fmt: skip
+        np.empty((1, links, 7)),
+        np.zeros((links + 1, 3)),
+        np.zeros((links + 1, 3, 3)),
+        np.empty((count, 3)),
+        np.empty((count, 3, 3)),
+        np.zeros(count, np.bool_),
+        np.empty((2, STACK), np.int64),
+        np.empty((most, 2), np.int64),
+        np.empty(most),
+    )
     for k in range(3):
         placed.rotations[links, k, k] = 1.0
     for i in range(first, count):

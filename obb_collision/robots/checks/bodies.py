@@ -72,9 +72,13 @@ def body_of(
 
 
 def placed_body(
-    corners: Floats, radius: float, frame: int, box: tuple[Floats, Floats, Floats], beyond: float,
+    corners: Floats,
+    radius: float,
+    frame: int,
+    box: tuple[Floats, Floats, Floats],
+    beyond: float,
     chain: float = 0.0,
-) -> LinkBodies:  # fmt: skip
+) -> LinkBodies:
     """Return the body of corners (k, 3), a radius around them and a box, all in a frame.
 
     beyond: how far it reaches beyond a curved shape.
@@ -83,12 +87,20 @@ def placed_body(
     farthest = float(np.abs(corners).sum(axis=1).max())
     reach, blocks = chain + farthest + radius, in_blocks(corners)
     return LinkBodies(
-        frames=np.array([frame]), centers=box[0][None], rotations=box[1][None],
-        half_extents=box[2][None], spheres=np.array([sphere]), inner=np.zeros(1),
-        boxes=np.zeros(1, np.bool_), rounds=np.array([radius]), radii=np.array([farthest]),
-        reaches=np.array([reach]), excess=np.array([beyond]),
-        blocks=blocks, starts=np.array([0, len(blocks)]),
-    )  # fmt: skip
+        frames=np.array([frame]),
+        centers=box[0][None],
+        rotations=box[1][None],
+        half_extents=box[2][None],
+        spheres=np.array([sphere]),
+        inner=np.zeros(1),
+        boxes=np.zeros(1, np.bool_),
+        rounds=np.array([radius]),
+        radii=np.array([farthest]),
+        reaches=np.array([reach]),
+        excess=np.array([beyond]),
+        blocks=blocks,
+        starts=np.array([0, len(blocks)]),
+    )
 
 
 def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: int) -> LinkBodies:
@@ -98,11 +110,20 @@ def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: 
     corners = centers[:, None] + np.einsum("nij,nkj->nki", rotations, BOX_CORNERS * grown[:, None])
     radii = np.abs(corners).sum(axis=2).max(axis=1, initial=0.0)
     return LinkBodies(
-        np.full(count, frame), centers, rotations, half_extents,
-        np.linalg.norm(grown, axis=1) * RADIUS_GROWTH, half_extents.min(axis=1, initial=np.inf),
-        np.ones(count, np.bool_), np.zeros(count), radii, radii, np.zeros(count),
-        np.ascontiguousarray(corners.transpose(0, 2, 1)), np.arange(count + 1),
-    )  # fmt: skip
+        np.full(count, frame),
+        centers,
+        rotations,
+        half_extents,
+        np.linalg.norm(grown, axis=1) * RADIUS_GROWTH,
+        half_extents.min(axis=1, initial=np.inf),
+        np.ones(count, np.bool_),
+        np.zeros(count),
+        radii,
+        radii,
+        np.zeros(count),
+        np.ascontiguousarray(corners.transpose(0, 2, 1)),
+        np.arange(count + 1),
+    )
 
 
 NO_BODIES = box_bodies(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)), 0)

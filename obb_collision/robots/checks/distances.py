@@ -60,7 +60,7 @@ GROWTH = 1.0 + 1e-9
 FEWEST_DISTANCES, FEWEST_PAIRS = 8, 32
 
 
-class Nearest(NamedTuple):
+class NearestPairs(NamedTuple):
     """The nearest pair of each state."""
 
     bounds: Floats  #: (n, 2) between which the distance is
@@ -68,7 +68,7 @@ class Nearest(NamedTuple):
     vectors: Floats  #: (n, 3, 3): the closest points of both, and the direction
 
 
-class Room(NamedTuple):
+class DistanceState(NamedTuple):
     """What the distances of one state are found with."""
 
     placed: Placed
@@ -80,9 +80,15 @@ class Room(NamedTuple):
 
 @njit
 def distances_kernel(
-    checked: Checked, boxes: bool, given: bool, states: Floats, limit: float, nearest: Nearest,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    checked: Checked,
+    boxes: bool,
+    given: bool,
+    states: Floats,
+    limit: float,
+    nearest: NearestPairs,
+    start: int,
+    stop: int,
+) -> None:
     """Write the least signed distance of each state up to a limit, negative where bodies collide.
 
     boxes: whether bodies are their boxes, or hulls; given: whether only the pairs that are there.
@@ -91,18 +97,29 @@ def distances_kernel(
     lower, spheres = np.empty(1 if given else len(placed.grown)), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
         spheres[i] = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
-    room = Room(placed, _cores(bodies, boxes), room_for_depth(), spheres, lower)
+    room = DistanceState(placed, _cores(bodies, boxes), room_for_depth(), spheres, lower)
     _fill_distances(checked, boxes, given, states, limit, nearest, room, start, stop)
 
 
 @njit(inline=True, refcount=False)
 def _fill_distances(
-    checked: Checked, boxes: bool, given: bool, states: Floats, limit: float, nearest: Nearest,
-    room: Room, start: int, stop: int,
-) -> None:  # fmt: skip
+    checked: Checked,
+    boxes: bool,
+    given: bool,
+    states: Floats,
+    limit: float,
+    nearest: NearestPairs,
+    room: DistanceState,
+    start: int,
+    stop: int,
+) -> None:
     bodies, tests, placed, cores, lower = (
-        checked.bodies, checked.tests, room.placed, room.cores, room.lower,
-    )  # fmt: skip
+        checked.bodies,
+        checked.tests,
+        room.placed,
+        room.cores,
+        room.lower,
+    )
     bounds, pairs, vectors = nearest.bounds, nearest.pairs, nearest.vectors
     for n in range(start, stop):
         place_state(checked, states, n, placed)
@@ -169,11 +186,14 @@ def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
     """
     count = len(bodies.frames)
     cores = Cores(
-        np.full(count, BOX if boxes else CORNERS, np.int8), np.zeros((count, 4)),
+        np.full(count, BOX if boxes else CORNERS, np.int8),
+        np.zeros((count, 4)),
         np.zeros(count) if boxes else bodies.rounds,
-        Hulls(bodies.blocks, bodies.starts, bodies.radii), np.arange(count),
-        np.zeros((count, 3)), np.zeros((count, 3, 3)),
-    )  # fmt: skip
+        Hulls(bodies.blocks, bodies.starts, bodies.radii),
+        np.arange(count),
+        np.zeros((count, 3)),
+        np.zeros((count, 3, 3)),
+    )
     for i in range(count):
         for k in range(3):
             cores.rotations[i, k, k] = 1.0
@@ -203,7 +223,7 @@ def hull_distances(
 ) -> PairDistances:
     """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row."""
     count = len(pairs)
-    found = Nearest(np.empty((count, 2)), pairs.copy(), np.empty((count, 3, 3)))
+    found = NearestPairs(np.empty((count, 2)), pairs.copy(), np.empty((count, 3, 3)))
     run(distances_kernel, count, FEWEST_PAIRS, checked, False, True, states, limit, found)
     return PairDistances(found.bounds[:, 0], found.bounds[:, 1], found.vectors)
 
@@ -217,7 +237,7 @@ def least_distances(
         none = np.empty((0, 2), np.int64)
         checked = checked._replace(tests=checked.tests._replace(pairs=none))
     count = len(states)
-    bounds, bodies, vectors = found = Nearest(
+    bounds, bodies, vectors = found = NearestPairs(
         np.empty((count, 2)), np.empty((count, 2), np.int64), np.full((count, 3, 3), np.nan)
     )
     boxes = accuracy < Accuracy.HULL
@@ -236,7 +256,7 @@ def least_distances(
 
 
 def _decide_meshes(
-    prepared: Prepared, checked: Checked, states: Floats, limit: float, nearest: Nearest
+    prepared: Prepared, checked: Checked, states: Floats, limit: float, nearest: NearestPairs
 ) -> None:
     """Write the least distances of meshes, and their pairs, over those of hulls."""
     rows = np.flatnonzero(nearest.pairs[:, 0] >= 0)

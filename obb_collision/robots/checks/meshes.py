@@ -46,7 +46,7 @@ class PairDistances(NamedTuple):
     vectors: Floats  #: (m, 3, 3) the closest points of both, and the direction
 
 
-class PlacedPairs(NamedTuple):
+class MeshPairs(NamedTuple):
     """Some pairs as meshes: row k of a against row k of b, each with a radius about it."""
 
     rows: Rows  #: (k,) of the pairs
@@ -73,9 +73,13 @@ def mesh_collisions_of(prepared: Prepared, states: Floats, pairs: Integers) -> M
 
 
 def set_mesh_distances(
-    prepared: Prepared, states: Floats, pairs: Integers, found: PairDistances, limit: float,
+    prepared: Prepared,
+    states: Floats,
+    pairs: Integers,
+    found: PairDistances,
+    limit: float,
     depths: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Write the distances of pairs (m, 2) with a mesh, given those of their hulls.
 
     depths: whether to look for the depth of those that overlap; it is at least that otherwise.
@@ -98,14 +102,16 @@ def set_mesh_distances(
         found.lower[each.rows[overlap]] = np.minimum(found.lower[each.rows[overlap]], 0.0)
 
 
-def _set_depths(sides: PlacedPairs, k: Rows, found: PairDistances) -> None:
+def _set_depths(sides: MeshPairs, k: Rows, found: PairDistances) -> None:
     """Write the depths of meshes in rows k of sides that overlap, and where they are."""
     rows = sides.rows[k]
     vectors = found.vectors[rows]
     outer = Separations(
-        np.column_stack([k, k]), np.minimum(found.lower[rows], 0.0), vectors[:, 2].copy(),
+        np.column_stack([k, k]),
+        np.minimum(found.lower[rows], 0.0),
+        vectors[:, 2].copy(),
         0.5 * (vectors[:, 0] + vectors[:, 1]),
-    )  # fmt: skip
+    )
     deep = within(outer, sides.a, sides.radii_a, sides.b, sides.radii_b)
     half = 0.5 * deep.separations[:, None] * deep.normals
     found.lower[rows] = deep.separations - sides.slack[k]
@@ -113,7 +119,7 @@ def _set_depths(sides: PlacedPairs, k: Rows, found: PairDistances) -> None:
     found.vectors[rows, 2] = deep.normals
 
 
-def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[PlacedPairs]:
+def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[MeshPairs]:
     """Yield those of pairs (m, 2) that have a mesh, in their states."""
     if len(pairs) == 0:
         return
@@ -134,4 +140,4 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
             b, radii = own.placed(tree, states[rows], j[rows]), own.radii[j[rows]]
         slack = bodies.reaches[i[rows]] + bodies.reaches[j[rows]]
         slack += np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1)
-        yield PlacedPairs(rows, a, own.radii[i[rows]], b, radii, LINK_PLACING * slack)
+        yield MeshPairs(rows, a, own.radii[i[rows]], b, radii, LINK_PLACING * slack)

@@ -34,7 +34,7 @@ from obb_collision.robots.checks.bodies import (
     joined,
 )
 from obb_collision.robots.checks.robot_arrays import (
-    Limits,
+    JointLimits,
     allowed_links,
     body_pairs,
     chain_lengths,
@@ -117,7 +117,7 @@ class Prepared:
     checked: Checked
     own: OwnBodies
     world: World
-    limits: Limits
+    limits: JointLimits
     names: list[str]
     owners: Rows
     """(b + 1,) the row in names of each body, and -1 for none."""
@@ -147,7 +147,7 @@ class Model:
                     "robots must have distinct names of links and joints; give a mapping from "
                     "names of robots, which come in front of them"
                 )
-        self.limits = Limits(robots)
+        self.limits = JointLimits(robots)
         self._own: OwnBodies | None = None
         self._prepared: tuple[WorldState, Prepared] | None = None
         self._kept: Kept = {}
@@ -274,9 +274,14 @@ class Model:
             allowed = allowed | ~counted[:, :count]
             world_allowed = np.ascontiguousarray(~counted[own.owners, count:])
         tests = Tests(
-            *own.links, body_pairs(own.owners, allowed), world_allowed, len(own.owners),
-            world.tree.nodes, world.tree.starts, world.tree.order,
-        )  # fmt: skip
+            *own.links,
+            body_pairs(own.owners, allowed),
+            world_allowed,
+            len(own.owners),
+            world.tree.nodes,
+            world.tree.starts,
+            world.tree.order,
+        )
         checked = Checked(self.tree, joined([own.bodies, world.bodies]), tests)
         owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
         return Prepared(checked, own, world, self.limits, names, owners)

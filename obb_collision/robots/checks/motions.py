@@ -74,7 +74,7 @@ class FirstHits(NamedTuple):
     pairs: Integers
 
 
-class Room(NamedTuple):
+class MotionState(NamedTuple):
     """Where one motion is examined; speeds are bounds, metres per parameter."""
 
     placed: Placed
@@ -183,17 +183,24 @@ def _turning_speed(starts: Floats, ends: Floats, n: int, column: int) -> float:
 
 @njit
 def motions_kernel(
-    checked: Checked, level: int, motions: Motions, resolution: float, hits: FirstHits,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    checked: Checked,
+    level: int,
+    motions: Motions,
+    resolution: float,
+    hits: FirstHits,
+    start: int,
+    stop: int,
+) -> None:
     """Write where each motion first collides."""
     own, pairs = checked.tests.first, len(checked.tests.pairs)
-    room = Room(
-        new_placed(checked), np.empty((len(checked.tree.parents), 2)),
+    room = MotionState(
+        new_placed(checked),
+        np.empty((len(checked.tree.parents), 2)),
         PairValues(np.empty((1, own)), np.empty((1, pairs))),
         PairValues(np.empty((1, own)), np.empty((1, pairs))),
-        np.empty((1, motions.starts.shape[1])), np.empty((DEPTH, 2)),
-    )  # fmt: skip
+        np.empty((1, motions.starts.shape[1])),
+        np.empty((DEPTH, 2)),
+    )
     for n in range(start, stop):
         _set_speeds(checked, motions, n, room.joints, room.speeds, 0)
         parameter, certain, i, j = _first_collision(checked, level, motions, n, resolution, room)
@@ -203,7 +210,7 @@ def motions_kernel(
 
 @njit(inline=True, refcount=False)
 def _first_collision(
-    checked: Checked, level: int, motions: Motions, n: int, resolution: float, room: Room
+    checked: Checked, level: int, motions: Motions, n: int, resolution: float, room: MotionState
 ) -> tuple[float, bool, int, int]:
     """Return up to where motion n is free, whether that is certain to be all, and the pair.
 
@@ -262,15 +269,25 @@ def _fastest(speeds: PairValues) -> float:
 
 @njit(inline=True, refcount=False)
 def _examined(
-    checked: Checked, level: int, motions: Motions, n: int, time: float, half: float, room: Room
+    checked: Checked,
+    level: int,
+    motions: Motions,
+    n: int,
+    time: float,
+    half: float,
+    room: MotionState,
 ) -> tuple[int, int]:
     """Return what a state proves of motion n for the time ``half`` before and after it.
 
     FREE, COLLIDING (itself) or OPEN, and the candidate that is the reason.
     """
     starts, ends, state, placed, bodies = (
-        motions.starts, motions.ends, room.state, room.placed, checked.bodies,
-    )  # fmt: skip
+        motions.starts,
+        motions.ends,
+        room.state,
+        room.placed,
+        checked.bodies,
+    )
     near, speeds = room.near, room.speeds
     for k in range(state.shape[1]):
         state[0, k] = starts[n, k] + time * (ends[n, k] - starts[n, k])

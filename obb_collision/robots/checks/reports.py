@@ -58,7 +58,7 @@ class FirstPairs:
         return len(self.first_pairs)
 
 
-class Validity(FirstPairs):
+class ValidityReport(FirstPairs):
     """What is valid: within limits, and free of collisions."""
 
     out_of_limits: Mask
@@ -80,7 +80,7 @@ class Validity(FirstPairs):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StateReport(Validity):
+class StateReport(ValidityReport):
     """Which states of robots are valid: within limits, and free of collisions.
 
     Attributes
@@ -153,7 +153,7 @@ class StateDistances(FirstPairs):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MotionReport(Validity):
+class MotionReport(ValidityReport):
     """Which motions are valid from start to end, between the two as well.
 
     Attributes

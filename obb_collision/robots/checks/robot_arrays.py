@@ -71,7 +71,7 @@ def chain_lengths(tree: Tree, lower: Floats, upper: Floats) -> Floats:
     return lengths
 
 
-class Limits:
+class JointLimits:
     """The limits of the joints of several robots, those of joints that mimic others included."""
 
     def __init__(self, robots: Sequence[Robot]) -> None:

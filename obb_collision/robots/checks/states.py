@@ -106,9 +106,15 @@ def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: b
             depth -= 1
             level, block = levels[depth], blocks[depth]
             mask = overlaps(
-                nodes, starts[level] + block,
-                x - radius, y - radius, z - radius, x + radius, y + radius, z + radius,
-            )  # fmt: skip
+                nodes,
+                starts[level] + block,
+                x - radius,
+                y - radius,
+                z - radius,
+                x + radius,
+                y + radius,
+                z + radius,
+            )
             while mask != 0:
                 child = LANES * block + lowest(mask)
                 mask &= mask - 1
@@ -210,9 +216,15 @@ def _hulls_apart(
 
 @njit
 def pairs_kernel(
-    checked: Checked, level: int, states: Floats, near: PairValues, first: bool, found: Found,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    checked: Checked,
+    level: int,
+    states: Floats,
+    near: PairValues,
+    first: bool,
+    found: Found,
+    start: int,
+    stop: int,
+) -> None:
     """Write the pairs of bodies that may collide in each state; without room, their numbers.
 
     first: only the first of each state. States whose number is 0 are left out if there is room.
@@ -222,9 +234,16 @@ def pairs_kernel(
 
 @njit(inline=True, refcount=False)
 def _fill_pairs(
-    checked: Checked, level: int, states: Floats, near: PairValues, first: bool, found: Found,
-    placed: Placed, start: int, stop: int,
-) -> None:  # fmt: skip
+    checked: Checked,
+    level: int,
+    states: Floats,
+    near: PairValues,
+    first: bool,
+    found: Found,
+    placed: Placed,
+    start: int,
+    stop: int,
+) -> None:
     counts, ends, pairs, bodies = found.counts, found.ends, found.pairs, checked.bodies
     for n in range(start, stop):
         if len(pairs) and counts[n] == 0:

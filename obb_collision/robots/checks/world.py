@@ -164,10 +164,14 @@ def world_of(
     boxes = store.centers[plain] - origin, store.rotations[plain], store.half_extents[plain]
     minimum, maximum = meeting_bounds(store.boxes(slots))
     return World(
-        scene, origin, slots, store.kinds[slots], [str(store.names[slot]) for slot in slots],
+        scene,
+        origin,
+        slots,
+        store.kinds[slots],
+        [str(store.names[slot]) for slot in slots],
         joined([box_bodies(*boxes, frame), *bodies.values()]),
         BoundsTree.build(minimum - origin, maximum - origin),
-    )  # fmt: skip
+    )
 
 
 def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBodies]:

@@ -53,9 +53,18 @@ def virtual_joint_of(virtual: VirtualJoint | None, description: Description) -> 
     x, y, z, qx, qy, qz, qw = IDENTITY_POSE.tolist()
     infinite = float("inf")
     return Joint(
-        virtual.name, virtual.kind, "", virtual.child_link, (x, y, z, qx, qy, qz, qw), None,
-        -infinite, infinite, infinite, None, description.element,
-    )  # fmt: skip
+        virtual.name,
+        virtual.kind,
+        "",
+        virtual.child_link,
+        (x, y, z, qx, qy, qz, qw),
+        None,
+        -infinite,
+        infinite,
+        infinite,
+        None,
+        description.element,
+    )
 
 
 def adjacent_pairs(joints: list[Joint], shapes: dict[str, tuple[PlacedShape, ...]]) -> Pairs:
@@ -173,11 +182,17 @@ def tree_of(
     rows = {name: row for row, name in enumerate(links)}
     count = len(links)
     tree = Tree(
-        parents=np.full(count, -1), kinds=np.zeros(count, np.int64), columns=np.full(count, -1),
-        multipliers=np.ones(count), offsets=np.zeros(count), translations=np.zeros((count, 3)),
-        rotations=np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), turned=np.zeros((count, 4)),
-        directions=np.zeros((count, 3)), across=np.zeros((count, 3)),
-    )  # fmt: skip
+        parents=np.full(count, -1),
+        kinds=np.zeros(count, np.int64),
+        columns=np.full(count, -1),
+        multipliers=np.ones(count),
+        offsets=np.zeros(count),
+        translations=np.zeros((count, 3)),
+        rotations=np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
+        turned=np.zeros((count, 4)),
+        directions=np.zeros((count, 3)),
+        across=np.zeros((count, 3)),
+    )
     for row, joint in enumerate((virtual, *joints)):
         if joint is None:
             continue

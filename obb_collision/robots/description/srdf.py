@@ -78,10 +78,15 @@ def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joi
     defaults = [reader.link(each, "link") for each in srdf.children("disable_default_collisions")]
     disabled = reader.pairs("disable_collisions")
     return Semantics(
-        reader.virtual_joint(), disabled, reader.pairs("enable_collisions"),
-        tuple(dict.fromkeys(link for link in defaults if link is not None)), reader.groups(),
-        reader.group_states(), reader.end_effectors(), tuple(reader.doubts),
-    )  # fmt: skip
+        reader.virtual_joint(),
+        disabled,
+        reader.pairs("enable_collisions"),
+        tuple(dict.fromkeys(link for link in defaults if link is not None)),
+        reader.groups(),
+        reader.group_states(),
+        reader.end_effectors(),
+        tuple(reader.doubts),
+    )
 
 
 class _Reader:

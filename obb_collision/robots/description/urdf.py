@@ -284,10 +284,18 @@ def _read_joint(element: Element) -> Joint:
     kind = element.choice("type", KINDS)
     lower, upper, velocity = _read_limits(element, kind)
     return Joint(
-        element.word("name"), kind, element.needed("parent").word("link"),
-        element.needed("child").word("link"), _read_origin(element), _read_axis(element, kind),
-        lower, upper, velocity, _read_mimic(element, kind), element,
-    )  # fmt: skip
+        element.word("name"),
+        kind,
+        element.needed("parent").word("link"),
+        element.needed("child").word("link"),
+        _read_origin(element),
+        _read_axis(element, kind),
+        lower,
+        upper,
+        velocity,
+        _read_mimic(element, kind),
+        element,
+    )
 
 
 def _read_origin(element: Element) -> Pose:

@@ -200,9 +200,15 @@ def parse(data: bytes, file: str) -> Element:
     if len(data) > LARGEST:
         raise RobotError(file, 0, "", f"it has {len(data)} bytes, {LARGEST} is the limit")
     parser = etree.XMLPullParser(
-        events=("start", "end"), resolve_entities=False, no_network=True, load_dtd=False,
-        dtd_validation=False, huge_tree=False, remove_comments=True, remove_pis=True,
-    )  # fmt: skip
+        events=("start", "end"),
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
     count = level = 0
     try:
         for first in range(0, len(data) + PORTION, PORTION):

@@ -109,10 +109,15 @@ def place_links(tree: Tree, states: Floats, n: int, poses: Floats, m: int) -> No
         if parent >= 0:
             place, turn = _composed(
                 (poses[m, parent, 0], poses[m, parent, 1], poses[m, parent, 2]),
-                (poses[m, parent, 3], poses[m, parent, 4], poses[m, parent, 5],
-                 poses[m, parent, 6]),
-                place, turn,
-            )  # fmt: skip
+                (
+                    poses[m, parent, 3],
+                    poses[m, parent, 4],
+                    poses[m, parent, 5],
+                    poses[m, parent, 6],
+                ),
+                place,
+                turn,
+            )
         poses[m, link, 0], poses[m, link, 1], poses[m, link, 2] = place
         poses[m, link, 3], poses[m, link, 4], poses[m, link, 5], poses[m, link, 6] = turn
 
@@ -146,8 +151,11 @@ def _moved_freely(tree: Tree, states: Floats, n: int, link: int) -> tuple[Vector
         return place, _turned(turn, _quaternion_at(tree.turned, link), states[n, column + 2])
     place = plus(place, scaled(cross(a, b), states[n, column + 2]))
     inner = (
-        states[n, column + 3], states[n, column + 4], states[n, column + 5], states[n, column + 6],
-    )  # fmt: skip
+        states[n, column + 3],
+        states[n, column + 4],
+        states[n, column + 5],
+        states[n, column + 6],
+    )
     return place, _turned_freely(turn, inner)
 
 

@@ -58,7 +58,7 @@ class Pieces(NamedTuple):
         return Pieces(starts[rows], ends[rows], begins[rows], finishes[rows], segments[rows])
 
 
-class Segments(NamedTuple):
+class SplineSegments(NamedTuple):
     """Coefficients (n, 6, j) of polynomials in the time since each start; durations (n,) (s)."""
 
     coefficients: Floats
@@ -86,7 +86,7 @@ def interpolation(first: Point, last: Point) -> str:
     return CUBIC if first.accelerations is None or last.accelerations is None else QUINTIC
 
 
-def segments_between(points: Sequence[Point]) -> Segments:
+def segments_between(points: Sequence[Point]) -> SplineSegments:
     """Return the polynomials between points at rising times, one after another."""
     times = np.array([point.time for point in points])
     positions = np.array([point.positions for point in points])
@@ -114,7 +114,7 @@ def segments_between(points: Sequence[Point]) -> Segments:
     c[:, 4] = np.where(quintic, fast, 0.0)
     fast = (12.0 * step - 6.0 * (w + v) * t + (b - a) * t**2) / (2.0 * t**5)
     c[:, 5] = np.where(quintic, fast, 0.0)
-    return Segments(c, t[:, 0])
+    return SplineSegments(c, t[:, 0])
 
 
 def straight_pieces(points: Sequence[Point], counts: Integers) -> Pieces:

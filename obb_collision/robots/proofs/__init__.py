@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Proofs of which pairs of links can collide at all, and SRDF made of them."""
+"""Proofs of which pairs of links can collide at all."""

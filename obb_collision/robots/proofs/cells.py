@@ -112,7 +112,7 @@ class MovingPair(NamedTuple):
     limits: Floats
 
 
-class Gap(NamedTuple):
+class CellGap(NamedTuple):
     """Where two bodies are in a state, and how far the hulls of their corners are apart."""
 
     a: Place
@@ -147,9 +147,14 @@ def search_cells(
 
 @njit
 def _search(
-    pair: MovingPair, states: Floats, cells: Floats, waiting: int, most: int, collides: bool,
+    pair: MovingPair,
+    states: Floats,
+    cells: Floats,
+    waiting: int,
+    most: int,
+    collides: bool,
     witness: Floats,
-) -> tuple[int, int, int]:  # fmt: skip
+) -> tuple[int, int, int]:
     """Search cells; without any, states (n, v), or downhill from them: whether most is not zero.
 
     All in one kernel, as every one with distances in it takes seconds to compile.
@@ -224,18 +229,18 @@ def _descend(pair: MovingPair, state: Floats) -> bool:
 
 
 @njit
-def _gap(pair: MovingPair, state: Floats) -> Gap:
+def _gap(pair: MovingPair, state: Floats) -> CellGap:
     """Return where both bodies are in a state, and write the axes of their joints."""
     a, b = _placed(pair.a, state), _placed(pair.b, state)
     pose = relative_pose(a, b, pair.a.reach + pair.b.reach)
     start = plus(moved(pose, pair.b.center), negated(pair.a.center))
     found = search(_core_of(pair.a), _core_of(pair.b), pose, start, np.inf)
     p, q = plus(a.center, combined(a.axes, found.p)), plus(b.center, combined(b.axes, found.q))
-    return Gap(a, b, found, combined(a.axes, found.normal), p, q)
+    return CellGap(a, b, found, combined(a.axes, found.normal), p, q)
 
 
 @njit
-def _touch(pair: MovingPair, gap: Gap) -> bool:
+def _touch(pair: MovingPair, gap: CellGap) -> bool:
     """Return whether the bodies have a common point."""
     return gap.found.distance <= pair.a.round + pair.b.round
 
@@ -288,9 +293,14 @@ def _core_of(body: Moving) -> Core:
 
 @njit
 def _is_proved(
-    pair: MovingPair, gap: Gap, lower: Floats, upper: Floats, collides: bool, always: bool,
+    pair: MovingPair,
+    gap: CellGap,
+    lower: Floats,
+    upper: Floats,
+    collides: bool,
+    always: bool,
     room: Polytope,
-) -> bool:  # fmt: skip
+) -> bool:
     """Return whether the bodies collide, or do not, everywhere in a cell as they do in its middle.
 
     Writes how far points are from the axes of joints, and how wide the cell is.
@@ -390,7 +400,7 @@ def _add_curves(body: Moving, curves: Floats) -> None:
 
 
 @njit
-def _widest(pair: MovingPair, gap: Gap, lower: Floats, upper: Floats) -> int:
+def _widest(pair: MovingPair, gap: CellGap, lower: Floats, upper: Floats) -> int:
     """Return the variable that loosens the bound most; -1 if there is none.
 
     By the curvature of the paths, and where that alone does not prevent a proof, by how fast the

@@ -149,9 +149,12 @@ class _LinkPair:
     """A pair of links and what moves them relative to each other."""
 
     def __init__(
-        self, robot: Robot, links: tuple[str, str], between: _Between,
+        self,
+        robot: Robot,
+        links: tuple[str, str],
+        between: _Between,
         bodies: dict[str, list[LinkBodies]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._robot, self.links, self.between = robot, links, between
         a, b = (
             [_moving(body, chain) for body in bodies[link]]
@@ -221,9 +224,17 @@ def _moving(body: LinkBodies, chain: Chain) -> Moving:
     radius, reach = float(body.rounds[0]), float(body.reaches[0])
     sphere, count = max(float(body.spheres[0]) - radius, 0.0), len(chain.axes)
     return Moving(
-        chain, body.blocks, (x, y, z), sphere, radius, reach,
-        np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count),
-    )  # fmt: skip
+        chain,
+        body.blocks,
+        (x, y, z),
+        sphere,
+        radius,
+        reach,
+        np.empty((count, 3)),
+        np.empty((count, 3)),
+        np.empty(count),
+        np.empty(count),
+    )
 
 
 class _Step(NamedTuple):
@@ -311,6 +322,9 @@ def _chain(robot: Robot, steps: list[_Step], names: dict[str, Joint], rows: list
     return Chain(
         np.array([pose[:3] for pose in fixed]),
         np.array([rotation_of(tuple(pose[3:].tolist())) for pose in fixed]),
-        np.array(axes, np.float64).reshape(-1, 3), np.array(slides, np.bool_),
-        np.array(columns, np.int64), np.array(factors, np.float64), np.array(offsets, np.float64),
-    )  # fmt: skip
+        np.array(axes, np.float64).reshape(-1, 3),
+        np.array(slides, np.bool_),
+        np.array(columns, np.int64),
+        np.array(factors, np.float64),
+        np.array(offsets, np.float64),
+    )
