@@ -38,8 +38,7 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.queries.points.containment import contains
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
-from obb_collision.queries.verdict.separations import box_separations
-from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, box_verdicts
+from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, box_separations, box_verdicts
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 

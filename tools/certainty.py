@@ -38,7 +38,7 @@ from obb_collision.benchmarks.tables import as_text
 from obb_collision.benchmarks.timing import Show, take_turns
 from obb_collision.cli import MAX_SEED, Parser, interruptible, option, real, whole
 from obb_collision.geometry.boxes import BoxArrays, Boxes
-from obb_collision.queries.verdict.blocks import RowPairs
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import (
     OVERLAP,
     SEPARATE,

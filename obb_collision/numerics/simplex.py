@@ -29,7 +29,7 @@ from obb_collision.numerics.vec3 import cross, dot, minus, plus, scaled
 from obb_collision.typing import Vector
 
 
-class Simplex(NamedTuple):
+class PointSimplex(NamedTuple):
     """One to four corners, and the point of their hull that is nearest to the origin."""
 
     size: int  #: how many corners; 4: the origin lies inside, 0: none yet
@@ -40,14 +40,14 @@ class Simplex(NamedTuple):
 
 
 @njit
-def no_simplex() -> Simplex:
+def no_simplex() -> PointSimplex:
     """Return a simplex without corners."""
     zero = 0.0, 0.0, 0.0
-    return Simplex(0, zero, zero, zero, zero)
+    return PointSimplex(0, zero, zero, zero, zero)
 
 
 @njit
-def with_corner(simplex: Simplex, new: Vector) -> Simplex:
+def with_corner(simplex: PointSimplex, new: Vector) -> PointSimplex:
     """Return the simplex with another corner, without those that the nearest point needs not."""
     a, b, c = simplex.a, simplex.b, simplex.c
     if simplex.size == 0:
@@ -60,23 +60,23 @@ def with_corner(simplex: Simplex, new: Vector) -> Simplex:
 
 
 @njit
-def _corner(a: Vector) -> Simplex:
-    return Simplex(1, a, a, a, a)
+def _corner(a: Vector) -> PointSimplex:
+    return PointSimplex(1, a, a, a, a)
 
 
 @njit
-def _on_segment(a: Vector, b: Vector) -> Simplex:
+def _on_segment(a: Vector, b: Vector) -> PointSimplex:
     edge = minus(b, a)
     along, back = -dot(edge, a), dot(edge, b)
     if along <= 0.0:
         return _corner(a)
     if back <= 0.0:
         return _corner(b)
-    return Simplex(2, a, b, b, plus(a, scaled(edge, along / (along + back))))
+    return PointSimplex(2, a, b, b, plus(a, scaled(edge, along / (along + back))))
 
 
 @njit
-def _on_triangle(a: Vector, b: Vector, c: Vector) -> Simplex:
+def _on_triangle(a: Vector, b: Vector, c: Vector) -> PointSimplex:
     u, v = minus(b, a), minus(c, a)
     d1, d2, d3, d4 = -dot(u, a), -dot(v, a), -dot(u, b), -dot(v, b)
     d5, d6 = -dot(u, c), -dot(v, c)
@@ -93,14 +93,14 @@ def _on_triangle(a: Vector, b: Vector, c: Vector) -> Simplex:
         return _on_segment(a if on_ab or on_ac else b, b if on_ab else c)
     total = va + vb + vc
     inner = plus(plus(a, scaled(u, vb / total)), scaled(v, vc / total))
-    return Simplex(3, a, b, c, inner)
+    return PointSimplex(3, a, b, c, inner)
 
 
 @njit
-def _in_tetrahedron(a: Vector, b: Vector, c: Vector, d: Vector) -> Simplex:
+def _in_tetrahedron(a: Vector, b: Vector, c: Vector, d: Vector) -> PointSimplex:
     """Take the nearest of the faces that have the origin on their outer side."""
     best, zero = np.inf, (0.0, 0.0, 0.0)
-    part = Simplex(4, a, b, c, zero)
+    part = PointSimplex(4, a, b, c, zero)
     for _ in range(4):
         if outside(b, c, d, a):
             face = _on_triangle(b, c, d)

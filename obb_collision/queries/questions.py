@@ -48,12 +48,13 @@ from obb_collision.queries.primitives.planes import (
 from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, box_sweeps
-from obb_collision.queries.verdict.separations import (
+from obb_collision.queries.verdict.verdict import (
     CertifiedSeparations,
     Separations,
+    Verdicts,
     box_separations,
+    box_verdicts,
 )
-from obb_collision.queries.verdict.verdict import Verdicts, box_verdicts
 
 Body = Boxes | Capsules | PlacedMeshes
 Table = dict[tuple[type, type], Callable[..., Any]]

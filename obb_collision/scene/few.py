@@ -21,7 +21,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.queries.verdict.coarse import bounds_kernel
-from obb_collision.queries.verdict.pair_frame import box_at
+from obb_collision.queries.verdict.sat import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, box_verdict
 from obb_collision.typing import Floats
 

@@ -68,11 +68,11 @@ def cast_at_objects(
     some = slots[meshes & thick & (levels == Accuracy.MESH)]
     if len(some):
         targets, radii = _surfaces(store, cache, some, Accuracy.MESH), store.paddings[some]
-        best = _nearer(best, cast_at_padded(targets, radii, *rays), some)
+        best = _nearer(best, cast_at_padded(targets, radii, rays), some)
     some = slots[(~meshes | thick) & (levels == Accuracy.HULL)]
     if len(some):
         bodies = shapes.convex_bodies(store.all_boxes(), some)
-        best = _nearer(best, cast_at_bodies(bodies, store.boxes(some), *rays), some)
+        best = _nearer(best, cast_at_bodies(bodies, store.boxes(some), rays), some)
     return best
 
 

@@ -30,8 +30,7 @@ from obb_collision.geometry.validation import check_kind
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
-from obb_collision.queries.verdict.separations import Separations
-from obb_collision.queries.verdict.verdict import Verdicts
+from obb_collision.queries.verdict.verdict import Separations, Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting

@@ -34,15 +34,17 @@ from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.sorting import FEWEST_NUMBERS
 from obb_collision.queries.convex.contacts import convex_contacts
-from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
-from obb_collision.queries.convex.mesh_distances import mesh_body_distances
+from obb_collision.queries.convex.distances import (
+    convex_distances,
+    convex_may_collide,
+    mesh_body_distances,
+)
 from obb_collision.queries.mesh_contacts.surfaces import within
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
-from obb_collision.queries.sweep.convex import convex_sweeps
-from obb_collision.queries.sweep.course import BodyMotion
-from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
+from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, find_candidates
 from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
 from obb_collision.scene.broad_phase.kept_tree import KeptTree

@@ -12,22 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes can what OBB can; values are equal by their numbers, and show themselves shortly."""
+"""Values that show themselves and are equal by their numbers; poses against scipy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support import row_of
 
 import obb_collision as oc
+from obb_collision.geometry import poses as module
+from obb_collision.geometry.poses import (
+    BLOCK,
+    IDENTITY_POSE,
+    as_poses,
+    compose_poses,
+    inverse_poses,
+    matrices_from_quaternions,
+    quaternions_from_matrices,
+    unit_poses,
+    unit_quaternions,
+)
+from obb_collision.geometry.validation import as_quaternions
 from obb_collision.typing import Floats
+from tools.cases.placement import random_rotations
 
 SHEAR = np.array([[1.0, 0.5, 0, 1], [0, 2, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
 
@@ -85,13 +100,13 @@ def test_a_box_taken_from_many_is_a_copy() -> None:
     np.testing.assert_array_equal(boxes.centers, before)
 
 
-@pytest.mark.parametrize("index", [3, -4, 10**30])
+@each("index", [3, -4, 10**30])
 def test_a_row_that_is_not_there_is_an_index_error(index: int) -> None:
     with pytest.raises(IndexError, match="index must be a row of 3 boxes"):
         random_boxes(0, 3)[index]
 
 
-@pytest.mark.parametrize("index", ["a", None, 1.0, (0, 1, 2.5), [[0]], True, {}])
+@each("index", ["a", None, 1.0, (0, 1, 2.5), [[0]], True, {}])
 def test_what_is_no_index_is_refused(index: Any) -> None:
     with pytest.raises((TypeError, ValueError), match=r"index must be a row|rows must be rows"):
         random_boxes(0, 3)[index]
@@ -137,7 +152,7 @@ VALUES: dict[str, tuple[Callable[..., Any], tuple[Floats, ...]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", VALUES)
+@each("kind", VALUES)
 def test_values_are_equal_by_their_numbers_and_have_no_hash(kind: str) -> None:
     make, arrays = VALUES[kind]
     value = make(*arrays)
@@ -171,3 +186,104 @@ def test_values_show_themselves_in_a_line() -> None:
     assert eval(repr(box), {"OBB": oc.OBB}) == box
     around = oc.AABB([1, 2, 3], [4, 5, 6])
     assert eval(repr(around), {"AABB": oc.AABB}) == around
+
+
+RNG = np.random.default_rng(5)
+OUTER, INNER = RNG.normal(size=(20, 7)), RNG.normal(size=(20, 7))
+
+
+@each("outer", [OUTER, OUTER[0]])
+def test_composed_poses_agree_with_matrices(outer: np.ndarray) -> None:
+    got = compose_poses(outer, INNER)
+    turn = Rotation.from_quat(outer[..., 3:])
+    expected = outer[..., :3] + turn.apply(INNER[:, :3])
+    np.testing.assert_allclose(got[:, :3], expected, atol=1e-14)
+    rotations = (turn * Rotation.from_quat(INNER[:, 3:])).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat(got[:, 3:]).as_matrix(), rotations, atol=1e-14)
+
+
+def test_a_pose_and_its_inverse_undo_each_other() -> None:
+    for product in (
+        compose_poses(inverse_poses(OUTER), OUTER),
+        compose_poses(OUTER, inverse_poses(OUTER)),
+    ):
+        np.testing.assert_allclose(product, np.tile(IDENTITY_POSE, (20, 1)), atol=1e-14)
+
+
+def test_the_identity_changes_no_bit_of_a_position() -> None:
+    identity = np.tile(IDENTITY_POSE, (20, 1))
+    assert np.array_equal(compose_poses(IDENTITY_POSE, INNER)[:, :3], INNER[:, :3])
+    assert np.array_equal(compose_poses(INNER, identity)[:, :3], INNER[:, :3])
+    np.testing.assert_allclose(compose_poses(INNER, identity), unit_poses(INNER), atol=1e-15)
+
+
+@each("power", [-500, -160, 0, 155, 500])
+def test_quaternions_of_any_length_are_taken_as_normalised(power: int) -> None:
+    scaled = OUTER * np.array([1.0, 1.0, 1.0, *[2.0**power] * 4])
+    assert np.array_equal(unit_poses(scaled), unit_poses(OUTER))
+    with pytest.raises(ValueError, match="zero quaternion in row 1"):
+        unit_quaternions([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.fixture(autouse=True)
+def _restore() -> Iterator[None]:
+    yield
+    oc.set_threads(None)
+
+
+def some_poses(count: int) -> Floats:
+    rng = np.random.default_rng(count)
+    quaternions = quaternions_from_matrices(random_rotations(rng, count))
+    quaternions *= rng.uniform(0.95, 1.05, (count, 1))
+    quaternions[::5, :3] *= 1e-9  # nearly no turn
+    quaternions[::5, 3] = -1.0
+    quaternions[::7] = 0.5
+    return np.concatenate([rng.uniform(-1e7, 1e7, (count, 3)), quaternions], axis=1)
+
+
+@pytest.mark.parametrize("count", [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 20_000])
+def test_blocks_give_what_numpy_does(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = some_poses(count)
+    unit = as_quaternions(poses[:, 3:], "quaternions", (None, 4))
+    rotations = matrices_from_quaternions(unit)
+    monkeypatch.setattr(module, "FEWEST_POSES", 100)
+    for threads in (1, 3):
+        oc.set_threads(threads)
+        positions, found = as_poses(poses)
+        assert positions.tobytes() == np.ascontiguousarray(poses[:, :3]).tobytes()
+        assert found.tobytes() == rotations.tobytes()
+
+
+@each("row", [0, BLOCK, 299])
+@each(
+    "column, value, message",
+    [
+        (0, np.nan, "poses must be finite in row {}"),
+        (2, 2e300, "poses must not exceed 1e[+]300 in magnitude in row {}"),
+        (6, -np.inf, "poses must be finite in row {}"),
+        (slice(3, 7), 0.0, r"poses \(quaternion\) must not be a zero quaternion in row {}"),
+    ],
+)
+def test_the_row_of_a_bad_pose_is_named(
+    row: int, column: int | slice, value: float, message: str
+) -> None:
+    poses = some_poses(300)
+    poses[row, column] = value
+    with pytest.raises(ValueError, match=message.format(row)):
+        as_poses(poses)
+
+
+def test_a_quaternion_far_from_unit_length_is_warned_about_and_used() -> None:
+    poses = some_poses(300)
+    expected = as_poses(poses)[1]
+    poses[200, 3:] *= 2.0
+    with pytest.warns(UserWarning, match="far from unit length in row 200"):
+        found = as_poses(poses)[1]
+    assert found.tobytes() == expected.tobytes()
+
+
+def test_poses_that_cannot_be_written_to_are_read() -> None:
+    poses = some_poses(10)
+    expected = as_poses(poses)[1]
+    poses.setflags(write=False)
+    assert (as_poses(poses)[1] == expected).all()

@@ -48,8 +48,13 @@ from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.points.containment import INSIDE_BOUND, contains
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
-from obb_collision.queries.rays.boxes import DISTANCE_SLACK, HIT_BOUND, Ray, enters_bounds
-from obb_collision.queries.rays.mesh_rays import moved_ahead
+from obb_collision.queries.rays.boxes import (
+    DISTANCE_SLACK,
+    HIT_BOUND,
+    Ray,
+    enters_bounds,
+    moved_ahead,
+)
 from obb_collision.queries.rays.rays import _units_kernel, cast_rays
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats

@@ -60,8 +60,7 @@ from obb_collision.queries.verdict.coarse import (
     spheres_may_collide,
 )
 from obb_collision.queries.verdict.overlap import VOLUME_BOUND, overlap_volumes
-from obb_collision.queries.verdict.pair_frame import box_of, enter_frame, pair_of
-from obb_collision.queries.verdict.sat import best_face
+from obb_collision.queries.verdict.sat import best_face, box_of, enter_frame, pair_of
 from obb_collision.queries.verdict.verdict import Verdict, fast_verdict
 from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Mask

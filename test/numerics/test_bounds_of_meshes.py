@@ -51,9 +51,9 @@ from obb_collision.queries.convex.distance import CONVEX_ROUNDING
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
-from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.meshes.tree_boxes import (
+from obb_collision.queries.meshes.placed import (
     POINT_BOUND,
+    PlacedMeshes,
     back_of,
     box_gap,
     faces_gap,
@@ -62,7 +62,6 @@ from obb_collision.queries.meshes.tree_boxes import (
     place_at,
     relative_pose,
 )
-from obb_collision.queries.meshes.tree_distance import DISTANCE_BOUND
 from obb_collision.queries.meshes.triangles import (
     DETERMINANT_ROUNDING,
     SEPARATE,
@@ -72,6 +71,7 @@ from obb_collision.queries.meshes.triangles import (
     sign,
     triangle_at,
 )
+from obb_collision.queries.meshes.two_trees import DISTANCE_BOUND
 from obb_collision.typing import Floats
 
 RNG = np.random.default_rng(10)

@@ -24,7 +24,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-import pytest
+from each import each
 
 import obb_collision
 from obb_collision.numerics.constants import ROUNDOFF
@@ -56,7 +56,7 @@ def constant_of(cells: list[str]) -> tuple[str, str]:
     return module, constant
 
 
-@pytest.mark.parametrize("cells", CELLS, ids=lambda cells: cells[0])
+@each("cells", CELLS)
 def test_a_bound_is_what_the_constant_says(cells: list[str]) -> None:
     module, name = constant_of(cells)
     value = getattr(import_module(f"obb_collision.{module}"), name)
@@ -64,7 +64,7 @@ def test_a_bound_is_what_the_constant_says(cells: list[str]) -> None:
     assert module in ("numerics.constants", defined_in(name))
 
 
-@pytest.mark.parametrize("cells", CELLS, ids=lambda cells: cells[0])
+@each("cells", CELLS)
 def test_a_bound_has_a_test_that_measures_it(cells: list[str]) -> None:
     if len(cells) == 4:  # a margin
         return

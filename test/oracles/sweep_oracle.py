@@ -36,7 +36,7 @@ from support import witnesses
 from sweep_motions import CORNER_SIGNS
 
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision.queries.sweep.course import BodyMotion
+from obb_collision.queries.sweep.convex import BodyMotion
 
 Pair = tuple[Any, Any]
 Rows = np.ndarray

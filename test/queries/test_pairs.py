@@ -72,7 +72,7 @@ def assert_same(one: Any, other: Any) -> None:
         np.testing.assert_array_equal(column, columns(other)[name], err_msg=name)
 
 
-@pytest.mark.parametrize("name", QUESTIONS)
+@each("name", QUESTIONS)
 def test_rows_of_two_sets_are_rows_of_one_that_holds_both(name: str) -> None:
     ask, make = QUESTIONS[name]
     a, b, both = make(A, slice(24)), make(B, slice(24, 48)), make(BOTH, slice(48))

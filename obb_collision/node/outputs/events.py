@@ -37,7 +37,7 @@ from obb_collision.node.topics.rows import (
     StructuredRows,
 )
 from obb_collision.node.topics.topics import EVENTS
-from obb_collision.queries.verdict.separations import pair_separations
+from obb_collision.queries.verdict.verdict import pair_separations
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.region import owns
 from obb_collision.typing import Floats, Mask, Rows

@@ -42,9 +42,15 @@ from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.numerics.vec3 import components, minus, negated, scaled
 from obb_collision.queries.clearance.closest_points import NEAR, Points, points_apart, points_near
-from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, enter_frame, leave_frame
 from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
-from obb_collision.queries.verdict.sat import best_face
+from obb_collision.queries.verdict.sat import (
+    BoxAt,
+    Pair,
+    best_face,
+    box_at,
+    enter_frame,
+    leave_frame,
+)
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
 from obb_collision.queries.verdict.witness import box_witness
 from obb_collision.typing import Floats, Integers, Mask, Vector
@@ -138,7 +144,7 @@ def clearance_kernel(
 
 
 @njit
-def _comes_before(a: Box, b: Box) -> bool:
+def _comes_before(a: BoxAt, b: BoxAt) -> bool:
     """Order boxes by their numbers: one box is always the first, however a pair is given."""
     for k in range(3):
         if a.center[k] != b.center[k]:
@@ -155,7 +161,7 @@ def _comes_before(a: Box, b: Box) -> bool:
 
 @njit
 def _near_points(
-    a: Box, b: Box, pair: Pair, size: float, scale: float
+    a: BoxAt, b: BoxAt, pair: Pair, size: float, scale: float
 ) -> tuple[int, float, Points, Vector]:
     """Return verdict, gap (metres), points and axis of boxes that overlap, or do so nearly.
 

@@ -47,19 +47,17 @@ from typing import NamedTuple
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import clamp, dot, minus, pick, pick_axis, replaced
-from obb_collision.queries.verdict.pair_frame import (
-    Pair,
-    along_b,
-    closest_on_a,
-    closest_on_b,
-    point_of_b,
-)
 from obb_collision.queries.verdict.sat import (
     AXES,
     Axis,
+    Pair,
+    along_b,
     best_edge,
+    closest_on_a,
+    closest_on_b,
     edge_numbers,
     gap_along,
+    point_of_b,
     unit_axis,
 )
 from obb_collision.typing import Vector

@@ -60,8 +60,7 @@ from obb_collision.queries.verdict.blocks import (
     vector_in,
     write_in,
 )
-from obb_collision.queries.verdict.pair_frame import Box
-from obb_collision.queries.verdict.sat import rows_of
+from obb_collision.queries.verdict.sat import BoxAt, rows_of
 from obb_collision.typing import Axes, Floats, Vector
 
 #: A point is pulled into both boxes in turns, at most this often. Most lie there already; where
@@ -70,7 +69,7 @@ PULL_ROUNDS = 8
 
 
 @njit
-def move_into_both(point: Vector, a: Box, b: Box, size: float) -> Vector:
+def move_into_both(point: Vector, a: BoxAt, b: BoxAt, size: float) -> Vector:
     """Return a point of both boxes near another; size: that of the pair.
 
     Projections onto convex sets in turns (von Neumann; Bregman 1965) never take two points further
@@ -92,7 +91,7 @@ def move_into_both(point: Vector, a: Box, b: Box, size: float) -> Vector:
 
 
 @njit
-def pull(point: Vector, box: Box) -> tuple[Vector, float]:
+def pull(point: Vector, box: BoxAt) -> tuple[Vector, float]:
     """Return the nearest point of a box, and the largest step along an axis; from its centre."""
     along = components(box.axes, point)
     excess = minus(along, clamped(along, box.half_extents))
@@ -100,7 +99,7 @@ def pull(point: Vector, box: Box) -> tuple[Vector, float]:
 
 
 @njit
-def _part_inside(point: Vector, way: Vector, box: Box) -> float:
+def _part_inside(point: Vector, way: Vector, box: BoxAt) -> float:
     """Return how much of a way, 0 to 1, can be added to a point of a box and stay in it."""
     starts, steps = components(box.axes, point), components(box.axes, way)
     part = 1.0
@@ -113,7 +112,7 @@ def _part_inside(point: Vector, way: Vector, box: Box) -> float:
 
 
 @njit
-def middle(a: Box, b: Box, size: float) -> tuple[Vector, bool]:
+def middle(a: BoxAt, b: BoxAt, size: float) -> tuple[Vector, bool]:
     """Return a point common to both boxes, well inside where there is room, and whether there is.
 
     The mean of the vertices of all faces of each box as far as they lie in the other: together
@@ -122,7 +121,7 @@ def middle(a: Box, b: Box, size: float) -> tuple[Vector, bool]:
     polygon, spare = np.empty((CAPACITY, 3)), np.empty((CAPACITY, 3))
     d = b.center
     first, count = _sum_faces(a, b, size, polygon, spare)
-    second, more = _sum_faces(b, Box(negated(d), a.axes, a.half_extents), size, polygon, spare)
+    second, more = _sum_faces(b, BoxAt(negated(d), a.axes, a.half_extents), size, polygon, spare)
     total = count + more
     if total == 0:
         return (0.0, 0.0, 0.0), False
@@ -132,7 +131,9 @@ def middle(a: Box, b: Box, size: float) -> tuple[Vector, bool]:
 
 
 @njit
-def _sum_faces(a: Box, b: Box, size: float, polygon: Floats, spare: Floats) -> tuple[Vector, int]:
+def _sum_faces(
+    a: BoxAt, b: BoxAt, size: float, polygon: Floats, spare: Floats
+) -> tuple[Vector, int]:
     """Return the sum of the vertices of faces of b that lie in a, from a, and their number.
 
     b: with its centre relative to that of a. Faces are clipped in the frame of a, in units of size.
@@ -152,7 +153,7 @@ def _sum_faces(a: Box, b: Box, size: float, polygon: Floats, spare: Floats) -> t
 
 
 @njit
-def _lay_face(a: Box, b: Box, face: int, size: float, polygon: Floats) -> None:
+def _lay_face(a: BoxAt, b: BoxAt, face: int, size: float, polygon: Floats) -> None:
     """Write the corners (4, 3) of a face of b in the frame of a."""
     j, side = face // 2, 2.0 * (face % 2) - 1.0
     j1, j2 = (j + 1) % 3, (j + 2) % 3
@@ -272,9 +273,9 @@ def place_points(block: Floats, count: int, slot: int) -> None:
 @njit(inline=True)
 def _pull_points(block: Floats, count: int) -> None:
     for n in range(count):  # without a branch
-        a = Box((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
+        a = BoxAt((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
         d = vector_in(block, OFFSET, n)
-        b = Box(d, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
+        b = BoxAt(d, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
         most = KEEP * block[SIZE, n]
         point, _ = pull(point_at(block, VERTEX_NOW, n), a)
         point, moved = pull(minus(point, d), b)

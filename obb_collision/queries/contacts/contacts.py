@@ -69,8 +69,8 @@ from obb_collision.queries.verdict.blocks import (
     witness_block,
     write_in,
 )
-from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
+from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.queries.verdict.verdict import careful_bound
 from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
@@ -202,9 +202,9 @@ def _write_points(
     for k in range(count):
         point = vector_in(block, PLACE + 3 * k, n)
         if block[SETTLED + k, n] == 0.0:
-            a = Box((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
+            a = BoxAt((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
             d = vector_in(block, OFFSET, n)
-            b = Box(d, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
+            b = BoxAt(d, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
             point = move_into_both(point_at(block, VERTEX + 3 * k, n), a, b, size)
         # points that were pulled together count once
         for m in range(found):

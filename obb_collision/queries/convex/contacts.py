@@ -51,12 +51,12 @@ from obb_collision.queries.convex.support import (
     CYLINDER,
     ConvexBodies,
     Core,
-    Cores,
     body_place,
     core_at,
     support,
 )
-from obb_collision.queries.meshes.tree_boxes import Pose, moved, relative_pose
+from obb_collision.queries.meshes.placed import Pose, moved, relative_pose
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Vector
 
 #: Points that stand for the rim of an end of a cylinder, or of the base of a cone.
@@ -371,20 +371,20 @@ def convex_contacts(
     found = Contacts.blank(pairs, max_points)
     found.axes[:] = NO_AXIS
     found.normals[:] = distances.normals
-    run(
-        *(_contact_kernel, len(i), FEWEST_PAIRS, a.arrays, i, b.arrays, j),
-        *(distances.lower, distances.positions_a, distances.positions_b, found.normals),
-        *(found.depths, found.counts, found.positions, found.position_depths),
-    )
+    given = distances.lower, distances.positions_a, distances.positions_b
+    out = tuple(vars(found).values())[1:6]
+    run(_contact_kernel, len(i), FEWEST_PAIRS, RowPairs(a.arrays, i, b.arrays, j), given, out)
     return found
 
 
 @njit
 def _contact_kernel(
-    a: Cores, rows_a: np.ndarray, b: Cores, rows_b: np.ndarray, lower: Floats, nearest_a: Floats,
-    nearest_b: Floats, normals: Floats, depths: Floats, counts: np.ndarray, positions: Floats,
-    position_depths: Floats, start: int, stop: int,
+    pairs: RowPairs, given: tuple[Floats, Floats, Floats], out: tuple[np.ndarray, ...],
+    start: int, stop: int,
 ) -> None:  # fmt: skip
+    a, rows_a, b, rows_b = pairs
+    lower, nearest_a, nearest_b = given
+    normals, depths, counts, positions, position_depths = out
     flat = flat_room()
     for row in range(start, stop):
         positions[row], position_depths[row] = np.nan, np.nan
@@ -393,37 +393,25 @@ def _contact_kernel(
         if lower[row] > 0.0:
             continue
         middle = scaled(plus(vector_at(nearest_a, row), vector_at(nearest_b, row)), 0.5)
-        counts[row] = _write_patch(
-            *(a, rows_a[row], b, rows_b[row], vector_at(normals, row), depths[row], middle, flat),
-            *(positions[row], position_depths[row]),
-        )
-
-
-@njit
-def _write_patch(
-    a: Cores, i: int, b: Cores, j: int, normal: Vector, depth: float, middle: Vector, flat: Flat,
-    positions: Floats, position_depths: Floats,
-) -> int:  # fmt: skip
-    """Write the points of one pair; middle: between those found deepest. Return their number."""
-    core_a, core_b = core_at(a, i), core_at(b, j)
-    place = body_place(a, i)
-    pose = relative_pose(place, body_place(b, j), core_a.reach + core_b.reach)
-    frame = frame_of(turned_back(place, normal))
-    inner = depth - core_a.radius - core_b.radius
-    count = overlay(core_a, core_b, pose, frame, inner, flat)
-    count = spread(flat.a, count, len(positions))
-    if count == 0:
-        for k in range(3):
-            positions[0, k] = middle[k]
-        position_depths[0] = depth
-        return 1
-    # halfway between both foremost planes; points of flat bodies may be deepest and not foremost
-    height = dot(frame.n, support(core_a, frame.n)) + core_a.radius - 0.5 * depth
-    for n in range(count):
-        x, y, low = vector_at(flat.a, n)
-        p = plus(plus(scaled(frame.x, x), scaled(frame.y, y)), scaled(frame.n, height))
-        point = in_world(place, p)
-        for k in range(3):
-            positions[n, k] = point[k]
-        position_depths[n] = min(max(depth - low, 0.0), depth)
-    return count
+        i, j, depth = rows_a[row], rows_b[row], depths[row]
+        core_a, core_b, place = core_at(a, i), core_at(b, j), body_place(a, i)
+        pose = relative_pose(place, body_place(b, j), core_a.reach + core_b.reach)
+        frame = frame_of(turned_back(place, vector_at(normals, row)))
+        inner = depth - core_a.radius - core_b.radius
+        count = overlay(core_a, core_b, pose, frame, inner, flat)
+        count = spread(flat.a, count, positions.shape[1])
+        counts[row] = max(count, 1)
+        if count == 0:
+            for k in range(3):
+                positions[row, 0, k] = middle[k]
+            position_depths[row, 0] = depth
+            continue
+        # halfway between both foremost planes; points of flat bodies may be deepest, not foremost
+        height = dot(frame.n, support(core_a, frame.n)) + core_a.radius - 0.5 * depth
+        for n in range(count):
+            x, y, low = vector_at(flat.a, n)
+            p = plus(plus(scaled(frame.x, x), scaled(frame.y, y)), scaled(frame.n, height))
+            point = in_world(place, p)
+            for k in range(3):
+                positions[row, n, k] = point[k]
+            position_depths[row, n] = min(max(depth - low, 0.0), depth)

@@ -41,10 +41,10 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.convex.distance import CLOSE, Gap, Search, corner_of, gap_along
+from obb_collision.queries.convex.distance import CLOSE, PlaneGap, Search, corner_of, gap_along
 from obb_collision.queries.convex.simplex import Corner, careful_plane, no_simplex
 from obb_collision.queries.convex.support import Core
-from obb_collision.queries.meshes.tree_boxes import Pose, moved
+from obb_collision.queries.meshes.placed import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
@@ -273,7 +273,7 @@ def _toggled(room: Polytope, edges: int, i: int, j: int) -> int:
 
 @njit(refcount=False)
 def _touching(
-    room: Polytope, faces: int, nearest: int, close: float, gap: Gap
+    room: Polytope, faces: int, nearest: int, close: float, gap: PlaneGap
 ) -> tuple[Vector, Vector]:
     """Return the points of both cores where the polytope is nearest to the origin.
 

@@ -47,7 +47,7 @@ from obb_collision.numerics.vec3 import (
 )
 from obb_collision.queries.convex.simplex import Corner, Simplex
 from obb_collision.queries.convex.support import BOX, CONE, CYLINDER, ROUND, SEGMENT, Core
-from obb_collision.queries.meshes.tree_boxes import Pose, moved
+from obb_collision.queries.meshes.placed import Pose, moved
 from obb_collision.typing import Vector
 
 

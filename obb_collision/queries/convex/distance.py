@@ -22,7 +22,7 @@ foot of the other's foremost point; with curved ones it then climbs (``direction
 doubles leave both farther apart than ``CLOSE`` (bodies nearly in touch, needles), the search goes
 on with twice the digits (``simplex.careful_nearest``).
 
-Error analysis, with u and S as in ``queries.meshes.tree_boxes``: both reaches along a unit vector
+Error analysis, with u and S as in ``queries.meshes.placed``: both reaches along a unit vector
 are off by at most 200 u S (``queries.meshes.convex``), points of curved cores by 16 u S more.
 CONVEX_ROUNDING is 512 u.
 """
@@ -70,7 +70,7 @@ from obb_collision.queries.convex.simplex import (
     with_corner,
 )
 from obb_collision.queries.convex.support import SEGMENT, Core, support
-from obb_collision.queries.meshes.tree_boxes import Pose, moved
+from obb_collision.queries.meshes.placed import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Vector
 
@@ -97,7 +97,7 @@ STALLED = 1e-13
 INSIDE = 1e-10
 
 
-class Gap(NamedTuple):
+class PlaneGap(NamedTuple):
     """What two bodies leave between them along a direction, and their foremost points."""
 
     value: float  #: of the cores, metres; negative where they overlap along it
@@ -117,17 +117,17 @@ class Search(NamedTuple):
 
 
 @njit(refcount=False)
-def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
+def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> PlaneGap:
     """Return the gap of two cores along n, unit, from a to b."""
     return _gap_here(a, b, pose, n)
 
 
 @njit(inline=True, refcount=False)
-def _gap_here(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
+def _gap_here(a: Core, b: Core, pose: Pose, n: Vector) -> PlaneGap:
     """Return the same, compiled into the loop that asks."""
     m = components(pose.axes, n)
     p, q = support(a, n), support(b, negated(m))
-    return Gap(dot(m, q) + dot(n, pose.offset) - dot(n, p), p, q)
+    return PlaneGap(dot(m, q) + dot(n, pose.offset) - dot(n, p), p, q)
 
 
 @njit
@@ -179,7 +179,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             q = across(b.kind, b.size, b.half, gap.q, near.q)
             simplex = on_corner(new)
             if p != gap.p or q != gap.q:
-                new = corner_of(Gap(0.0, p, q), pose, unit)
+                new = corner_of(PlaneGap(0.0, p, q), pose, unit)
                 simplex = Simplex(2, simplex.a, new, new, new, simplex.weights, simplex.nearest)
             n = scaled(near.v, 1.0 / length)
             continue
@@ -264,7 +264,7 @@ def unit_of(v: Vector) -> tuple[Vector, float]:
 
 
 @njit(inline=True)
-def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
+def corner_of(gap: PlaneGap, pose: Pose, unit: float) -> Corner:
     """Return the foremost point of the difference along a direction, scaled."""
     return Corner(scaled(minus(gap.p, moved(pose, gap.q)), unit), gap.p, gap.q)
 

@@ -51,7 +51,7 @@ from obb_collision.numerics.error_free import (
 )
 from obb_collision.numerics.simplex import outside
 from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, norm, plus, scaled
-from obb_collision.queries.meshes.tree_boxes import Pose
+from obb_collision.queries.meshes.placed import Pose
 from obb_collision.typing import Vector
 
 

@@ -41,7 +41,7 @@ from obb_collision.geometry.shapes.primitives import (
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import farthest
 from obb_collision.numerics.vec3 import fast_norm, sum_abs, vector_at
-from obb_collision.queries.meshes.tree_boxes import Place, place_at
+from obb_collision.queries.meshes.placed import Place, place_at
 from obb_collision.typing import Floats, Rows, Vector
 
 #: Kinds of cores; sizes are (x, y, z, half).

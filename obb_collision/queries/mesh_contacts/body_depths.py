@@ -31,29 +31,27 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
-from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
 from obb_collision.queries.convex.distance import CLOSE, gap_along, search
-from obb_collision.queries.convex.distances import turned_back
-from obb_collision.queries.convex.mesh_distances import (
+from obb_collision.queries.convex.distances import (
     NOWHERE,
     CoreRoom,
     box_of,
+    core_room,
     mesh_body_distances,
     nearest_triangle,
     triangle_core,
+    turned_back,
 )
-from obb_collision.queries.convex.support import ConvexBodies, Core, Cores, body_place, core_at
+from obb_collision.queries.convex.support import ConvexBodies, Core, body_place, core_at
 from obb_collision.queries.mesh_contacts.depths import BETTER, CHANGES, SAME
-from obb_collision.queries.mesh_contacts.push import CERTAIN, MARGIN, PLACES, Push
+from obb_collision.queries.mesh_contacts.push import CERTAIN, MARGIN, PLACES, Push, moved_by
 from obb_collision.queries.meshes.inside import OUTSIDE, point_side
-from obb_collision.queries.meshes.placed import Meshes as MeshBodies
-from obb_collision.queries.meshes.placed import PlacedMeshes, body_at
-from obb_collision.queries.meshes.tree_boxes import Pose, moved, relative_pose
-from obb_collision.queries.meshes.tree_descent import STACK
-from obb_collision.queries.meshes.tree_distance import boxes_apart
+from obb_collision.queries.meshes.placed import PlacedMeshes, Pose, body_at, moved, relative_pose
+from obb_collision.queries.meshes.two_trees import boxes_apart
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.verdict.pair_rows import RowPairs
+from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.typing import Floats, Vector
 
 #: Pairs below which a second thread does not pay: 1 ms.
@@ -87,28 +85,26 @@ def within_bodies(
     positions[farther] = 0.5 * (near.positions_a + near.positions_b)[farther]
     deep = np.flatnonzero(~apart & (values < 0.0))
     depths, n, middles = -values[deep], normals[deep], positions[deep]
-    run(
-        *(_kernel, len(deep), FEWEST_PAIRS, meshes.arrays, radii, bodies.arrays, deep),
-        *(depths, n, middles),
-    )
+    pairs, found = RowPairs(meshes.arrays, deep, bodies.arrays, deep), (depths, n, middles)
+    run(_kernel, len(deep), FEWEST_PAIRS, pairs, radii, found)
     values[deep], normals[deep], positions[deep] = -depths, n, middles
     return outer
 
 
 @njit
 def _kernel(
-    a: MeshBodies, radii: Floats, b: Cores, rows: np.ndarray, depths: Floats, normals: Floats,
-    positions: Floats, start: int, stop: int,
-) -> None:  # fmt: skip
+    pairs: RowPairs, radii: Floats, found: tuple[Floats, Floats, Floats], start: int, stop: int
+) -> None:
     """Replace depths (k,), normals and positions (k, 3) of rows (k,) where a push is shorter."""
-    room = CoreRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 3, LANES)))
+    a, rows, b, _ = pairs
+    depths, normals, positions = found
+    room = core_room()
     for k in range(start, stop):
         row = rows[k]
         mesh, core, place = body_at(a, row), core_at(b, row), body_place(b, row)
         reach = 2.0 * (a.trees.radii[mesh.mesh] + radii[row]) + core.reach + depths[k]
-        pair = MeshAndCore(
-            *(mesh.mesh, core, relative_pose(mesh.place, place, reach)), radii[row] + core.radius
-        )
+        pose = relative_pose(mesh.place, place, reach)
+        pair = MeshAndCore(mesh.mesh, core, pose, radii[row] + core.radius)
         n = turned_back(mesh.place, vector_at(normals, k))
         best, n = _shortened(a.trees, pair, n, depths[k], room)
         if not best.length < depths[k]:
@@ -156,7 +152,7 @@ def push_body_out(
     for _ in range(PLACES):
         if not length <= most:
             break
-        here = _pushed(pair.pose, n, length)
+        here = moved_by(pair.pose, n, length)
         near = nearest_triangle(trees, pair.mesh, pair.core, here, np.inf, room)
         if not near.lower > needed:
             way = _farthest_way_out(trees, pair, here, n, needed, room)
@@ -167,12 +163,6 @@ def push_body_out(
             q = minus(moved(here, near.q), scaled(n, length))
             return Push(length, near.p, q, near.normal)
     return Push(np.inf, NOWHERE, NOWHERE, n)
-
-
-@njit
-def _pushed(pose: Pose, n: Vector, length: float) -> Pose:
-    offset = plus(pose.offset, scaled(n, length))
-    return Pose(pose.axes, offset, pose.size, pose.gap_bound, pose.point_bound)
 
 
 @njit
@@ -218,7 +208,7 @@ def _way_out(
         return best
     across = n
     for _ in range(STEPS_BACK):
-        found = search(triangle, core, _pushed(pose, n, length), across, np.inf)
+        found = search(triangle, core, moved_by(pose, n, length), across, np.inf)
         across = found.normal
         gap, speed = found.gap - needed, dot(n, across)
         if not (gap > CLOSE * pose.size and speed > 0.0):

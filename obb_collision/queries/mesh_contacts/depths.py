@@ -32,7 +32,6 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.vec3 import (
     careful_cross,
     combined,
@@ -50,19 +49,22 @@ from obb_collision.queries.mesh_contacts.push import (
     CONTACTS,
     MARGIN,
     Push,
-    Sides,
     contacts_of,
     farthest_way_out,
     push_out,
-    sides_at,
-    triangles_of,
+    seen_from_first,
     way_out,
 )
-from obb_collision.queries.meshes.placed import Meshes, body_at
-from obb_collision.queries.meshes.tree_descent import STACK
-from obb_collision.queries.meshes.tree_distance import TreeRoom, nearest_triangles
+from obb_collision.queries.meshes.placed import MeshPair, body_at
 from obb_collision.queries.meshes.triangles import Triangle
+from obb_collision.queries.meshes.two_trees import (
+    TreeRoom,
+    nearest_triangles,
+    tree_room,
+    triangles_of,
+)
 from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Vector
 
 #: Normals of single triangles that are tried.
@@ -82,8 +84,8 @@ SAME = 1.0 - 1e-12
 SMALLEST_AREA = 1e-300
 
 
-class Directions(NamedTuple):
-    """Directions to push b along, in the frame of a."""
+class PushDirections(NamedTuple):
+    """PushDirections to push b along, in the frame of a."""
 
     all: Floats  #: (LOOKED_AT, 3) unit normals of triangles in contact; those of b reversed
     short: Floats  #: (LOOKED_AT,) the ways out along these, scaled
@@ -94,34 +96,37 @@ class Directions(NamedTuple):
 
 @njit
 def depth_kernel(
-    a: Meshes, rows_a: np.ndarray, radii_a: Floats, b: Meshes, rows_b: np.ndarray, radii_b: Floats,
-    depths: Floats, normals: Floats, positions: Floats, start: int, stop: int,
+    pairs: RowPairs, radii: tuple[Floats, Floats], found: tuple[Floats, Floats, Floats],
+    start: int, stop: int,
 ) -> None:  # fmt: skip
     """Replace depths (m,), normals and positions (m, 3) of pairs that collide by shorter ones.
 
     As given they are those of anything that contains the bodies.
     """
-    trees_a, trees_b = a.trees, b.trees
-    contacts = np.empty((CONTACTS, 4), np.int64)
-    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), contacts)
-    ways = Directions(
-        *(np.empty((LOOKED_AT, 3)), np.empty(LOOKED_AT)),
-        *(np.empty((NORMALS + 6, 3)), np.empty(NORMALS + 6)),
-        np.empty((LOOKED_AT, 4), np.int64),
-    )
+    chosen, least = np.empty((NORMALS + 6, 3)), np.empty(NORMALS + 6)
+    contacts = np.empty((LOOKED_AT, 4), np.int64)
+    ways = PushDirections(np.empty((LOOKED_AT, 3)), np.empty(LOOKED_AT), chosen, least, contacts)
+    _depth_range(pairs, radii, found, tree_room(CONTACTS), ways, start, stop)
+
+
+@njit(refcount=False)
+def _depth_range(
+    pairs: RowPairs, radii: tuple[Floats, Floats], found: tuple[Floats, Floats, Floats],
+    room: TreeRoom, ways: PushDirections, start: int, stop: int,
+) -> None:  # fmt: skip
+    depths, normals, positions = found
     for row in range(start, stop):
-        i, j = rows_a[row], rows_b[row]
-        body_a, body_b = body_at(a, i), body_at(b, j)
+        place = body_at(pairs.a, pairs.rows_a[row]).place
+        radius, other = radii[0][pairs.rows_a[row]], radii[1][pairs.rows_b[row]]
         most = depths[row]
-        sides = sides_at(trees_a, body_a, radii_a[i], trees_b, body_b, radii_b[j], most)
-        n = turned_back(body_a.place, vector_at(normals, row))
-        most += 2.0 * MARGIN * sides.pose.size
-        best, n = _shortest(trees_a, trees_b, sides, n, most, room, ways)
+        bodies = seen_from_first(pairs, row, (radius, other, most))
+        n = turned_back(place, vector_at(normals, row))
+        most += 2.0 * MARGIN * bodies.pose.size
+        best, n = _shortest(bodies, radius + other, n, most, room, ways)
         if not best.length <= most:
             continue
-        p = plus(best.p, scaled(best.across, radii_a[i]))
-        q = minus(best.q, scaled(best.across, radii_b[j]))
-        place = body_a.place
+        p = plus(best.p, scaled(best.across, radius))
+        q = minus(best.q, scaled(best.across, other))
         middle = plus(combined(place.axes, scaled(plus(p, q), 0.5)), place.center)
         n = combined(place.axes, n)
         depths[row] = best.length
@@ -129,21 +134,20 @@ def depth_kernel(
             normals[row, k], positions[row, k] = n[k], middle[k]
 
 
-@njit
+@njit(refcount=False)
 def _shortest(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, most: float, room: TreeRoom,
-    ways: Directions,
-) -> tuple[Push, Vector]:  # fmt: skip
+    bodies: MeshPair, needed: float, n: Vector, most: float, room: TreeRoom, ways: PushDirections
+) -> tuple[Push, Vector]:
     """Return the shortest push found, and its direction, unit, in the frame of a."""
-    _, contacts = contacts_of(trees_a, trees_b, sides, room)
-    count = _write_directions(trees_a, trees_b, sides, n, contacts, room, ways)
+    _, contacts = contacts_of(bodies, room)
+    count = _write_directions(bodies, n, contacts, room, ways)
     first = min(contacts, LOOKED_AT)
     for k in range(first):  # the room is for the places to come
         for c in range(4):
             ways.contacts[k, c] = room.contacts[k, c]
     for k in range(count):
         frame = frame_of(vector_at(ways.chosen, k))
-        ways.least[k], _ = farthest_way_out(trees_a, trees_b, sides, frame, ways.contacts, first)
+        ways.least[k], _ = farthest_way_out(bodies, frame, ways.contacts, first)
     best, length = Push(np.inf, n, n, n), most
     for _ in range(count):
         next_one = 0
@@ -154,14 +158,14 @@ def _shortest(
             break
         ways.least[next_one] = np.inf
         way = vector_at(ways.chosen, next_one)
-        push = push_out(trees_a, trees_b, sides, way, length, room)
+        push = push_out(bodies, needed, way, length, room)
         if push.length < length:
             best, n, length = push, way, push.length
     for _ in range(CHANGES):
         way = best.across
         if not best.length <= most or dot(way, n) > SAME:
             break
-        push = push_out(trees_a, trees_b, sides, way, length, room)
+        push = push_out(bodies, needed, way, length, room)
         if not push.length < length:
             break
         small = push.length > (1.0 - BETTER) * length
@@ -171,32 +175,31 @@ def _shortest(
     return best, n
 
 
-@njit
+@njit(refcount=False)
 def _write_directions(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, contacts: int,
-    room: TreeRoom, ways: Directions,
-) -> int:  # fmt: skip
+    bodies: MeshPair, n: Vector, contacts: int, room: TreeRoom, ways: PushDirections
+) -> int:
     """Write directions to try, the given one first; return their number."""
-    unit, _ = unit_scale(sides.pose.size)
+    solid_a = bodies.trees_a.solid[bodies.a.mesh]
+    solid_b = bodies.trees_b.solid[bodies.b.mesh]
+    unit, _ = unit_scale(bodies.pose.size)
     _put(ways.chosen, 0, n)
     if contacts == 0:
-        near = nearest_triangles(trees_a, sides.a, trees_b, sides.b, sides.pose, unit, np.inf, room)
+        near = nearest_triangles(bodies, unit, np.inf, room)
         _put(ways.chosen, 1, near.direction)
         _put(ways.chosen, 2, negated(near.direction))
         return 3
     found, mean = 0, (0.0, 0.0, 0.0)
     step = max(1, contacts // LOOKED_AT)
     for k in range(0, min(contacts, step * LOOKED_AT), step):
-        p, q = triangles_of(
-            trees_a, room.contacts[k, 1], trees_b, room.contacts[k, 2], sides.pose, unit
-        )
+        p, q = triangles_of(bodies, room.contacts[k, 1], room.contacts[k, 2], unit)
         ways.short[found] = np.inf
         for side in range(2):
             m, has_one = _normal(p if side == 0 else q)
             if not has_one:
                 continue
             m = m if side == 0 else negated(m)
-            solid = trees_a.solid[sides.a.mesh] if side == 0 else trees_b.solid[sides.b.mesh]
+            solid = solid_a if side == 0 else solid_b
             for _ in range(1 if solid else 2):  # orientations of surfaces mean nothing
                 way = way_out(p, q, frame_of(m), -np.inf)
                 if way < ways.short[found]:
@@ -207,7 +210,7 @@ def _write_directions(
             mean = plus(mean, vector_at(ways.all, found))
             found += 1
     chosen = _put_unit(ways.chosen, _put_unit(ways.chosen, 1, _out_of_all(ways, found)), mean)
-    if not (trees_a.solid[sides.a.mesh] and trees_b.solid[sides.b.mesh]):  # back, too
+    if not (solid_a and solid_b):  # back, too
         for k in range(chosen):
             _put(ways.chosen, chosen + k, negated(vector_at(ways.chosen, k)))
         chosen *= 2
@@ -215,7 +218,7 @@ def _write_directions(
 
 
 @njit
-def _out_of_all(ways: Directions, found: int) -> Vector:
+def _out_of_all(ways: PushDirections, found: int) -> Vector:
     """Return a short translation that takes each of the triangles its way out along its normal.
 
     By turns, each as far as the others have left it (Kaczmarz 1937).
@@ -258,7 +261,7 @@ def _normal(t: Triangle) -> tuple[Vector, bool]:
 
 
 @njit
-def _spread(ways: Directions, found: int, chosen: int) -> int:
+def _spread(ways: PushDirections, found: int, chosen: int) -> int:
     """Choose normals as different as possible from those chosen (Gonzalez 1985)."""
     for _ in range(NORMALS):
         best, least = -1, ALIKE

@@ -36,17 +36,30 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled
 from obb_collision.queries.convex.contacts import FlatFrame, frame_of
 from obb_collision.queries.meshes.meshes import nesting
-from obb_collision.queries.meshes.placed import MeshAt
-from obb_collision.queries.meshes.tree_boxes import Place, Pose, moved, relative_pose
-from obb_collision.queries.meshes.tree_descent import Contacting, descend
-from obb_collision.queries.meshes.tree_distance import SLACK, TreeRoom, nearest_triangles, points_of
-from obb_collision.queries.meshes.triangles import OVERLAP, SEPARATE, Triangle, triangle_at
+from obb_collision.queries.meshes.placed import (
+    MeshAt,
+    MeshPair,
+    Place,
+    Pose,
+    body_at,
+    relative_pose,
+)
+from obb_collision.queries.meshes.triangles import OVERLAP, SEPARATE, Triangle
+from obb_collision.queries.meshes.two_trees import (
+    SLACK,
+    Contacting,
+    TreeRoom,
+    descend,
+    nearest_triangles,
+    points_of,
+    triangles_of,
+)
 from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Vector
 
 #: Places this little outside of an edge or a face, relative to it, are on it.
@@ -145,16 +158,6 @@ ALL = OVERLAP + 1
 UNLIMITED = 2**62
 
 
-class Sides(NamedTuple):
-    """Two bodies of trees that come with them: where they are, the second seen from the first."""
-
-    a: MeshAt
-    b: MeshAt
-    pose: Pose
-    radius_a: float
-    radius_b: float
-
-
 class Push(NamedTuple):
     """How far b is pushed, metres, infinite where it is not certainly free."""
 
@@ -164,114 +167,92 @@ class Push(NamedTuple):
     across: Vector  #: unit, from a to b: along it they are apart then
 
 
-@njit
-def sides_at(
-    trees_a: TreeArrays, a: MeshAt, radius_a: float,
-    trees_b: TreeArrays, b: MeshAt, radius_b: float, way: float,
-) -> Sides:  # fmt: skip
-    """Return two bodies seen from the first one; way: how far one is pushed at most."""
-    reach = trees_a.radii[a.mesh] + trees_b.radii[b.mesh] + radius_a + radius_b + way
-    zero = 0.0, 0.0, 0.0
-    first, second = Place(zero, a.place.axes), Place(_offset(a, b), b.place.axes)
+@njit(inline=True, refcount=False)
+def seen_from_first(pairs: RowPairs, n: int, more: Vector) -> MeshPair:
+    """Return a pair seen from the centre of its first body; more: radii of both, and a push."""
+    trees_a, trees_b = pairs.a.trees, pairs.b.trees
+    a, b = body_at(pairs.a, pairs.rows_a[n]), body_at(pairs.b, pairs.rows_b[n])
+    reach = trees_a.radii[a.mesh] + trees_b.radii[b.mesh] + more[0] + more[1] + more[2]
+    offset = minus(b.place.center, a.place.center)
+    first, second = Place((0.0, 0.0, 0.0), a.place.axes), Place(offset, b.place.axes)
     pose = relative_pose(first, second, reach)
-    return Sides(MeshAt(a.mesh, first), MeshAt(b.mesh, second), pose, radius_a, radius_b)
+    return MeshPair(trees_a, MeshAt(a.mesh, first), trees_b, MeshAt(b.mesh, second), pose)
 
 
-@njit
-def _offset(a: MeshAt, b: MeshAt) -> Vector:
-    return minus(b.place.center, a.place.center)
+@njit(refcount=False)
+def moved_by(pose: Pose, n: Vector, length: float) -> Pose:
+    """Return a pose with b pushed along n, unit, in the frame of a."""
+    offset = plus(pose.offset, scaled(n, length))
+    return Pose(pose.axes, offset, pose.size, pose.gap_bound, pose.point_bound)
 
 
-@njit
-def pushed(sides: Sides, n: Vector, length: float) -> Sides:
-    """Return the sides with b pushed along n, unit, in the frame of a."""
-    a, b, pose = sides.a, sides.b, sides.pose
-    way = scaled(n, length)
-    offset = plus(pose.offset, way)
-    place = Place(plus(b.place.center, combined(a.place.axes, way)), b.place.axes)
-    moved_pose = Pose(pose.axes, offset, pose.size, pose.gap_bound, pose.point_bound)
-    return Sides(a, MeshAt(b.mesh, place), moved_pose, sides.radius_a, sides.radius_b)
+@njit(inline=True, refcount=False)
+def pushed(bodies: MeshPair, n: Vector, length: float) -> MeshPair:
+    """Return the bodies with b pushed along n, unit, in the frame of a."""
+    trees_a, a, trees_b, b, pose = bodies
+    way = combined(a.place.axes, scaled(n, length))
+    place = Place(plus(b.place.center, way), b.place.axes)
+    return MeshPair(trees_a, a, trees_b, MeshAt(b.mesh, place), moved_by(pose, n, length))
 
 
-@njit
-def contacts_of(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, room: TreeRoom
-) -> tuple[int, int]:
+@njit(refcount=False)
+def contacts_of(bodies: MeshPair, room: TreeRoom) -> tuple[int, int]:
     """Write the triangles that touch, as many as there is room for; return verdict and number."""
     search = Contacting(ALL, UNLIMITED, room.contacts, room.stack)
-    verdict, found = descend(trees_a, sides.a, trees_b, sides.b, sides.pose, search, 0, 0)
+    verdict, found = descend(bodies, search, 0, 0)
     return verdict, min(found, len(room.contacts))
 
 
-@njit
-def triangles_of(
-    trees_a: TreeArrays, s: int, trees_b: TreeArrays, t: int, pose: Pose, unit: float
-) -> tuple[Triangle, Triangle]:
-    """Return triangles s and t in the frame of a, scaled."""
-    p, q = triangle_at(trees_a.triangles, s), triangle_at(trees_b.triangles, t)
-    return (
-        (scaled(p[0], unit), scaled(p[1], unit), scaled(p[2], unit)),
-        (
-            scaled(moved(pose, q[0]), unit),
-            scaled(moved(pose, q[1]), unit),
-            scaled(moved(pose, q[2]), unit),
-        ),
-    )
-
-
-@njit
+@njit(refcount=False)
 def farthest_way_out(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, frame: FlatFrame, contacts: np.ndarray,
-    count: int,
-) -> tuple[float, int]:  # fmt: skip
+    bodies: MeshPair, frame: FlatFrame, contacts: np.ndarray, count: int
+) -> tuple[float, int]:
     """Return the longest way out of the first contacts, metres, and the row that has it."""
-    unit, back = unit_scale(sides.pose.size)
+    unit, back = unit_scale(bodies.pose.size)
     best, row = -np.inf, 0
     for k in range(count):
-        s, t = contacts[k, 1], contacts[k, 2]
-        p, q = triangles_of(trees_a, s, trees_b, t, sides.pose, unit)
+        p, q = triangles_of(bodies, contacts[k, 1], contacts[k, 2], unit)
         way = way_out(p, q, frame, best)
         if way > best:
             best, row = way, k
     return best * back, row
 
 
-@njit
-def push_out(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, most: float, room: TreeRoom
-) -> Push:
+@njit(refcount=False)
+def push_out(bodies: MeshPair, needed: float, n: Vector, most: float, room: TreeRoom) -> Push:
     """Return the shortest push of b along n, unit, after which it is certainly free.
 
-    Given up past ``most``. Not the shortest for bodies within each other, or with a radius.
+    needed: how far apart they are then, for their radii. Given up past ``most``. Not the shortest
+    for bodies within each other, or with a radius.
     """
-    unit, back = unit_scale(sides.pose.size)
+    size = bodies.pose.size
+    unit, back = unit_scale(size)
     frame, zero = frame_of(n), (0.0, 0.0, 0.0)
-    margin = MARGIN * sides.pose.size + MESH_UNDERFLOW
-    needed = sides.radius_a + sides.radius_b
+    margin = MARGIN * size + MESH_UNDERFLOW
     limit = (needed + 0.5 * margin) * unit + 2.0 * SLACK
     length, s, t, across = 0.0, -1, -1, n
     for _ in range(PLACES):
         if not length <= most:
             break
-        here = pushed(sides, n, length)
-        verdict, count = contacts_of(trees_a, trees_b, here, room)
+        here = pushed(bodies, n, length)
+        verdict, count = contacts_of(here, room)
         if verdict != SEPARATE:
-            way, row = farthest_way_out(trees_a, trees_b, here, frame, room.contacts, count)
+            way, row = farthest_way_out(here, frame, room.contacts, count)
             s, t = room.contacts[row, 1], room.contacts[row, 2]
             length += max(way, 0.0) + margin
             continue
-        inside = nesting(trees_a, here.a, trees_b, here.b, here.pose, room.stack)[0] != SEPARATE
+        inside = nesting(here, room.stack)[0] != SEPARATE
         bound = np.inf if inside else limit
-        near = nearest_triangles(trees_a, here.a, trees_b, here.b, here.pose, unit, bound, room)
+        near = nearest_triangles(here, unit, bound, room)
         if inside:
             length += 1.25 * max(near.lower * back, margin)
             continue
         if near.s >= 0:
             s, t, across = near.s, near.t, scaled(near.direction, -1.0)
-        if near.lower * back > needed + CERTAIN * sides.pose.size:
+        if near.lower * back > needed + CERTAIN * size:
             if s < 0:
                 break
-            _, x, y = points_of(trees_a, s, trees_b, t, here.pose, unit)
+            _, x, y = points_of(here, s, t, unit)
             y = minus(scaled(y, back), scaled(n, length))
             return Push(length, scaled(x, back), y, across)
         slope = dot(n, across)

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
@@ -35,23 +34,15 @@ from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import convex_distances, turned_back
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.queries.mesh_contacts.depths import depth_kernel
-from obb_collision.queries.mesh_contacts.push import (
-    CONTACTS,
-    Sides,
-    contacts_of,
-    sides_at,
-    triangles_of,
-    way_out,
-)
+from obb_collision.queries.mesh_contacts.push import CONTACTS, contacts_of, seen_from_first, way_out
 from obb_collision.queries.meshes.mesh_clearance import as_radii, clearances_of
-from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, body_at
-from obb_collision.queries.meshes.tree_descent import STACK
-from obb_collision.queries.meshes.tree_distance import TreeRoom
+from obb_collision.queries.meshes.placed import MeshPair, PlacedMeshes, body_at
 from obb_collision.queries.meshes.triangle_distance import closest_points, crossing, foot
 from obb_collision.queries.meshes.triangles import Triangle
+from obb_collision.queries.meshes.two_trees import TreeRoom, tree_room, triangles_of
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.queries.verdict.pair_rows import as_sides
-from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.verdict.pair_rows import RowPairs, as_sides
+from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.typing import Floats, Integers, Vector
 
 #: Pairs below which a second thread does not pay: 1 ms.
@@ -92,10 +83,8 @@ def within(
     positions[farther] = 0.5 * (near.positions_a + near.positions_b)[farther]
     deep = np.flatnonzero(~apart & (values <= 0.0))
     depths, n, middles = np.maximum(-values[deep], 0.0), normals[deep], positions[deep]
-    run(
-        *(depth_kernel, len(deep), FEWEST_PAIRS),
-        *(a.arrays, i[deep], radii_a, b.arrays, j[deep], radii_b, depths, n, middles),
-    )
+    pairs, found = RowPairs(a.arrays, i[deep], b.arrays, j[deep]), (depths, n, middles)
+    run(depth_kernel, len(deep), FEWEST_PAIRS, pairs, (radii_a, radii_b), found)
     values[deep], normals[deep], positions[deep] = -depths, n, middles
     return outer
 
@@ -161,36 +150,38 @@ def patches_of(
     result.counts[:] = found.separations <= 0.0
     result.positions[:], result.position_depths[:] = np.nan, np.nan
     some = result.counts > 0
-    result.positions[some, 0], result.position_depths[some, 0] = (
-        found.positions[some], result.depths[some]
-    )  # fmt: skip
-    run(
-        *(_patch_kernel, len(i), FEWEST_PATCHES, a.arrays, i, b.arrays, j),
-        *(result.normals, result.depths, result.counts, result.positions, result.position_depths),
-    )
+    result.positions[some, 0] = found.positions[some]
+    result.position_depths[some, 0] = result.depths[some]
+    out = tuple(vars(result).values())[1:6]
+    run(_patch_kernel, len(i), FEWEST_PATCHES, RowPairs(a.arrays, i, b.arrays, j), out)
     return result
 
 
 @njit
-def _patch_kernel(
-    a: Meshes, rows_a: np.ndarray, b: Meshes, rows_b: np.ndarray, normals: Floats, depths: Floats,
-    counts: np.ndarray, positions: Floats, position_depths: Floats, start: int, stop: int,
-) -> None:  # fmt: skip
-    """Write the points of pairs whose surfaces cross, in place of the one that is there."""
-    trees_a, trees_b = a.trees, b.trees
-    contacts = np.empty((CONTACTS, 4), np.int64)
-    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), contacts)
+def _patch_kernel(pairs: RowPairs, out: tuple[np.ndarray, ...], start: int, stop: int) -> None:
+    """Write the points of pairs whose surfaces cross, in place of the one that is there.
+
+    out: normals, depths, counts, positions and their depths, as in ``Contacts``.
+    """
     curve = Curve(np.empty((POINTS * CONTACTS, 3)), np.empty(POINTS * CONTACTS))
+    _patch_range(pairs, out, tree_room(CONTACTS), curve, start, stop)
+
+
+@njit(refcount=False)
+def _patch_range(
+    pairs: RowPairs, out: tuple[np.ndarray, ...], room: TreeRoom, curve: Curve,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    normals, depths, counts, positions, position_depths = out
     for row in range(start, stop):
         if counts[row] == 0:
             continue
-        body_a, body_b = body_at(a, rows_a[row]), body_at(b, rows_b[row])
-        sides = sides_at(trees_a, body_a, 0.0, trees_b, body_b, 0.0, 0.0)
-        place = body_a.place
+        place = body_at(pairs.a, pairs.rows_a[row]).place
+        bodies = seen_from_first(pairs, row, (0.0, 0.0, 0.0))
         n = turned_back(place, vector_at(normals, row))
-        count = _write_curve(trees_a, trees_b, sides, n, depths[row], room, curve)
-        back = unit_scale(sides.pose.size)[1]
-        count = _chosen(curve, count, positions.shape[1], DEPTH_TIE * sides.pose.size)
+        count = _write_curve(bodies, n, depths[row], room, curve)
+        back = unit_scale(bodies.pose.size)[1]
+        count = _chosen(curve, count, positions.shape[1], DEPTH_TIE * bodies.pose.size)
         for k in range(count):
             point = scaled(vector_at(curve.points, k), back)
             point = plus(combined(place.axes, point), place.center)
@@ -200,19 +191,14 @@ def _patch_kernel(
         counts[row] = max(count, 1)
 
 
-@njit
-def _write_curve(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, depth: float, room: TreeRoom,
-    curve: Curve,
-) -> int:  # fmt: skip
+@njit(refcount=False)
+def _write_curve(bodies: MeshPair, n: Vector, depth: float, room: TreeRoom, curve: Curve) -> int:
     """Write where triangles cross; return the number of points."""
-    unit, back = unit_scale(sides.pose.size)
+    unit, back = unit_scale(bodies.pose.size)
     frame, found = frame_of(n), 0
-    _, contacts = contacts_of(trees_a, trees_b, sides, room)
+    _, contacts = contacts_of(bodies, room)
     for k in range(contacts):
-        p, q = triangles_of(
-            trees_a, room.contacts[k, 1], trees_b, room.contacts[k, 2], sides.pose, unit
-        )
+        p, q = triangles_of(bodies, room.contacts[k, 1], room.contacts[k, 2], unit)
         first = found
         found = _add_crossings(q, p, curve, _add_crossings(p, q, curve, found))
         if found == first:

@@ -19,7 +19,7 @@ difference of the two bodies gives the next direction. What counts is only wheth
 one are certainly beyond those of the other along it, so that no error of the search can make a
 wrong SEPARATE; bodies for which none is found are TOUCHING, be it by rounding.
 
-Error analysis, with u, S and the errors of poses as in ``tree_boxes``: both reaches along a
+Error analysis, with u, S and the errors of poses as in ``placed``: both reaches along a
 direction w are off by at most 200 u S |w|. GAP_BOUND is 8192 u, so that what is found apart here is
 apart by more than ``meshes`` can leave undecided.
 """
@@ -27,7 +27,6 @@ apart by more than ``meshes`` can leave undecided.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -48,8 +47,9 @@ from obb_collision.numerics.vec3 import (
     scaled,
     sum_abs,
 )
-from obb_collision.queries.meshes.tree_boxes import Pose, moved, place_at, relative_pose
+from obb_collision.queries.meshes.placed import Pose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Vector
 
 #: Least gap that counts, relative to S (derivation above).
@@ -62,8 +62,7 @@ HULL_CONVERGED = 1e-12
 FEWEST_PAIRS = 256
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedHulls:
+class PlacedHulls(NamedTuple):
     """n bodies: body i is hull ``rows[i]`` at centers (n, 3), rotations (n, 3, 3); not checked."""
 
     hulls: Hulls
@@ -77,21 +76,11 @@ def hulls_may_collide(
 ) -> NDArray[np.bool_]:
     """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
     out = np.empty(len(i), np.bool_)
-    bodies = [HullBodies(x.hulls, x.rows, x.centers, x.rotations) for x in (a, b)]
-    run(_meet_kernel, len(i), FEWEST_PAIRS, bodies[0], i, bodies[1], j, out)
+    run(_meet_kernel, len(i), FEWEST_PAIRS, RowPairs(a, i, b, j), out)
     return out
 
 
-class HullBodies(NamedTuple):
-    """Placed hulls, for kernels: as ``PlacedHulls``."""
-
-    hulls: Hulls
-    rows: np.ndarray
-    centers: Floats
-    rotations: Floats
-
-
-class Corners(NamedTuple):
+class HullCorners(NamedTuple):
     """The corners of one hull: blocks (m, 3, LANES) first to last - 1."""
 
     blocks: Floats
@@ -100,29 +89,25 @@ class Corners(NamedTuple):
 
 
 @njit
-def _meet_kernel(
-    a: HullBodies, rows_a: np.ndarray, b: HullBodies, rows_b: np.ndarray, out: np.ndarray,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+def _meet_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -> None:
+    a, rows_a, b, rows_b = pairs
     for n in range(start, stop):
         i, j = rows_a[n], rows_b[n]
-        pose = relative_pose(
-            place_at(a.centers, a.rotations, i),
-            place_at(b.centers, b.rotations, j),
-            a.hulls.radii[a.rows[i]] + b.hulls.radii[b.rows[j]],
-        )
+        place, other = place_at(a.centers, a.rotations, i), place_at(b.centers, b.rotations, j)
+        reach = a.hulls.radii[a.rows[i]] + b.hulls.radii[b.rows[j]]
+        pose = relative_pose(place, other, reach)
         # from the one centre to the other: it separates most pairs that are apart
         out[n] = not apart(_corners_of(a, i), _corners_of(b, j), pose, negated(pose.offset), 0.0)
 
 
 @njit
-def _corners_of(bodies: HullBodies, i: int) -> Corners:
+def _corners_of(bodies: PlacedHulls, i: int) -> HullCorners:
     hulls, row = bodies.hulls, bodies.rows[i]
-    return Corners(hulls.blocks, hulls.starts[row], hulls.starts[row + 1])
+    return HullCorners(hulls.blocks, hulls.starts[row], hulls.starts[row + 1])
 
 
 @njit
-def apart(a: Corners, b: Corners, pose: Pose, first: Vector, reach: float) -> bool:
+def apart(a: HullCorners, b: HullCorners, pose: Pose, first: Vector, reach: float) -> bool:
     """Return True if corners of a are certainly farther than reach from those of b.
 
     first: the direction tried first, from b to a in the frame of a. The simplex is scaled by a

@@ -40,24 +40,27 @@ from obb_collision.geometry.validation import refuse_where
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.clearance.clearance import Clearances, as_limit
-from obb_collision.queries.meshes.meshes import UNLIMITED, nesting, pose_of, roots_apart
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at
-from obb_collision.queries.meshes.tree_boxes import Pose, moved
-from obb_collision.queries.meshes.tree_descent import STACK, Contacting, descend
-from obb_collision.queries.meshes.tree_distance import (
+from obb_collision.queries.meshes.meshes import UNLIMITED, nesting, roots_apart
+from obb_collision.queries.meshes.placed import MeshPair, PlacedMeshes, mesh_pair_at, moved
+from obb_collision.queries.meshes.triangles import SEPARATE, TOUCHING
+from obb_collision.queries.meshes.two_trees import (
     DISTANCE_BOUND,
     SLACK,
+    Contacting,
     TreeRoom,
+    descend,
     nearest_triangles,
     points_of,
+    tree_room,
 )
-from obb_collision.queries.meshes.triangles import SEPARATE, TOUCHING
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.queries.verdict.pair_rows import as_sides
+from obb_collision.queries.verdict.pair_rows import RowPairs, as_sides
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PAIRS = 16
+#: Of m pairs: whether they are near (m,), bounds (2, m), points and normal (3, m, 3), faces (m, 2).
+ClearanceArrays = tuple[np.ndarray, Floats, Floats, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +101,13 @@ def clearances_of(
 
     Rows of the others are not written to.
     """
-    near = np.empty(len(i), np.bool_)
-    lower, upper, vectors = np.empty(len(i)), np.empty(len(i)), np.empty((3, len(i), 3))
-    faces = np.empty((len(i), 2), np.int64)
-    run(
-        *(clearance_kernel, len(i), FEWEST_PAIRS),
-        *(a.arrays, i, radii_a, b.arrays, j, radii_b, limit, near),
-        *(lower, upper, vectors[0], vectors[1], vectors[2], faces),
-    )
+    bounds, vectors = np.empty((2, len(i))), np.empty((3, len(i), 3))
+    out = np.empty(len(i), np.bool_), bounds, vectors, np.empty((len(i), 2), np.int64)
+    pairs = RowPairs(a.arrays, i, b.arrays, j)
+    run(clearance_kernel, len(i), FEWEST_PAIRS, pairs, (radii_a, radii_b), limit, out)
     x, y, normals = vectors
-    return MeshClearances(np.stack([i, j], axis=1), lower, x, y, normals, upper, faces), near
+    rows = np.stack([i, j], axis=1)
+    return MeshClearances(rows, bounds[0], x, y, normals, bounds[1], out[3]), out[0]
 
 
 def as_radii(given: ArrayLike, name: str, count: int) -> Floats:
@@ -135,67 +135,70 @@ class Apart(NamedTuple):
 
 @njit
 def clearance_kernel(
-    a: Meshes, rows_a: np.ndarray, radii_a: Floats, b: Meshes, rows_b: np.ndarray, radii_b: Floats,
-    limit: float, near: np.ndarray, lower: Floats, upper: Floats, positions_a: Floats,
-    positions_b: Floats, normals: Floats, faces: np.ndarray, start: int, stop: int,
+    pairs: RowPairs, radii: tuple[Floats, Floats], limit: float, out: ClearanceArrays,
+    start: int, stop: int,
 ) -> None:  # fmt: skip
     """Write whether pairs are within the limit, and the clearance of those that are."""
-    trees_a, trees_b = a.trees, b.trees
-    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 4), np.int64))
+    _clearance_range(pairs, radii, limit, out, tree_room(1), start, stop)
+
+
+@njit(refcount=False)
+def _clearance_range(
+    pairs: RowPairs, radii: tuple[Floats, Floats], limit: float, out: ClearanceArrays,
+    room: TreeRoom, start: int, stop: int,
+) -> None:  # fmt: skip
+    near, bounds, vectors, faces = out
     for row in range(start, stop):
-        i, j = rows_a[row], rows_b[row]
-        body_a, body_b = body_at(a, i), body_at(b, j)
-        pose = pose_of(trees_a, body_a, trees_b, body_b)
-        reach = radii_a[i] + radii_b[j]
-        found = surfaces_apart(trees_a, body_a, trees_b, body_b, pose, limit + reach, room)
-        bound = DISTANCE_BOUND * (pose.size + reach) + MESH_UNDERFLOW
+        bodies = mesh_pair_at(pairs, row)
+        radius, other = radii[0][pairs.rows_a[row]], radii[1][pairs.rows_b[row]]
+        place, reach = bodies.a.place, radius + other
+        found = surfaces_apart(bodies, limit + reach, room)
+        bound = DISTANCE_BOUND * (bodies.pose.size + reach) + MESH_UNDERFLOW
         least = max(found.lower - reach - bound, 0.0)
         most = 0.0 if found.collide else max(found.upper - reach + bound, 0.0)
         near[row] = least <= limit and found.upper < np.inf
         if not near[row]:
             continue
         share = 1.0 if found.upper >= reach else found.upper / reach
-        x = plus(found.x, scaled(found.n, share * radii_a[i]))
-        y = minus(found.y, scaled(found.n, share * radii_b[j]))
-        p = plus(body_a.place.center, combined(body_a.place.axes, x))
-        q = plus(body_a.place.center, combined(body_a.place.axes, y))
-        n = combined(body_a.place.axes, found.n) if most > 0.0 else (0.0, 0.0, 0.0)
-        lower[row], upper[row] = least, most
+        x = plus(found.x, scaled(found.n, share * radius))
+        y = minus(found.y, scaled(found.n, share * other))
+        p = plus(place.center, combined(place.axes, x))
+        q = plus(place.center, combined(place.axes, y))
+        n = combined(place.axes, found.n) if most > 0.0 else (0.0, 0.0, 0.0)
+        bounds[0, row], bounds[1, row] = least, most
         for k in range(3):
-            positions_a[row, k], positions_b[row, k], normals[row, k] = p[k], q[k], n[k]
-        faces[row, 0] = trees_a.faces[found.s] if found.s >= 0 else -1
-        faces[row, 1] = trees_b.faces[found.t] if found.s >= 0 else -1
+            vectors[0, row, k], vectors[1, row, k], vectors[2, row, k] = p[k], q[k], n[k]
+        faces[row, 0] = bodies.trees_a.faces[found.s] if found.s >= 0 else -1
+        faces[row, 1] = bodies.trees_b.faces[found.t] if found.s >= 0 else -1
 
 
-@njit
-def surfaces_apart(
-    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt, pose: Pose, limit: float,
-    room: TreeRoom,
-) -> Apart:  # fmt: skip
+@njit(refcount=False)
+def surfaces_apart(bodies: MeshPair, limit: float, room: TreeRoom) -> Apart:
     """Return how far apart two meshes are, the bounds but for rounding; infinite past a limit."""
     zero = 0.0, 0.0, 0.0
-    unit, back = unit_scale(pose.size)
-    if not roots_apart(trees_a, a, trees_b, b, pose):
+    unit, back = unit_scale(bodies.pose.size)
+    if not roots_apart(bodies):
         search = Contacting(TOUCHING, UNLIMITED, room.contacts, room.stack)
-        if descend(trees_a, a, trees_b, b, pose, search, 0, 0)[0] != SEPARATE:
+        if descend(bodies, search, 0, 0)[0] != SEPARATE:
             s, t = room.contacts[0, 1], room.contacts[0, 2]
-            _, x, y = points_of(trees_a, s, trees_b, t, pose, unit)
+            _, x, y = points_of(bodies, s, t, unit)
             return Apart(True, 0.0, 0.0, scaled(x, back), scaled(y, back), zero, s, t)
-        verdict, k, of_a = nesting(trees_a, a, trees_b, b, pose, room.stack)
+        verdict, k, of_a = nesting(bodies, room.stack)
         if verdict != SEPARATE:
-            point = _piece(trees_a, k) if of_a else moved(pose, _piece(trees_b, k))
+            own, other = bodies.trees_a, bodies.trees_b
+            point = _piece(own, k) if of_a else moved(bodies.pose, _piece(other, k))
             return Apart(True, 0.0, 0.0, point, point, zero, -1, -1)
-    found = nearest_triangles(trees_a, a, trees_b, b, pose, unit, limit * unit + 2.0 * SLACK, room)
+    found = nearest_triangles(bodies, unit, limit * unit + 2.0 * SLACK, room)
     s, t, n = found.s, found.t, found.direction
     if s < 0:
         return Apart(False, found.lower * back, np.inf, zero, zero, zero, s, t)
-    distance, x, y = points_of(trees_a, s, trees_b, t, pose, unit)
+    distance, x, y = points_of(bodies, s, t, unit)
     if found.lower <= DISTANCE_BOUND and distance > 0.0:  # along no direction a gap is certain
         n = scaled(minus(x, y), 1.0 / norm(minus(x, y)))
     x, y = scaled(x, back), scaled(y, back)
     return Apart(False, found.lower * back, distance * back, x, y, scaled(n, -1.0), s, t)
 
 
-@njit
+@njit(refcount=False)
 def _piece(trees: TreeArrays, k: int) -> Vector:
     return trees.pieces[k, 0, 0], trees.pieces[k, 0, 1], trees.pieces[k, 0, 2]

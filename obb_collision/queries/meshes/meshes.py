@@ -49,13 +49,14 @@ from obb_collision.queries.meshes.inside import (
     outside_box,
     point_side,
 )
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at
-from obb_collision.queries.meshes.tree_boxes import Pose, box_gap, moved, moved_back, relative_pose
-from obb_collision.queries.meshes.tree_descent import (
-    STACK,
-    Contacting,
-    boxes_may_collide,
-    descend,
+from obb_collision.queries.meshes.placed import (
+    MeshPair,
+    PlacedMeshes,
+    Pose,
+    box_gap,
+    mesh_pair_at,
+    moved,
+    moved_back,
 )
 from obb_collision.queries.meshes.triangles import (
     OVERLAP,
@@ -64,7 +65,13 @@ from obb_collision.queries.meshes.triangles import (
     exact_corners,
     exact_triangle_verdict,
 )
-from obb_collision.queries.verdict.pair_rows import as_sides
+from obb_collision.queries.meshes.two_trees import (
+    STACK,
+    Contacting,
+    boxes_may_collide,
+    descend,
+)
+from obb_collision.queries.verdict.pair_rows import RowPairs, as_sides
 from obb_collision.typing import Floats, Integers
 
 #: A verdict that none reaches: look at all triangles.
@@ -125,7 +132,8 @@ def mesh_collisions(
         return _find(a, b, i, j, TOUCHING, 0)[0] != SEPARATE
     result = np.empty(len(i), np.bool_)
     level = as_whole(depth, "depth")
-    run(tree_kernel, len(i), FEWEST_PAIRS, a.arrays, i, b.arrays, j, level, result)
+    pairs = RowPairs(a.arrays, i, b.arrays, j)
+    run(tree_kernel, len(i), FEWEST_PAIRS, pairs, level, result)
     return result
 
 
@@ -210,7 +218,7 @@ def _find(
     """Return verdicts (m,), contacts (at most capacity, 4) and their true number."""
     result = np.empty(len(i), np.int8)
     contacts = np.empty((capacity, 4), np.int64)
-    given = a.arrays, i, b.arrays, j, stop, effort, result, contacts
+    given = RowPairs(a.arrays, i, b.arrays, j), stop, effort, result, contacts
     least = len(i) + 1 if capacity else FEWEST_PAIRS  # contacts are written one after another
     found = sum(run(find_kernel, len(i), least, *given))
     return result, contacts[:found], found
@@ -254,8 +262,8 @@ def _inside(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Iterator[bool]:
 
 @njit
 def find_kernel(
-    a: Meshes, rows_a: np.ndarray, b: Meshes, rows_b: np.ndarray,
-    enough: int, effort: int, out: np.ndarray, contacts: np.ndarray, start: int, stop: int,
+    pairs: RowPairs, enough: int, effort: int, out: np.ndarray, contacts: np.ndarray,
+    start: int, stop: int,
 ) -> int:  # fmt: skip
     """Write the verdict of a range of pairs, and contacts while there is room; return how many.
 
@@ -263,64 +271,58 @@ def find_kernel(
     the first triangles of a verdict of at least ``enough``, or ``effort`` pairs of nodes after the
     first that touch.
     """
-    trees_a, trees_b = a.trees, b.trees
-    stack = np.empty((STACK, 2), np.int64)
-    search = Contacting(enough, effort, contacts, stack)
+    search = Contacting(enough, effort, contacts, np.empty((STACK, 2), np.int64))
+    return _find_range(pairs, search, out, start, stop)
+
+
+@njit(refcount=False)
+def _find_range(pairs: RowPairs, search: Contacting, out: np.ndarray, start: int, stop: int) -> int:
     found = 0
     for n in range(start, stop):
-        body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
-        pose = pose_of(trees_a, body_a, trees_b, body_b)
+        bodies = mesh_pair_at(pairs, n)
         out[n] = SEPARATE
-        if roots_apart(trees_a, body_a, trees_b, body_b, pose):
+        if roots_apart(bodies):
             continue
-        verdict, found = descend(trees_a, body_a, trees_b, body_b, pose, search, n, found)
+        verdict, found = descend(bodies, search, n, found)
         if verdict == SEPARATE:
-            verdict = nesting(trees_a, body_a, trees_b, body_b, pose, stack)[0]
+            verdict = nesting(bodies, search.stack)[0]
         out[n] = verdict
     return found
 
 
 @njit
-def tree_kernel(
-    a: Meshes, rows_a: np.ndarray, b: Meshes, rows_b: np.ndarray, depth: int, out: np.ndarray,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+def tree_kernel(pairs: RowPairs, depth: int, out: np.ndarray, start: int, stop: int) -> None:
     """Write for a range of pairs whether boxes of a depth may collide, or a piece lies inside."""
-    trees_a, trees_b = a.trees, b.trees
-    stack = np.empty((STACK, 2), np.int64)
+    _tree_range(pairs, depth, out, np.empty((STACK, 2), np.int64), start, stop)
+
+
+@njit(refcount=False)
+def _tree_range(
+    pairs: RowPairs, depth: int, out: np.ndarray, stack: np.ndarray, start: int, stop: int
+) -> None:
     for n in range(start, stop):
-        body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
-        pose = pose_of(trees_a, body_a, trees_b, body_b)
-        out[n] = False
-        if roots_apart(trees_a, body_a, trees_b, body_b, pose):
-            continue
-        out[n] = boxes_may_collide(trees_a, body_a, trees_b, body_b, pose, depth, stack) or (
-            nesting(trees_a, body_a, trees_b, body_b, pose, stack)[0] != SEPARATE
+        bodies = mesh_pair_at(pairs, n)
+        out[n] = not roots_apart(bodies) and (
+            boxes_may_collide(bodies, depth, stack) or nesting(bodies, stack)[0] != SEPARATE
         )
 
 
-@njit
-def pose_of(trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt) -> Pose:
-    """Return the pose of b in the frame of a."""
-    return relative_pose(a.place, b.place, trees_a.radii[a.mesh] + trees_b.radii[b.mesh])
-
-
-@njit
-def roots_apart(trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt, pose: Pose) -> bool:
+@njit(refcount=False)
+def roots_apart(bodies: MeshPair) -> bool:
     """Return whether the boxes about two bodies are certainly apart."""
+    trees_a, a, trees_b, b, pose = bodies
     root_a, root_b = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     return box_gap(trees_a.nodes, root_a, trees_b.nodes, root_b, pose) == np.inf
 
 
-@njit
-def nesting(
-    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt, pose: Pose, stack: np.ndarray
-) -> tuple[int, int, bool]:  # fmt: skip
+@njit(refcount=False)
+def nesting(bodies: MeshPair, stack: np.ndarray) -> tuple[int, int, bool]:
     """Return OVERLAP where a piece of one is inside the other, TOUCHING where that is unknown.
 
     And that piece, and whether it is one of a. For meshes whose surfaces are apart: then a
     piece is inside or outside as a whole.
     """
+    trees_a, a, trees_b, b, pose = bodies
     unknown, of_a = -1, False
     if trees_a.solid[a.mesh]:
         for k in range(trees_b.piece_starts[b.mesh], trees_b.piece_starts[b.mesh + 1]):
@@ -338,7 +340,7 @@ def nesting(
     return TOUCHING if unknown >= 0 else SEPARATE, unknown, of_a
 
 
-@njit
+@njit(refcount=False)
 def _piece_side(
     trees: TreeArrays, mesh: int, pieces: Floats, k: int, pose: Pose, back: bool, stack: np.ndarray
 ) -> int:

@@ -82,7 +82,7 @@ from obb_collision.numerics.exact import cross as exact_cross
 from obb_collision.numerics.exact import dot as exact_dot
 from obb_collision.numerics.exact import exact_axes, exact_integers
 from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled
-from obb_collision.queries.meshes.tree_boxes import Place
+from obb_collision.queries.meshes.placed import Place
 from obb_collision.queries.verdict.sat import rows_of
 from obb_collision.typing import Axes, Floats, Vector
 

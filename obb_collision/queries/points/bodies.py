@@ -49,8 +49,7 @@ from obb_collision.queries.convex.support import (
     core_at,
 )
 from obb_collision.queries.meshes.inside import OUTSIDE, point_side
-from obb_collision.queries.meshes.placed import Meshes, body_at
-from obb_collision.queries.meshes.tree_boxes import POINT_BOUND, Pose, node_at
+from obb_collision.queries.meshes.placed import POINT_BOUND, Meshes, Pose, body_at, node_at
 from obb_collision.queries.meshes.triangle_distance import triangle_bounds
 from obb_collision.queries.meshes.triangles import triangle_at
 from obb_collision.queries.primitives.segments import unit_scale

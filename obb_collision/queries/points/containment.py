@@ -33,7 +33,7 @@ from obb_collision.numerics.vec3 import (
     sum_abs,
     vector_at,
 )
-from obb_collision.queries.verdict.pair_frame import box_of
+from obb_collision.queries.verdict.sat import box_of
 from obb_collision.typing import Axes, Floats, Vector
 
 OUTSIDE = 0

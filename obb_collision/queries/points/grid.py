@@ -35,7 +35,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, minus, sum_abs
-from obb_collision.queries.verdict.pair_frame import Box, box_at
+from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.typing import Floats, Vector
 
 #: A cell with so few boxes is not worth a grid: testing a box takes less than finding the cell.
@@ -61,6 +61,18 @@ class Grids(NamedTuple):
     numbers: np.ndarray
 
 
+class Grid(NamedTuple):
+    """A tree of grids over boxes.
+
+    A frame is the least corner, cells per metre, and the last cell number along each axis.
+    """
+
+    cells: np.ndarray  #: (m, 4), the root first
+    items: np.ndarray  #: rows of boxes
+    frames: Floats  #: (k, 9)
+    numbers: np.ndarray  #: (k, 3)
+
+
 class Contents(NamedTuple):
     """What is found in cells: bounds and boxes, as given to ``build_grid``."""
 
@@ -78,10 +90,8 @@ def find_cell(frames: Floats, numbers: np.ndarray, g: int, x: float, y: float, z
 
 
 @njit
-def build_grid(
-    bounds: Floats, boxes: BoxArrays, effort: int
-) -> tuple[np.ndarray, np.ndarray, Floats, np.ndarray]:
-    """Return cells (m, 4), items, frames (k, 9) and numbers (k, 3) of a tree of grids over boxes.
+def build_grid(bounds: Floats, boxes: BoxArrays, effort: int) -> Grid:
+    """Return a tree of grids over boxes.
 
     bounds (n, 6): the least and largest corner of what must be found of a box, all of it in the
     box. effort: how many pairs of box and cell
@@ -122,7 +132,7 @@ def build_grid(
                 cells[used_cells : used_cells + size, PARENT] = grids
                 used_cells, used_items, grids = used_cells + size, used_items + found, grids + 1
         cell += 1
-    return cells[:used_cells], items[:used_items], frames, numbers
+    return Grid(cells[:used_cells], items[:used_items], frames, numbers)
 
 
 @njit
@@ -255,7 +265,7 @@ def _enter(
 
 
 @njit
-def _apart(box: Box, offset: Vector, half: Vector) -> bool:
+def _apart(box: BoxAt, offset: Vector, half: Vector) -> bool:
     """Return whether a face normal of a box certainly separates it from a cell.
 
     offset: of the cell from the centre of the box; half: half extents of the cell.

@@ -28,6 +28,7 @@ parted, so the result is the same bit for bit for any number of threads.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,12 +41,12 @@ from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.convex.support import ConvexBodies, Cores
 from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, root_boxes
-from obb_collision.queries.meshes.tree_descent import STACK
+from obb_collision.queries.meshes.two_trees import STACK
 from obb_collision.queries.points.bodies import body_holds, convex_holds
 from obb_collision.queries.points.containment import INSIDE_BOUND, OUTSIDE, place_carefully
-from obb_collision.queries.points.grid import COUNT, GRID, START, build_grid, find_cell
+from obb_collision.queries.points.grid import COUNT, GRID, START, Grid, build_grid, find_cell
 from obb_collision.queries.primitives.segments import LARGEST_EXPONENT
-from obb_collision.typing import Floats, Integers
+from obb_collision.typing import Floats, Integers, Vector
 
 #: Points a thread takes at a time: 1 ms or so, so that all end together.
 CHUNK = 1 << 15
@@ -148,48 +149,58 @@ def points_in_bodies(
     meshes = bodies.arrays if isinstance(bodies, PlacedMeshes) else None
     convex = bodies.arrays if isinstance(bodies, ConvexBodies) else None
     radii = np.zeros(len(boxes) if meshes is not None else 0) if radii is None else radii
+    inner = Inner(meshes, radii, convex)
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
     found = np.zeros((len(starts), 3, len(boxes)), np.int64)
     squares = np.empty((len(starts), len(boxes)))
     ignored = np.zeros(len(starts), np.int64)
     labels = np.empty(len(cloud) if each_point else 0, np.int32)
-    grid = _grid(boxes, reach, len(cloud))
+    zones = _zones(boxes, reach, len(cloud))
 
-    def look(n: int) -> None:
-        part = np.array(cloud[starts[n] : starts[n] + size], np.float64, order="C")  # of one kind
-        sides = *grid, reach, meshes, radii, convex
-        ignored[n] = points_kernel(part, starts[n], *sides, found[n], squares[n], labels)
+    def look(n: int, count: int = size) -> None:
+        part = np.array(cloud[starts[n] : starts[n] + count], np.float64, order="C")  # of one kind
+        out = found[n], squares[n], labels
+        ignored[n] = points_kernel(part, starts[n], zones, reach, inner, out)
 
-    if len(starts) > 1:  # see ``_threads.run``
-        points_kernel(
-            np.empty((0, 3)), 0, *grid, reach, meshes, radii, convex, found[0], squares[0], labels
-        )
+    if len(starts) > 1:
+        look(0, 0)  # see ``_threads.run``
     run_parts(look, len(starts))
     return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
 
 
-def _grid(
-    boxes: Boxes, margin: float, points: int
-) -> tuple[Floats, np.ndarray, np.ndarray, Floats, np.ndarray, Floats]:
-    """Return where anything can be found (6,), the grid over the boxes, and their records.
+class Zones(NamedTuple):
+    """Boxes that may hold points."""
 
-    A record (17,): centre, rotation row by row, half extents, their sum with the margin, and the
-    power of two that makes this about 1.
-    """
+    whole: Floats  #: (6,) where anything can be found
+    grid: Grid
+    records: Floats
+    """(n, 17) centre, rotation row by row, half extents, their sum with the margin, and the power
+    of two that makes this about 1"""
+
+
+class Inner(NamedTuple):
+    """What is in the boxes: nothing else, meshes with radii (n,), or convex bodies."""
+
+    meshes: Meshes | None
+    radii: Floats
+    convex: Cores | None
+
+
+def _zones(boxes: Boxes, margin: float, points: int) -> Zones:
     size = boxes.half_extents.sum(axis=1) + margin
     pad = (margin + REACH * size + 4.0 * UNDERFLOW)[:, None]
     minimum, maximum = boxes.world_bounds()
     bounds = np.concatenate([minimum - pad, maximum + pad], axis=1)
     grown = boxes.arrays._replace(half_extents=boxes.half_extents + pad)
-    cells, items, frames, numbers = build_grid(bounds, grown, int(EFFORT * points))
+    grid = build_grid(bounds, grown, int(EFFORT * points))
     whole = np.concatenate(
         [bounds[:, :3].min(axis=0, initial=np.inf), bounds[:, 3:].max(axis=0, initial=-np.inf)]
     )
     power = np.clip(np.frexp(size)[1], -LARGEST_EXPONENT, LARGEST_EXPONENT)
     columns = [boxes.centers, boxes.rotations.reshape(-1, 9), boxes.half_extents, size[:, None]]
     records = np.concatenate([*columns, np.ldexp(1.0, -power)[:, None]], axis=1)
-    return whole, cells, items, frames, numbers, records
+    return Zones(whole, grid, records)
 
 
 def _merged(
@@ -226,21 +237,18 @@ def lengths_kernel(offsets: Floats, rows: np.ndarray, out: Floats) -> None:
 
 @njit
 def points_kernel(
-    points: Floats, first: int,
-    whole: Floats, cells: np.ndarray, items: np.ndarray, frames: Floats, numbers: np.ndarray,
-    records: Floats, margin: float,
-    meshes: Meshes | None, radii: Floats, convex: Cores | None,
-    found: np.ndarray, squares: Floats, labels: np.ndarray,
+    points: Floats, first: int, zones: Zones, margin: float, inner: Inner,
+    out: tuple[np.ndarray, Floats, np.ndarray],
 ) -> int:  # fmt: skip
-    """Write what boxes hold of points (m, 3), of which the first has a number.
+    """Write what boxes, or what is in them, hold of points (m, 3), of which the first has a number.
 
     Return how many are not finite.
 
-    Or the meshes in them, with radii about them, or the convex bodies in them, if there are.
-
-    found (3, n): counts, first and nearest; squares (n,): of the least scaled distance; labels
-    (p,) or (0,): the lowest box of each point.
+    out: counts, first and nearest (3, n); squares (n,) of the least scaled distance; labels (p,)
+    or (0,), the lowest box of each point.
     """
+    whole, (cells, items, frames, numbers), records = zones
+    found, squares, labels = out
     ignored = 0
     labelled = len(labels) > 0
     stack = np.empty((STACK, 2), np.int64)
@@ -260,11 +268,7 @@ def points_kernel(
                 dx, dy, dz = x - records[b, 0], y - records[b, 1], z - records[b, 2]
                 if not _inside(records, b, dx, dy, dz, margin):
                     continue
-                if meshes is not None and not body_holds(
-                    meshes, b, (x, y, z), margin + radii[b], stack
-                ):
-                    continue
-                if convex is not None and not convex_holds(convex, b, (x, y, z), margin):
+                if not _holds(inner.meshes, inner.radii, inner.convex, b, (x, y, z), margin, stack):
                     continue
                 scale = records[b, SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz
@@ -281,6 +285,19 @@ def points_kernel(
         if labelled:
             labels[n] = label
     return ignored
+
+
+@njit
+def _holds(
+    meshes: Meshes | None, radii: Floats, convex: Cores | None, b: int, point: Vector,
+    margin: float, stack: np.ndarray,
+) -> bool:  # fmt: skip
+    """Return whether what is in box b holds a point; arguments that are None compile nothing."""
+    if meshes is not None:
+        return body_holds(meshes, b, point, margin + radii[b], stack)
+    if convex is not None:
+        return convex_holds(convex, b, point, margin)
+    return True
 
 
 @njit

@@ -62,10 +62,15 @@ from obb_collision.queries.primitives.segments import (
     unit_scale,
     widest_gap,
 )
-from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, as_sides
-from obb_collision.queries.verdict.separations import CertifiedSeparations
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
+from obb_collision.queries.verdict.sat import BoxAt, box_at
+from obb_collision.queries.verdict.verdict import (
+    OVERLAP,
+    SEPARATE,
+    TOUCHING,
+    CertifiedSeparations,
+    Verdicts,
+)
 from obb_collision.typing import Floats, Vector
 
 #: Bound of a distance that proves nearness, relative to T: 256 unit roundoffs (see ``capsules``).
@@ -93,7 +98,7 @@ class SegmentAndBox(NamedTuple):
     back: float  #: scales lengths back
 
 
-class Segments(NamedTuple):
+class SegmentPair(NamedTuple):
     """Two capsules, from the start of the first, scaled to about 1."""
 
     u: Vector  #: the first segment
@@ -124,7 +129,7 @@ def _write(found: Distance, n: int, distances: Floats, vectors: Floats) -> None:
 
 
 @njit
-def _about_box(a: CapsuleAt, b: Box) -> SegmentAndBox:
+def _about_box(a: CapsuleAt, b: BoxAt) -> SegmentAndBox:
     first, last = minus(a.start, b.center), minus(a.end, b.center)
     h, way = b.half_extents, minus(a.end, a.start)
     scale, back = unit_scale(max(max_abs(first), max_abs(last), max_abs(h), a.radius))
@@ -147,7 +152,7 @@ def box_verdicts_kernel(
 
 
 @njit
-def _box_verdict(a: CapsuleAt, b: Box) -> int:
+def _box_verdict(a: CapsuleAt, b: BoxAt) -> int:
     pair = _about_box(a, b)
     h, r = pair.half_extents, pair.radius
     size = sum_abs(pair.first) + sum_abs(pair.last) + sum_abs(h) + r
@@ -178,7 +183,7 @@ def box_distances_kernel(
 
 
 @njit
-def _box_distance(a: CapsuleAt, b: Box) -> Distance:
+def _box_distance(a: CapsuleAt, b: BoxAt) -> Distance:
     pair = _about_box(a, b)
     h = pair.half_extents
     y, w = components(b.axes, pair.first), components(b.axes, pair.way)
@@ -206,11 +211,11 @@ def _box_distance(a: CapsuleAt, b: Box) -> Distance:
 
 
 @njit
-def _about_start(a: CapsuleAt, b: CapsuleAt) -> Segments:
+def _about_start(a: CapsuleAt, b: CapsuleAt) -> SegmentPair:
     u, v, d = minus(a.end, a.start), minus(b.end, b.start), minus(b.start, a.start)
     scale, back = unit_scale(max(max_abs(u), max_abs(d), max_abs(v), a.radius, b.radius))
     u, d, v = scaled(u, scale), scaled(d, scale), scaled(v, scale)
-    return Segments(u, d, v, scale * a.radius, scale * b.radius, back)
+    return SegmentPair(u, d, v, scale * a.radius, scale * b.radius, back)
 
 
 @njit

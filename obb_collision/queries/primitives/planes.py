@@ -36,10 +36,15 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs
-from obb_collision.queries.verdict.separations import CertifiedSeparations
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
+from obb_collision.queries.verdict.sat import BoxAt, box_at
+from obb_collision.queries.verdict.verdict import (
+    OVERLAP,
+    SEPARATE,
+    TOUCHING,
+    CertifiedSeparations,
+    Verdicts,
+)
 from obb_collision.typing import Floats, Vector
 
 
@@ -113,7 +118,7 @@ def _height_kernel(
 
 
 @njit
-def _lowest(point: Vector, normal: Vector, box: Box) -> tuple[float, float, Vector, Vector]:
+def _lowest(point: Vector, normal: Vector, box: BoxAt) -> tuple[float, float, Vector, Vector]:
     """Return the least height of a box over a plane, its error bound, the unit normal, and a place.
 
     The error analysis is that of ``witness.careful_gap``; the plane's normal is exact here.

@@ -36,19 +36,21 @@ from obb_collision.numerics.vec3 import (
     sum_abs,
     vector_at,
 )
-from obb_collision.queries.verdict.pair_frame import Box, box_at
+from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.typing import Floats, Vector
 
 #: Boxes in a leaf.
 LEAF = 2
 #: Halving leaves one node a level behind: enough for 2^62 leaves.
 STACK = 64
+#: Limits (k, 6), numbers (k, 3) and order (n,) of a tree.
+TreeNodes = tuple[Floats, np.ndarray, np.ndarray]
 #: Columns of a node: first box in the order, number of boxes, first of its two children or -1.
 START, COUNT, CHILD = 0, 1, 2
 
 
 @njit
-def build_tree(bounds: Floats) -> tuple[Floats, np.ndarray, np.ndarray]:
+def build_tree(bounds: Floats) -> TreeNodes:
     """Return bounds (k, 6) and numbers (k, 3) of nodes, the root first, and the order (n,).
 
     bounds (n, 6): least and largest corner of each box.
@@ -144,7 +146,25 @@ class Ray(NamedTuple):
     reach: float  #: how far it goes
 
 
-class BoundsTree(NamedTuple):
+class Rays(NamedTuple):
+    """Rays: origins (m, 3), unit directions (m, 3), and how far they go (m,)."""
+
+    origins: Floats
+    units: Floats
+    reaches: Floats
+
+
+class HitArrays(NamedTuple):
+    """What rays hit: bodies (m,), distances (m,), points, normals (3, m), and faces (m,)."""
+
+    bodies: np.ndarray
+    distances: Floats
+    points: Floats
+    normals: Floats
+    faces: np.ndarray
+
+
+class RayTree(NamedTuple):
     """A tree of ``build_tree``, and work space for walking down."""
 
     limits: Floats
@@ -155,7 +175,7 @@ class BoundsTree(NamedTuple):
 
 
 @njit
-def hit_box(ray: Ray, box: Box) -> tuple[float, int]:
+def hit_box(ray: Ray, box: BoxAt) -> tuple[float, int]:
     """Return the distance at which a ray hits a box, infinity if not within reach, and the axis.
 
     The axis of the face entered is -1 where the origin is in the box.
@@ -192,26 +212,41 @@ def enters_bounds(limits: Floats, node: int, ray: Ray, reach: float) -> float:
     return enter if enter <= leave else np.inf
 
 
+@njit(refcount=False)
+def ray_at(rays: Rays, n: int) -> Ray:
+    """Return ray n."""
+    return Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
+
+
+@njit
+def ray_tree(nodes: TreeNodes) -> RayTree:
+    """Return a tree with work space."""
+    return RayTree(nodes[0], nodes[1], nodes[2], np.empty(STACK, np.int64), np.empty(STACK))
+
+
+@njit(refcount=False)
+def write_hit(out: HitArrays, n: int, ray: Ray, body: int, distance: float, normal: Vector) -> None:
+    """Write what a ray hits; point and normal are NaN where that is nothing."""
+    out.bodies[n], out.distances[n] = body, distance
+    point = plus(ray.origin, scaled(ray.unit, distance))
+    for k in range(3):
+        out.points[n, k] = point[k] if body >= 0 else np.nan
+        out.normals[n, k] = normal[k] if body >= 0 else np.nan
+
+
 @njit
 def rays_kernel(
-    origins: Floats, units: Floats, reaches: Floats,
-    centers: Floats, rotations: Floats, half_extents: Floats,
-    limits: Floats, nodes: np.ndarray, order: np.ndarray,
-    hits: np.ndarray, distances: Floats, points: Floats, normals: Floats,
-) -> None:  # fmt: skip
-    """Write the nearest box (m,), distance (m,), point (m, 3) and normal (m, 3) of each ray."""
-    tree = BoundsTree(limits, nodes, order, np.empty(STACK, np.int64), np.empty(STACK))
-    boxes = BoxArrays(centers, rotations, half_extents)
-    for n in range(len(origins)):
-        ray = Ray(vector_at(origins, n), vector_at(units, n), reaches[n])
+    rays: Rays, boxes: BoxArrays, nodes: TreeNodes, out: HitArrays, start: int, stop: int
+) -> None:
+    """Write what rays ``start`` to ``stop`` hit."""
+    tree = ray_tree(nodes)
+    for n in range(start, stop):
+        ray = ray_at(rays, n)
         box, distance, axis = _nearest(ray, boxes, tree)
-        hits[n], distances[n] = box, distance
-        point, normal = (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)
+        normal = 0.0, 0.0, 0.0
         if box >= 0:
-            point = plus(ray.origin, scaled(ray.unit, distance))
-            normal = _normal(ray, axis_of(rotations, box, max(axis, 0)), axis)
-        for k in range(3):
-            points[n, k], normals[n, k] = point[k], normal[k]
+            normal = _normal(ray, axis_of(boxes.rotations, box, max(axis, 0)), axis)
+        write_hit(out, n, ray, box, distance, normal)
 
 
 @njit
@@ -224,7 +259,7 @@ def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
 
 
 @njit
-def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, int]:
+def _nearest(ray: Ray, boxes: BoxArrays, tree: RayTree) -> tuple[int, float, int]:
     """Return the nearest box, its distance and the axis of its face; -1, infinity, -1 for none."""
     box, best, axis = -1, np.inf, -1
     leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
@@ -240,7 +275,7 @@ def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, 
 
 
 @njit
-def start_walk(ray: Ray, tree: BoundsTree) -> int:
+def start_walk(ray: Ray, tree: RayTree) -> int:
     """Put the root on the stack if the ray enters its bounds; return how many nodes are there."""
     enter = enters_bounds(tree.limits, 0, ray, ray.reach)
     if enter == np.inf:
@@ -250,7 +285,7 @@ def start_walk(ray: Ray, tree: BoundsTree) -> int:
 
 
 @njit(inline=True)
-def next_leaf(ray: Ray, best: float, tree: BoundsTree, depth: int) -> tuple[int, int]:
+def next_leaf(ray: Ray, best: float, tree: RayTree, depth: int) -> tuple[int, int]:
     """Return the next leaf that the ray may enter before ``best``, -1 for none, and the depth."""
     limits, nodes, _, stack, entries = tree
     while depth > 0:
@@ -275,3 +310,22 @@ def next_leaf(ray: Ray, best: float, tree: BoundsTree, depth: int) -> tuple[int,
             stack[depth], entries[depth] = other, second
             depth += 1
     return -1, 0
+
+
+#: By how much a ray may be off once it is moved ahead, relative to the origin's offset from the
+#: centre (derivation in ``meshes``).
+AHEAD_BOUND = 16 * ROUNDOFF
+
+
+@njit
+def moved_ahead(ray: Ray, center: Vector, reach: float) -> tuple[Vector, float, float]:
+    """Return a point of a ray seen from a centre, how far ahead it is, and by how much it is off.
+
+    No point before it is within reach of the centre; -1 ahead where none of the ray is.
+    """
+    d = minus(ray.origin, center)
+    middle = -dot(d, ray.unit)
+    if middle < -reach:
+        return d, -1.0, 0.0
+    ahead = max(middle - reach, 0.0)
+    return plus(d, scaled(ray.unit, ahead)), ahead, AHEAD_BOUND * sum_abs(d)

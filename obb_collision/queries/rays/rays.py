@@ -24,12 +24,14 @@ that it passes at less than twice that distance. Distances are those to the box 
 earlier, not later.
 
 Meshes, and hulls as meshes, are hit at their surface, or at once if they are solids and the
-origin is inside; what holds of them is in ``mesh_rays``.
+origin is inside; what holds of them is in ``meshes``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,11 +42,10 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.convex.support import ConvexBodies
-from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes
-from obb_collision.queries.meshes.tree_boxes import BOX_BOUND
-from obb_collision.queries.rays.boxes import build_tree, rays_kernel
-from obb_collision.queries.rays.mesh_rays import mesh_rays_kernel
-from obb_collision.queries.rays.rounded import convex_rays_kernel, padded_rays_kernel
+from obb_collision.queries.meshes.placed import BOX_BOUND, PlacedMeshes, root_boxes
+from obb_collision.queries.rays.boxes import HitArrays, Rays, build_tree, rays_kernel
+from obb_collision.queries.rays.convex import convex_rays_kernel
+from obb_collision.queries.rays.meshes import mesh_rays_kernel
 from obb_collision.typing import Floats, Integers
 
 #: Rays below which a second thread does not pay: 0.1 ms.
@@ -118,56 +119,36 @@ def cast_rays(
     ([0], [4.0], [[4.0, 0.0, 0.0]])
     """
     _check_targets(boxes)
-    return _cast(boxes, *as_rays(origins, directions, max_distance))
+    return _cast(boxes, as_rays(origins, directions, max_distance))
 
 
-def as_rays(
-    origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike
-) -> tuple[Floats, Floats, Floats]:
-    """Return origins (m, 3), unit directions (m, 3) and reaches (m,); ValueError otherwise."""
+def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) -> Rays:
+    """Return rays; ValueError otherwise."""
     o = as_array(origins, "origins", (None, 3))
     d = as_array(directions, "directions", (None, 3))
     check_lengths(origins=o, directions=d)
     units, norms = _units(d)
     refuse_where(norms == 0.0, "directions must not be zero")
-    return o, units, _reaches(max_distance, len(o))
+    return Rays(o, units, _reaches(max_distance, len(o)))
 
 
-def cast_at_bodies(
-    bodies: ConvexBodies, boxes: Boxes, origins: Floats, units: Floats, reaches: Floats
-) -> RayHits:
+def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
     """Return what rays hit first of convex bodies that are in boxes; not checked.
 
-    Never late, and at most 1e-9 of the size of a body early, along its normal (``rounded``).
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``convex``).
     """
-    tree = build_tree(np.concatenate(boxes.world_bounds(), axis=1))
-    hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
-    points, normals = np.empty((2, len(origins), 3))
-    run(
-        *(convex_rays_kernel, len(origins), FEWEST_RAYS, origins, units, reaches, bodies.arrays),
-        *(*tree, hits, distances, points, normals),
-    )
-    return RayHits(hits, distances, points, normals)
+    return _hits(convex_rays_kernel, rays, bodies.arrays, boxes)
 
 
-def cast_at_padded(
-    meshes: PlacedMeshes, radii: Floats, origins: Floats, units: Floats, reaches: Floats
-) -> RayHits:
+def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
     """Return what rays hit first of all that is within ``radii`` (n,) of meshes; not checked.
 
-    Never late, and at most 1e-9 of the size of a body early, along its normal (``rounded``).
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``meshes``).
     """
     boxes = root_boxes(meshes)
     grown = boxes.half_extents + (radii * (1.0 + BOX_BOUND))[:, None]
     boxes = Boxes.trusted(boxes.centers, boxes.rotations, grown)
-    tree = build_tree(np.concatenate(boxes.world_bounds(), axis=1))
-    hits, faces = np.empty((2, len(origins)), np.int64)
-    distances, vectors = np.empty(len(origins)), np.empty((2, len(origins), 3))
-    run(
-        *(padded_rays_kernel, len(origins), FEWEST_RAYS, origins, units, reaches, meshes.arrays),
-        *(radii, *tree, hits, distances, vectors[0], vectors[1], faces),
-    )
-    return RayHits(hits, distances, vectors[0], vectors[1], faces)
+    return _hits(mesh_rays_kernel, rays, (meshes.arrays, radii), boxes, faces=True)
 
 
 def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
@@ -204,7 +185,7 @@ def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLik
     check_lengths(starts=p, ends=q)
     units, norms = _units(q - p)
     units[norms == 0.0] = 1.0, 0.0, 0.0
-    return _cast(boxes, p, units, norms)
+    return _cast(boxes, Rays(p, units, norms))
 
 
 def _check_targets(boxes: Boxes | PlacedMeshes) -> None:
@@ -238,24 +219,20 @@ def _units_kernel(directions: Floats, units: Floats, norms: Floats) -> None:
             units[n, k] = directions[n, k] / norm if norm > 0.0 else 0.0
 
 
-def _cast(
-    targets: Boxes | PlacedMeshes, origins: Floats, units: Floats, reaches: Floats
-) -> RayHits:
-    boxes = targets if isinstance(targets, Boxes) else root_boxes(targets)
-    limits, nodes, order = build_tree(np.concatenate(boxes.world_bounds(), axis=1))
-    hits = np.empty(len(origins), np.int64)
-    distances = np.empty(len(origins))
-    points, normals = np.empty((2, len(origins), 3))
+def _cast(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
     if isinstance(targets, Boxes):
-        rays_kernel(
-            origins, units, reaches, boxes.centers, boxes.rotations, boxes.half_extents,
-            limits, nodes, order, hits, distances, points, normals,
-        )  # fmt: skip
-        return RayHits(hits, distances, points, normals)
-    faces = np.empty(len(origins), np.int64)
-    run(
-        *(mesh_rays_kernel, len(origins), FEWEST_RAYS),
-        *(origins, units, reaches, targets.arrays, limits, nodes, order),
-        *(hits, distances, points, normals, faces),
-    )
-    return RayHits(hits, distances, points, normals, faces)
+        return _hits(rays_kernel, rays, targets.arrays, targets)
+    padded = targets.arrays, np.empty(0)
+    return _hits(mesh_rays_kernel, rays, padded, root_boxes(targets), faces=True)
+
+
+def _hits(
+    kernel: Callable[..., None], rays: Rays, targets: tuple[Any, ...], boxes: Boxes,
+    faces: bool = False,
+) -> RayHits:  # fmt: skip
+    """Return what rays hit of targets, which are in boxes."""
+    nodes, count = build_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
+    bodies, numbers = np.empty((2, count), np.int64)
+    out = HitArrays(bodies, np.empty(count), *np.empty((2, count, 3)), numbers)
+    run(kernel, count, FEWEST_RAYS, rays, targets, nodes, out)
+    return RayHits(*out[:4], numbers if faces else None)

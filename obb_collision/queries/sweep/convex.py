@@ -28,6 +28,11 @@ den Bergen 2004); with turning steps converge as Newton's do.
 
 What rounding may take from the gap, CONVEX_ROUNDING of what the products are made of, and ``blur``,
 grows with the square of s at most and keeps it concave.
+
+Each pair is looked at from the first of the two points that its bodies turn about, so that neither
+a way that both share nor being far away costs digits.
+
+Rounding is that of ``rigid``: places and rotations that are off shift a gap by ``blur_at`` or less.
 """
 
 from __future__ import annotations
@@ -40,6 +45,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import (
+    axes_of,
     combined,
     components,
     cross,
@@ -50,6 +56,7 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
     sum_abs,
+    vector_at,
 )
 from obb_collision.queries.convex.distance import CONVEX_ROUNDING, rounding, search
 from obb_collision.queries.convex.distances import in_world
@@ -61,19 +68,96 @@ from obb_collision.queries.convex.support import (
     core_at,
     support,
 )
-from obb_collision.queries.meshes.tree_boxes import Place, relative_pose
+from obb_collision.queries.meshes.placed import Place, relative_pose
 from obb_collision.queries.sweep.bounds import NARROW, ROOT_ROUNDS, parabola_root
-from obb_collision.queries.sweep.course import (
-    MAX_STEPS,
-    BodyMotion,
-    Course,
-    blur_at,
-    course_of,
-    places_at,
+from obb_collision.queries.sweep.motion import OUTWARD, offset_and_way, place_at, rotated, turned_by
+from obb_collision.queries.sweep.rigid import FLOOR, POSITION, SPIN, TURN, TURNING, meeting_window
+from obb_collision.queries.sweep.sweep import (
+    SweepArrays,
+    Sweeps,
+    sweep_arrays,
+    sweeps_of,
+    write_sweep,
 )
-from obb_collision.queries.sweep.motion import OUTWARD, place_at
-from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.typing import Floats, Integers, Vector
+
+#: Maximum number of steps: beyond, the pair is undecided. Ordinary pairs take up to ten.
+MAX_STEPS = 1000
+#: Of bodies that do not turn: nearer than this counts as touching, relative to both radii. A
+#: distance has an error of less than 1e-9 of both sizes.
+FINE = 1e-8
+
+
+class BodyMotion(NamedTuple):
+    """The motion of n bodies during times 0 to 1, as arrays; as ``motion.Motion`` but for centres.
+
+    A body turns about its pivot, which moves straight.
+    """
+
+    starts: Floats  #: (n, 3) pivots at time 0
+    ends: Floats  #: (n, 3) pivots at time 1, or with ``seconds`` their velocities
+    seconds: float  #: how long the velocities last; 0: they are places
+    rotations: Floats  #: (n, 3, 3) at time 0
+    turns: Floats  #: (n, 3) rotation vectors over the whole time
+    arms: Floats  #: (n, 3) from the pivot to the body's origin at time 0
+    radii: Floats  #: (n,) sizes of the bodies, of which tolerances are fractions
+    reaches: Floats  #: (n,) of the spheres about the pivots that hold the bodies at all times
+
+
+class Course(NamedTuple):
+    """The motion of a pair, seen from the pivot of the first body."""
+
+    pivot: Vector  #: of the second body at time 0
+    way: Vector  #: what is added to it until time 1
+    turns: tuple[Vector, Vector]  #: rotation vectors until time 1
+    arms: tuple[Vector, Vector]  #: from the pivots to the origins at time 0
+    reach: float  #: of both bodies about their pivots
+    begin: float  #: from when to
+    last: float  #: when they may touch
+    near: float  #: a distance that counts as touching
+    fine: float  #: one that is worth coming down to
+    stray: tuple[float, float]  #: by how much gaps are off at time 0, and more per unit of time
+
+
+@njit
+def course_of(motion: BodyMotion, i: int, j: int, begin: float, tolerance: float) -> Course:
+    """Return the course of a pair from a time on."""
+    p, _, way = offset_and_way(motion.starts, motion.ends, motion.seconds, i, j)
+    u, v = vector_at(motion.turns, i), vector_at(motion.turns, j)
+    reach = motion.reaches[i] + motion.reaches[j]
+    first, last = meeting_window(p, way, reach)
+    slower, faster = min(norm(u), norm(v)), max(norm(u), norm(v))
+    if way[0] == 0.0 and way[1] == 0.0 and way[2] == 0.0 and slower == 0.0:
+        last = min(last, first + TURN / faster) if faster > 0.0 else first
+    r, s = motion.radii[i], motion.radii[j]
+    near = max(tolerance * min(r, s), FLOOR * max(r, s))
+    fine = min(near, FINE * (r + s)) if faster == 0.0 else near
+    drift = POSITION * norm(way) + SPIN * (slower + faster) * reach
+    stray = POSITION * norm(p) + 2.0 * TURNING * reach, drift
+    arms = vector_at(motion.arms, i), vector_at(motion.arms, j)
+    begin = max(begin, first)
+    return Course(p, way, (u, v), arms, reach, begin, last, near, fine, stray)
+
+
+@njit
+def blur_at(course: Course, time: float) -> float:
+    """Return by how much a gap at a time may be off, as places and rotations are."""
+    return course.stray[0] + course.stray[1] * time
+
+
+@njit
+def places_at(
+    motion: BodyMotion, i: int, j: int, course: Course, time: float
+) -> tuple[Place, Place]:
+    """Return where two bodies are at a time, seen from the pivot of the first."""
+    turn, other = course.turns
+    arm, far = turned_by(course.arms[0], turn, time), turned_by(course.arms[1], other, time)
+    far = plus(plus(course.pivot, scaled(course.way, time)), far)
+    return (
+        Place(arm, rotated(axes_of(motion.rotations, i), turn, time)),
+        Place(far, rotated(axes_of(motion.rotations, j), other, time)),
+    )
+
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
 FEWEST_PAIRS = 32
@@ -109,29 +193,22 @@ def convex_sweeps(
     pair is certainly apart. Promised is what ``sweeps`` promises of boxes that turn; nearer than
     1e-8 of both radii and 1e-9 of S (``queries.convex.distance``), if less, where neither does.
     """
-    count = len(pairs)
-    free, undecided = np.empty(count), np.empty(count, np.bool_)
-    points, normals = np.empty((2, count, 3))
-    run(
-        *(_convex_kernel, count, FEWEST_PAIRS, bodies.arrays, motion, pairs, begin, tolerance),
-        *(free, undecided, points, normals),
-    )
-    times = np.where(undecided, np.nan, free)
-    return Sweeps(pairs, np.isfinite(times), undecided, times, free, points, normals)
+    out = sweep_arrays(len(pairs))
+    given = bodies.arrays, motion, pairs, begin, tolerance, out
+    run(_convex_kernel, len(pairs), FEWEST_PAIRS, *given)
+    return sweeps_of(pairs, out)
 
 
 @njit
 def _convex_kernel(
     bodies: Cores, motion: BodyMotion, pairs: np.ndarray, begin: Floats, tolerance: float,
-    free: Floats, undecided: np.ndarray, points: Floats, normals: Floats, start: int, stop: int,
+    out: SweepArrays, start: int, stop: int,
 ) -> None:  # fmt: skip
     for row in range(start, stop):
         i, j = pairs[row, 0], pairs[row, 1]
         course = course_of(motion, i, j, begin[row], tolerance)
         time, known, point, normal = _walk(bodies, motion, i, j, course)
-        free[row], undecided[row] = time, not known
-        for k in range(3):
-            points[row, k], normals[row, k] = point[k], normal[k]
+        write_sweep(out, row, time, known, point, normal)
 
 
 @njit

@@ -65,11 +65,12 @@ from obb_collision.numerics.vec3 import (
     scaled,
     sum_abs,
 )
-from obb_collision.queries.verdict.pair_frame import Box, in_frame
 from obb_collision.queries.verdict.sat import (
     AXES,
+    BoxAt,
     all_edge_axes,
     factors,
+    in_frame,
     projected_radius,
     reach_of,
     rows_of,
@@ -107,7 +108,7 @@ def spheres_pass(p: Vector, q: Vector, reach: float) -> bool:
 
 
 @njit
-def meeting_intervals(a: Box, b: Box, end: Vector, times: Floats) -> tuple[float, int]:
+def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[float, int]:
     """Return the least time of first contact of two boxes, infinity for a certain miss.
 
     And the axis that is entered then, -1 if all were before the start. The centre of b is its
@@ -202,7 +203,7 @@ MISS: Hit = (math.inf, NO_NORMAL, -1)
 
 
 @njit
-def sweep_linear(a: Box, b: Box, end: Vector, times: Floats) -> Hit:
+def sweep_linear(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> Hit:
     """Return time in [0, 1], unit normal and axis of the first contact of two boxes, or MISS.
 
     The centre of b is its offset from a at time 0, ``end`` that at time 1; ``times`` (2, 15) is
@@ -227,7 +228,7 @@ def sweep_linear(a: Box, b: Box, end: Vector, times: Floats) -> Hit:
 
 
 @njit
-def _settle(a: Box, b: Box, end: Vector, times: Floats, hit: Hit) -> Hit:
+def _settle(a: BoxAt, b: BoxAt, end: Vector, times: Floats, hit: Hit) -> Hit:
     """Return the hit, or a later one of another axis, or MISS if an axis is left before it."""
     time, normal, number = hit
     for axis in range(AXES):
@@ -247,7 +248,7 @@ def _settle(a: Box, b: Box, end: Vector, times: Floats, hit: Hit) -> Hit:
 
 
 @njit
-def _careful_span(a: Box, b: Box, end: Vector, axis: int) -> tuple[float, float, float, Vector]:
+def _careful_span(a: BoxAt, b: BoxAt, end: Vector, axis: int) -> tuple[float, float, float, Vector]:
     """Return s at 0, s at 1, r with its error bound, and the unit axis, s at 0 not negative.
 
     All zero for parallel edges, which have no axis: such a span is never left. The axes and

@@ -24,7 +24,7 @@ these points and p how far the points are from each other at most. The distance 
 one (``queries.meshes.mesh_clearance``), and the least of the three decides (Mirtich 1996).
 
 Conservative advancement as in ``sweep.meshes``, on the certified distance of a mesh and the body
-itself (``queries.convex.mesh_distances``).
+itself (``queries.convex.distances``).
 """
 
 from __future__ import annotations
@@ -39,20 +39,21 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.build import HALF
 from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.convex.distance import rounding
-from obb_collision.queries.convex.distances import towards
-from obb_collision.queries.convex.mesh_distances import NOWHERE, CoreRoom, mesh_apart
+from obb_collision.queries.convex.distances import NOWHERE, core_room, mesh_apart, towards
 from obb_collision.queries.convex.support import ConvexBodies, Cores, core_at
 from obb_collision.queries.meshes.mesh_clearance import as_radii, surfaces_apart
-from obb_collision.queries.meshes.meshes import pose_of
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes
-from obb_collision.queries.meshes.placed import Meshes as MeshBodies
-from obb_collision.queries.meshes.tree_boxes import moved, relative_pose
-from obb_collision.queries.meshes.tree_descent import STACK
-from obb_collision.queries.meshes.tree_distance import DISTANCE_BOUND, TreeRoom
-from obb_collision.queries.sweep.course import (
+from obb_collision.queries.meshes.placed import (
+    MeshAt,
+    Meshes,
+    PlacedMeshes,
+    mesh_pair,
+    moved,
+    relative_pose,
+)
+from obb_collision.queries.meshes.two_trees import DISTANCE_BOUND, TreeRoom, tree_room
+from obb_collision.queries.sweep.convex import (
     MAX_STEPS,
     BodyMotion,
     Course,
@@ -61,12 +62,22 @@ from obb_collision.queries.sweep.course import (
     places_at,
 )
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, place_at
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, as_tolerance
+from obb_collision.queries.sweep.sweep import (
+    TOLERANCE,
+    SweepArrays,
+    Sweeps,
+    as_tolerance,
+    sweep_arrays,
+    sweeps_of,
+    write_sweep,
+)
 from obb_collision.queries.verdict.pair_rows import as_sides
-from obb_collision.typing import Floats, Integers, Mask
+from obb_collision.typing import Floats, Integers
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PAIRS = 4
+#: Meshes and their radii, of both sides.
+MeshSides = tuple[Meshes, Floats, Meshes, Floats]
 
 
 def mesh_sweeps(
@@ -154,31 +165,27 @@ def swept_meshes(
     motion: of a and, behind, of b, whose own places are not read; begin (m,): until when each pair
     is certainly apart.
     """
-    count = len(a)
-    free, undecided = np.empty(count), np.empty(count, np.bool_)
-    points, normals = np.empty((2, count, 3))
-    run(
-        *(_mesh_kernel, count, FEWEST_PAIRS, a.arrays, radii_a, b.arrays, radii_b),
-        *(motion, begin, tolerance, free, undecided, points, normals),
-    )
-    return sweeps_of(free, undecided, points, normals)
-
-
-def sweeps_of(free: Floats, undecided: Mask, points: Floats, normals: Floats) -> Sweeps:
-    """Return the sweeps of rows with themselves."""
-    pairs = np.repeat(np.arange(len(free)), 2).reshape(-1, 2)
-    times = np.where(undecided, np.nan, free)
-    return Sweeps(pairs, np.isfinite(times), undecided, times, free, points, normals)
+    out, rows = sweep_arrays(len(a)), np.arange(len(a))
+    given = (a.arrays, radii_a, b.arrays, radii_b), motion, begin, tolerance, out
+    run(_mesh_kernel, len(a), FEWEST_PAIRS, *given)
+    return sweeps_of(np.stack([rows, rows], axis=1), out)
 
 
 @njit
 def _mesh_kernel(
-    a: Meshes, radii_a: Floats, b: Meshes, radii_b: Floats, motion: BodyMotion, begin: Floats,
-    tolerance: float, free: Floats, undecided: np.ndarray, points: Floats, normals: Floats,
+    bodies: MeshSides, motion: BodyMotion, begin: Floats, tolerance: float, out: SweepArrays,
     start: int, stop: int,
 ) -> None:  # fmt: skip
+    _mesh_range(bodies, motion, begin, tolerance, out, tree_room(1), start, stop)
+
+
+@njit(refcount=False)
+def _mesh_range(
+    bodies: MeshSides, motion: BodyMotion, begin: Floats, tolerance: float, out: SweepArrays,
+    room: TreeRoom, start: int, stop: int,
+) -> None:  # fmt: skip
+    a, radii_a, b, radii_b = bodies
     trees_a, trees_b, count = a.trees, b.trees, len(begin)
-    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 4), np.int64))
     for n in range(start, stop):
         course = course_of(motion, n, count + n, begin[n], tolerance)
         i, j, radius, other = a.meshes[n], b.meshes[n], radii_a[n], radii_b[n]
@@ -190,10 +197,9 @@ def _mesh_kernel(
                 time, known = np.inf, True
                 break
             place, far = places_at(motion, n, count + n, course, time)
-            body_a, body_b = MeshAt(i, place), MeshAt(j, far)
-            pose = pose_of(trees_a, body_a, trees_b, body_b)
-            found = surfaces_apart(trees_a, body_a, trees_b, body_b, pose, np.inf, room)
-            error = DISTANCE_BOUND * (pose.size + radius + other) + MESH_UNDERFLOW
+            pair = mesh_pair(trees_a, MeshAt(i, place), trees_b, MeshAt(j, far))
+            found = surfaces_apart(pair, np.inf, room)
+            error = DISTANCE_BOUND * (pair.pose.size + radius + other) + MESH_UNDERFLOW
             error += blur_at(course, time)
             lower = found.lower - radius - other - error
             upper = max(found.upper - radius - other, 0.0) + error
@@ -210,9 +216,7 @@ def _mesh_kernel(
             if not step > 0.0:
                 break
             time += step
-        free[n], undecided[n] = time, not known
-        for k in range(3):
-            points[n, k], normals[n, k] = point[k], normal[k]
+        write_sweep(out, n, time, known, point, normal)
 
 
 @njit
@@ -246,23 +250,19 @@ def swept_mesh_bodies(
     Times are from 0 to 1. motion: of the meshes and, behind, of the bodies, whose own places are
     not read; begin (m,): until when each pair is certainly apart. Bodies have no corners.
     """
-    count = len(meshes)
-    free, undecided = np.empty(count), np.empty(count, np.bool_)
-    points, normals = np.empty((2, count, 3))
-    run(
-        *(_kernel, count, FEWEST_PAIRS, meshes.arrays, radii, bodies.arrays),
-        *(motion, begin, tolerance, free, undecided, points, normals),
-    )
-    return sweeps_of(free, undecided, points, normals)
+    out, rows = sweep_arrays(len(meshes)), np.arange(len(meshes))
+    given = (meshes.arrays, radii, bodies.arrays), motion, begin, tolerance, out
+    run(_body_kernel, len(meshes), FEWEST_PAIRS, *given)
+    return sweeps_of(np.stack([rows, rows], axis=1), out)
 
 
 @njit
-def _kernel(
-    a: MeshBodies, radii: Floats, b: Cores, motion: BodyMotion, begin: Floats, tolerance: float,
-    free: Floats, undecided: np.ndarray, points: Floats, normals: Floats, start: int, stop: int,
+def _body_kernel(
+    bodies: tuple[Meshes, Floats, Cores], motion: BodyMotion, begin: Floats, tolerance: float,
+    out: SweepArrays, start: int, stop: int,
 ) -> None:  # fmt: skip
-    trees, count = a.trees, len(begin)
-    room = CoreRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 3, LANES)))
+    a, radii, b = bodies
+    trees, count, room = a.trees, len(begin), core_room()
     for row in range(start, stop):
         course = course_of(motion, row, count + row, begin[row], tolerance)
         i, radius, core = a.meshes[row], radii[row], core_at(b, row)
@@ -294,6 +294,4 @@ def _kernel(
             if not step > 0.0:
                 break
             time += step
-        free[row], undecided[row] = time, not known
-        for k in range(3):
-            points[row, k], normals[row, k] = point[k], normal[k]
+        write_sweep(out, row, time, known, point, normal)

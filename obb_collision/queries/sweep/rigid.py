@@ -57,7 +57,7 @@ from obb_collision.queries.sweep.bounds import (
     turning,
 )
 from obb_collision.queries.sweep.motion import Motion, rotated, turned_by
-from obb_collision.queries.verdict.pair_frame import box_at
+from obb_collision.queries.verdict.sat import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, careful_verdict
 from obb_collision.typing import Floats, Vector
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,9 +51,8 @@ from obb_collision.queries.sweep.linear import MISS, NO_NORMAL, spheres_pass, sw
 from obb_collision.queries.sweep.motion import Motion, offset_and_way, place_at, rotated, swing
 from obb_collision.queries.sweep.moving import MovingBoxes, join_motions
 from obb_collision.queries.sweep.rigid import FLOOR, WORK_ROWS, sweep_rigid
-from obb_collision.queries.verdict.pair_frame import Box
 from obb_collision.queries.verdict.pair_rows import as_pairs
-from obb_collision.queries.verdict.sat import AXES
+from obb_collision.queries.verdict.sat import AXES, BoxAt
 from obb_collision.queries.verdict.witness import box_witness, common_point
 from obb_collision.typing import Floats, Integers, Vector
 
@@ -72,7 +72,7 @@ Feature = tuple[Vector, int, int]
 
 
 @njit
-def contact_point(a: Box, b: Box, normal: Vector, axis: int) -> Vector:
+def contact_point(a: BoxAt, b: BoxAt, normal: Vector, axis: int) -> Vector:
     """Return the point where two boxes touch in a plane of the normal, from a to b.
 
     axis: the number of the normal's among the 15 (``sat``), which
@@ -109,7 +109,7 @@ def contact_point(a: Box, b: Box, normal: Vector, axis: int) -> Vector:
 
 
 @njit
-def _common(point: Vector, a: Box, b: Box, settled: float) -> Vector:
+def _common(point: Vector, a: BoxAt, b: BoxAt, settled: float) -> Vector:
     """Return a point of both boxes near another, by projections onto one, then the other."""
     for _ in range(TOUCH_ROUNDS):
         point, first = _clamp_to_box(point, a)
@@ -120,7 +120,7 @@ def _common(point: Vector, a: Box, b: Box, settled: float) -> Vector:
 
 
 @njit
-def _clamp_to_box(point: Vector, box: Box) -> tuple[Vector, float]:
+def _clamp_to_box(point: Vector, box: BoxAt) -> tuple[Vector, float]:
     """Return the nearest point of the box, and the largest step there along an axis."""
     along = components(box.axes, minus(point, box.center))
     excess = minus(along, clamped(along, box.half_extents))
@@ -131,7 +131,7 @@ def _clamp_to_box(point: Vector, box: Box) -> tuple[Vector, float]:
 
 
 @njit
-def _support(box: Box, normal: Vector, flat: float) -> Feature:
+def _support(box: BoxAt, normal: Vector, flat: float) -> Feature:
     """Return the middle of what is farthest along the normal (see ``Feature``)."""
     point, free, edge = box.center, 0, 0
     for k in range(3):
@@ -183,6 +183,38 @@ class Sweeps:
         return len(self.hits)
 
 
+class SweepArrays(NamedTuple):
+    """Sweeps of m pairs for kernels: as ``Sweeps``, with times from 0 to 1."""
+
+    free: Floats
+    undecided: np.ndarray
+    positions: Floats
+    normals: Floats
+
+
+def sweep_arrays(count: int, contacts: bool = True) -> SweepArrays:
+    """Return room for the sweeps of pairs."""
+    vectors = np.empty((2, count if contacts else 0, 3))
+    return SweepArrays(np.empty(count), np.empty(count, np.bool_), *vectors)
+
+
+@njit(refcount=False)
+def write_sweep(
+    out: SweepArrays, n: int, time: float, known: bool, point: Vector, normal: Vector
+) -> None:
+    """Write when a pair first touches, or until when it is certainly apart."""
+    out.free[n], out.undecided[n] = time, not known
+    if len(out.positions) > 0:
+        for k in range(3):
+            out.positions[n, k], out.normals[n, k] = point[k], normal[k]
+
+
+def sweeps_of(pairs: Integers, out: SweepArrays) -> Sweeps:
+    """Return the sweeps of pairs (m, 2)."""
+    times = np.where(out.undecided, np.nan, out.free) if out.undecided.any() else out.free
+    return Sweeps(pairs, np.isfinite(times), out.undecided, times, *out[:1], *out[2:])
+
+
 def box_sweeps(
     a: MovingBoxes | Boxes,
     b: MovingBoxes | Boxes,
@@ -195,13 +227,10 @@ def box_sweeps(
     near = as_tolerance(tolerance)
     given = as_pairs(a, b, pairs)
     motion, duration, rows = join_motions(a, b, given)
-    free, undecided = np.empty(len(rows)), np.empty(len(rows), np.bool_)
-    positions, normals = np.empty((2, len(rows) if contacts else 0, 3))
-    outputs = free, undecided, positions, normals
-    run(sweep_kernel, len(rows), FEWEST_PAIRS, motion, rows, near, *outputs)
-    free *= duration
-    times = np.where(undecided, np.nan, free) if undecided.any() else free
-    return Sweeps(given, np.isfinite(times), undecided, times, free, positions, normals)
+    out = sweep_arrays(len(rows), contacts)
+    run(sweep_kernel, len(rows), FEWEST_PAIRS, motion, rows, near, out)
+    np.multiply(out.free, duration, out=out.free)
+    return sweeps_of(given, out)
 
 
 def as_tolerance(tolerance: float) -> float:
@@ -214,29 +243,17 @@ def as_tolerance(tolerance: float) -> float:
 
 @njit
 def sweep_kernel(
-    motion: Motion,
-    pairs: np.ndarray,
-    tolerance: float,
-    free: Floats,
-    undecided: np.ndarray,
-    points: Floats,
-    normals: Floats,
-    start: int,
-    stop: int,
+    motion: Motion, pairs: np.ndarray, tolerance: float, out: SweepArrays, start: int, stop: int
 ) -> None:
-    """Write time (m,), point and normal (m, 3), or (0, 3) for none, of the first contact of pairs.
-
-    Of pairs ``start`` to ``stop``. Where it is undecided (m,), the time is until when the boxes are
-    certainly apart.
-    """
+    """Write the sweeps of pairs ``start`` to ``stop`` of (m, 2)."""
     spans, work = np.empty((2, AXES)), np.empty((WORK_ROWS, 3))
     starts, ends, seconds, turns = motion.starts, motion.ends, motion.seconds, motion.turns
     for n in range(start, stop):
         i, j = pairs[n, 0], pairs[n, 1]
         time, normal, axis = MISS
         known = True
-        a = Box(HERE, axes_of(motion.rotations, i), vector_at(motion.half_extents, i))
-        b = Box(HERE, axes_of(motion.rotations, j), vector_at(motion.half_extents, j))
+        a = BoxAt(HERE, axes_of(motion.rotations, i), vector_at(motion.half_extents, i))
+        b = BoxAt(HERE, axes_of(motion.rotations, j), vector_at(motion.half_extents, j))
         p, q, way = offset_and_way(starts, ends, seconds, i, j)
         if _turns(turns, i) or _turns(turns, j):
             u, v = vector_at(motion.arms, i), vector_at(motion.arms, j)
@@ -244,20 +261,16 @@ def sweep_kernel(
             if not spheres_pass(plus(minus(p, v), u), plus(minus(q, v), u), reach):
                 time, known = sweep_rigid(motion, i, j, p, way, tolerance, work)
         elif not spheres_pass(p, q, motion.radii[i] + motion.radii[j]):
-            time, normal, axis = sweep_linear(a, Box(p, b.axes, b.half_extents), q, spans)
-        free[n], undecided[n] = time, not known
-        if len(points) == 0:
-            continue
+            time, normal, axis = sweep_linear(a, BoxAt(p, b.axes, b.half_extents), q, spans)
         point = NO_NORMAL
-        if known and time < np.inf:
+        if known and time < np.inf and len(out.positions) > 0:
             offset = plus(p, scaled(way, time))
             if axis >= 0:
-                point = contact_point(a, Box(offset, b.axes, b.half_extents), normal, axis)
+                point = contact_point(a, BoxAt(offset, b.axes, b.half_extents), normal, axis)
             else:
                 point, normal = find_contact(motion, i, j, time, offset)
             point = plus(place_at(starts, ends, seconds, i, time), point)
-        for k in range(3):
-            normals[n, k], points[n, k] = normal[k], point[k]
+        write_sweep(out, n, time, known, point, normal)
 
 
 @njit
@@ -286,7 +299,7 @@ def find_contact(
 
 
 @njit
-def _turned_box(motion: Motion, i: int, time: float, center: Vector) -> Box:
+def _turned_box(motion: Motion, i: int, time: float, center: Vector) -> BoxAt:
     """Return a box as it is turned at a time, but with another centre."""
     axes = rotated(axes_of(motion.rotations, i), vector_at(motion.turns, i), time)
-    return Box(center, axes, vector_at(motion.half_extents, i))
+    return BoxAt(center, axes, vector_at(motion.half_extents, i))

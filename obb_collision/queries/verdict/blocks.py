@@ -24,7 +24,6 @@ carefully. Pairs with more than one are left to ``largest_gap``.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -45,14 +44,17 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.verdict.pair_frame import box_at, in_frame, pair_size
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.sat import (
     AXES,
     FACTORS,
     all_edge_axes,
+    box_at,
     edge_gaps,
     face_gaps_of_a,
     face_gaps_of_b,
+    in_frame,
+    pair_size,
     projected_radius,
 )
 from obb_collision.queries.verdict.witness import (
@@ -67,15 +69,6 @@ from obb_collision.typing import Axes, Floats, Vector
 BLOCK = 64
 #: Rows of a block: where its numbers stand. What comes out of it is the largest gap and its bound.
 OFFSET, AXES_A, AXES_B, EXTENTS_A, EXTENTS_B, GAP, BOUND, ROWS = 0, 3, 12, 21, 24, 27, 28, 29
-
-
-class RowPairs(NamedTuple):
-    """Pairs of boxes: box ``rows_a[n]`` of a with box ``rows_b[n]`` of b."""
-
-    a: BoxArrays
-    rows_a: np.ndarray
-    b: BoxArrays
-    rows_b: np.ndarray
 
 
 @njit(refcount=False)

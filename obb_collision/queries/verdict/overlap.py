@@ -41,8 +41,8 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays, Boxes, box_volumes
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, vector_at
-from obb_collision.queries.verdict.pair_frame import Pair, box_at, enter_frame
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
+from obb_collision.queries.verdict.sat import Pair, box_at, enter_frame
 from obb_collision.queries.verdict.verdict import OVERLAP, pair_verdicts
 from obb_collision.typing import Floats, Vector
 

@@ -20,7 +20,7 @@ against rows of b.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,15 @@ class Sized(Protocol):
     """Anything with rows."""
 
     def __len__(self) -> int: ...
+
+
+class RowPairs(NamedTuple):
+    """Pairs of bodies for kernels: body ``rows_a[n]`` of a with body ``rows_b[n]`` of b."""
+
+    a: Any  #: arrays of bodies of one kind, as ``Boxes.arrays``
+    rows_a: Rows
+    b: Any
+    rows_b: Rows
 
 
 def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:

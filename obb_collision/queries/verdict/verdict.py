@@ -33,6 +33,7 @@ at most 490 u T; with the careful bound added 510 u, bounded by 1024 u.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -54,22 +55,25 @@ from obb_collision.queries.verdict.blocks import (
     BOUND,
     GAP,
     ROWS,
-    RowPairs,
     bound_block,
     gather,
+    witness_kernel,
 )
-from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of
-from obb_collision.queries.verdict.pair_rows import as_sides
+from obb_collision.queries.verdict.pair_rows import RowPairs, as_pairs, as_sides, one_set
 from obb_collision.queries.verdict.sat import (
     AXES,
     FACTORS,
+    BoxAt,
+    Pair,
     all_edge_axes,
+    box_at,
     edge_gaps,
     face_gaps_of_a,
     face_gaps_of_b,
+    pair_of,
 )
 from obb_collision.queries.verdict.witness import careful_gap
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats, Integers, Vector
 
 Verdicts = NDArray[np.int8]
 
@@ -156,7 +160,7 @@ def decide_block(pairs: RowPairs, first: int, count: int, block: Floats, out: np
 
 
 @njit
-def box_verdict(a: Box, b: Box) -> int:
+def box_verdict(a: BoxAt, b: BoxAt) -> int:
     """Return the certified verdict of two boxes."""
     pair, size = pair_of(a, b)
     verdict = fast_verdict(pair, size)
@@ -243,7 +247,7 @@ def _implied_margin(gap: float, bound: float, extent: float, off_axis: float) ->
 
 
 @njit
-def careful_verdict(a: Box, b: Box) -> int:
+def careful_verdict(a: BoxAt, b: BoxAt) -> int:
     """Return SEPARATE or OVERLAP where certain by the tight bound, else TOUCHING."""
     bound = careful_bound(a, b)
     verdict = OVERLAP
@@ -257,7 +261,7 @@ def careful_verdict(a: Box, b: Box) -> int:
 
 
 @njit
-def careful_bound(a: Box, b: Box) -> float:
+def careful_bound(a: BoxAt, b: BoxAt) -> float:
     """Return the error bound of ``careful_gap``."""
     h, f = a.half_extents, b.half_extents
     extents = sum_sorted(h[0], h[1], h[2]) + sum_sorted(f[0], f[1], f[2])
@@ -303,3 +307,53 @@ def exact_verdict(a: Boxes, row_a: Index, b: Boxes, row_b: Index) -> int:
 def _scaled(axes: tuple[Exact, Exact, Exact], power: int) -> tuple[Exact, Exact, Exact]:
     x, y, z = ((v[0] << power, v[1] << power, v[2] << power) for v in axes)
     return x, y, z
+
+
+#: Pairs below which a second thread does not pay: 50 us or so.
+FEWEST_WITNESSES = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Separations:
+    """Signed separations of m pairs of boxes.
+
+    pairs (m, 2): rows of a and b, in a report indices of objects; separations (m,): metres,
+    negative where the boxes overlap; normals (m, 3): unit, from the first to the second; positions
+    (m, 3): metres, a place near both boxes.
+    """
+
+    pairs: Integers
+    separations: Floats
+    normals: Floats
+    positions: Floats
+
+    @classmethod
+    def blank(cls, pairs: Integers) -> Separations:
+        """Return room for pairs (m, 2)."""
+        return cls(pairs, np.empty(len(pairs)), *np.empty((2, len(pairs), 3)))
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedSeparations(Separations):
+    """The same with the certified verdicts (m,) int8 of the pairs."""
+
+    verdicts: Verdicts
+
+
+def box_separations(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> CertifiedSeparations:
+    """Return the signed separations of boxes, with their verdicts."""
+    rows = as_pairs(a, b, pairs)
+    found = pair_separations(*one_set(a, b, rows))
+    verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())
+    return CertifiedSeparations(rows, found.separations, found.normals, found.positions, verdicts)
+
+
+def pair_separations(boxes: Boxes, pairs: Integers) -> Separations:
+    """Return the separation of each pair (m, 2) of rows of boxes, as ``witness`` has it."""
+    found = Separations.blank(pairs)
+    out = found.separations, found.normals, found.positions
+    run(witness_kernel, len(pairs), FEWEST_WITNESSES, boxes.arrays, pairs, *out)
+    return found

@@ -52,14 +52,17 @@ from obb_collision.numerics.vec3 import (
     norm,
     scaled,
 )
-from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, pair_of
 from obb_collision.queries.verdict.sat import (
     AXES,
+    BoxAt,
+    Pair,
+    along_b,
     edge_axes,
     edge_gaps,
     face_gaps_of_a,
     face_gaps_of_b,
     factors,
+    pair_of,
     projected_radius,
     rows_of,
 )
@@ -67,7 +70,7 @@ from obb_collision.typing import Axes, Vector
 
 
 @njit
-def careful_gap(a: Box, b: Box, axis: int) -> tuple[float, Vector]:
+def careful_gap(a: BoxAt, b: BoxAt, axis: int) -> tuple[float, Vector]:
     """Return the gap along a unit axis (numbers as in ``sat``), and the axis, from a towards b.
 
     Face normals are cross products too: stored axes are orthonormal to rounding only.
@@ -160,7 +163,7 @@ Witness = tuple[float, Vector, int]
 
 
 @njit
-def box_witness(a: Box, b: Box) -> tuple[Witness, Pair]:
+def box_witness(a: BoxAt, b: BoxAt) -> tuple[Witness, Pair]:
     """Return signed gap, unit axis from a towards b, its number; and the boxes in the frame of a.
 
     The largest of the 15 gaps along normalised axes: positive, it proves that the boxes are
@@ -176,7 +179,7 @@ def box_witness(a: Box, b: Box) -> tuple[Witness, Pair]:
 
 
 @njit
-def largest_gap(a: Box, b: Box, axes: int) -> Witness:
+def largest_gap(a: BoxAt, b: BoxAt, axes: int) -> Witness:
     """Return the witness, which is on one of some axes: a bit for each.
 
     If all stored axes of both boxes are equal, only three of the 15 differ, the first ones: all

@@ -31,7 +31,7 @@ from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.poses import rotation_of
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
-from obb_collision.queries.verdict.pair_frame import Box, box_at
+from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.robots.kinematics.kinematics import Tree, place_links
 from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask, Vector
@@ -169,7 +169,7 @@ def slack_of(bodies: LinkBodies, i: int, center: Vector) -> float:
 
 
 @njit(inline=True, refcount=False)
-def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> Box:
+def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> BoxAt:
     """Return the box of body i, whose axes are computed when it is first asked for."""
     axes = placed.axes
     if not placed.ready[i]:

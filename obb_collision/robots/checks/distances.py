@@ -34,7 +34,7 @@ from obb_collision.numerics.vec3 import dot, minus, norm, vector_at
 from obb_collision.queries.convex.depth import Polytope, room_for_depth
 from obb_collision.queries.convex.distances import NO_START, body_distance
 from obb_collision.queries.convex.support import BOX, CORNERS, Cores
-from obb_collision.queries.verdict.pair_frame import box_at
+from obb_collision.queries.verdict.sat import box_at
 from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
     Checked,

@@ -30,8 +30,7 @@ from obb_collision.queries.mesh_contacts.surfaces import within
 from obb_collision.queries.meshes.mesh_clearance import clearances_of
 from obb_collision.queries.meshes.meshes import mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.verdict.separations import Separations
-from obb_collision.queries.verdict.verdict import SEPARATE
+from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.robots.checks.arrays import LINK_PLACING
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.scene.store.kinds import ROUND, TRIANGLES

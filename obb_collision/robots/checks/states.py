@@ -41,9 +41,9 @@ from obb_collision.numerics.vec3 import (
     rows_at,
     vector_at,
 )
-from obb_collision.queries.meshes.convex import Corners, apart
-from obb_collision.queries.meshes.tree_boxes import place_at, relative_pose
-from obb_collision.queries.verdict.pair_frame import Box, box_at, pair_of
+from obb_collision.queries.meshes.convex import HullCorners, apart
+from obb_collision.queries.meshes.placed import place_at, relative_pose
+from obb_collision.queries.verdict.sat import BoxAt, box_at, pair_of
 from obb_collision.queries.verdict.verdict import SEPARATE, fast_verdict
 from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
@@ -170,7 +170,7 @@ def may_collide(
     if square_distance(a, d) > near * near * (1.0 + LINK_PLACING):
         return False
     h = a.half_extents
-    a = Box(a.center, a.axes, (h[0] + grown, h[1] + grown, h[2] + grown))
+    a = BoxAt(a.center, a.axes, (h[0] + grown, h[1] + grown, h[2] + grown))
     if level == AABB:
         return _bounds_touch(d, a, b)
     pair, size = pair_of(a, b)
@@ -180,7 +180,7 @@ def may_collide(
 
 
 @njit
-def square_distance(b: Box, d: Vector) -> float:
+def square_distance(b: BoxAt, d: Vector) -> float:
     """Return the square of the distance of a point from a box; d: of the box's centre from it."""
     x, y, z = components(b.axes, d)
     f = b.half_extents
@@ -189,7 +189,7 @@ def square_distance(b: Box, d: Vector) -> float:
 
 
 @njit
-def _bounds_touch(d: Vector, a: Box, b: Box) -> bool:
+def _bounds_touch(d: Vector, a: BoxAt, b: BoxAt) -> bool:
     """Return whether the world-axis-aligned boxes around two boxes have a common point."""
     for k in range(3):
         reach = 0.0
@@ -209,8 +209,8 @@ def _hulls_apart(
     b = place_at(placed.positions, placed.rotations, bodies.frames[j])
     pose = relative_pose(a, b, bodies.radii[i] + bodies.radii[j])
     reach = bodies.rounds[i] + bodies.rounds[j] + grown
-    own = Corners(bodies.blocks, bodies.starts[i], bodies.starts[i + 1])
-    other = Corners(bodies.blocks, bodies.starts[j], bodies.starts[j + 1])
+    own = HullCorners(bodies.blocks, bodies.starts[i], bodies.starts[i + 1])
+    other = HullCorners(bodies.blocks, bodies.starts[j], bodies.starts[j + 1])
     return apart(own, other, pose, negated(components(a.axes, d)), reach)
 
 

@@ -53,7 +53,7 @@ from obb_collision.numerics.vec3 import (
 from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
 from obb_collision.queries.convex.distance import Search, search
 from obb_collision.queries.convex.support import CORNERS, Core
-from obb_collision.queries.meshes.tree_boxes import Place, moved, relative_pose
+from obb_collision.queries.meshes.placed import Place, moved, relative_pose
 from obb_collision.typing import Axes, Floats, Integers, Mask, Vector
 
 #: What a proof must leave, relative to the reach of both bodies: far above all rounding, and above

@@ -23,7 +23,7 @@ from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.queries.verdict.coarse import meeting_bounds
-from obb_collision.queries.verdict.pair_frame import box_at
+from obb_collision.queries.verdict.sat import box_at
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, box_verdict, exact_verdict
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.typing import Floats

@@ -33,13 +33,13 @@ from obb_collision.numerics.sorting import (
     run_buckets,
     sort_numbers,
 )
-from obb_collision.queries.verdict.blocks import BLOCK, ROWS, RowPairs
+from obb_collision.queries.verdict.blocks import BLOCK, ROWS
 from obb_collision.queries.verdict.coarse import (
     meeting_bounds,
     sphere_bounds,
     spheres_may_collide,
 )
-from obb_collision.queries.verdict.pair_rows import one_set
+from obb_collision.queries.verdict.pair_rows import RowPairs, one_set
 from obb_collision.queries.verdict.verdict import (
     FEWEST_PAIRS,
     SEPARATE,

@@ -23,8 +23,11 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.clearance.clearance import Clearances, near_pairs
-from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
-from obb_collision.queries.convex.mesh_distances import mesh_body_distances
+from obb_collision.queries.convex.distances import (
+    ConvexDistances,
+    convex_distances,
+    mesh_body_distances,
+)
 from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (

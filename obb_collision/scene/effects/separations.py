@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.queries.verdict.separations import Separations, pair_separations
+from obb_collision.queries.verdict.verdict import Separations, pair_separations
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
 from obb_collision.scene.effects.base import (
     ACCURACY,

@@ -23,7 +23,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.mesh_contacts.body_depths import within_bodies
 from obb_collision.queries.mesh_contacts.surfaces import NO_AXIS, patches_of, within
-from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Setting, take_rows
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes, RoundSides, Sides

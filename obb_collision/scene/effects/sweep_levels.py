@@ -31,8 +31,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.sweep.convex import convex_sweeps
-from obb_collision.queries.sweep.course import BodyMotion
+from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
 from obb_collision.queries.sweep.meshes import join_motions, swept_mesh_bodies, swept_meshes
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
 from obb_collision.queries.sweep.moving import MovingBoxes

@@ -33,8 +33,7 @@ from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.convex.distances import convex_may_collide
-from obb_collision.queries.convex.mesh_distances import mesh_body_distances
+from obb_collision.queries.convex.distances import convex_may_collide, mesh_body_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide

@@ -36,7 +36,7 @@ from obb_collision.queries.convex.distances import ConvexDistances, convex_dista
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, CURVED, NO_HULLS, ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import decide_pairs, levels_of

@@ -28,6 +28,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 import trimesh
+from each import each
 from trimesh.visual.material import SimpleMaterial
 
 from obb_collision.geometry.shapes import files as mesh_files
@@ -187,7 +188,7 @@ def test_paths_that_no_file_can_have_are_refused(tmp_path: Path, what: str, uri:
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize(
+@each(
     "uri", ["file://[/part.stl", "file://part.stl", "package://\0/part.stl", "package:///part.stl"]
 )
 def test_uris_that_name_no_file_are_refused(uri: str) -> None:
@@ -234,13 +235,13 @@ def test_a_scene_file_says_where_it_names_such_a_mesh(tmp_path: Path, what: str)
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize("name", ["a" * 5000, "a" * 5000 + ".yaml", "a\0b"])
+@each("name", ["a" * 5000, "a" * 5000 + ".yaml", "a\0b"])
 def test_a_scene_file_that_cannot_be_there_is_refused(name: str) -> None:
     with pytest.raises(SceneFileError):
         load_scene(name)
 
 
-@pytest.mark.parametrize("kind", ["zip", "tar.gz", "bz2", "zae", "3mf", "xaml", "step", "stl.gz"])
+@each("kind", ["zip", "tar.gz", "bz2", "zae", "3mf", "xaml", "step", "stl.gz"])
 def test_archives_and_other_types_are_not_read(kind: str) -> None:
     with pytest.raises(ValueError, match=r"its type '\w+' is none of stl"):
         mesh_files.read_mesh(b"PK\3\4", f"part.{kind}")
@@ -250,8 +251,8 @@ DAE = '<?xml version="1.0" encoding="{}"?>{}<COLLADA version="1.4.1"/>'
 BOMB = '<!DOCTYPE a [<!ENTITY b "bbbbbbbb"><!ENTITY c "&b;&b;&b;&b;">]>'
 
 
-@pytest.mark.parametrize(
-    ("encoding", "codec", "reason"),
+@each(
+    "encoding, codec, reason",
     [
         ("utf-8", "utf-8", "DOCTYPE"),
         ("ascii", "utf-8-sig", "DOCTYPE"),

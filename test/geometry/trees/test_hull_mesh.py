@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Convex meshes about shapes: they hold them, closely, and stay small whatever the shape."""
+"""Meshes of hulls and shapes with their trees: containment, size, and limits."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from itertools import product
 
 import numpy as np
 import pytest
+from each import each
 from hull_distances import Vector, placed, squared_distance
 from mesh_zoo import zoo
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from plane_depths import least_depth
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
@@ -33,9 +34,21 @@ from trimesh import Trimesh, creation
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
-from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, MAX_HULL_CORNERS, hull_mesh
+from obb_collision.geometry.trees.convex_proxy import (
+    HULL_MARGIN,
+    MAX_HULL_CORNERS,
+    box_corners,
+    hull_mesh,
+)
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool, hull_tree, mesh_tree
+from obb_collision.geometry.trees.pool import (
+    HullPool,
+    Hulls,
+    TreePool,
+    box_tree,
+    hull_tree,
+    mesh_tree,
+)
 from obb_collision.shapes import (
     Box,
     Capsule,
@@ -76,8 +89,8 @@ def excess(points: Floats, corners: Floats, faces: NDArray[np.int64]) -> float:
     return -least_depth(corners[faces], points)
 
 
-@pytest.mark.parametrize(
-    ("shape", "volume"),
+@each(
+    "shape, volume",
     [
         (Sphere(0.5), np.pi / 6.0),
         (Sphere(0.5, scale=[1.0, 2.0, 3.0]), np.pi),
@@ -141,7 +154,7 @@ def test_hulls_of_up_to_a_thousand_corners_are_exact() -> None:
     assert apart < 1e-8
 
 
-@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+@each("size", [1e-150, 1.0, 1e150])
 def test_simpler_hulls_have_no_corner_far_from_the_points(size: float) -> None:
     # Needles and spikes among them, whose tips planes that are almost parallel would move far.
     rng = np.random.default_rng(9)
@@ -171,8 +184,8 @@ def distance_of_hull(points: Floats, place: Floats) -> float:
     return float(nnls(weights, np.array([0.0, 0.0, 0.0, 1e3]))[1])
 
 
-@pytest.mark.parametrize("fit", ["best", "aabb"])
-@pytest.mark.parametrize("corners", [1, 2, 3, 5, 40])
+@each("fit", ["best", "aabb"])
+@each("corners", [1, 2, 3, 5, 40])
 def test_flat_hulls_hold_their_points_by_fractions_and_little_more(corners: int, fit: str) -> None:
     # Polygons, lines and single points, turned: flat up to rounding.
     rng = np.random.default_rng(corners)
@@ -195,7 +208,7 @@ def exactly(points: Floats) -> list[Vector]:
     return placed(points, np.zeros(3), np.eye(3))
 
 
-@pytest.mark.parametrize("name", many_points())
+@each("name", many_points())
 def test_hulls_of_many_points_are_simple_and_hold_them(name: str) -> None:
     points, loose = many_points()[name]
     corners, faces = hull_mesh(Hull(points))
@@ -236,3 +249,69 @@ def test_the_first_node_of_a_tree_is_the_box_of_the_mesh() -> None:
         for ours, theirs in zip(row_of(box, 0), mesh.local_box, strict=True):
             assert (ours == theirs).all()
     assert hull_tree(Sphere(1.0)).solid[0]
+
+
+def least_distance(tree: MeshTrees, points: ArrayLike) -> float:
+    """Return how far inside the planes of all faces the points lie, relative to their size."""
+    return least_depth(tree.triangles.reshape(-1, 3, 3), points) / float(np.abs(points).max())
+
+
+@each("size", [1e-150, 1.0, 1e150])
+def test_hulls_hold_their_meshes_with_a_margin_and_no_more(size: float) -> None:
+    for name, (vertices, faces) in ZOO.items():
+        mesh = Mesh(vertices * size, faces, scale=[0.5, 1.0, 2.0])
+        points = mesh.vertices[np.unique(faces)] * [0.5, 1.0, 2.0]
+        tree = hull_tree(mesh)
+        assert tree.solid[0], name
+        assert tree.winding[0], name
+        assert least_distance(tree, points) > 0.99 * HULL_MARGIN, name
+        loose = 1.03 if len(np.unique(points, axis=0)) > MAX_HULL_CORNERS else 1.0 + 1e-8
+        assert np.abs(tree.triangles).max() < loose * np.abs(points).max(), name
+
+
+@each(
+    "points",
+    [
+        [[1.0, 2.0, 3.0]],
+        [[0.0, 0, 0], [1, 2, 3]],
+        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]],
+        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1e-12]],
+    ],
+)
+def test_flat_shapes_get_a_solid(points: list[list[float]]) -> None:
+    tree = hull_tree(Hull(points))
+    assert tree.solid[0]
+    assert len(tree.faces) <= 12
+    largest = np.abs(points).max()
+    for first in range(3):  # whichever corner a face begins with
+        corners = np.roll(tree.triangles.reshape(-1, 3, 3), first, axis=1)
+        assert least_depth(corners, points) > 0.99 * HULL_MARGIN * largest
+
+
+def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
+    # As files of single triangles have them; flat faces with fine rims give Qhull's facets of
+    # no area, above all where it joggles: from a thousand corners on.
+    rng = np.random.default_rng(2)
+    wedge = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.7], [1, 0, 0.7], [0, 1, 0.7]])
+    edges = np.array([[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3], [0, 3], [1, 4], [2, 5]])
+    shares = rng.random((9, 300, 1))
+    rims = wedge[edges[:, :1]] * shares + wedge[edges[:, 1:]] * (1.0 - shares)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    for points in (np.repeat(rims.reshape(-1, 3), 3, axis=0) @ turn, ZOO["bumpy2"][0].repeat(6, 0)):
+        points = points.astype(np.float32).astype(np.float64)
+        tree = hull_tree(Hull(points))
+        assert least_distance(tree, points) > 0.99 * HULL_MARGIN
+        corners = tree.triangles.reshape(-1, 3, 3)
+        volume = np.linalg.det(corners - corners.mean(axis=(0, 1))).sum() / 6.0
+        assert volume == pytest.approx(hull_volume(np.unique(points, axis=0)), rel=1e-3)
+
+
+def test_scales_and_boxes() -> None:
+    vertices, faces = ZOO["torus1"]
+    tree = mesh_tree(Mesh(vertices, faces, scale=[1.0, 2.0, 3.0]))
+    assert np.abs(tree.triangles).max() == np.abs(vertices * [1.0, 2.0, 3.0]).max()
+    half_extents = np.array([1.0, 0.0, 2.0])
+    assert np.abs(box_tree(half_extents).triangles).max() == 2.0
+    assert np.abs(box_corners(half_extents)).max() - 2.0 == 2.0 * HULL_MARGIN
+    with pytest.raises(ValueError, match="faces must not be empty"):
+        mesh_tree(Mesh(vertices, []))

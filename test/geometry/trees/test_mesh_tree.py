@@ -19,7 +19,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-import pytest
+from each import each
 from mesh_zoo import Arrays, zoo
 from trimesh import creation
 
@@ -33,8 +33,8 @@ def _moved(arrays: Arrays, scale: float, offset: float) -> Arrays:
     return arrays[0] * scale + offset * scale, arrays[1]
 
 
-@pytest.mark.parametrize("place", [(1.0, 0.0), (1.0, 1e9), (1e-160, 0.0), (1e155, 3.0)])
-@pytest.mark.parametrize("name", ["box1", "torus0", "crumbs1", "sheet1", "hull2", "triangle"])
+@each("place", [(1.0, 0.0), (1.0, 1e9), (1e-160, 0.0), (1e155, 3.0)])
+@each("name", ["box1", "torus0", "crumbs1", "sheet1", "hull2", "triangle"])
 def test_every_box_contains_its_triangles_exactly(name: str, place: tuple[float, float]) -> None:
     tree = MeshTrees.build(*_moved(ZOO[name], *place))
     for node, (first, last) in enumerate(tree.starts):
@@ -45,7 +45,7 @@ def test_every_box_contains_its_triangles_exactly(name: str, place: tuple[float,
         assert np.abs(rotation.T @ rotation - np.eye(3)).max() < 2.0**-49
 
 
-@pytest.mark.parametrize("name", list(ZOO))
+@each("name", list(ZOO))
 def test_each_triangle_is_in_one_leaf(name: str) -> None:
     vertices, faces = ZOO[name]
     tree = MeshTrees.build(vertices, faces)

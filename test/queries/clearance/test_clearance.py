@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clearance against all features tried in extended precision, exact certificates, and coal."""
+"""Clearance against all features tried in extended precision, and exact certificates."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def test_normal_and_points_prove_the_distance(kind: str) -> None:
         assert abs(upper - found.distances[row]) <= allowed
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_distance_is_the_exact_least_square(kind: str) -> None:
     """The convex quadratic programme over both boxes, solved by fractions: too slow for more."""
     a, b = (side[:1] for side in apart(kind, 20))
@@ -216,7 +216,7 @@ def test_only_the_offset_counts() -> None:
     np.testing.assert_array_equal(here.normals, there.normals)
 
 
-@pytest.mark.parametrize("name", ["ordinary scene", "sizes 1e-160 to 1e155"])
+@each("name", ["ordinary scene", "sizes 1e-160 to 1e155"])
 def test_within_a_limit_are_those_no_farther(name: str) -> None:
     boxes, rows = joined(*family(name, 1000))
     every = clearances(boxes, rows)
@@ -249,35 +249,6 @@ def test_any_doubles_at_all(
         assert np.isfinite(array).all()
     np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-15)
     assert np.sign(found.distances[0]) == {0: 1.0, 1: 0.0, 2: -1.0}[int(verdicts(a, b)[0])]
-
-
-@each("turn", np.linspace(0.0, np.pi / 2.0, 7))
-def test_parallel_faces_one_metre_apart(turn: float) -> None:
-    """Crosswise, star-shaped or beside: faces that overlap have the distance of their planes."""
-    tall = [np.cos(turn / 2.0), np.sin(turn / 2.0)]
-    boxes = Boxes.from_poses(
-        [(0, 0, 0, 0, 0, 0, 1), (0.1, 0, 2, 0, 0, tall[1], tall[0])], [(3, 0.5, 0.5), (3, 0.4, 0.5)]
-    )
-    found = clearances(boxes, [(0, 1)])
-    assert found.distances[0] == pytest.approx(1.0, abs=1e-15)
-    np.testing.assert_allclose(found.normals, [[0.0, 0.0, 1.0]], atol=1e-15)
-    np.testing.assert_allclose(found.positions_b - found.positions_a, [[0.0, 0.0, 1.0]], atol=1e-15)
-
-
-def test_coal_agrees() -> None:
-    """GJK in coal ends within its tolerance, 1e-6 of the distance."""
-    coal = pytest.importorskip("coal")
-    for kind in ("random", "parallel faces", "vertex against face", "edge against edge"):
-        a, b = apart(kind, 300)
-        theirs = np.empty(len(a))
-        for row in range(len(a)):
-            shapes = []
-            for side in (a, b):
-                center, rotation, half = row_of(side, row)
-                shapes += [coal.Box(*(2.0 * half)), coal.Transform3s(rotation, center)]
-            theirs[row] = coal.distance(*shapes, coal.DistanceRequest(), coal.DistanceResult())
-        found = between(a, b)
-        assert (np.abs(found.distances - theirs) <= 2e-6 * scale(a, b, found)).all()
 
 
 def test_bad_input_is_refused_by_name() -> None:

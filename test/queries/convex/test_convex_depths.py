@@ -12,14 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""Depths of convex bodies: the least translation that parts them, and where they touch."""
+"""Distances and depths of convex bodies, and their contacts."""
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
+
+import hull_distances
 import numpy as np
 import pytest
-from convex_bodies import Pair, corners_of, family, moved, pair_of
+from beyond_bodies import beyond
+from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls, moved, pair_of
+from convex_planes import exact_gap
 from each import each
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -28,7 +32,11 @@ import obb_collision as oc
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.convex.contacts import convex_contacts
-from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
+from obb_collision.queries.convex.distances import (
+    ConvexDistances,
+    convex_distances,
+    convex_may_collide,
+)
 from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
 from obb_collision.typing import Floats, Rows
 
@@ -60,7 +68,7 @@ def in_world(body: ConvexBodies, i: int) -> Floats:
     return corners_of(body, i) @ body.rotations[i].T + body.centers[i]
 
 
-@pytest.mark.parametrize("kinds", POLYTOPES)
+@each("kinds", POLYTOPES)
 def test_depths_of_polytopes_are_those_of_all_faces_of_their_difference(
     kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -104,7 +112,7 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
 
 
 @each("kinds", [*POLYTOPES, *CURVED, ("box", "cylinder"), ("cone", "ellipsoid")])
-@pytest.mark.parametrize("name", ["nearly touching", "parallel", *THIN])
+@each("name", ["nearly touching", "parallel", *THIN])
 def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
     name: str, kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -116,7 +124,7 @@ def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
     check_nearness(a, b, found)
 
 
-@pytest.mark.parametrize("on", ["plate", "tip"])
+@each("on", ["plate", "tip"])
 @each("thin", [1e-3, 1e-7, 1e-9, 1e-11, 1e-13])
 def test_contacts_of_tips_lie_on_both(on: str, thin: float, pairs: int) -> None:
     """Needles with tips of any angle, on a plate or on each other: two sides meet nowhere else."""
@@ -215,7 +223,7 @@ def point_bodies(points: Floats) -> ConvexBodies:
     return moved(a, sizes=0.0 * a.sizes, radii=0.0 * a.radii, centers=points)
 
 
-@pytest.mark.parametrize("thin", [1.0, 0.01])
+@each("thin", [1.0, 0.01])
 def test_the_depth_of_a_ball_in_a_box_is_that_to_the_nearest_face(thin: float, pairs: int) -> None:
     """Corners of boxes are the farthest along many directions: two of them may seem to be all."""
     count = max(300, pairs // 3)
@@ -233,7 +241,7 @@ def test_the_depth_of_a_ball_in_a_box_is_that_to_the_nearest_face(thin: float, p
     np.testing.assert_allclose(-found.lower, truth, atol=1e-9)
 
 
-@pytest.mark.parametrize("corners", [300, 900, 3000])
+@each("corners", [300, 900, 3000])
 def test_contacts_of_a_deep_ball_of_many_corners_lie_all_around(corners: int) -> None:
     """More corners belong to the feature than its polygon may have: all of them count."""
     steps = np.arange(corners) + 0.5
@@ -252,3 +260,74 @@ def test_contacts_of_a_deep_ball_of_many_corners_lie_all_around(corners: int) ->
     gaps = np.diff(np.concatenate([angles, angles[:1] + 2.0 * np.pi]))
     assert gaps.max() < np.pi
     assert np.linalg.norm(around, axis=1).max() > 0.9
+
+
+KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
+POLYTOPES_CONVEX_DISTANCES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
+#: Promised: how close the bounds are, relative to the size or the distance of a pair.
+CLOSE = 1e-9
+
+
+def found_of(pair: Pair) -> ConvexDistances:
+    rows = np.arange(len(pair[0]))
+    return convex_distances(*pair, rows, rows)[0]
+
+
+def reach(body: ConvexBodies) -> Floats:
+    corners = np.array([body.hulls.radii[row] for row in body.rows])
+    sizes = np.abs(body.sizes).sum(axis=1)
+    return np.where(body.kinds == CORNERS, corners, sizes) + body.radii
+
+
+@each("name", FAMILIES)
+@each("kinds", POLYTOPES_CONVEX_DISTANCES)
+def test_distances_of_polytopes_are_those_of_fractions(
+    name: str, kinds: tuple[str, str], pairs: int
+) -> None:
+    a, b = family(name, kinds, max(6, pairs // 1000), 1)
+    found = found_of((a, b))
+    for n in range(len(a)):
+        sides = [
+            hull_distances.placed(corners_of(x, n), x.centers[n], x.rotations[n]) for x in (a, b)
+        ]
+        square = hull_distances.squared_distance(*sides)
+        radius = float(a.radii[n] + b.radii[n])
+        truth = hull_distances.root(square)
+        assert hull_distances.at_most(found.lower[n], square, radius)
+        size = max(truth, float(reach(a)[n] + reach(b)[n]))
+        if truth > radius:
+            assert found.lower[n] >= truth - radius - CLOSE * size
+            assert found.upper[n] <= truth - radius + CLOSE * size + world_rounding((a, b))[n]
+
+
+def world_rounding(pair: Pair) -> Floats:
+    a, b = pair
+    return 1e-15 * (np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1))
+
+
+@each("name", FAMILIES)
+@each("kinds", KIND_PAIRS)
+def test_bounds_are_proved_by_the_normal_and_attained_by_the_points(
+    name: str, kinds: tuple[str, str], pairs: int
+) -> None:
+    pair = family(name, kinds, max(100, pairs // 10), 2)
+    found = found_of(pair)
+    assert (found.lower <= exact_gap(pair, found.normals)).all()
+    size = np.maximum(reach(pair[0]) + reach(pair[1]), found.upper)
+    apart = found.lower > 0.0
+    width = np.maximum(found.upper, 0.0) - found.lower
+    assert (width[apart] <= (CLOSE * size + world_rounding(pair))[apart]).all()
+    assert (found.upper[~apart] <= (CLOSE * size + world_rounding(pair))[~apart]).all()
+    if name == "random":
+        assert apart.any()
+        assert not apart.all()
+    slack = 1e-13 * size + world_rounding(pair)
+    for body, points in zip(pair, (found.positions_a, found.positions_b), strict=True):
+        assert (beyond(body, points)[apart] <= slack[apart]).all()
+
+
+def test_hulls_are_those_of_their_corners() -> None:
+    _, corners = hulls(np.ones(3))
+    a, _ = family("random", ("hull", "hull"), 5, 0)
+    for i in range(5):
+        assert set(map(tuple, corners_of(a, i))) == set(map(tuple, corners[a.rows[i]]))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Distances of meshes and round bodies: never too long, and attained by points of both."""
+"""Distances of meshes and bodies with a formula; the closest points of cores."""
 
 from __future__ import annotations
 
@@ -31,10 +31,21 @@ from scipy.spatial import ConvexHull
 from triangle_distances import squared_distance_of_point
 
 from obb_collision import MeshTrees, PlacedMeshes
-from obb_collision.queries.convex.distances import convex_distances
-from obb_collision.queries.convex.mesh_distances import mesh_body_distances
-from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
-from obb_collision.typing import Floats, Integers
+from obb_collision.queries.convex.directions import across, feet
+from obb_collision.queries.convex.distance import search
+from obb_collision.queries.convex.distances import convex_distances, mesh_body_distances
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CYLINDER,
+    NO_HULLS,
+    SEGMENT,
+    ConvexBodies,
+    Core,
+    support,
+)
+from obb_collision.queries.meshes.placed import Pose
+from obb_collision.typing import Floats, Integers, Vector
 
 ROUND_KINDS = ("ellipsoid", "cylinder", "cone")
 #: Promised: how close the bounds are, relative to the size or the distance of a pair.
@@ -125,7 +136,7 @@ SIZES = {
 }
 
 
-@pytest.mark.parametrize("kind", ROUND_KINDS)
+@each("kind", ROUND_KINDS)
 def test_meshes_are_as_near_as_the_nearest_of_their_triangles(kind: str) -> None:
     names = ["star0", "torus0", "open_sphere1", "crumbs0"]
     trees = MeshTrees.join([MeshTrees.build(*zoo()[name], solid=False) for name in names])
@@ -162,12 +173,65 @@ def test_inside_of_a_solid_there_is_no_distance() -> None:
     assert not mesh_body_distances(a, np.zeros(2), bodies, rows, rows, 0.01)[1][1]
 
 
-def test_one_thread_or_many_is_the_same_bit_for_bit() -> None:
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in ("star1", "torus1")])
-    a, b = bodies_of(trees, 60, 1.0, 9)
-    bodies, rows = round_bodies("cylinder", b, SIZES["cylinder"]), np.arange(60)
-    every = mesh_body_distances(a, np.zeros(60), bodies, rows, rows)[0]
-    for n in (0, 31, 59):
-        one = mesh_body_distances(a, np.zeros(60), bodies, rows[n : n + 1], rows[n : n + 1])[0]
-        assert (one.lower[0], one.upper[0]) == (every.lower[n], every.upper[n])
-        assert one.positions_a[0].tolist() == every.positions_a[n].tolist()
+CORES = [BOX, SEGMENT, CYLINDER, CONE]
+STRAIGHT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def core(kind: int, sizes: Floats) -> Core:
+    x, y, z, half = sizes.tolist()
+    size = (0.0, 0.0, 0.0) if kind == SEGMENT else (x, y, z if kind == BOX else 0.0)
+    code: int = np.int8(kind)  # type: ignore[assignment]
+    return Core(code, size, 0.0 if kind == BOX else half, NO_HULLS.blocks, 0, 0, 2.0, 0.0)
+
+
+def is_in(body: Core, point: Vector) -> bool:
+    sizes = np.array([[*body.size, body.half]])
+    bodies = ConvexBodies(
+        *(np.array([body.kind]), sizes, np.zeros(1), NO_HULLS, np.zeros(1, np.int64)),
+        *(np.zeros((1, 3)), np.eye(3)[None]),
+    )
+    return bool(beyond(bodies, np.array([point]))[0] <= 1e-14)
+
+
+@each("round_ends", [True, False])
+@each("kind", CORES)
+def test_feet_are_the_nearest_points(kind: int, round_ends: bool) -> None:
+    rng = np.random.default_rng(kind)
+    nearest = np.zeros(2, int)
+    for _ in range(500):
+        sizes, offset = rng.uniform(0.2, 1.0, 4), rng.normal(size=3)
+        sizes[1] = sizes[0] if round_ends or kind == BOX else sizes[1]
+        body, point = core(kind, sizes), core(SEGMENT, np.zeros(4))
+        away = tuple((-offset / np.linalg.norm(offset)).tolist())
+        pose = Pose(STRAIGHT, tuple(offset.tolist()), 5.0, 0.0, 0.0)
+        p, q = (0.0, 0.0, 0.0), support(body, away)
+        found = feet(point, body, pose, p, q)
+        assert is_in(body, found.q)
+        assert np.allclose(np.add(found.v, found.p), np.add(found.q, offset), rtol=0.0, atol=1e-15)
+        assert found.square == pytest.approx(np.dot(found.v, found.v), rel=1e-14)
+        assert found.square <= np.sum((np.array(q) + offset) ** 2)  # no farther than the foremost
+        assert is_in(body, across(body.kind, body.size, body.half, q, found.q))
+        truth = search(point, body, pose, (0.0, 0.0, 0.0), np.inf)
+        if truth.gap > 1e-9:
+            is_nearest = abs(np.sqrt(found.square) - truth.gap) <= 1e-12
+            nearest += is_nearest, 1
+            assert is_nearest or not round_ends
+            # a plane between both, whoever says so
+            flat = support(body, tuple((np.array(found.v) * -1.0).tolist()))
+            reach = np.dot(found.v, np.add(flat, offset))
+            assert not is_nearest or reach >= found.square - 1e-12
+    assert nearest[1] > 200
+    if not round_ends and kind in (CYLINDER, CONE):
+        assert nearest[0] < nearest[1]
+
+
+def test_the_ends_of_a_side_are_on_both_sides_of_the_foot() -> None:
+    cylinder, cone = core(CYLINDER, np.ones(4)), core(CONE, np.ones(4))
+    for body, p, foot, other in (
+        (cylinder, (1.0, 0.0, 1.0), (1.0, 0.0, 0.3), (1.0, 0.0, -1.0)),
+        (cylinder, (1.0, 0.0, 1.0), (0.2, 0.1, 1.0), (1.0, 0.0, 1.0)),
+        (cone, (1.0, 0.0, -1.0), (0.5, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        (cone, (0.0, 0.0, 1.0), (0.5, 0.0, 0.0), (1.0, 0.0, -1.0)),
+        (core(BOX, np.ones(4)), (1.0, 1.0, 1.0), (1.0, 0.5, 1.0), (1.0, -1.0, 1.0)),
+    ):
+        assert across(body.kind, body.size, body.half, p, foot) == other

@@ -12,29 +12,40 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Depths of meshes: they part them, are at most those of hulls, and least for convex meshes."""
+"""Depths of meshes, and of meshes and convex bodies: pushes that part them, and short ones."""
 
 from __future__ import annotations
 
 from fractions import Fraction
 
+import convex_bodies
 import numpy as np
 import pytest
+from convex_bodies import FAMILIES, HULLS, KINDS, family, hulls
+from convex_bodies import moved as with_columns
+from convex_planes import exact_gap
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance
-from triangle_pairs import FAMILIES, SHARE, Floats, Maker
+from triangle_pairs import FAMILIES as TRIANGLES
+from triangle_pairs import SHARE, Maker
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
+from obb_collision.queries.convex.distances import (
+    ConvexDistances,
+    convex_distances,
+    mesh_body_distances,
+)
+from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
+from obb_collision.queries.mesh_contacts.body_depths import within_bodies
 from obb_collision.queries.mesh_contacts.surfaces import hulls_of
-from obb_collision.queries.verdict.separations import Separations
-from obb_collision.queries.verdict.verdict import SEPARATE
+from obb_collision.queries.verdict.verdict import SEPARATE, Separations
+from obb_collision.typing import Floats, Integers
 
 #: By how much a depth may exceed that of the hulls, relative to the size of a pair.
 CLOSE = 1e-9
@@ -50,7 +61,7 @@ def sizes_of(a: PlacedMeshes, b: PlacedMeshes) -> Floats:
     return np.abs(a.centers - b.centers).sum(axis=1) + reach
 
 
-def hulls(a: PlacedMeshes, b: PlacedMeshes) -> ConvexDistances:
+def depths_of_hulls(a: PlacedMeshes, b: PlacedMeshes) -> ConvexDistances:
     rows, zeros = np.arange(len(a)), np.zeros(len(a))
     return convex_distances(hulls_of(a, rows, zeros), hulls_of(b, rows, zeros), rows, rows)[0]
 
@@ -63,7 +74,7 @@ def parted(b: PlacedMeshes, found: Separations, share: Floats | float = 1.0) -> 
 
 def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
     """Assert what is promised of all pairs."""
-    found, outer, size = oc.separations(a, b), hulls(a, b), sizes_of(a, b)
+    found, outer, size = oc.separations(a, b), depths_of_hulls(a, b), sizes_of(a, b)
     collide = oc.verdicts(a, b) != SEPARATE
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
@@ -73,11 +84,11 @@ def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
     return found
 
 
-@pytest.mark.parametrize("spread", [0.2, 0.5, 1.0])
+@each("spread", [0.2, 0.5, 1.0])
 def test_depths_part_meshes_of_all_kinds(spread: float) -> None:
     a, b = bodies_of(TREES, 150, spread, 7)
     found = check(a, b)
-    outer = hulls(a, b)
+    outer = depths_of_hulls(a, b)
     assert (found.separations > outer.lower + 0.01).sum() > 10  # better than hulls
 
 
@@ -96,7 +107,7 @@ def test_none_is_shorter_along_the_same_normal() -> None:
 
 def test_convex_meshes_have_the_least_depth() -> None:
     a, b = bodies_of(CONVEX, 200, 0.3, 9)
-    found, outer, size = check(a, b), hulls(a, b), sizes_of(a, b)
+    found, outer, size = check(a, b), depths_of_hulls(a, b), sizes_of(a, b)
     deep = outer.lower < 0.0
     assert deep.sum() > 50
     np.testing.assert_array_less(
@@ -136,7 +147,7 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
         assert all(squared_distance(first[k], second[m]) > 0 for k, m in rows)
 
 
-@each("make", FAMILIES)
+@each("make", TRIANGLES)
 def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(12)
     drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]
@@ -152,7 +163,7 @@ def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
-    outer = hulls(a, b)
+    outer = depths_of_hulls(a, b)
     assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
     for n in np.flatnonzero(collide).tolist():
         way = [Fraction(x) * Fraction(-found.separations[n]) for x in found.normals[n].tolist()]
@@ -232,7 +243,7 @@ def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
     for place, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
         b = PlacedMeshes(crate, [0], [place], still)
         assert -oc.separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
-        assert -hulls(a, b).lower[0] > 0.5
+        assert -depths_of_hulls(a, b).lower[0] > 0.5
     b = PlacedMeshes(crate, [0], [[-3.02, 0, 0.98]], still)  # in both
     assert 0.02 <= -oc.separations(a, b).separations[0] < 0.04
 
@@ -247,10 +258,103 @@ def test_radii_are_added() -> None:
     np.testing.assert_array_less(0.5, oc.clearances(a, away).upper + 1e-12)
 
 
-def test_one_thread_or_many_is_the_same_bit_for_bit() -> None:
-    a, b = bodies_of(TREES, 40, 0.4, 13)
-    every = oc.separations(a, b)
-    for n in (0, 17, 39):
-        alone = oc.separations(a, b, [[n, n]])
-        assert alone.separations[0] == every.separations[n]
-        assert alone.normals[0].tolist() == every.normals[n].tolist()
+ROUND_KINDS = ("ellipsoid", "cylinder", "cone")
+
+
+def outer_of(normals: Floats, depths: Floats) -> Separations:
+    each = np.repeat(np.arange(len(depths)), 2).reshape(-1, 2)
+    return Separations(each, -depths, normals.copy(), np.zeros_like(normals))
+
+
+def randoms(count: int, seed: int) -> Floats:
+    normals = np.random.default_rng(seed).normal(size=(count, 3))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
+
+
+def size_of(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:
+    size: Floats = meshes.trees.radii[meshes.meshes] + np.abs(body.sizes).sum(axis=1)
+    return size + np.abs(meshes.centers - body.centers).sum(axis=1)
+
+
+@each("name", FAMILIES)
+@each("kind", ROUND_KINDS)
+def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
+    name: str, kind: str, pairs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
+    pair = family(name, ("hull", kind), max(100, pairs // len(FAMILIES)), 15)
+    corners = hulls(np.array(FAMILIES[name][0]))[1]
+    trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in corners])
+    assert len(corners) == HULLS
+    meshes = PlacedMeshes(trees, pair[0].rows, pair[0].centers, pair[0].rotations)
+    rows, size = np.arange(len(meshes)), size_of(meshes, pair[1])
+    far = 3.0 * size  # no pair of these needs more
+    found = within_bodies(
+        outer_of(randoms(len(rows), 3), far), meshes, np.zeros(len(rows)), pair[1]
+    )
+    deep = found.separations < 0.0
+    world = 1e-15 * (np.abs(pair[0].centers).sum(axis=1) + np.abs(pair[1].centers).sum(axis=1))
+    room = CLOSE * size + world
+    lower = convex_distances(*pair, rows, rows)[0].lower
+    assert (found.separations <= lower + room)[deep].all()  # no push parts them that is shorter
+    given_up = deep & (found.separations <= -far)  # what was given stays
+    assert given_up.sum() <= 1 + 0.02 * deep.sum()
+    for share, sign in ((1.0, 1.0), (0.99, -1.0)):
+        way = share * np.where(deep, -found.separations, 0.0) - (share < 1.0) * 4.0 * room
+        then = with_columns(pair[1], centers=pair[1].centers + way[:, None] * found.normals)
+        apart = convex_distances(pair[0], then, rows, rows)[0]
+        gaps = exact_gap((pair[0], then), apart.normals).astype(float)
+        touching = deep & ~given_up & (way > 0.0)
+        tight = 8.0 * world + (CLOSE * size if sign < 0.0 else 0.0)
+        assert (sign * gaps >= -tight)[touching].all()
+    if name == "random":
+        assert deep.any()
+        assert not deep.all()
+
+
+SIZES = {
+    "ellipsoid": [0.1, 0.3, 0.2, 0.1],
+    "cylinder": [0.2, 0.2, 0.0, 0.3],
+    "cone": [0.2, 0.3, 0.0, 0.3],
+}
+
+
+def round_bodies(kind: str, centers: Floats, rotations: Floats, radius: float) -> ConvexBodies:
+    count = len(centers)
+    rows: Integers = np.zeros(count, np.int64)
+    return ConvexBodies(
+        np.full(count, KINDS[kind], np.int8), np.tile(SIZES[kind], (count, 1)),
+        np.full(count, radius), NO_HULLS, rows, centers, rotations,
+    )  # fmt: skip
+
+
+@each("radius", [0.0, 0.03])
+@each("kind", ROUND_KINDS)
+def test_a_depth_parts_meshes_and_bodies_and_is_the_shortest_along_its_normal(
+    kind: str, radius: float, pairs: int
+) -> None:
+    """All kinds of meshes; where they are apart, it is their distance."""
+    trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+    count = max(pairs // 10, 60)
+    a, b = bodies_of(trees, count, 0.5, 7)
+    radii, rows = np.full(count, radius), np.arange(count)
+    body = round_bodies(kind, b.centers, b.rotations, radius)
+    found = within_bodies(outer_of(randoms(count, 5), np.full(count, 4.0)), a, radii, body)
+    near = mesh_body_distances(a, radii, body, rows, rows)[0]
+    apart = near.upper > 0.0
+    np.testing.assert_array_equal(found.separations[apart], near.lower[apart])
+    deep = ~apart
+    assert deep.sum() > count // 4
+    assert (found.separations[deep] > -4.0).all()
+    short = 0
+    for share in (1.0, 1.0 - 1e-6):
+        centers = b.centers - share * np.minimum(found.separations, 0.0)[:, None] * found.normals
+        then = mesh_body_distances(
+            a, radii, round_bodies(kind, centers, b.rotations, radius), rows, rows
+        )[0]
+        if share == 1.0:
+            assert (then.lower[deep] > 0.0).all()
+        else:
+            short = int((then.upper[deep] > 0.0).sum())
+    assert short <= 0.1 * deep.sum()  # within solids
+    assert np.isfinite(found.positions).all()

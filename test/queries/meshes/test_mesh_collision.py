@@ -12,18 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Meshes: the order of the levels, contacts against all triangles, hard places, and bad input."""
+"""Verdicts of triangles and meshes: exact, ordered by level, as peers see them, of bad input."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
+from numpy.typing import NDArray
 from placed_meshes import NAMES, PAIRS, bodies_of, collisions, place, verdict_of
 from scipy.spatial.transform import Rotation
+from triangle_oracle import triangle_verdict
+from triangle_pairs import FAMILIES, Maker, Pair, coplanar, extreme_sizes
 
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, Verdict, verdicts
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
 from obb_collision.queries.meshes.triangles import exact_triangle_verdict, triangle_verdicts
 
 ZOO = zoo()
@@ -34,7 +41,7 @@ def trees() -> MeshTrees:
     return MeshTrees.join([MeshTrees.build(*ZOO[name]) for name in NAMES])
 
 
-@pytest.mark.parametrize(("spread", "seed"), [(0.25, 1), (0.5, 2), (0.9, 3)])
+@each("spread, seed", [(0.25, 1), (0.5, 2), (0.9, 3)])
 def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(
     trees: MeshTrees, spread: float, seed: int
 ) -> None:
@@ -87,7 +94,7 @@ def test_trees_lose_no_pair_of_triangles() -> None:
         assert len(few) == min(2, met.count)
 
 
-@pytest.mark.parametrize("exact", [False, True])
+@each("exact", [False, True])
 def test_resting_contact(exact: bool) -> None:
     trees = MeshTrees.from_half_extents([[0.5, 0.5, 0.5]])
     offsets: list[list[float]] = [
@@ -198,3 +205,108 @@ def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
         assert oc.verdicts(first, second, exact=True)[0] == truth
     assert wrong == 0
     assert decided > 0.95 * count
+
+
+SEVERAL = 120
+
+
+def _pairs(maker: Maker, count: int) -> Pair:
+    rng = np.random.default_rng(FAMILIES.index(maker))
+    made = [maker(rng) for _ in range(count)]
+    return np.array([a for a, _ in made]), np.array([b for _, b in made])
+
+
+@each("maker", FAMILIES)
+def test_against_exact_linear_programming(maker: Maker) -> None:
+    a, b = _pairs(maker, SEVERAL)
+    truth = np.array([triangle_verdict(x, y) for x, y in zip(a, b, strict=True)])
+    certified = triangle_verdicts(a, b)
+    decided = certified != Verdict.TOUCHING
+    assert (certified[decided] == truth[decided]).all()
+    assert (triangle_verdicts(a, b, exact=True) == truth).all()
+
+
+@each("maker", FAMILIES)
+def test_exact_verdicts_keep_the_symmetries(maker: Maker) -> None:
+    a, b = _pairs(maker, 300)
+    verdicts = triangle_verdicts(a, b, exact=True)
+    assert (triangle_verdicts(b, a, exact=True) == verdicts).all()
+    assert (triangle_verdicts(a[:, [2, 0, 1]], b[:, [1, 0, 2]], exact=True) == verdicts).all()
+    if maker is not extreme_sizes:
+        assert (triangle_verdicts(a * 0.25, b * 0.25, exact=True) == verdicts).all()
+
+
+def test_ordinary_pairs_are_all_decided() -> None:
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(2, 20_000, 3, 3))
+    assert (triangle_verdicts(a, b) != Verdict.TOUCHING).all()
+
+
+def test_apart_in_one_plane_is_separate_without_integers() -> None:
+    a, b = _pairs(coplanar, 2000)
+    certified, truth = triangle_verdicts(a, b), triangle_verdicts(a, b, exact=True)
+    assert (certified == truth).all()
+    assert set(truth.tolist()) == {Verdict.SEPARATE, Verdict.TOUCHING}
+
+
+def test_a_gap_below_rounding_is_seen() -> None:
+    """Twice the digits: 1e-25 between parallel faces, edges and corners is SEPARATE."""
+    face = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    above = face + np.array([0.0, 0.0, 1e-25])
+    beside = np.array([[1.0, 1e-25, 0.0], [2.0, 0.0, 1.0], [2.0, 1.0, -1.0]])
+    assert (triangle_verdicts([face, face], [above, beside]) == Verdict.SEPARATE).all()
+
+
+@each("bad", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_are_refused(bad: float) -> None:
+    a = np.zeros((2, 3, 3))
+    a[1, 0, 0] = bad
+    with pytest.raises(ValueError, match="row 1"):
+        triangle_verdicts(a, np.zeros((2, 3, 3)))
+
+
+def test_lengths_must_agree() -> None:
+    with pytest.raises(ValueError, match="same length"):
+        triangle_verdicts(np.zeros((2, 3, 3)), np.zeros((3, 3, 3)))
+
+
+def test_surfaces_agree_with_fcl() -> None:
+    """On every pair but those where a nudge of 1e-9 m changes our own verdict."""
+    fcl = pytest.importorskip("fcl")
+    surfaces = MeshTrees.join([MeshTrees.build(*ZOO[name], solid=False) for name in NAMES])
+    a, b = bodies_of(surfaces, PAIRS, 0.5, 4)
+    ours = collisions(a, b)
+    theirs = fcl_hits(fcl, a, b)
+    for row in np.flatnonzero(ours != theirs).tolist():
+        assert near_touching(a, b, row, 1e-9), f"pair {row}: ours {ours[row]}"
+    assert 0.1 < ours.mean() < 0.9
+
+
+def fcl_hits(fcl: Any, a: PlacedMeshes, b: PlacedMeshes) -> NDArray[np.bool_]:
+    models = []
+    for name in NAMES:
+        model = fcl.BVHModel()
+        model.beginModel(len(ZOO[name][0]), len(ZOO[name][1]))
+        model.addSubModel(*ZOO[name])
+        model.endModel()
+        models.append(model)
+    hits = np.empty(len(a), np.bool_)
+    for n in range(len(a)):
+        objects = [
+            fcl.CollisionObject(
+                models[side.meshes[n]], fcl.Transform(side.rotations[n], side.centers[n])
+            )
+            for side in (a, b)
+        ]
+        hits[n] = fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult()) > 0
+    return hits
+
+
+def near_touching(a: PlacedMeshes, b: PlacedMeshes, n: int, distance: float) -> bool:
+    nudges = distance * np.concatenate([np.eye(3), -np.eye(3), BOX_CORNERS])
+    rows = np.full(len(nudges), n)
+    moved = PlacedMeshes(b.trees, b.meshes[rows], b.centers[rows] + nudges, b.rotations[rows])
+    return (
+        len(set(collisions(a, moved, np.stack([rows, np.arange(len(nudges))], axis=1)).tolist()))
+        == 2
+    )

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clouds in boxes: the same as each point in each box by itself, whatever grid stands between."""
+"""Points in boxes: against exact arithmetic, one by one and in clouds."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from distances import box, segment, squared_distance
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
+from membership import holds
 from scipy.spatial.transform import Rotation
 from support import family, row_of
 
 import obb_collision as oc
-from obb_collision import Boxes, points_inside
+from obb_collision import OBB, Boxes, points_inside
 from obb_collision.queries.points.containment import contains
 from obb_collision.queries.points.points import CHUNK, PointsInside
 from tools.cases.families import FAMILIES
@@ -139,7 +140,7 @@ def test_few(kind: str, n: int, count: int, seed: int) -> None:
     assert_as_each_box_by_itself(boxes, points, points_inside(boxes, points, each_point=True))
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e-200, 1e250])
+@each("scale", [1.0, 1e-200, 1e250])
 def test_margins(scale: float) -> None:
     rng = np.random.default_rng(3)
     boxes = crowded("points and plates", 12, rng)
@@ -239,3 +240,70 @@ def test_bad_input() -> None:
         points_inside(boxes, np.zeros((1, 3)), -1.0)
     with pytest.raises(ValueError, match="margin must be finite"):
         points_inside(boxes, np.zeros((1, 3)), np.nan)
+
+
+#: A point this near to the surface, relative to the size, may count as inside by default.
+DOUBT_CONTAINMENT = 1e-14
+
+
+def points_near(obb: OBB, rng: np.random.Generator, n: int) -> np.ndarray:
+    """Points on, just in and just out of the surface, corners among them, in equal shares."""
+    places = rng.uniform(-1.0, 1.0, (n, 3))
+    face = rng.integers(0, 3, n)
+    places[np.arange(n), face] = rng.choice([-1.0, 1.0], n)
+    places[: n // 4] = rng.choice([-1.0, 1.0], (n // 4, 3))
+    places[n // 2 :] *= 1.0 + rng.choice([-1.0, 1.0], (n - n // 2, 1)) * 10.0 ** rng.uniform(
+        -16.0, -1.0, (n - n // 2, 1)
+    )
+    points: np.ndarray = obb.center + (places * obb.half_extents) @ obb.rotation.T
+    return points
+
+
+@each("name", FAMILIES)
+def test_points_near_the_surface(name: str) -> None:
+    rng = np.random.default_rng(5)
+    a, _ = family(name, 25)
+    for row in range(len(a)):
+        obb = OBB(*row_of(a, row))
+        points = points_near(obb, rng, 40)
+        truth = [holds(row_of(a, row), point[None]) for point in points]
+        np.testing.assert_array_equal(obb.contains(points, exact=True), truth)
+        default = np.asarray(obb.contains(points))
+        assert default[truth].all(), "a point of the box may never be called outside"
+        grown = (
+            obb.center,
+            obb.rotation,
+            obb.half_extents + DOUBT_CONTAINMENT * obb.half_extents.sum(),
+        )
+        for point in points[default & ~np.array(truth)]:
+            assert holds(grown, point[None])
+
+
+@given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 49), st.integers(0, 2**32 - 1))
+def test_one_point_is_answered_as_in_a_cloud(name: str, row: int, seed: int) -> None:
+    a, _ = family(name, 50)
+    obb = OBB(*row_of(a, row))
+    points = points_near(obb, np.random.default_rng(seed), 8)
+    for exact in (False, True):
+        cloud = np.asarray(obb.contains(points, exact=exact))
+        for k, point in enumerate(points):
+            single = obb.contains(point, exact=exact)
+            assert isinstance(single, bool)
+            assert single == cloud[k]
+
+
+def test_surface_belongs_to_the_box() -> None:
+    box = OBB([1.0, 2.0, 3.0], np.eye(3), [0.5, 0.25, 0.0])
+    assert np.all(box.contains(box.corners()))
+    assert np.all(box.contains(box.corners(), exact=True))
+    assert box.contains(box.center, exact=True)
+    assert not box.contains([1.5000000000000002, 2.0, 3.0], exact=True)
+    assert not box.contains([1.0, 2.0, 3.0000000000000004], exact=True)
+
+
+def test_nan_is_no_point() -> None:
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"points.*row 1"):
+            OBB().contains([[0.0, 0.0, 0.0], [bad, 0.0, 0.0]])
+        with pytest.raises(ValueError, match="points"):
+            OBB().contains([bad, 0.0, 0.0])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Spheres and capsules against boxes and each other: held to exact fractions."""
+"""Capsules, spheres and half-spaces against exact arithmetic."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ import membership
 import numpy as np
 import oracle
 import pytest
+from distances import root
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from support import row_of
+from support import family, row_of
 
 import obb_collision as oc
-from obb_collision import Boxes, Capsules
+from obb_collision import Boxes, Capsules, HalfSpaces
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 
@@ -83,7 +85,7 @@ def check(verdict: int, separation: float, square: Fraction, radius: Fraction, s
         assert separation <= DOUBT * size - float(radius)
 
 
-@pytest.mark.parametrize("scale", SCALES)
+@each("scale", SCALES)
 def test_capsules_against_boxes(scale: float) -> None:
     boxes, p, q = scene(100, 1)
     boxes = Boxes(boxes.centers * scale, boxes.rotations, boxes.half_extents * scale)
@@ -101,7 +103,7 @@ def test_capsules_against_boxes(scale: float) -> None:
         check(found.verdicts[n], found.separations[n], square, Fraction(radii[n]), size[n])
 
 
-@pytest.mark.parametrize("scale", SCALES)
+@each("scale", SCALES)
 def test_capsules_against_capsules(scale: float) -> None:
     rng = np.random.default_rng(3)
     n = 300
@@ -263,3 +265,53 @@ def test_bad_input() -> None:
         Capsules.spheres([[0, 0, 0]], [1, 2])
     with pytest.raises(ValueError, match="same length"):
         oc.verdicts(Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)
+
+
+#: What isn't told from touching is this near to it, relative to the size of the pair.
+DOUBT_PLANES = 1e-14
+
+
+@each("name", ["ordinary scene", "far away, 1e6 to 1e9 m", "zero extents"])
+def test_planes(name: str) -> None:
+    boxes, _ = family(name, 100)
+    rng = np.random.default_rng(10)
+    n = len(boxes)
+    normals = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-9, 9, (n, 1))
+    normals[: n // 2] = boxes.rotations[: n // 2, :, 0]  # a face lies on the plane
+    reach = np.abs(np.einsum("nk,nki->ni", normals, boxes.rotations)) * boxes.half_extents
+    squares = (normals * normals).sum(axis=1, keepdims=True)
+    shift = rng.choice([-1.0, -0.5, 0.0, 1.0, 1.0 + 1e-15, 1.5], (n, 1))
+    points = boxes.centers + shift * normals * reach.sum(axis=1, keepdims=True) / squares
+    below, above = HalfSpaces(points, normals), HalfSpaces(points, -normals)
+    found, turned = oc.separations(boxes, below), oc.separations(boxes, above)
+    for k in range(n):
+        m = membership.fractions(normals[k])
+        at = membership.fractions(points[k])
+        ends = [
+            sum((a * (x - y) for a, x, y in zip(m, corner, at, strict=True)), Fraction(0))
+            for corner in membership.corners(row_of(boxes, k))
+        ]
+        low, high = min(ends), max(ends)
+        norm = root(sum((a * a for a in m), Fraction(0)))
+        size = np.abs(points[k] - boxes.centers[k]).sum() + boxes.half_extents[k].sum()
+        assert abs(float(low) / norm - found.separations[k]) <= DOUBT_PLANES * size
+        assert abs(float(high) / norm + turned.separations[k]) <= DOUBT_PLANES * size
+        for answer, gap in ((found, low), (turned, -high)):
+            truth = SEPARATE if gap > 0 else OVERLAP if gap < 0 else TOUCHING
+            near = abs(gap) <= Fraction(DOUBT_PLANES * size * norm)
+            assert answer.verdicts[k] in (truth, TOUCHING if near else truth)
+            unit = normals[k] / norm * (-1 if answer is found else 1)
+            np.testing.assert_allclose(answer.normals[k], unit, atol=1e-15)
+            lowest = answer.positions[k] - 0.5 * answer.separations[k] * answer.normals[k]
+            height = np.dot(lowest - points[k], -answer.normals[k])
+            rounding = 1e-9 * size + 1e-15 * np.abs(points[k]).max()
+            assert abs(height - answer.separations[k]) <= rounding
+            assert boxes[k].padded(rounding).contains(lowest)
+
+
+def test_bad_half_spaces_are_refused() -> None:
+    box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
+    with pytest.raises(ValueError, match="normals must not be zero in row 0"):
+        HalfSpaces([[0, 0, 0]], [[0, 0, 0]])
+    with pytest.raises(ValueError, match="same length"):
+        oc.verdicts(box, HalfSpaces([[0, 0, 0]] * 2, [[1, 0, 0]] * 2))

@@ -193,12 +193,8 @@ def test_nothing_to_hit() -> None:
     assert len(cast_rays(one, np.empty((0, 3)), np.empty((0, 3))).boxes) == 0
 
 
-@pytest.mark.parametrize(
-    ("end", "beside"),
-    [([-2.0, 1.0, -1.0], [2.0, -1.0, 1.0]), ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])],
-    ids=["across", "along"],
-)
-@pytest.mark.parametrize("offset", [0.0, 1e6])
+@each("end, beside", [([-2.0, 1.0, -1.0], [2.0, -1.0, 1.0]), ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])])
+@each("offset", [0.0, 1e6])
 def test_a_triangle_without_area_is_not_hit_beside_its_ends(
     end: list[float], beside: list[float], offset: float
 ) -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rays at what is within a radius of meshes, against exact distances of rays and triangles."""
+"""Rays against convex bodies and padded meshes: never late, none missed, near where they hit."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from beyond_bodies import beyond
+from convex_bodies import KINDS, bodies, moved
 from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners, placed_corners, windings
@@ -30,11 +32,12 @@ from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker
 from trimesh.triangles import closest_point
 
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays
+from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points.points import points_in_bodies
-from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_padded
-from obb_collision.typing import Floats
+from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
+from obb_collision.typing import Floats, Rows
 
 #: By how much a ray may be early, relative to the size of the body and where it comes near.
 EARLY = Fraction(1, 10**9)
@@ -80,7 +83,7 @@ def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
         origin, way = aimed(corners @ bodies.rotations[0].T + center, rng)
         if n % 3 == 0:  # past the edge of what is round
             origin = origin + radius * np.cross(way / math.hypot(*way), rng.normal(size=3))
-        found = cast_at_padded(bodies, radius, *as_rays(origin[None], way[None], np.inf))
+        found = cast_at_padded(bodies, radius, as_rays(origin[None], way[None], np.inf))
         check(bodies, radius, origin, way, found, 0)
         hits += int(found.hits[0])
         started += int(found.distances[0] == 0.0)
@@ -95,11 +98,11 @@ def test_rounded_meshes_against_fractions() -> None:
     radii = rng.uniform(0.0, 0.1, 12)
     origins = rng.uniform(-3.0, 3.0, (40, 3))
     ways = rng.uniform(-1.0, 1.0, (40, 3)) - origins
-    found = cast_at_padded(bodies, radii, *as_rays(origins, ways, np.inf))
+    found = cast_at_padded(bodies, radii, as_rays(origins, ways, np.inf))
     assert 10 < found.hits.sum() < 40
     for n in range(0, 40, 3):
         check(bodies, radii, origins[n], ways[n], found, n)
-    lone = cast_at_padded(bodies, radii, *as_rays(origins[:1], ways[:1], np.inf))
+    lone = cast_at_padded(bodies, radii, as_rays(origins[:1], ways[:1], np.inf))
     assert lone.distances[0] == found.distances[0]  # bit for bit
 
 
@@ -109,7 +112,7 @@ def test_normals_and_faces_are_those_of_the_place() -> None:
     body = PlacedMeshes(tree, [0], [[2.0, 0.0, 0.0]], np.eye(3)[None])
     aside = 0.4 + 0.06
     origins = np.array([[0.0, 0.1, 0.0], [0.0, aside, 0.2], [0.0, aside, aside], [0.0, 0.5, 0.5]])
-    found = cast_at_padded(body, np.array([0.1]), *as_rays(origins, [[1.0, 0, 0]] * 4, np.inf))
+    found = cast_at_padded(body, np.array([0.1]), as_rays(origins, [[1.0, 0, 0]] * 4, np.inf))
     depth = math.sqrt(0.1**2 - 2 * 0.06**2)
     times = np.array([1.5, 1.6 - 0.08, 1.6 - depth])
     np.testing.assert_allclose(found.distances[:3], times, atol=1e-8)
@@ -122,10 +125,10 @@ def test_normals_and_faces_are_those_of_the_place() -> None:
     assert found.faces[3] == -1
     assert np.isnan(found.normals[3]).all()
     reaches = as_rays(origins, [[1.0, 0, 0]] * 4, found.distances * (1.0 - 1e-9))
-    assert not cast_at_padded(body, np.array([0.1]), *reaches).hits.any()
+    assert not cast_at_padded(body, np.array([0.1]), reaches).hits.any()
 
 
-@pytest.mark.parametrize("solid", [True, False])
+@each("solid", [True, False])
 def test_an_origin_inside_is_a_hit_at_once_and_so_are_points(solid: bool) -> None:
     """By solid angles, and the nearest points of all triangles as trimesh has them."""
     rng = np.random.default_rng(42)
@@ -134,7 +137,7 @@ def test_an_origin_inside_is_a_hit_at_once_and_so_are_points(solid: bool) -> Non
         turn = Rotation.random(random_state=rng).as_matrix()[None]
         body, radius = PlacedMeshes(tree, [0], np.ones((1, 3)), turn), np.array([0.05])
         origins = 1.0 + rng.uniform(-0.6, 0.6, (300, 3))
-        found = cast_at_padded(body, radius, *as_rays(origins, rng.normal(size=(300, 3)), np.inf))
+        found = cast_at_padded(body, radius, as_rays(origins, rng.normal(size=(300, 3)), np.inf))
         corners = placed_corners(body, 0)
         inside = np.abs(windings(corners, origins)) > 0.5 if solid else np.zeros(300, np.bool_)
         for n in range(300):
@@ -158,5 +161,98 @@ def test_far_origins_cost_few_digits() -> None:
     body = PlacedMeshes(tree, [0], np.zeros((1, 3)), np.eye(3)[None])
     origins = np.array([[1e6, 0.0, 0.25], [1e6, 7e-9, 0.25], [-1e6, -2e-8, -0.25]])
     ways = np.array([[-1.0, 0, 0], [-1.0, 0, 0], [1.0, 0, 0]])
-    found = cast_at_padded(body, np.array([4e-9]), *as_rays(origins, ways, np.inf))
+    found = cast_at_padded(body, np.array([4e-9]), as_rays(origins, ways, np.inf))
     assert found.boxes.tolist() == [-1, 0, 0]
+
+
+COUNT, SAMPLES = 200, 400
+SCALES = {"random": [1.0, 1.0, 1.0], "plates": [1.0, 1.0, 1e-6], "needles": [1e-6, 1e-6, 1.0]}
+
+
+def around(body: ConvexBodies) -> Boxes:
+    """Return boxes that certainly hold bodies."""
+    half = np.abs(body.sizes[:, :3]) + body.radii[:, None]
+    half[:, 2] += body.sizes[:, 3]
+    if body.kinds[0] == CORNERS:
+        half += body.hulls.radii.max()
+    return Boxes.trusted(body.centers, body.rotations, half)
+
+
+def rays_at(body: ConvexBodies, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Return origins and directions towards bodies, many of which pass near their edge."""
+    size = np.abs(body.sizes).sum(axis=1) + body.radii + (body.kinds == CORNERS)
+    origins = body.centers + rng.normal(size=(COUNT, 3)) * 3.0 * size[:, None]
+    aim = rng.normal(size=(COUNT, 3)) * 0.4 * np.maximum(body.sizes[:, :3], body.radii[:, None])
+    aim[:, 2] += rng.uniform(-1, 1, COUNT) * body.sizes[:, 3]
+    ways = np.einsum("nij,nj->ni", body.rotations, aim) + body.centers - origins
+    return origins, ways / np.linalg.norm(ways, axis=1)[:, None]
+
+
+def some(body: ConvexBodies, rows: Rows) -> ConvexBodies:
+    return ConvexBodies(
+        *(body.kinds[rows], body.sizes[rows], body.radii[rows], body.hulls),
+        *(body.rows[rows], body.centers[rows], body.rotations[rows]),
+    )
+
+
+@each("name", SCALES)
+@each("kind", [kind for kind in KINDS if kind != "hull"])
+def test_rays_hit_where_the_shape_begins(kind: str, name: str) -> None:
+    rng = np.random.default_rng(6)
+    body = bodies(KINDS[kind], COUNT, rng, np.array(SCALES[name]), 0.5 * min(SCALES[name]))
+    origins, ways = rays_at(body, rng)
+    size = np.linalg.norm(origins - body.centers, axis=1)
+    size += np.abs(body.sizes).sum(axis=1) + body.radii
+    rounding = 1e-12 * size + 1e-14 * (np.abs(body.centers) + np.abs(origins)).sum(axis=1)
+    hits = 0
+    for n in range(COUNT):  # one by one, so that nothing hides anything
+        row = np.array([n])
+        found = cast_at_bodies(
+            some(body, row), around(some(body, row)), as_rays(origins[row], ways[row], np.inf)
+        )
+        end = found.distances[0] if found.hits[0] else 3.0 * size[n]
+        times = np.linspace(0.0, max(end - rounding[n], 0.0), SAMPLES)
+        before = origins[n] + times[:, None] * ways[n]
+        many = some(body, np.full(SAMPLES, n))
+        inside = beyond(many, before) < -rounding[n]
+        assert not inside.any() or end == 0.0
+        if found.hits[0]:
+            hits += 1
+            assert beyond(some(body, row), found.positions)[0] <= 1e-9 * size[n] + rounding[n]
+            if end > 0.0:
+                assert np.linalg.norm(found.normals[0]) == pytest.approx(1.0, abs=1e-12)
+                assert found.normals[0] @ ways[n] < 1e-6
+    assert hits > COUNT // 20
+
+
+def test_rays_at_boxes_are_those_of_boxes() -> None:
+    rng = np.random.default_rng(7)
+    body = bodies(KINDS["box"], COUNT, rng, np.ones(3), 0.0)
+    boxes = Boxes.trusted(body.centers, body.rotations, body.sizes[:, :3].copy())
+    origins, ways = rays_at(body, rng)
+    found = cast_at_bodies(body, around(body), as_rays(origins, ways, np.inf))
+    truth = cast_rays(boxes, origins, ways)
+    assert (found.hits >= truth.hits).all()
+    both = truth.hits
+    assert (found.distances[both] <= truth.distances[both] + 1e-12).all()
+    steep = both & (np.einsum("ij,ij->i", truth.normals, ways) < -0.01)
+    np.testing.assert_allclose(found.distances[steep], truth.distances[steep], atol=1e-7)
+    assert steep.sum() > COUNT // 4
+
+
+def test_a_radius_is_hit_first_and_reach_and_origin_count() -> None:
+    rng = np.random.default_rng(8)
+    body = bodies(KINDS["cylinder"], COUNT, rng, np.ones(3), 0.0)
+    origins, ways = rays_at(body, rng)
+    padded = moved(body, radii=body.radii + 0.1)
+    thin = cast_at_bodies(body, around(body), as_rays(origins, ways, np.inf))
+    thick = cast_at_bodies(padded, around(padded), as_rays(origins, ways, np.inf))
+    assert (thick.distances <= thin.distances).all()
+    hit = np.flatnonzero(np.isfinite(thin.distances) & (thin.distances > 0.0))
+    short = thin.distances[hit]
+    for factor, count in ((1.0 + 1e-9, len(hit)), (1.0 - 1e-6, 0)):
+        again = cast_at_bodies(body, around(body), as_rays(origins[hit], ways[hit], short * factor))
+        assert again.hits.sum() == count
+    inside = cast_at_bodies(body, around(body), as_rays(body.centers, ways, np.inf))
+    assert (inside.distances == 0.0).all()
+    assert (inside.normals == 0.0).all()

@@ -148,7 +148,7 @@ def test_faces_and_distances() -> None:
     assert near.boxes.tolist() == [0, -1, 0, -1, -1, 1]
 
 
-@pytest.mark.parametrize("name", ["ordinary scene", "zero extents", "exact resting contact"])
+@each("name", ["ordinary scene", "zero extents", "exact resting contact"])
 def test_segments(name: str) -> None:
     boxes, _ = family(name, 30)
     rng = np.random.default_rng(3)

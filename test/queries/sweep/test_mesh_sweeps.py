@@ -89,7 +89,7 @@ def moved_on(bodies: PlacedMeshes, twists: Floats, times: Floats) -> PlacedMeshe
     return PlacedMeshes(bodies.trees, bodies.meshes, centers, turns @ bodies.rotations)
 
 
-@pytest.mark.parametrize("spin", [0.0, 1.0, 12.0])
+@each("spin", [0.0, 1.0, 12.0])
 def test_meshes_do_not_overlap_until_then_and_are_near_at_last(spin: float, pairs: int) -> None:
     """All kinds: solids, surfaces, hollow ones, one inside the other, pieces, a Moebius strip."""
     trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])

@@ -12,14 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Verdicts are never wrong: every family of hard pairs against exact arithmetic.
-
-``--pairs 1000000`` is the long run; ``-rP`` shows how wide the gaps left open are.
-"""
+"""Verdicts: exact, certified, the same alone and in blocks."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +29,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import chunks, family, loosened, row_of, stored, witnesses
 
+import obb_collision as oc
 from obb_collision import Boxes, Verdict, verdicts
+from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
+from obb_collision.queries.verdict import verdict as verdict_module
+from obb_collision.queries.verdict.blocks import BLOCK
+from obb_collision.queries.verdict.sat import box_at
+from obb_collision.queries.verdict.verdict import box_verdict
 from tools.cases.families import FAMILIES
 
 #: Promised width of what doubles leave undecided, relative to the sum of all half extents.
@@ -56,7 +61,7 @@ def check_against_truth(a: Boxes, b: Boxes) -> float:
     return widest
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_no_verdict_is_wrong(name: str, pairs: int) -> None:
     widest = max(check_against_truth(a, b) for a, b in chunks(name, pairs))
     print(f"{name}: {pairs} pairs, widest gap left open {widest:.2e} of the size")  # noqa: T201
@@ -73,7 +78,7 @@ def test_families_ask_both_questions(name: str) -> None:
         assert (truth == Verdict.TOUCHING).sum() > 100
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_axes_may_be_off_by_64_roundoffs(name: str, pairs: int) -> None:
     """Products of kept rotations are a little further from orthonormal: the proof allows 64 u."""
     rng = np.random.default_rng(11)
@@ -144,10 +149,6 @@ def test_shared_pairs(case: dict[str, Any]) -> None:
         assert truth == LABELS[case["expected"]]
 
 
-def test_there_are_97_shared_pairs() -> None:
-    assert len(SHARED_PAIRS) == 97
-
-
 # --- sweeps: nothing flickers while two boxes turn from nearly parallel to parallel -------------
 
 SWEEP = 10.0 ** -np.linspace(3.0, 17.0, 561)
@@ -198,7 +199,45 @@ def test_deeply_overlapping_boxes_overlap_at_every_angle() -> None:
         assert (verdicts(a, b) == Verdict.OVERLAP).all()
 
 
-def test_verdicts_want_equal_lengths() -> None:
-    a, b = family("ordinary scene", 3)
-    with pytest.raises(ValueError, match="same length"):
-        verdicts(a, b[:2])
+@pytest.fixture(autouse=True)
+def _restore() -> Iterator[None]:
+    yield
+    oc.set_threads(None)
+
+
+@njit
+def one_by_one(a: BoxArrays, b: BoxArrays, out: np.ndarray) -> None:
+    for n in range(len(out)):
+        out[n] = box_verdict(box_at(a, n), box_at(b, n))
+
+
+def pairs_of(family: str, count: int) -> tuple[oc.Boxes, oc.Boxes]:
+    a, b = FAMILIES[family](np.random.default_rng(5), count)
+    return oc.Boxes(*a), oc.Boxes(*b)
+
+
+@each("family", FAMILIES)
+def test_a_block_gives_the_verdicts_of_each_pair_alone(family: str) -> None:
+    a, b = pairs_of(family, 20 * BLOCK + 1)
+    wanted = np.empty(len(a), np.int8)
+    one_by_one(a.arrays, b.arrays, wanted)
+    for count in (1, BLOCK - 1, BLOCK, BLOCK + 1, len(a)):
+        assert (oc.verdicts(a[:count], b[:count]) == wanted[:count]).all()
+
+
+def test_answers_are_the_same_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict_module, "FEWEST_PAIRS", 10)
+    monkeypatch.setattr(verdict_module, "FEWEST_WITNESSES", 10)
+    a, b = pairs_of("ordinary scene", 500)
+    seen = set()
+    for threads in (1, 2, 3, 5):
+        oc.set_threads(threads)
+        found = oc.separations(a, b)
+        assert (found.verdicts == oc.verdicts(a, b)).all()
+        seen.add(
+            b"".join(
+                x.tobytes()
+                for x in (found.verdicts, found.separations, found.normals, found.positions)
+            )
+        )
+    assert len(seen) == 1

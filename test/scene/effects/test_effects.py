@@ -27,7 +27,7 @@ import pytest
 from each import each
 
 import obb_collision as oc
-from obb_collision.queries.verdict.separations import pair_separations
+from obb_collision.queries.verdict.verdict import pair_separations
 from obb_collision.scene.effects import EFFECTS, separations
 from obb_collision.scene.effects.base import MOST_FAILURES, isolated, pair_rows
 

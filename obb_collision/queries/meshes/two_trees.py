@@ -12,8 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The distance of two placed meshes: branch and bound over their trees.
+"""Two trees at once: triangles of two placed meshes that collide, and their distance.
 
+Triangles in contact, or boxes of a depth:
+Of a pair of nodes that may collide the larger is replaced by its children, and the pair that
+overlaps more comes first, so that a collision is found soon (Gottschalk, Lin, Manocha
+1996, section 5). A pair is dropped only if the boxes are certainly apart.
+
+The distance: branch and bound.
 A pair of nodes whose boxes are at least as far apart as the two closest triangles so far is
 dropped; of the others the larger node is replaced by its children, and the nearer pair comes first
 (Larsen, Gottschalk, Lin, Manocha 1999). Two boxes are at least as far apart as the gaps along the
@@ -23,7 +29,7 @@ The lower bound is the least of all that was dropped or computed. Pairs that can
 distance by more than SLACK are dropped as well: meshes face to face have many that are equally
 near.
 
-All is in the frame of the first mesh, scaled by a power of two that brings S of ``tree_boxes`` to
+All is in the frame of the first mesh, scaled by a power of two that brings S of ``placed`` to
 0.5 .. 1. Error analysis: a component of a corner is off by 256 u S, that is 444 u S for a point;
 axes of bodies that are orthonormal to 64 u change lengths by at most 96 u; projections take 8 u.
 ``DISTANCE_BOUND`` is 1024 u. A bound of two boxes is off by sqrt(3) times ``BOX_BOUND`` for the
@@ -39,15 +45,17 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.build import SIZE
-from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import components, dot, max_abs, minus, scaled
-from obb_collision.queries.meshes.placed import MeshAt
-from obb_collision.queries.meshes.tree_boxes import (
+from obb_collision.queries.meshes.placed import (
     BOX_BOUND,
+    MeshPair,
     NodeBox,
+    Place,
     Pose,
     back_of,
+    box_gap,
+    faces_gap,
     moved,
     moved_node,
     node_at,
@@ -57,9 +65,140 @@ from obb_collision.queries.meshes.triangle_distance import (
     closest_points,
     triangle_bounds,
 )
-from obb_collision.queries.meshes.triangles import Triangle, triangle_at
+from obb_collision.queries.meshes.triangles import (
+    SEPARATE,
+    TOUCHING,
+    UNDECIDED,
+    Triangle,
+    classify_by_axes,
+    classify_by_signs,
+    triangle_at,
+)
 from obb_collision.queries.verdict.sat import face_gap, rows_of
 from obb_collision.typing import Floats, Vector
+
+#: Rows of the stack: one is left behind at each level of either tree, at most 2 x 75 of them
+#: (``trees.build.LEAST_SHARE``).
+STACK = 256
+#: A node of either tree.
+Nodes = tuple[int, int]
+
+
+class Contacting(NamedTuple):
+    """When a search for triangles in contact ends, and where it writes."""
+
+    stop: int  #: at the first verdict of at least this,
+    effort: int  #: or so many pairs of nodes after the first TOUCHING
+    contacts: np.ndarray  #: (c, 4) pair, triangle of a, triangle of b, verdict
+    stack: np.ndarray  #: (STACK, 2)
+
+
+@njit(refcount=False)
+def descend(bodies: MeshPair, search: Contacting, pair: int, found: int) -> tuple[int, int]:
+    """Return the highest verdict of two triangles, and the number of contacts so far.
+
+    Every pair of triangles that is not SEPARATE is written as a contact, as far as there is room;
+    found: how many there were before.
+    """
+    trees_a, a, trees_b, b, pose = bodies
+    nodes_a, children_a, starts_a = trees_a.nodes, trees_a.children, trees_a.starts
+    nodes_b, children_b, starts_b = trees_b.nodes, trees_b.children, trees_b.starts
+    triangles_a, triangles_b = trees_a.triangles, trees_b.triangles
+    contacts, stack, effort = search.contacts, search.stack, search.effort
+    verdict, back = SEPARATE, back_of(pose)
+    stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        if verdict == TOUCHING:
+            effort -= 1
+            if effort < 0:
+                break
+        i, j = stack[waiting, 0], stack[waiting, 1]
+        child_a, child_b = children_a[i], children_b[j]
+        if child_a < 0 and child_b < 0:
+            for s in range(starts_a[i, 0], starts_a[i, 1]):
+                for t in range(starts_b[j, 0], starts_b[j, 1]):
+                    p, q = triangle_at(triangles_a, s), triangle_at(triangles_b, t)
+                    met = _triangles_verdict(p, a.place, q, b.place, pose)
+                    if met == SEPARATE:
+                        continue
+                    if found < len(contacts):
+                        contacts[found, 0], contacts[found, 1] = pair, s
+                        contacts[found, 2], contacts[found, 3] = t, met
+                    found += 1
+                    verdict = max(verdict, met)
+                    if verdict >= search.stop:
+                        return verdict, found
+            continue
+        if child_b < 0 or (child_a >= 0 and nodes_a[i, SIZE] >= nodes_b[j, SIZE]):
+            other = moved_node(pose, nodes_b, j)
+            first = faces_gap(nodes_a, child_a, other, pose.gap_bound)
+            second = faces_gap(nodes_a, child_a + 1, other, pose.gap_bound)
+            waiting = _push((child_a, j), (child_a + 1, j), (first, second), stack, waiting)
+        else:
+            other = moved_node(back, nodes_a, i)
+            first = faces_gap(nodes_b, child_b, other, pose.gap_bound)
+            second = faces_gap(nodes_b, child_b + 1, other, pose.gap_bound)
+            waiting = _push((i, child_b), (i, child_b + 1), (first, second), stack, waiting)
+    return verdict, found
+
+
+@njit
+def _triangles_verdict(p: Triangle, a: Place, q: Triangle, b: Place, pose: Pose) -> int:
+    """Return the verdict of two triangles of bodies at places a and b."""
+    placed = moved(pose, q[0]), moved(pose, q[1]), moved(pose, q[2])
+    verdict = classify_by_signs(p, placed, pose.point_bound)
+    return classify_by_axes(p, a, q, b) if verdict == UNDECIDED else verdict
+
+
+@njit(refcount=False)
+def _push(
+    one: Nodes, other: Nodes, gaps: tuple[float, float], stack: np.ndarray, waiting: int
+) -> int:
+    """Put two pairs of nodes that may collide on the stack; return its size.
+
+    Gaps are infinite where they are apart. What overlaps more comes last and is next.
+    """
+    first, second = gaps
+    if first < second:
+        one, other, first, second = other, one, second, first
+    if first < np.inf:
+        stack[waiting, 0], stack[waiting, 1] = one
+        waiting += 1
+    if second < np.inf:
+        stack[waiting, 0], stack[waiting, 1] = other
+        waiting += 1
+    return waiting
+
+
+@njit(refcount=False)
+def boxes_may_collide(bodies: MeshPair, depth: int, stack: np.ndarray) -> bool:
+    """Return whether boxes of a depth are not certainly apart, nor those above them.
+
+    A greater depth never reports what a lesser one doesn't.
+    """
+    trees_a, a, trees_b, b, pose = bodies
+    nodes_a, children_a, levels_a = trees_a.nodes, trees_a.children, trees_a.levels
+    nodes_b, children_b, levels_b = trees_b.nodes, trees_b.children, trees_b.levels
+    stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        i, j = stack[waiting, 0], stack[waiting, 1]
+        child_a = children_a[i] if levels_a[i] < depth else -1
+        child_b = children_b[j] if levels_b[j] < depth else -1
+        if child_a < 0 and child_b < 0:
+            return True
+        # By levels, not by size: every depth then looks at all pairs of the lesser ones.
+        split_a = child_b < 0 or (child_a >= 0 and levels_a[i] <= levels_b[j])
+        i1, j1 = (child_a, j) if split_a else (i, child_b)
+        i2, j2 = (child_a + 1, j) if split_a else (i, child_b + 1)
+        first = box_gap(nodes_a, i1, nodes_b, j1, pose)
+        second = box_gap(nodes_a, i2, nodes_b, j2, pose)
+        waiting = _push((i1, j1), (i2, j2), (first, second), stack, waiting)
+    return False
+
 
 #: By how much a distance may be off, relative to S (derivation above).
 DISTANCE_BOUND = 1024 * ROUNDOFF
@@ -76,10 +215,17 @@ class TreeRoom(NamedTuple):
 
     stack: np.ndarray  #: (STACK, 2) pairs of nodes
     bounds: Floats  #: (STACK,) how far apart they are at least
-    contacts: np.ndarray  #: (1, 4) as ``tree_descent.Search``
+    contacts: np.ndarray  #: (c, 4) as in ``Contacting``
 
 
-class Nearest(NamedTuple):
+@njit
+def tree_room(contacts: int) -> TreeRoom:
+    """Return work space with room for contacts."""
+    stack = np.empty((STACK, 2), np.int64)
+    return TreeRoom(stack, np.empty(STACK), np.empty((contacts, 4), np.int64))
+
+
+class NearestTriangles(NamedTuple):
     """The closest triangles, s of a and t of b (-1: none within the limit), scaled as above."""
 
     s: int
@@ -89,12 +235,12 @@ class Nearest(NamedTuple):
     direction: Vector  #: the unit vector from b to a along which they are apart
 
 
-@njit
+@njit(refcount=False)
 def nearest_triangles(
-    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt,
-    pose: Pose, unit: float, limit: float, room: TreeRoom,
-) -> Nearest:  # fmt: skip
+    bodies: MeshPair, unit: float, limit: float, room: TreeRoom
+) -> NearestTriangles:
     """Return the closest triangles of two bodies; unit: the scale, of the limit as well."""
+    trees_a, a, trees_b, b, pose = bodies
     nodes_a, children_a, starts_a = trees_a.nodes, trees_a.children, trees_a.starts
     nodes_b, children_b, starts_b = trees_b.nodes, trees_b.children, trees_b.starts
     triangles_a, triangles_b = trees_a.triangles, trees_b.triangles
@@ -140,7 +286,7 @@ def nearest_triangles(
         stack[waiting + 1, 0], stack[waiting + 1, 1] = two
         bounds[waiting], bounds[waiting + 1] = max(first, least), max(second, least)
         waiting += 2
-    return Nearest(s, t, min(lower, upper), upper, direction)
+    return NearestTriangles(s, t, min(lower, upper), upper, direction)
 
 
 @njit
@@ -197,12 +343,16 @@ def _triangles_apart(
     return lower, upper, n
 
 
-@njit
-def points_of(
-    trees_a: TreeArrays, s: int, trees_b: TreeArrays, t: int, pose: Pose, unit: float
-) -> tuple[float, Vector, Vector]:
+@njit(refcount=False)
+def triangles_of(bodies: MeshPair, s: int, t: int, unit: float) -> tuple[Triangle, Triangle]:
+    """Return triangles s and t in the frame of a, scaled."""
+    p = _scaled(triangle_at(bodies.trees_a.triangles, s), unit)
+    return p, _moved(triangle_at(bodies.trees_b.triangles, t), bodies.pose, unit)
+
+
+@njit(refcount=False)
+def points_of(bodies: MeshPair, s: int, t: int, unit: float) -> tuple[float, Vector, Vector]:
     """Return the distance of triangles s and t and their closest points, scaled."""
-    p = _scaled(triangle_at(trees_a.triangles, s), unit)
-    q = _moved(triangle_at(trees_b.triangles, t), pose, unit)
+    p, q = triangles_of(bodies, s, t, unit)
     square, x, y = closest_points(p, q)
     return math.sqrt(square), x, y

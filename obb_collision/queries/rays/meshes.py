@@ -28,6 +28,11 @@ certainly away from zero, as for a ray within the plane, the corners bound it: t
 before the first. Triangles of which an edge is too near are missed where the ray passes beyond a
 corner: with R the reach of the corners from the ray's start, they less their parts along it are off
 by the error of a point and 24 u R, for which ``SLAB_SLACK`` is 32 u, three times.
+
+With a radius about a mesh, balls are swept over its triangles. What is within a radius of one is
+convex: rays go on as in ``convex``, down the tree of boxes that are larger by the radius. At the
+hit a ray is within 1e-9 of S of the body, S with the radius. What a solid holds, and what is within
+the radius of a surface, is inside (``points``).
 """
 
 from __future__ import annotations
@@ -38,7 +43,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.numerics.constants import MESH_UNDERFLOW, PRODUCT_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.constants import MESH_UNDERFLOW, PRODUCT_UNDERFLOW
 from obb_collision.numerics.vec3 import (
     combined,
     components,
@@ -46,32 +51,39 @@ from obb_collision.numerics.vec3 import (
     dot,
     max_abs,
     minus,
+    negated,
     norm,
     plus,
     scaled,
     sum_abs,
-    vector_at,
 )
+from obb_collision.queries.convex.distance import CLOSE, CONVEX_ROUNDING
 from obb_collision.queries.meshes.inside import OUTSIDE, SLAB_SLACK, entry, point_side
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, body_at
-from obb_collision.queries.meshes.tree_boxes import POINT_BOUND
-from obb_collision.queries.meshes.tree_descent import STACK as TREE_STACK
+from obb_collision.queries.meshes.placed import POINT_BOUND, MeshAt, Meshes, body_at
+from obb_collision.queries.meshes.triangle_distance import careful_gap, triangle_bounds
 from obb_collision.queries.meshes.triangles import DETERMINANT_ROUNDING, Triangle, triangle_at
+from obb_collision.queries.meshes.two_trees import APART
+from obb_collision.queries.meshes.two_trees import STACK as TREE_STACK
+from obb_collision.queries.points.bodies import NOWHERE, body_holds
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.rays.boxes import (
     COUNT,
-    STACK,
     START,
-    BoundsTree,
+    HitArrays,
     Ray,
+    Rays,
+    RayTree,
+    TreeNodes,
+    moved_ahead,
     next_leaf,
+    ray_at,
+    ray_tree,
     start_walk,
+    write_hit,
 )
+from obb_collision.queries.rays.convex import SPEED_ROUNDING, STEPS
 from obb_collision.typing import Floats, Vector
 
-#: By how much a ray may be off once it is moved ahead, relative to the origin's offset from the
-#: centre (derivation above).
-AHEAD_BOUND = 16 * ROUNDOFF
 #: Instead of a triangle: none hit, and the origin is inside of a solid.
 NONE, WITHIN = -1, -2
 
@@ -83,6 +95,13 @@ class LocalRay(NamedTuple):
     unit: Vector
     error: float  #: by how much a component of a point of it may be off
     scale: float  #: a power of two that brings the reach of the mesh to about one
+    size: float  #: S at its origin
+    radius: float  #: about the mesh; negative for none, not even zero
+
+
+Hit = tuple[float, int, Vector]
+"""When, which triangle (NONE, WITHIN), and the outward normal there."""
+MISSED: Hit = (np.inf, NONE, NOWHERE)
 
 
 class Work(NamedTuple):
@@ -93,92 +112,82 @@ class Work(NamedTuple):
 
 
 @njit
-def mesh_rays_kernel(
-    origins: Floats, units: Floats, reaches: Floats, bodies: Meshes,
-    limits: Floats, nodes: np.ndarray, order: np.ndarray,
-    hits: np.ndarray, distances: Floats, points: Floats, normals: Floats, faces: np.ndarray,
-    start: int, stop: int,
-) -> None:  # fmt: skip
-    """Write the nearest body, distance, point, normal and face of rays ``start`` to ``stop``."""
-    tree = BoundsTree(limits, nodes, order, np.empty(STACK, np.int64), np.empty(STACK))
-    work = Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
-    for n in range(start, stop):
-        ray = Ray(vector_at(origins, n), vector_at(units, n), reaches[n])
-        row, distance, triangle = _nearest(ray, bodies, tree, work)
-        hits[n], distances[n], faces[n] = row, distance, -1
-        point, normal = (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)
-        if row >= 0:
-            point, normal = plus(ray.origin, scaled(ray.unit, distance)), (0.0, 0.0, 0.0)
-        if triangle >= 0:
-            faces[n] = bodies.trees.faces[triangle]
-            normal = _normal(ray, bodies.trees, triangle, body_at(bodies, row))
-        for k in range(3):
-            points[n, k], normals[n, k] = point[k], normal[k]
+def work_room() -> Work:
+    """Return work space for one ray after another."""
+    return Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
 
 
 @njit
-def _nearest(ray: Ray, bodies: Meshes, tree: BoundsTree, work: Work) -> tuple[int, float, int]:
-    """Return the nearest body, its distance and the triangle; -1, infinity, -1 for none."""
-    row, best, triangle = -1, np.inf, NONE
-    leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
+def mesh_rays_kernel(
+    rays: Rays, padded: tuple[Meshes, Floats], nodes: TreeNodes, out: HitArrays,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write what rays ``start`` to ``stop`` hit of meshes, with radii (n,) or (0,) for none."""
+    bodies, radii = padded
+    tree, work = ray_tree(nodes), work_room()
+    for n in range(start, stop):
+        ray = ray_at(rays, n)
+        row, (distance, triangle, normal) = _nearest(ray, bodies, radii, tree, work)
+        out.faces[n] = bodies.trees.faces[triangle] if triangle >= 0 else -1
+        if triangle >= 0 and len(radii) == 0:
+            normal = _normal(ray, bodies.trees, triangle, body_at(bodies, row))
+        write_hit(out, n, ray, row, distance, normal)
+
+
+@njit
+def _nearest(ray: Ray, bodies: Meshes, radii: Floats, tree: RayTree, work: Work) -> tuple[int, Hit]:
+    """Return the nearest body and the hit; -1 for none."""
+    row, best = -1, MISSED
+    leaf, depth = next_leaf(ray, best[0], tree, start_walk(ray, tree))
     while leaf >= 0:
         start, count = tree.nodes[leaf, START], tree.nodes[leaf, COUNT]
         for m in range(start, start + count):
             b = tree.order[m]
-            distance, found = hit_mesh(ray, bodies.trees, body_at(bodies, b), best, work)
-            if distance < best or (distance == best and found != NONE and b < row):
-                row, best, triangle = b, distance, found
-        leaf, depth = next_leaf(ray, best, tree, depth)
-    return row, best, triangle
+            found = _hit(ray, bodies, b, radii[b] if len(radii) > 0 else -1.0, best[0], work)
+            if found[0] < best[0] or (found[0] == best[0] < np.inf and b < row):
+                row, best = b, found
+        leaf, depth = next_leaf(ray, best[0], tree, depth)
+    return row, best
 
 
 @njit
-def hit_mesh(
-    ray: Ray, trees: TreeArrays, body: MeshAt, best: float, work: Work
-) -> tuple[float, int]:
-    """Return when a ray first hits a body, at most at ``best`` and within reach, and the triangle.
+def _hit(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Work) -> Hit:
+    """Return when a ray first hits body i or is within a radius of it, at most at ``best``.
 
-    Infinity and NONE for a miss, zero and WITHIN for an origin inside of a solid.
+    Zero, WITHIN and no normal for an origin inside; no normal without a radius.
     """
-    radius = trees.radii[body.mesh]
-    d, ahead, error = moved_ahead(ray, body.place.center, 2.0 * radius)
+    trees, body, grown = bodies.trees, body_at(bodies, i), max(radius, 0.0)
+    reach = trees.radii[body.mesh] + grown
+    d, ahead, error = moved_ahead(ray, body.place.center, 2.0 * reach)
     if ahead < 0.0:
-        return np.inf, NONE
-    error += POINT_BOUND * (sum_abs(d) + radius) + MESH_UNDERFLOW
+        return MISSED
+    size = sum_abs(d) + reach
+    error += POINT_BOUND * size + MESH_UNDERFLOW
     o, w = components(body.place.axes, d), components(body.place.axes, ray.unit)
-    if ahead == 0.0 and trees.solid[body.mesh]:  # noqa: SIM102  # a search comes last
-        if point_side(trees, body.mesh, o, error, work.stack) != OUTSIDE:
-            return 0.0, WITHIN
     limit = min(best, ray.reach) - ahead
-    time, triangle = _first_triangle(
-        trees, trees.roots[body.mesh], LocalRay(o, w, error, unit_scale(radius)[0]), limit, work
-    )
-    return (ahead + time, triangle) if triangle >= 0 else (np.inf, NONE)
+    if radius >= 0.0:
+        limit = min(limit, 8.0 * reach)  # by then it is beyond the body
+        if ahead == 0.0 and body_holds(bodies, i, ray.origin, radius, work.stack):
+            return 0.0, WITHIN, NOWHERE
+    elif ahead == 0.0 and trees.solid[body.mesh]:  # noqa: SIM102  # a search comes last
+        if point_side(trees, body.mesh, o, error, work.stack) != OUTSIDE:
+            return 0.0, WITHIN, NOWHERE
+    local = LocalRay(o, w, error, unit_scale(reach)[0], size, radius)
+    time, triangle, n = _first_triangle(trees, trees.roots[body.mesh], local, limit, work)
+    if triangle < 0:
+        return MISSED
+    return ahead + time, triangle, negated(combined(body.place.axes, n))
 
 
 @njit
-def moved_ahead(ray: Ray, center: Vector, reach: float) -> tuple[Vector, float, float]:
-    """Return a point of a ray seen from a centre, how far ahead it is, and by how much it is off.
-
-    No point before it is within reach of the centre; -1 ahead where none of the ray is.
-    """
-    d = minus(ray.origin, center)
-    middle = -dot(d, ray.unit)
-    if middle < -reach:
-        return d, -1.0, 0.0
-    ahead = max(middle - reach, 0.0)
-    return plus(d, scaled(ray.unit, ahead)), ahead, AHEAD_BOUND * sum_abs(d)
-
-
-@njit
-def _first_triangle(
-    trees: TreeArrays, root: int, ray: LocalRay, limit: float, work: Work
-) -> tuple[float, int]:
-    """Return the first triangle hit, at most at ``limit``, and when; NONE without any."""
+def _first_triangle(trees: TreeArrays, root: int, ray: LocalRay, limit: float, work: Work) -> Hit:
+    """Return the first triangle hit, at most at ``limit``; the normal points inwards."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts
     stack, entries = work.stack, work.entries
-    p, w, error, _ = ray
-    best, triangle = limit, NONE
+    p, w, error = ray.origin, ray.unit, ray.error
+    if ray.radius >= 0.0:
+        error += 0.5 * ray.radius  # boxes grow by twice the error
+    best, triangle, normal = limit, NONE, NOWHERE
     stack[0, 0], entries[0] = root, entry(nodes, root, p, w, error)
     waiting = 1
     while waiting > 0:
@@ -189,9 +198,12 @@ def _first_triangle(
         child = children[node]
         if child < 0:
             for n in range(starts[node, 0], starts[node, 1]):
-                time = triangle_time(trees.triangles, n, ray)
+                if ray.radius >= 0.0:
+                    time, way = rounded_time(trees.triangles, n, ray, entries[waiting], best)
+                else:
+                    time, way = triangle_time(trees.triangles, n, ray), NOWHERE
                 if time < best or (time == best < np.inf and triangle < 0):
-                    best, triangle = time, n
+                    best, triangle, normal = time, n, way
             continue
         first = entry(nodes, child, p, w, error)
         second = entry(nodes, child + 1, p, w, error)
@@ -201,7 +213,7 @@ def _first_triangle(
         stack[waiting, 0], stack[waiting + 1, 0] = one, two
         entries[waiting], entries[waiting + 1] = first, second
         waiting += 2
-    return best, triangle
+    return best, triangle, normal
 
 
 @njit
@@ -282,3 +294,49 @@ def _direction(v: Vector) -> Vector:
     if not length > 0.0:
         return 0.0, 0.0, 0.0
     return v[0] / length, v[1] / length, v[2] / length
+
+
+@njit
+def rounded_time(
+    triangles: Floats, k: int, ray: LocalRay, begin: float, limit: float
+) -> tuple[float, Vector]:
+    """Return a time before which a ray is certainly not near triangle k, and the way to it then.
+
+    Infinity if it never is within the radius, or not before a limit; begin: before that it is not.
+    """
+    a, b, c = triangle_at(triangles, k)
+    time, n = begin, NOWHERE
+    for _ in range(STEPS):
+        p = plus(ray.origin, scaled(ray.unit, time))
+        size = ray.size + time
+        gap, n = _point_apart(minus(a, p), minus(b, p), minus(c, p), n, size)
+        gap -= ray.radius + 2.0 * (CONVEX_ROUNDING * size + ray.error)
+        speed = dot(n, ray.unit)
+        if gap > 0.0 and speed <= -SPEED_ROUNDING:
+            return np.inf, n
+        if gap <= CLOSE * size:
+            break
+        time += gap / max(speed + SPEED_ROUNDING, SPEED_ROUNDING)
+        if time > limit:
+            return np.inf, n
+    return time, n
+
+
+@njit
+def _point_apart(
+    a: Vector, b: Vector, c: Vector, start: Vector, size: float
+) -> tuple[float, Vector]:
+    """Return how far a triangle is from the origin at least, and the unit direction to it.
+
+    start: the direction to try first, unless zero.
+    """
+    unit, back = unit_scale(size)
+    corners = scaled(a, unit), scaled(b, unit), scaled(c, unit)
+    origin = NOWHERE, NOWHERE, NOWHERE
+    n = start if max_abs(start) > 0.0 else corners[0]
+    lower, upper, n = triangle_bounds(corners, origin, n, np.inf)
+    if upper - lower > APART:
+        gap, direction = careful_gap(corners, origin)
+        if gap > lower:
+            lower, n = gap, direction
+    return lower * back, n
