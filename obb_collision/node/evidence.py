@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether anything collides, and what is missing to claim that nothing does.
+"""The answer whether anything collides, and what is missing to claim that nothing does.
 
 The only place that decides it: for the status and the flag, the gate of trajectories, validity and
 speed scale of robots, events and ``/diagnostics``. Free is a claim that needs evidence: each fact

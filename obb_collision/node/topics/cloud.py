@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an entry of the table of topics is: a topic, or a cloud with its fields, rows and reader."""
+"""Entries of the table of topics: a topic, or a cloud with its fields, rows and reader."""
 
 from __future__ import annotations
 
