@@ -142,7 +142,7 @@ class Client:
 
     def listen(self, *topics: str) -> None:
         """Subscribe to outputs."""
-        for topic in topics:
+        for topic in set(topics) - self.subscriptions.keys():
             qos = LATCHED if OUTPUTS[topic].is_latched else QoSProfile(depth=50)
 
             def take(message: Any, topic: str = topic) -> None:
@@ -330,6 +330,16 @@ class Rig(Client):
         self.listen("collisions", "in_collision", "namespaces")
         self.wait_matched()
         self.until(lambda: "namespaces" in self.last and "in_collision" in self.last, "latched")
+
+    def another_case(self) -> None:
+        """Take all objects away, and what was counted: one node serves many cases."""
+        self.node.objects.clear()
+        for topic in self.pubs.keys() & self.node._monitors.keys():
+            monitor = self.monitor(topic)
+            monitor.refused.clear()
+            monitor.doubted.clear()
+            monitor.since_last_report()
+        self.cycles(1)
 
     def cycles(self, count: int) -> None:
         """Wait for some more cycles of the node."""

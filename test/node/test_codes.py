@@ -31,8 +31,7 @@ from numpy.lib.recfunctions import repack_fields
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 from fake_frames import FakeFrames
-from gate import Gate
-from geometry_msgs.msg import Point, TransformStamped
+from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import FRAME, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
@@ -41,14 +40,14 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
-from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import states_to_ros
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-APART, TOGETHER = (cube(A1), cube(A2, (3, 0, 0))), (cube(A1), cube(A2, (0.5, 0, 0)))
+APART = cube(A1), cube(A2, (3, 0, 0))
 STATUS = "collision_status"
 MOST = 3
 """Rows that a cloud may have."""
@@ -268,33 +267,6 @@ def test_a_code_is_reached_and_left_again(name: str) -> None:
         wait(rig)
 
 
-def test_a_state_within_a_second_of_its_delete_is_no_unknown_object() -> None:
-    with told(*APART) as rig:
-        rig.send(*delete(A2))
-        rig.send_states(["a/1", "a/2"], [pose(0), pose(3)])
-        rig.answer()
-        assert not rig.node.inputs.unknown.names(rig.now())
-        assert rig.refused("object_states") == {"unknown object": 1}
-        clear(rig)
-        rig.send_transform("a/1", pose(0))
-        rig.until(lambda: rig.refused("object_transform"), "a state without its object")
-        assert not rig.node.inputs.unknown.names(rig.now())
-        wait(rig)
-
-
-def test_a_shape_that_is_built_is_not_there_yet() -> None:
-    with told(*APART) as rig:
-        gate = Gate(rig)
-        try:
-            corners = ((9.0, 0.0, 0.0), (10.0, 0.0, 0.0), (9.0, 1.0, 0.0))
-            points = [Point(x=x, y=y, z=z) for x, y, z in corners]
-            rig.send(cube(B1, type=Marker.TRIANGLE_LIST, points=points))
-            wait(rig, "shape_building", who="b/1")
-        finally:
-            gate.open()
-        wait(rig)
-
-
 def broken_clouds(full: PointCloud2) -> dict[str, PointCloud2]:
     """Return a readable cloud of keys and numbers, broken in several ways."""
     found = {}
@@ -378,73 +350,3 @@ def test_what_cannot_be_read_marks_its_input_until_that_is_read_again_or_cleared
         rig.until(lambda: rig.refused("points"), "points that cannot be read")
         rig.cycles(2)
         wait(rig)
-
-
-@each("where", ["objects", "object_poses", "object_boxes", "a cycle", "points"])
-def test_an_error_nobody_foresaw_in_an_input_is_not_forgotten_until_clear(
-    where: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: Any) -> None:
-        raise ZeroDivisionError
-
-    with told(*APART) as rig:
-        node = rig.node
-        with monkeypatch.context() as patch:
-            if where == "a cycle":
-                patch.setattr(node.objects.scene, "check", fail)
-            elif where == "objects":
-                patch.setattr(node.inputs.markers, "_run", fail)
-            elif where == "object_boxes":
-                patch.setattr(node.inputs.boxes.waiting, "use_newest", fail)
-            elif where == "points":
-                patch.setattr(node._obstacles.waiting, "add", fail)
-            else:
-                patch.setattr(node.objects.states, "store", fail)
-            rig.send(*APART)
-            rig.send_poses([1], [pose(0)], [A])
-            rig.send_boxes([1], [pose(9)])
-            rig.send_points([pose(0)[:3]])
-            rig.until(lambda: node.guard.total, "an error")
-            if where != "points":
-                rig.until(lambda: "internal_error" in said(rig)[1], "the code")
-        rig.send(*APART)
-        rig.send_poses([1], [pose(0)], [A])
-        rig.send_boxes([1], [pose(9)])
-        if where not in ("a cycle", "points"):
-            rig.answer()
-            wait(rig, "internal_error")
-            clear(rig)
-        wait(rig)
-
-
-def unreadable(rig: Rig) -> None:
-    rig.pubs["object_poses"].publish(PointCloud2(width=7))
-
-
-ON_TOP: dict[str, tuple[Step, str]] = {
-    "unreadable": (unreadable, "input_unreadable"),
-    "unknown": (lambda rig: rig.send_transform("c/1", pose(0)), "unknown_objects"),
-    "refused": (lambda rig: rig.send_transform("a/1", [float("nan")] * 7), "refused"),
-    "late": (lambda rig: rig.send_transform("a/1", pose(9), "arm"), "late_frame"),
-    "stale": (lambda rig: rig.set(object_timeout_overrides=["*: 0.05"]), "stale"),
-    "silent": (lambda rig: rig.set(input_timeout=0.05), "input_silent"),
-    "required": (lambda rig: rig.set(required_objects=["c/*"]), "required_missing"),
-    "overload": (lambda rig: setattr(rig.node.cycle, "_collect", lambda: 99.0), "overload"),
-    "failing": (lambda rig: setattr(rig.node.objects.scene, "check", None), "internal_error"),
-}
-
-
-@each("name", ON_TOP)
-def test_a_pair_wins_over_all_that_is_missing_until_one_of_its_objects_is_gone(name: str) -> None:
-    cause, code = ON_TOP[name]
-    with told(*TOGETHER, frames=FakeFrames(), transform_timeout=0.05) as rig:
-        wait(rig, level=COLLIDING)
-        collect = rig.node.cycle._collect
-        cause(rig)
-        rig.until(lambda: code in said(rig)[1], code)
-        for _ in range(3):
-            assert said(rig)[0] == COLLIDING
-            rig.next(STATUS)
-        rig.node.cycle._collect = collect
-        rig.send(*delete(A2))
-        rig.until(lambda: said(rig)[0] not in (COLLIDING, b""), "no pair")

@@ -28,6 +28,7 @@ from unittest.mock import patch
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from each import each
 from evidence_model import (
     ARM,
     EDGE,
@@ -712,7 +713,7 @@ FOUND: dict[str, list[tuple[str, dict[str, Any]]]] = {
 """Sequences after which the node claimed something else, and what is rare of robots."""
 
 
-@pytest.mark.parametrize("what", FOUND)
+@each("what", FOUND)
 def test_what_the_machine_found(what: str) -> None:
     has_robot = what.startswith("robot")
     if has_robot:

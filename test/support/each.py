@@ -24,17 +24,29 @@ from typing import Any
 import pytest
 
 
+def renew(fixtures: Iterable[Any]) -> None:
+    """Prepare fixtures for another case."""
+    for fixture in fixtures:
+        if isinstance(fixture, pytest.MonkeyPatch):
+            fixture.undo()
+        elif hasattr(fixture, "another_case"):
+            fixture.another_case()
+
+
 def each(name: str, values: Iterable[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Run a test for each value of an argument, or of several, whose names commas part.
 
-    The first failure is raised after all cases; the others are printed.
+    The first failure is raised after all cases; the others are printed. A fixture serves all
+    cases: in between its patches are undone, and its ``another_case`` is called, if it has one.
     """
     names, cases = [one.strip() for one in name.split(",")], list(values)
 
     def wrap(test: Callable[..., None]) -> Callable[..., None]:
         def run(**others: Any) -> None:
             failures: list[BaseException] = []
-            for case in cases:
+            for number, case in enumerate(cases):
+                if number:
+                    renew(others.values())
                 given = zip(names, [case] if len(names) == 1 else case, strict=True)
                 try:
                     test(**dict(given), **others)

@@ -24,13 +24,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from rig import FRAME, Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import boxes_from_ros, boxes_to_ros, namespace_number
-from obb_collision.node.inputs.boxes import BoxRows, _repeated
-from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node import boxes_to_ros, namespace_number
 from obb_collision.node.objects.table import ObjectTable
 
 TOPIC = "object_boxes"
@@ -69,16 +68,6 @@ def test_boxes_come_change_and_go_with_the_set_that_names_them(rig: Rig) -> None
     rig.until(lambda: not keys(rig), "an empty set")
 
 
-def test_objects_of_other_inputs_are_not_touched(rig: Rig) -> None:
-    rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
-    rig.send_boxes([1, 7], in_row(9, 0.4), namespaces=[namespace_number("a")] * 2)
-    assert rig.pairs() == {("a/1", "a/2"), ("a/1", "a/7"), ("a/2", "a/7")}
-    assert rig.refused(TOPIC) == {"object of another input": 1}
-    assert rig.pose_of(("a", 1))[0] == 0.0
-    rig.send_boxes([], np.empty((0, 7)))
-    rig.until(lambda: keys(rig) == {("a", 1), ("a", 2)}, "the markers alone")
-
-
 def test_markers_do_not_touch_boxes(rig: Rig) -> None:
     rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
     rig.answer()
@@ -107,19 +96,8 @@ def test_boxes_whose_name_is_received_are_what_is_required(rig: Rig) -> None:
     assert rig.node.evidence.answer().reasons == ()
 
 
-def test_other_topics_move_a_box_until_the_next_set(rig: Rig) -> None:
-    rig.send_boxes([1, 2], in_row(0, 5), namespaces=[NUMBER] * 2)
-    rig.answer()
-    rig.send_poses([2], in_row(0.5), [NUMBER])
-    assert len(rig.pairs()) == 1
-    rig.send_transform(f"#{NUMBER}/2", pose(7))
-    assert rig.pairs() == set()
-    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
-    assert len(rig.pairs()) == 1
-
-
-@pytest.mark.parametrize(
-    ("size", "place", "reason"),
+@each(
+    "size, place, reason",
     [
         ((0, 1, 1), pose(0.5), "bad size"),
         ((1, -1, 1), pose(0.5), "bad size"),
@@ -148,29 +126,18 @@ def test_a_bad_row_is_refused_alone(rig: Rig, size: Any, place: Any, reason: str
     assert rig.node.objects.table.doubtful[rig.node.objects.table.slots["boxes", 2]]
 
 
-def test_of_rows_for_the_same_box_the_last_one_counts(rig: Rig) -> None:
+def test_of_rows_for_a_box_the_last_one_counts_and_keys_are_int32(rig: Rig) -> None:
     rig.send_boxes([1, 2, 1, 1], in_row(9, 0, 7, 0.5))
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     assert rig.refused(TOPIC) == {"repeated": 2}
-
-
-def test_keys_beyond_int32_are_refused(rig: Rig) -> None:
-    message = boxes_to_ros([1, 2], in_row(0, 0.5), np.ones((2, 3)), [5, 5], rig.header())
+    message = boxes_to_ros([-1, 2], in_row(0, 0.5), np.ones((2, 3)), [6, 5], rig.header())
     rows = np.frombuffer(bytes(message.data), np.dtype([("v", "<f8", 10), ("k", "<i4", 2)])).copy()
-    message.fields[-1].datatype = 6  # id as uint32
-    rows["k"][1, 1] = -1
+    message.fields[-1].datatype = 6  # id as uint32: none of them is an id
     message.data = rows.tobytes()
     rig.pubs[TOPIC].publish(message)
     rig.answer()
-    assert keys(rig) == {("#5", 1)}
-    assert rig.refused(TOPIC) == {"bad key": 1}
-
-
-def test_a_key_that_is_none_is_no_repetition_of_another() -> None:
-    numbers, ids = np.array([6, 5]), np.array([-1, 2**32 - 1])
-    given = BoxRows(numbers, ids, np.zeros((2, 7)), np.ones((2, 3)))
-    assert given.are_keys.tolist() == [True, False]
-    assert not _repeated(numbers, ids, given.are_keys).any()
+    assert keys(rig) == {("#5", 2)}
+    assert rig.refused(TOPIC) == {"repeated": 2, "bad key": 1}
 
 
 def test_a_set_that_cannot_be_read_changes_nothing_but_marks_the_boxes(rig: Rig) -> None:
@@ -268,19 +235,6 @@ def test_names_that_stand_for_a_number_are_not_given_twice(rig: Rig) -> None:
     rig.send(cube(("#6", 2)))
     sync(rig)
     assert rig.refused("objects") == {"namespace number taken": 1}
-
-
-def test_boxes_can_be_read_back() -> None:
-    poses, sizes = np.random.default_rng(0).normal(size=(2, 3, 7)), np.ones((3, 3))
-    namespaces, ids, read, edges = boxes_from_ros(boxes_to_ros([1, 2, 3], poses[0], sizes, [7] * 3))
-    assert namespaces is not None
-    assert (namespaces.tolist(), ids.tolist()) == ([7] * 3, [1, 2, 3])
-    np.testing.assert_array_equal(read, poses[0])
-    np.testing.assert_array_equal(edges, sizes)
-    message = boxes_to_ros([1], poses[0][:1], sizes[:1])
-    message.fields = [field for field in message.fields if field.name != "size_x"]
-    with pytest.raises(RefusedError, match="no field 'size_x'"):
-        boxes_from_ros(message)
 
 
 def test_very_many_namespaces_do_not_hold_up_the_cycles(rig: Rig) -> None:

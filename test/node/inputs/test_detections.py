@@ -26,6 +26,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
+from each import each
 from rig import FRAME, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 
@@ -141,8 +142,8 @@ def test_sets_of_boxes_and_markers_are_others(rig: DetectionRig) -> None:
     assert rig.refused("objects") == {"object of another input": 1}
 
 
-@pytest.mark.parametrize(
-    ("bad", "reason"),
+@each(
+    "bad, reason",
     [
         (Seen(pose(3.0), (1.0, 0.0, 1.0), "2"), "bad size"),
         (Seen(pose(3.0), (1.0, float("nan"), 1.0), "2"), "bad size"),
@@ -162,7 +163,7 @@ def test_one_that_is_not_usable_is_not_known_and_the_others_count(
     assert ("detections", 2) in table
 
 
-@pytest.mark.parametrize("frame", ["", FRAME])
+@each("frame", ["", FRAME])
 def test_the_frame_of_all_is_that_of_the_message(rig: DetectionRig, frame: str) -> None:
     rig.see(Seen(pose(0.0), frame=""), Seen(pose(0.9), frame=FRAME), frame=frame)
     assert rig.pairs() == {("detections/0", "detections/1")}

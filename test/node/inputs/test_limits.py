@@ -24,6 +24,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 import trimesh
+from each import each
 from rig import Rig, cube, pose, sync
 from robot_rig import URDF, RobotRig
 from shape_markers import BOX, mesh_marker, triangle
@@ -86,7 +87,7 @@ def test_the_folders_of_meshes_cannot_be_changed_while_it_runs(rig: Rig) -> None
     assert "/" not in rig.node.parameters.folders.chosen
 
 
-@pytest.mark.parametrize("folder", ["meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b"])
+@each("folder", ["meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b"])
 def test_a_folder_is_an_absolute_path(folder: str) -> None:
     with pytest.raises(ValueError, match="is no absolute path"), Rig(mesh_folders=[folder]):
         pass

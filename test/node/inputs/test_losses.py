@@ -21,6 +21,7 @@ import random
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from rig import Rig, cube, pose
 
 from obb_collision.node.inputs.subscriptions import NO_NUMBER, Losses
@@ -46,7 +47,7 @@ def test_middlewares_without_numbers_count_nothing() -> None:
     assert [losses.count(number) for number in (None, 0, NO_NUMBER, NO_NUMBER + 5)] == [0] * 4
 
 
-@pytest.mark.parametrize("seed", range(20))
+@each("seed", range(20))
 def test_of_several_publishers_all_losses_are_counted(seed: int) -> None:
     rng = random.Random(seed)
     next_numbers = {"a": 1, "b": 1, "c": 700}

@@ -23,13 +23,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
+from each import each
 from rclpy.serialization import serialize_message
-from rig import FRAME, Rig, cube, pose, sync
+from rig import Rig, cube, pose, sync
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.inputs import markers as marker_input
-from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
 
 SECOND = 1_000_000_000
@@ -199,18 +199,7 @@ def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
     assert rig.stamp < stamp
 
 
-def test_markers_take_no_python_step_per_unchanged_object(rig: Rig) -> None:
-    writer = MarkerArrayWriter(FRAME, 0, 0.0)
-    for number in range(2000):
-        writer.add(("c", number), 1, 0, (3.0 * number, 0, 0, 0, 0, 0, 1.0), (1.0, 1.0, 1.0))
-    wait(rig, writer.message())
-    rig.until(lambda: len(keys(rig)) == 2000, "objects")
-    table = rig.node.objects.table
-    assert np.count_nonzero(table.visible) == 2000
-    assert rig.node.objects.scene.names[7] == "c/7"
-
-
-@pytest.mark.parametrize("seconds", [0, 7])
+@each("seconds", [0, 7])
 def test_overload_is_said_with_the_age_of_the_newest_state(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, seconds: int
 ) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from effect_topics import answer, listening
 from fake_frames import FakeFrames
 from rig import FRAME, Rig, cube, pose
@@ -41,7 +42,7 @@ def inside(rig: Rig) -> list[tuple[str, int]]:
     return [(found.name, found.points) for found in named_points_inside(message, ["a"])]
 
 
-@pytest.mark.parametrize("kind", ["<f4", "<f8", ">f4", ">f8"])
+@each("kind", ["<f4", "<f8", ">f4", ">f8"])
 def test_clouds_of_any_float_and_endianness_are_taken(rig: Rig, kind: str) -> None:
     listening(rig, "points_inside")
     rig.send(cube(("a", 1)))
@@ -120,8 +121,8 @@ def cloud(**fields: Any) -> PointCloud2:
     return cloud_to_ros(rows, Header(frame_id=FRAME))
 
 
-@pytest.mark.parametrize(
-    ("message", "reason"),
+@each(
+    "message, reason",
     [
         (PointCloud2(), "no field 'x'"),
         (cloud(x="<f4", y="<f4"), "no field 'z'"),

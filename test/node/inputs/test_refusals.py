@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from geometry_msgs.msg import Twist
 from rig import Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2, PointField
@@ -48,8 +49,8 @@ SENDERS = {
 }
 
 
-@pytest.mark.parametrize("reason", BAD_POSES)
-@pytest.mark.parametrize("topic", SENDERS)
+@each("reason", BAD_POSES)
+@each("topic", SENDERS)
 def test_a_bad_pose_is_refused_alone_and_its_object_keeps_colliding(
     rig: Rig, topic: str, reason: str
 ) -> None:
@@ -75,7 +76,7 @@ def test_a_bad_pose_is_refused_alone_and_its_object_keeps_colliding(
     assert (rig.node.status.answer.level, rig.node.status.answer.message) == (FREE, "free")
 
 
-@pytest.mark.parametrize("topic", SENDERS)
+@each("topic", SENDERS)
 def test_unknown_objects_are_refused_alone(rig: Rig, topic: str) -> None:
     rig.send(cube(A1, (3, 0, 0)), cube(A2))
     rig.answer()
@@ -85,7 +86,7 @@ def test_unknown_objects_are_refused_alone(rig: Rig, topic: str) -> None:
     assert sync(rig) == (set() if topic == "object_transform" else {("a/1", "a/2")})
 
 
-@pytest.mark.parametrize("topic", SENDERS)
+@each("topic", SENDERS)
 def test_poses_in_an_unknown_frame_are_refused_and_their_objects_marked(
     rig: Rig, topic: str
 ) -> None:
@@ -138,7 +139,7 @@ BAD_MARKERS = {
 }
 
 
-@pytest.mark.parametrize("reason", BAD_MARKERS)
+@each("reason", BAD_MARKERS)
 def test_a_bad_marker_is_refused_alone_and_never_taken_as_free(rig: Rig, reason: str) -> None:
     makers = BAD_MARKERS[reason]
     rig.listen("/diagnostics")

@@ -27,6 +27,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
+from each import each
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Twist, Vector3, Wrench
 from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message, serialize_message
@@ -117,7 +118,7 @@ KINDS: dict[str, tuple[Any, Callable[[bytes], Any], Callable[[Any, Any], None]]]
     "states": (states, cdr.states_from_bytes, same_states),
     "cloud": (clouds, cdr.cloud_from_bytes, same_cloud),
 }
-kinds = pytest.mark.parametrize("kind", KINDS)
+kinds = each("kind", KINDS)
 
 
 @kinds
@@ -166,7 +167,7 @@ def test_every_message_that_is_cut_short_or_goes_on_is_refused(kind: str) -> Non
 
 
 @kinds
-@pytest.mark.parametrize("length", [2**31 - 1, 2**31, 2**32 - 1, 2**32 - 8, 2**24])
+@each("length", [2**31 - 1, 2**31, 2**32 - 1, 2**32 - 8, 2**24])
 def test_enormous_lengths_are_refused_wherever_they_stand(kind: str, length: int) -> None:
     text = "a"
     message = {

@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration, Time
+from each import each
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message, serialize_message
@@ -161,7 +162,7 @@ def test_damaged_messages_are_refused_or_read_within_their_bytes(
 LENGTHS = [2**31 - 1, 2**31, 2**32 - 1, 2**32 - 8, 2**24]
 
 
-@pytest.mark.parametrize("length", LENGTHS)
+@each("length", LENGTHS)
 def test_enormous_lengths_are_refused_wherever_they_stand(length: int) -> None:
     marker = Marker(ns="abc", text="t", points=[Point()], colors=[ColorRGBA()])
     marker.mesh_file.data = b"123"

@@ -22,6 +22,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 import trimesh
+from each import each
 from geometry_msgs.msg import Point
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
@@ -58,15 +59,15 @@ def world(message: Marker) -> OBB:
     return OBB(*shape_from_ros(message).local_box)
 
 
-@pytest.mark.parametrize("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER])
+@each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER])
 def test_bodies_fill_their_scale(kind: int) -> None:
     box = world(marker(kind, (1.0, 2.0, 3.0)))
     assert box.half_extents.tolist() == [0.5, 1.0, 1.5]
     assert box.center.tolist() == [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(
-    ("kind", "scale", "reach"),
+@each(
+    "kind, scale, reach",
     [
         (Marker.TRIANGLE_LIST, (2.0, 1.0, 1.0), (0.0, 0.0, 0.0)),
         (Marker.CUBE_LIST, (0.2, 0.4, 0.6), (0.1, 0.2, 0.3)),
@@ -108,8 +109,8 @@ def test_meshes_are_read_from_uris_and_from_the_message(tmp_path: Path) -> None:
     assert sorted(world(sent).half_extents.round(6)) == [0.5, 1.0, 1.5]
 
 
-@pytest.mark.parametrize(
-    ("message", "reason"),
+@each(
+    "message, reason",
     [
         (marker(Marker.TEXT_VIEW_FACING), "no body"),
         (marker(77), "unknown marker type"),
@@ -132,9 +133,7 @@ def test_what_is_no_body_is_refused_with_a_reason(message: Marker, reason: str) 
     assert caught.value.reason == reason
 
 
-@pytest.mark.parametrize(
-    "uri", ["file:///no/such.stl", "package://none/x.stl", "http://a/b.stl", "x.stl"]
-)
+@each("uri", ["file:///no/such.stl", "package://none/x.stl", "http://a/b.stl", "x.stl"])
 def test_meshes_that_cannot_be_read_are_refused(uri: str) -> None:
     message = marker(Marker.MESH_RESOURCE)
     message.mesh_resource = uri

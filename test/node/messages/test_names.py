@@ -27,6 +27,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
+from each import each
 from rclpy.serialization import deserialize_message
 from rig import Rig, cube, pose, sync
 from std_srvs.srv import Trigger
@@ -118,7 +119,7 @@ def test_of_two_namespaces_with_one_number_the_second_is_refused_until_the_first
         assert {frozenset(pair) for pair in rig.pairs()} == {frozenset(("a/1", "buckeroo/1"))}
 
 
-@pytest.mark.parametrize("number", [0, 1, -1, 2**31 - 1, -(2**31)])
+@each("number", [0, 1, -1, 2**31 - 1, -(2**31)])
 def test_unknown_numbers_are_refused_and_counted(rig: Rig, number: int) -> None:
     rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
     rig.answer()
@@ -159,9 +160,7 @@ def test_long_names_are_refused_and_not_kept(rig: Rig) -> None:
     assert set(namespace_table(rig.last["namespaces"]).values()) == {limit, "a", "sync"}
 
 
-@pytest.mark.parametrize(
-    "name", ["\ud800", "a\0b", "é" * 128, "a\nb", "\n" * 255, "\ud800" * 2000, LONG]
-)
+@each("name", ["\ud800", "a\0b", "é" * 128, "a\nb", "\n" * 255, "\ud800" * 2000, LONG])
 def test_what_is_no_name_is_refused(name: str) -> None:
     with pytest.raises(RefusedError, match="bad name"):
         check_name(name, "namespace")
@@ -227,7 +226,7 @@ def test_unused_namespaces_stay_until_their_place_is_needed() -> None:
     assert table.version > version
 
 
-@pytest.mark.parametrize("count", [0, 1, 5])
+@each("count", [0, 1, 5])
 def test_the_table_is_written_as_rclpy_would(count: int) -> None:
     names = {namespace_number("ä" * n): "ä" * n for n in range(count)}
     message = deserialize_message(namespace_bytes(names), DiagnosticStatus)

@@ -25,6 +25,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 import trimesh
+from each import each
 from gate import Gate
 from rig import Rig, cube, pose, sync
 from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, triangle
@@ -129,19 +130,18 @@ ENDS: dict[str, Callable[[Rig], Any]] = {
 }
 
 
-@pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("had_shape", [False, True])
-def test_what_is_deleted_does_not_come_back(
-    rig: Rig, gate: Gate, end: str, had_shape: bool
-) -> None:
+@each("end", ENDS)
+@each("had_shape", [False, True])
+def test_what_is_deleted_does_not_come_back(rig: Rig, end: str, had_shape: bool) -> None:
+    gate, size = Gate(rig), 1.0 + [*ENDS].index(end) + 0.5 * had_shape  # none is built yet
     if had_shape:
         rig.send(cube(BODY))
-    rig.send(triangle())
+    rig.send(triangle(size=size))
     rig.until(lambda: rig.node.objects.shapes.builder.is_busy, "the job")
     ENDS[end](rig)
     gone(rig, BODY)
     gate.open()
-    rig.send(cube(BOX), triangle(OTHER, x=0.1))
+    rig.send(cube(BOX), triangle(OTHER, size=size, x=0.1))
     rig.built(OTHER)
     assert named(sync(rig)) == named({("box/1", "body/2")})
     assert BODY not in rig.node.objects.table.slots

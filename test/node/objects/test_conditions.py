@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 
 import obb_collision
 from obb_collision.node.objects import conditions
@@ -44,7 +45,7 @@ EVENTS = {name: value for name, value in vars(conditions).items() if isinstance(
 WRITER = "conditions.py"
 
 
-@pytest.mark.parametrize("event", EVENTS.values(), ids=EVENTS)
+@each("event", EVENTS.values())
 def test_an_event_changes_its_facts_only_and_needs_others(event: Event) -> None:
     assert event.needs & LIVE
     for before in range(0, ALL + 1, 7):
@@ -59,7 +60,7 @@ def test_an_event_changes_its_facts_only_and_needs_others(event: Event) -> None:
             assert column[0] == before
 
 
-@pytest.mark.parametrize("name", [name for name in EVENTS if name.endswith("_REFUSED")])
+@each("name", [name for name in EVENTS if name.endswith("_REFUSED")])
 def test_what_is_refused_is_never_placed(name: str) -> None:
     assert EVENTS[name].begins & STATES["refused"]
 

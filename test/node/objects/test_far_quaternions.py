@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from rig import Rig, cube, pose
 
 from obb_collision.node import namespace_number
@@ -42,7 +43,7 @@ SENDERS: dict[str, Callable[[Rig], None]] = {
 }
 
 
-@pytest.mark.parametrize("topic", SENDERS)
+@each("topic", SENDERS)
 def test_it_is_normalised_counted_and_told_once(
     topic: str, rig: Rig, capfd: pytest.CaptureFixture[str]
 ) -> None:

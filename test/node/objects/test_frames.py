@@ -24,7 +24,6 @@ from fake_frames import FakeFrames
 from rig import Rig, cube, pose
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import collisions_from_ros
 from obb_collision.node.objects import frames as frames_of_node
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -49,34 +48,6 @@ def test_poses_in_other_frames_are_placed_at_their_stamp() -> None:
         assert rig.pairs() == {("a/1", "a/2")}, "not locked: stays where it was placed"
         rig.send_poses([2], [pose(1.5)], frame="robot")
         assert rig.pairs() == set()
-
-
-def test_frame_locked_objects_follow_their_frame() -> None:
-    frames = FakeFrames()
-    frames.known["robot"] = pose(5.0)
-    with Rig(frames) as rig:
-        rig.send(cube(A1), in_frame(cube(A2, frame_locked=True), "robot"))
-        assert rig.pairs() == set()
-        frames.known["robot"] = pose(0.5)
-        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 1, "followed")
-        assert ("robot", 0) in frames.asked
-        del frames.known["robot"]
-        table = rig.node.objects.table
-        rig.until(lambda: rig.node.objects.table.doubtful[table.slots[A2]], "doubt")
-        assert len(collisions_from_ros(rig.next("collisions"))) == 1, "keeps its last box"
-
-
-def test_an_object_whose_frame_is_not_known_yet_is_unplaceable_until_it_is() -> None:
-    frames = FakeFrames()
-    with Rig(frames, transform_timeout=0.0) as rig:
-        rig.listen("/diagnostics")
-        rig.send(cube(A1), in_frame(cube(A2), "late"))
-        rig.until(lambda: rig.refused("objects") == {"unknown frame": 1}, "refusal")
-        assert rig.status(": objects")["names unplaceable"] == "a/2"
-        frames.known["late"] = pose(0.5)
-        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 1, "placed")
-        assert rig.refused("objects") == {"unknown frame": 1}, "counted once"
-        assert rig.status(": objects")["unplaceable"] == "0"
 
 
 def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,6 +29,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 import trimesh
+from each import each
 from geometry_msgs.msg import Point
 from rig import Rig, cube, sync
 from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, triangle
@@ -174,7 +175,7 @@ def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
     assert not rig.refused("objects")
 
 
-@pytest.mark.parametrize("at_start", [True, False])
+@each("at_start", [True, False])
 def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at_start: bool
 ) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from objects_rig import ObjectsRig
 
 from obb_collision.node.messages.conversions import name_from_key
@@ -29,7 +30,7 @@ from obb_collision.node.objects.table import COLUMNS, FIRST_ROWS
 from obb_collision.shapes import Box
 
 
-@pytest.mark.parametrize("failing", range(0, len(COLUMNS), 2))
+@each("failing", range(0, len(COLUMNS), 2))
 def test_an_object_without_room_in_the_tables_leaves_no_trace(
     failing: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from objects_rig import START, ObjectsRig
 from rig import Rig, color, cube, pose, sync
 
@@ -92,8 +93,8 @@ class Checked:
         return np.array(kept)[find_pairs(boxes)].tolist()
 
 
-@pytest.mark.parametrize("count", [5, 100])
-@pytest.mark.parametrize("bad", [[0], [2], [4], [1, 3], [0, 1, 2, 3, 4]])
+@each("count", [5, 100])
+@each("bad", [[0], [2], [4], [1, 3], [0, 1, 2, 3, 4]])
 def test_objects_that_fail_are_set_aside_and_all_others_checked(
     count: int, bad: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,7 +242,7 @@ def in_verdicts(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
     return "check"
 
 
-@pytest.mark.parametrize("stage", [in_placing, in_bounds, in_verdicts])
+@each("stage", [in_placing, in_bounds, in_verdicts])
 def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes_on(
     stage: Callable[..., str], rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -286,7 +287,7 @@ EFFECTS = {
 }
 
 
-@pytest.mark.parametrize("topic", list(EFFECTS))
+@each("topic", list(EFFECTS))
 def test_an_effect_that_fails_for_an_object_names_it_and_is_computed_for_the_rest(
     topic: str, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

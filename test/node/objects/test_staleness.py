@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from objects_rig import SECOND, START, ObjectsRig
 from rig import Rig, color, cube
 from scipy.spatial.transform import Rotation
@@ -88,7 +89,7 @@ def test_a_stale_box_collides_with_all_that_it_can_have_reached() -> None:
     assert half_extents(rig, 1).tolist() == [0.5] * 3, "whose sender goes on"
 
 
-@pytest.mark.parametrize(("policy", "found"), [(UNKNOWN, 0), (KEEP, 0), (IGNORE, 0), (COLLIDE, 1)])
+@each("policy, found", [(UNKNOWN, 0), (KEEP, 0), (IGNORE, 0), (COLLIDE, 1)])
 def test_only_this_policy_grows_boxes(policy: str, found: int) -> None:
     rig = lost_sight(policy, x=1.5)
     step(rig, 1.0)
@@ -131,7 +132,7 @@ def test_the_age_is_that_of_the_stamp_where_that_is_older() -> None:
         assert half_extents(rig) == pytest.approx(0.5 + SPEED * age)
 
 
-@pytest.mark.parametrize("waits", [False, True])
+@each("waits", [False, True])
 def test_a_faster_twist_counts_also_while_its_state_waits(waits: bool) -> None:
     rig = lost_sight()
     twist = np.array([[0.0, 2.5, 0.0, 0.0, 0.0, 0.0]])
@@ -216,7 +217,7 @@ def test_what_is_sent_once_does_not_age_and_each_object_has_its_own_limit() -> N
     assert (rig.known().reasons[0].code, rig.known().reasons[0].who) == ("stale", ("a/2",))
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "hull", "mesh"])
+@each("accuracy", ["sphere", "aabb", "hull", "mesh"])
 def test_every_accuracy_respects_the_growth(accuracy: str) -> None:
     rig = ObjectsRig(A1, A2)
     rig.limit(0.5, COLLIDE, speed=SPEED, reach=10.0)

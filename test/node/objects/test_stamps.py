@@ -23,6 +23,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
+from each import each
 from effect_topics import listening
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
 from rig import FRAME, Rig, cube, pose, sync
@@ -154,7 +155,7 @@ def test_a_state_without_a_stamp_is_always_taken_and_orders_nothing() -> None:
     assert rig.objects.newest_stamp(rig.now) == START + 1
 
 
-@pytest.mark.parametrize("newest", [START - 5, START + HOUR])
+@each("newest", [START - 5, START + HOUR])
 def test_markers_follow_the_same_rule(newest: int) -> None:
     rig = ObjectsRig(A1)
     rig.send(newest)
@@ -223,7 +224,7 @@ POSE_TOPICS = ("object_transform", "object_states", "object_poses", "points")
 SENDERS = {"objects": send_marker} | {topic: with_stamp(topic) for topic in POSE_TOPICS}
 
 
-@pytest.mark.parametrize("topic", SENDERS)
+@each("topic", SENDERS)
 def test_stamps_that_no_clock_gives_are_refused_by_topic(rig: Rig, topic: str) -> None:
     rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}

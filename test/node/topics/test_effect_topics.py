@@ -24,6 +24,7 @@ import numpy.lib.recfunctions as rfn
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
 from effect_topics import answer, listening
 from rig import FIRST_STAMP, Rig, cube, pose
 from sensor_msgs.msg import PointField
@@ -53,7 +54,7 @@ from obb_collision.scene.effects.sweep import SweptPairs
 CLOUDS = {topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cloud)}
 
 
-@pytest.mark.parametrize("topic", ["contacts", "clearances", "predicted_collisions"])
+@each("topic", ["contacts", "clearances", "predicted_collisions"])
 def test_messages_come_every_cycle_also_when_there_is_nothing(rig: Rig, topic: str) -> None:
     listening(rig, topic)
     first, second = rig.next(topic), rig.next(topic)
@@ -223,7 +224,7 @@ def test_passed_coming_and_undecided_each_have_their_marks() -> None:
     assert len(named_predictions(old, ["a"])) == 2, "recorded with an earlier version"
 
 
-@pytest.mark.parametrize("topic", CLOUDS)
+@each("topic", CLOUDS)
 def test_readers_refuse_other_messages_and_older_tables(topic: str) -> None:
     read, rows = CLOUDS[topic].named, np.zeros(1, CLOUDS[topic].dtype)
     rows["ns" if topic == "points_inside" else "ns_b"] = namespace_number("arm")
@@ -237,7 +238,7 @@ def test_readers_refuse_other_messages_and_older_tables(topic: str) -> None:
         read(cloud_to_ros(np.zeros(1, [("x", "<f4")])), ["arm"])
 
 
-@pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
+@each("cloud", CLOUDS.values())
 def test_rows_are_aligned_and_drawn_by_rviz(cloud: Cloud[Any]) -> None:
     layout: Any = cloud.dtype
     assert layout.itemsize % 8 == 0

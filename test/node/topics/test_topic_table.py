@@ -21,6 +21,8 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
+from each import each
+
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 from obb_collision.scene.effects import EFFECTS
@@ -42,7 +44,7 @@ def layout_rows(topic: str) -> list[list[str]]:
     return [first, *takewhile(lambda row: row[:2] == ["", ""], map(cells, lines))]
 
 
-@pytest.mark.parametrize("topic", [*TOPICS.values(), NAMESPACES], ids=lambda topic: topic.name)
+@each("topic", [*TOPICS.values(), NAMESPACES])
 def test_the_documentation_has_type_and_qos_of_each_topic(topic: Topic) -> None:
     kind = f"`{topic.message.__module__.split('.')[0]}/{topic.message.__name__}`"
     lines = (ROOT / "docs" / "node.md").read_text().splitlines()
@@ -52,7 +54,7 @@ def test_the_documentation_has_type_and_qos_of_each_topic(topic: Topic) -> None:
     assert topic.is_latched or str(topic.qos.depth) in qos
 
 
-@pytest.mark.parametrize("name", sorted(EFFECTS.keys() & TOPICS.keys()))
+@each("name", sorted(EFFECTS.keys() & TOPICS.keys()))
 def test_the_documentation_has_the_fields_of_the_cloud_of_each_effect(name: str) -> None:
     cloud = TOPICS[name]
     assert isinstance(cloud, Cloud)
