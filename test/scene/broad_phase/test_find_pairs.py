@@ -112,7 +112,7 @@ def floor_plan(rng: Rng, n: int) -> oc.Boxes:
 
 def bricks(rng: Rng, n: int) -> oc.Boxes:
     """Lay bricks edge to edge: every neighbour touches exactly, corners included."""
-    cells = np.array(list(np.ndindex(*[round(n ** (1 / 3))] * 3)))[: max(n, 1)]
+    cells = np.array(list(np.ndindex(*[round(n ** (1 / 3))] * 3))).reshape(-1, 3)
     cells = rng.permutation(cells)
     return upright(cells * [1.0, 0.5, 0.25], np.tile([0.5, 0.25, 0.125], (len(cells), 1)))
 
