@@ -332,8 +332,9 @@ class Rig(Client):
         self.until(lambda: "namespaces" in self.last and "in_collision" in self.last, "latched")
 
     def another_case(self) -> None:
-        """Take all objects away, and what was counted: one node serves many cases."""
-        self.node.objects.clear()
+        """Take objects away, but not robots, and what was counted: one node serves many cases."""
+        if self.node.robots is None:
+            self.node.objects.clear()
         for topic in self.pubs.keys() & self.node._monitors.keys():
             monitor = self.monitor(topic)
             monitor.refused.clear()
