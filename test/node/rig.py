@@ -121,12 +121,21 @@ def cube(
 
 
 AnyRig = TypeVar("AnyRig", bound="Rig")
+SHARED: list[Any] = []
+"""The rig that several tests share: one of another kind ends it, as nodes have the same names."""
+
+
+def end_shared() -> None:
+    """End the shared rig."""
+    while SHARED:
+        SHARED.pop().__exit__()
 
 
 class Client:
     """A node that talks to a collision node by topics only."""
 
     def __init__(self, context: Context, executor: SingleThreadedExecutor) -> None:
+        end_shared()
         self.executor = executor
         self.client = Node("client", context=context, namespace=NAMESPACE)
         self.pubs = {

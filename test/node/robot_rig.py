@@ -16,15 +16,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rig import LATCHED, NAMESPACE, RELIABILITY, Rig
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
+from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.parameters.parameters import SPECS
+from obb_collision.node.robots.validity import ROWS, VALID
 
 STATUS = "collision_status"
 
@@ -120,3 +126,53 @@ class RobotRig(Rig):
         """The robot of the node."""
         assert self.node.robots is not None
         return self.node.robots.robots[0]
+
+
+class ValidityRig(RobotRig):
+    """A rig that asks which states are valid."""
+
+    def __init__(self, given: Any = None, **options: Any) -> None:
+        super().__init__(given, **options)
+        self.questions = self.client.create_publisher(PointCloud2, "arm/states_to_check", 10)
+        self.answers: list[PointCloud2] = []
+        self.client.create_subscription(PointCloud2, "arm/state_validity", self.answers.append, 10)
+        self.pubs["questions"] = self.questions
+        self.wait_inputs()
+        assert self.node.robots is not None
+        publisher = self.node.robots._publishers["arm/state_validity"]
+        self.until(publisher.get_subscription_count, "the subscription")
+        names = [spec.name for spec in SPECS if not spec.fixed]
+        self.initial = {name: self.node.get_parameter(name).value for name in names}
+
+    def ask(
+        self, states: Any, names: Sequence[str] = ("lift", "turn"), kind: str = "<f8"
+    ) -> np.ndarray:
+        """Return the rows of the answer to states (n, joints)."""
+        rows = np.zeros(len(states), [(name, kind) for name in names])
+        for column, name in enumerate(names):
+            rows[name] = np.asarray(states)[:, column]
+        self.answers.clear()
+        message = cloud_to_ros(rows, self.header())
+        self.questions.publish(message)
+        self.until(lambda: self.answers, "the answer")
+        assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
+        return cloud_from_ros(self.answers[0], ROWS.names or ())
+
+    def reasons(self, states: Any, **options: Any) -> list[int]:
+        """Return why states are not valid; valid and reason must fit."""
+        rows = self.ask(states, **options)
+        assert rows["index"].tolist() == list(range(len(states)))
+        np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == VALID)
+        return list(rows["reason"].tolist())
+
+    def renew(self) -> None:
+        """Take everything back: parameters, objects, joints, and what was refused."""
+        values = {name: self.node.get_parameter(name).value for name in self.initial}
+        self.set(**{n: v for n, v in self.initial.items() if v != values[n]})
+        self.call(Trigger, "obb_collision/clear", Trigger.Request())
+        self.stamp = max(self.stamp, self.now())
+        self.send_joints(lift=0.0, turn=0.0)
+        self.answer()
+        for topic in ("objects", "object_transform", "arm/joint_states", "arm/states_to_check"):
+            self.monitor(topic).refused.clear()
+            self.monitor(topic).doubted.clear()

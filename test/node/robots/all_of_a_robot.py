@@ -26,9 +26,8 @@ from pathlib import Path
 
 import numpy as np
 from rig import cube
-from robot_rig import URDF
+from robot_rig import URDF, ValidityRig
 from std_msgs.msg import Float64
-from test_state_validity import ValidityRig
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker
 

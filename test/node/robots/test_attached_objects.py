@@ -28,9 +28,8 @@ from fake_frames import FakeFrames
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import cube
-from robot_rig import SRDF, URDF
+from robot_rig import SRDF, URDF, ValidityRig
 from std_msgs.msg import String
-from test_state_validity import ValidityRig
 from test_trajectories import QUARTER, TrajectoryRig
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -64,33 +63,29 @@ def put(rig: Any, *markers: Marker, stamped: bool = True) -> None:
     quarter(rig, 0.0)
 
 
-def test_it_moves_with_its_link() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        put(rig, held())
-        np.testing.assert_allclose(rig.pose_of(TOOL)[:3], (1.3, 0.0, 0.5), atol=1e-12)
-        quarter(rig)
-        np.testing.assert_allclose(rig.pose_of(TOOL)[:3], (0.0, 1.3, 0.5), atol=1e-12)
-        rig.send_joints({"turn": 2.0, "lift": 0.5}, turn=np.pi / 2, lift=0.0)
-        rig.answer()
-        slot = rig.node.objects.table.find_named([NAME])[0]
-        twist = rig.node.objects.scene._store.twists[slot]
-        np.testing.assert_allclose(twist, (-2.6, 0.0, 0.5, 0.0, 0.0, 2.0), atol=1e-8)
+def test_it_moves_with_its_link(arm: ValidityRig) -> None:
+    put(arm, held())
+    np.testing.assert_allclose(arm.pose_of(TOOL)[:3], (1.3, 0.0, 0.5), atol=1e-12)
+    quarter(arm)
+    np.testing.assert_allclose(arm.pose_of(TOOL)[:3], (0.0, 1.3, 0.5), atol=1e-12)
+    arm.send_joints({"turn": 2.0, "lift": 0.5}, turn=np.pi / 2, lift=0.0)
+    arm.answer()
+    slot = arm.node.objects.table.find_named([NAME])[0]
+    twist = arm.node.objects.scene._store.twists[slot]
+    np.testing.assert_allclose(twist, (-2.6, 0.0, 0.5, 0.0, 0.0, 2.0), atol=1e-8)
 
 
-def test_it_collides_with_all_but_its_link_and_what_it_may_touch() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        put(rig, held((0.5, 0.0, 0.0), (1.1, 0.1, 0.1)))  # from the column to the end of the hand
-        assert rig.pairs() == {("arm/column/0", NAME)}
-        rig.send(cube(CRATE, (0.0, 1.1, 0.5), EDGES))
-        quarter(rig)
-        assert (CRATE[0] + "/1", NAME) in rig.pairs()
-        assert rig.reasons([[0.0, 0.0]]) == [COLLIDES]
-        rig.set(robot_touch_links=["arm/hand: arm/col*"])
-        rig.send_joints(turn=0.0, lift=0.0)
-        rig.until(lambda: not rig.pairs(), "no pair")
-        assert rig.reasons([[0.0, 0.0]]) == [VALID]
+def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: ValidityRig) -> None:
+    put(arm, held((0.5, 0.0, 0.0), (1.1, 0.1, 0.1)))  # from the column to the end of the hand
+    assert arm.pairs() == {("arm/column/0", NAME)}
+    arm.send(cube(CRATE, (0.0, 1.1, 0.5), EDGES))
+    quarter(arm)
+    assert (CRATE[0] + "/1", NAME) in arm.pairs()
+    assert arm.reasons([[0.0, 0.0]]) == [COLLIDES]
+    arm.set(robot_touch_links=["arm/hand: arm/col*"])
+    arm.send_joints(turn=0.0, lift=0.0)
+    arm.until(lambda: not arm.pairs(), "no pair")
+    assert arm.reasons([[0.0, 0.0]]) == [VALID]
 
 
 def test_it_may_touch_the_end_effector_of_the_srdf() -> None:
@@ -108,34 +103,30 @@ def test_it_may_touch_the_end_effector_of_the_srdf() -> None:
 
 
 @each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW])
-def test_states_are_checked_with_it_as_a_part_of_the_robot(kind: int) -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (0.0, 1.3, 0.5), EDGES), held(type=kind))
-        rig.built(TOOL, CRATE)
-        rows = rig.ask([[0.0, 0.0], [0.0, np.pi / 2], [0.0, -0.3]])
-        assert rows["reason"].tolist() == [VALID, COLLIDES, VALID]  # where it is now is no obstacle
-        table = rig.node.objects.table
-        slots = table.find_named([NAME, "crate/1"])
-        ids = list(zip(table.ns[slots].tolist(), table.id[slots].tolist(), strict=True))
-        pairs = [tuple(rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b"))]
-        assert pairs == [(*ids[0], *ids[1])]
+def test_states_are_checked_with_it_as_a_part_of_the_robot(kind: int, arm: ValidityRig) -> None:
+    arm.send(cube(CRATE, (0.0, 1.3, 0.5), EDGES), held(type=kind))
+    arm.built(TOOL, CRATE)
+    rows = arm.ask([[0.0, 0.0], [0.0, np.pi / 2], [0.0, -0.3]])
+    assert rows["reason"].tolist() == [VALID, COLLIDES, VALID]  # where it is now is no obstacle
+    table = arm.node.objects.table
+    slots = table.find_named([NAME, "crate/1"])
+    ids = list(zip(table.ns[slots].tolist(), table.id[slots].tolist(), strict=True))
+    pairs = [tuple(rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b"))]
+    assert pairs == [(*ids[0], *ids[1])]
 
 
-def test_it_can_be_exchanged_moved_and_detached() -> None:
+def test_it_can_be_exchanged_moved_and_detached(arm: ValidityRig) -> None:
     there = [[0.0, np.pi / 2]]
-    with ValidityRig() as rig:
-        rig.start_robot()
-        put(rig, cube(CRATE, (0.0, 1.3, 0.5), EDGES), held())
-        assert rig.reasons(there) == [COLLIDES]
-        put(rig, held((1.5, 0.0, 0.0)))
-        assert rig.reasons(there) == [VALID]
-        put(rig, held((1.5, 0.0, 0.0), (0.5, 0.1, 0.1)))
-        assert rig.reasons(there) == [COLLIDES]
-        put(rig, held(action=Marker.DELETE))
-        assert rig.reasons(there) == [VALID]
-        put(rig, held(), cube(TOOL, (0.0, -1.0, 0.5), EDGES))  # put down where the hand may be
-        assert rig.reasons([*there, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
+    put(arm, cube(CRATE, (0.0, 1.3, 0.5), EDGES), held())
+    assert arm.reasons(there) == [COLLIDES]
+    put(arm, held((1.5, 0.0, 0.0)))
+    assert arm.reasons(there) == [VALID]
+    put(arm, held((1.5, 0.0, 0.0), (0.5, 0.1, 0.1)))
+    assert arm.reasons(there) == [COLLIDES]
+    put(arm, held(action=Marker.DELETE))
+    assert arm.reasons(there) == [VALID]
+    put(arm, held(), cube(TOOL, (0.0, -1.0, 0.5), EDGES))  # put down where the hand may be
+    assert arm.reasons([*there, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
 
 
 def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles() -> None:
@@ -152,17 +143,15 @@ def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles()
         assert checked.scene().attached == {}
 
 
-def test_without_knowing_the_joints_it_is_grey_and_no_state_valid() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        put(rig, held())
-        slot = rig.node.objects.table.find_named([NAME])[0]
-        rig.send_joints(turn=float("nan"))
-        rig.until(lambda: rig.node.objects.table.doubtful[slot], "grey")
-        assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
-        quarter(rig, 0.0)
-        assert not rig.node.objects.table.doubtful[slot]
-        assert rig.reasons([[0.0, 0.0]]) == [VALID]
+def test_without_knowing_the_joints_it_is_grey_and_no_state_valid(arm: ValidityRig) -> None:
+    put(arm, held())
+    slot = arm.node.objects.table.find_named([NAME])[0]
+    arm.send_joints(turn=float("nan"))
+    arm.until(lambda: arm.node.objects.table.doubtful[slot], "grey")
+    assert arm.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
+    quarter(arm, 0.0)
+    assert not arm.node.objects.table.doubtful[slot]
+    assert arm.reasons([[0.0, 0.0]]) == [VALID]
 
 
 def test_it_may_come_before_its_robot() -> None:
@@ -181,12 +170,10 @@ def test_it_may_come_before_its_robot() -> None:
         assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
 
 
-def test_the_frame_of_no_link_is_refused_and_states_are_not_valid() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        put(rig, held(frame="arm/foot"))
-        assert rig.refused("objects") == {"unknown frame": 1}
-        assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
+def test_the_frame_of_no_link_is_refused_and_states_are_not_valid(arm: ValidityRig) -> None:
+    put(arm, held(frame="arm/foot"))
+    assert arm.refused("objects") == {"unknown frame": 1}
+    assert arm.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
 
 
 @each("by_tf", [False, True])
@@ -203,25 +190,21 @@ def test_the_frame_may_be_that_of_tf(by_tf: bool) -> None:
         assert rig.reasons([[0.0, 0.0], [0.0, np.pi / 2]]) == [VALID, COLLIDES]
 
 
-def test_a_marker_that_is_not_locked_is_an_obstacle() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        marker = held()
-        marker.frame_locked = False
-        put(rig, marker, stamped=False)
-        quarter(rig)
-        np.testing.assert_allclose(rig.pose_of(TOOL)[:3], (1.3, 0.0, 0.5), atol=1e-12)
-        assert not len(rig.robot.attached.slots)
+def test_a_marker_that_is_not_locked_is_an_obstacle(arm: ValidityRig) -> None:
+    marker = held()
+    marker.frame_locked = False
+    put(arm, marker, stamped=False)
+    quarter(arm)
+    np.testing.assert_allclose(arm.pose_of(TOOL)[:3], (1.3, 0.0, 0.5), atol=1e-12)
+    assert not len(arm.robot.attached.slots)
 
 
-def test_two_that_one_link_holds_may_touch() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        other = held((1.35, 0.0, 0.0))
-        other.id = 2
-        put(rig, held(), other)
-        assert rig.pairs() == set()
-        assert rig.reasons([[0.0, 0.0]]) == [VALID]
+def test_two_that_one_link_holds_may_touch(arm: ValidityRig) -> None:
+    other = held((1.35, 0.0, 0.0))
+    other.id = 2
+    put(arm, held(), other)
+    assert arm.pairs() == set()
+    assert arm.reasons([[0.0, 0.0]]) == [VALID]
 
 
 def test_trajectories_are_refused_and_stopped_for_what_is_attached() -> None:

@@ -28,9 +28,8 @@ pytest.importorskip("lxml")
 pytest.importorskip("trajectory_msgs")
 from fake_frames import FakeFrames
 from rig import cube, pose
-from robot_rig import URDF, RobotRig
+from robot_rig import URDF, RobotRig, ValidityRig
 from sensor_msgs.msg import JointState, PointCloud2
-from test_state_validity import ValidityRig
 from test_trajectories import QUARTER, TrajectoryRig
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -64,44 +63,40 @@ def assert_well(rig: RobotRig) -> None:
 
 
 @each("speed", [5e-324, 1e-310, 1e-20, 1e300, 1e9, NAN, np.inf, -1e308])
-def test_any_velocity_leaves_the_links_where_the_positions_say(speed: float) -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        send(rig, ("lift", "turn"), (0.25, 0.0), speed, 0.0)
-        np.testing.assert_allclose(rig.pose_of(("arm/hand", 0)), pose(0.5, 0.0, 0.75), atol=1e-12)
-        assert rig.robot.fault == ""
-        assert_well(rig)
+def test_any_velocity_leaves_the_links_where_the_positions_say(
+    speed: float, arm: ValidityRig
+) -> None:
+    send(arm, ("lift", "turn"), (0.25, 0.0), speed, 0.0)
+    np.testing.assert_allclose(arm.pose_of(("arm/hand", 0)), pose(0.5, 0.0, 0.75), atol=1e-12)
+    assert arm.robot.fault == ""
+    assert_well(arm)
 
 
-def test_slow_joints_have_twists_in_proportion() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        for speed in (1e-9, 1e-6, 1e-3, 1.0):
-            send(rig, ("lift", "turn"), (0.0, 0.0), speed, 0.0)
-            slot = rig.node.objects.table.slots["arm/hand", 0]
-            twist = rig.node.objects.table.twist[slot]
-            np.testing.assert_allclose(twist, [0, 0, speed, 0, 0, 0], atol=1e-9 * speed + 1e-15)
+def test_slow_joints_have_twists_in_proportion(arm: ValidityRig) -> None:
+    for speed in (1e-9, 1e-6, 1e-3, 1.0):
+        send(arm, ("lift", "turn"), (0.0, 0.0), speed, 0.0)
+        slot = arm.node.objects.table.slots["arm/hand", 0]
+        twist = arm.node.objects.table.twist[slot]
+        np.testing.assert_allclose(twist, [0, 0, speed, 0, 0, 0], atol=1e-9 * speed + 1e-15)
 
 
-def test_joints_that_cannot_be_used_are_refused_with_the_reason() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        for names, positions, reason in (
-            (("lift", "turn"), (NAN, 0.0), "bad position"),
-            (("lift", "turn"), (0.0, -np.inf), "bad position"),
-            (("lift", "turn", "lift"), (0.0, 0.0, 1.0), "repeated joint"),
-            (("lift", "lift"), (NAN, 0.0), "repeated joint"),
-            (("lift", "turn"), (0.0,), "array lengths differ"),
-        ):
-            before = rig.refused("arm/joint_states").get(reason, 0)
-            send(rig, names, positions)
-            assert rig.robot.fault.startswith("joints whose state was refused: lift"[:30])
-            assert rig.refused("arm/joint_states")[reason] > before
-            assert_well(rig)
-        send(rig, ["x" * 1_000_000, "", "turn\n"], (0.0, 0.0, 0.0))
-        send(rig, [f"j{k}" for k in range(20_000)], np.zeros(20_000).tolist())
-        assert rig.robot.fault == ""
-        assert_well(rig)
+def test_joints_that_cannot_be_used_are_refused_with_the_reason(arm: ValidityRig) -> None:
+    for names, positions, reason in (
+        (("lift", "turn"), (NAN, 0.0), "bad position"),
+        (("lift", "turn"), (0.0, -np.inf), "bad position"),
+        (("lift", "turn", "lift"), (0.0, 0.0, 1.0), "repeated joint"),
+        (("lift", "lift"), (NAN, 0.0), "repeated joint"),
+        (("lift", "turn"), (0.0,), "array lengths differ"),
+    ):
+        before = arm.refused("arm/joint_states").get(reason, 0)
+        send(arm, names, positions)
+        assert arm.robot.fault.startswith("joints whose state was refused: lift"[:30])
+        assert arm.refused("arm/joint_states")[reason] > before
+        assert_well(arm)
+    send(arm, ["x" * 1_000_000, "", "turn\n"], (0.0, 0.0, 0.0))
+    send(arm, [f"j{k}" for k in range(20_000)], np.zeros(20_000).tolist())
+    assert arm.robot.fault == ""
+    assert_well(arm)
 
 
 def test_what_fails_unforeseen_leaves_the_robot_unknown_and_the_next_joints_place_it(

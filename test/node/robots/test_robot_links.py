@@ -27,7 +27,7 @@ from fake_frames import FakeFrames
 from lifecycle_msgs.msg import Transition
 from objects_rig import ObjectsRig
 from rig import LATCHED, Rig, cube, pose
-from robot_rig import HERE, SRDF, URDF, RobotRig, box, joint
+from robot_rig import HERE, SRDF, URDF, RobotRig, ValidityRig, box, joint
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -63,19 +63,17 @@ def said(rig: Rig, level: bytes, text: str = "") -> None:
     rig.until(reached, f"{level!r} {text}")
 
 
-def test_links_are_objects_that_joints_move() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.known()
-        np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
-        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
-        assert pairs(rig) == set()
-        rig.send_joints(lift=0.2, turn=np.pi / 2)
-        assert pairs(rig) == {("arm/hand/1", "crate/1")}
-        said(rig, COLLIDING)
-        rig.send_joints(turn=0.0)  # the other joint stays where it was
-        assert pairs(rig) == set()
-        np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.7), atol=1e-12)
+def test_links_are_objects_that_joints_move(arm: ValidityRig) -> None:
+    arm.known()
+    np.testing.assert_allclose(arm.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
+    arm.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
+    assert pairs(arm) == set()
+    arm.send_joints(lift=0.2, turn=np.pi / 2)
+    assert pairs(arm) == {("arm/hand/1", "crate/1")}
+    said(arm, COLLIDING)
+    arm.send_joints(turn=0.0)  # the other joint stays where it was
+    assert pairs(arm) == set()
+    np.testing.assert_allclose(arm.pose_of(HAND), pose(1.0, 0.0, 0.7), atol=1e-12)
 
 
 def test_adjacent_links_and_those_of_the_srdf_are_not_checked() -> None:
@@ -150,17 +148,15 @@ def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
         rig.known()
 
 
-def test_stale_joints_are_not_free() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.known()
-        rig.set(joint_timeout=0.001)
-        rig.known("joint_unknown", "arm (joints with a stale state: lift, turn)")
-        rig.listen("/diagnostics")
-        assert rig.status(": robot arm")["message"].startswith("joints with a stale state")
-        rig.set(joint_timeout=0.0)
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.known()
+def test_stale_joints_are_not_free(arm: ValidityRig) -> None:
+    arm.known()
+    arm.set(joint_timeout=0.001)
+    arm.known("joint_unknown", "arm (joints with a stale state: lift, turn)")
+    arm.listen("/diagnostics")
+    assert arm.status(": robot arm")["message"].startswith("joints with a stale state")
+    arm.set(joint_timeout=0.0)
+    arm.send_joints(lift=0.0, turn=0.0)
+    arm.known()
 
 
 @each(
@@ -189,28 +185,26 @@ def test_a_bad_description_is_refused_and_nothing_else_disturbed(text: str, reas
         rig.known()
 
 
-def test_velocities_of_joints_predict_collisions_of_links() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.listen("predicted_collisions", "clearances")
-        rig.send(cube(CRATE, (1.0, 0.0, 1.05), (0.1, 0.1, 0.1)))
-        rig.send_joints({"lift": 0.5}, lift=0.0, turn=0.0)
-        rig.answer()
+def test_velocities_of_joints_predict_collisions_of_links(arm: ValidityRig) -> None:
+    arm.listen("predicted_collisions", "clearances")
+    arm.send(cube(CRATE, (1.0, 0.0, 1.05), (0.1, 0.1, 0.1)))
+    arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0)
+    arm.answer()
 
-        def coming() -> list[object]:
-            message = rig.next("predicted_collisions")
-            return list(named_predictions(message, rig.last["namespaces"]))
+    def coming() -> list[object]:
+        message = arm.next("predicted_collisions")
+        return list(named_predictions(message, arm.last["namespaces"]))
 
-        (found,) = rig.until(coming, "a prediction")
-        assert {found.a, found.b} == {"arm/hand/1", "crate/1"}
-        assert found.time == pytest.approx(0.8, abs=1e-3)
-        rig.send_joints(lift=0.37, turn=0.0)
-        rig.answer()
-        near = rig.until(
-            lambda: named_clearances(rig.next("clearances"), rig.last["namespaces"]), "clearance"
-        )
-        assert {near[0].a, near[0].b} == {"arm/hand/1", "crate/1"}
-        assert near[0].distance == pytest.approx(0.03, abs=1e-6)
+    (found,) = arm.until(coming, "a prediction")
+    assert {found.a, found.b} == {"arm/hand/1", "crate/1"}
+    assert found.time == pytest.approx(0.8, abs=1e-3)
+    arm.send_joints(lift=0.37, turn=0.0)
+    arm.answer()
+    near = arm.until(
+        lambda: named_clearances(arm.next("clearances"), arm.last["namespaces"]), "clearance"
+    )
+    assert {near[0].a, near[0].b} == {"arm/hand/1", "crate/1"}
+    assert near[0].distance == pytest.approx(0.03, abs=1e-6)
 
 
 def test_twists_are_those_of_the_kinematics() -> None:
@@ -223,24 +217,22 @@ def test_twists_are_those_of_the_kinematics() -> None:
         np.testing.assert_allclose(twist, [-2.0, 0.0, 0.3, 0.0, 0.0, 2.0], atol=1e-8)
 
 
-def test_links_are_no_ones_but_the_robots() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        before = rig.pose_of(HAND)
-        rig.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0)))
-        rig.answer()
-        rig.send(Marker(action=Marker.DELETEALL))
-        rig.send_transform("arm/hand/1", pose(40.0))
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
-        np.testing.assert_array_equal(rig.pose_of(HAND), before)
-        assert rig.refused("objects") == {"object of another input": 1}
-        assert rig.refused("object_transform") == {"object of another input": 1}
-        rig.call(Trigger, "obb_collision/clear", Trigger.Request())
-        rig.known("joint_unknown", "arm (joints without a state")
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.known()
-        np.testing.assert_array_equal(rig.pose_of(HAND), before)
+def test_links_are_no_ones_but_the_robots(arm: ValidityRig) -> None:
+    before = arm.pose_of(HAND)
+    arm.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0)))
+    arm.answer()
+    arm.send(Marker(action=Marker.DELETEALL))
+    arm.send_transform("arm/hand/1", pose(40.0))
+    arm.send(cube(CRATE, (9, 0, 0)))
+    arm.answer()
+    np.testing.assert_array_equal(arm.pose_of(HAND), before)
+    assert arm.refused("objects") == {"object of another input": 1}
+    assert arm.refused("object_transform") == {"object of another input": 1}
+    arm.call(Trigger, "obb_collision/clear", Trigger.Request())
+    arm.known("joint_unknown", "arm (joints without a state")
+    arm.send_joints(lift=0.0, turn=0.0)
+    arm.known()
+    np.testing.assert_array_equal(arm.pose_of(HAND), before)
 
 
 def test_a_robot_without_joints_stands_where_its_base_is() -> None:

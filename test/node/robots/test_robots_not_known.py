@@ -32,7 +32,7 @@ from gate import Gate
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import cube, pose
-from robot_rig import STATUS, URDF, RobotRig
+from robot_rig import STATUS, URDF, RobotRig, ValidityRig
 from sensor_msgs.msg import JointState
 
 from obb_collision.accuracy import Accuracy
@@ -133,34 +133,32 @@ def joints(rig: RobotRig, **values: float) -> JointState:
 
 
 @each("what", ["stamp", "cut short", "longer"])
-def test_joints_whose_state_is_refused_are_unknown_until_one_is_accepted(what: str) -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.known()
-        message = joints(rig, lift=0.0)
-        if what == "stamp":
-            message.header.stamp.nanosec = 4_000_000_000
-        data = serialize_message(message)
-        cut = {"stamp": data, "cut short": data[:-9], "longer": data + b"\0" * 8}
-        rig.joint_states.publish(cut[what])
-        assert "lift, turn" not in rig.known("joint_unknown", "lift").message
-        rig.joint_states.publish(joints(rig, turn=0.0))
-        rig.cycles(2)
-        rig.known("joint_unknown", "lift")
-        rig.joint_states.publish(joints(rig, lift=0.0))
-        rig.known()
+def test_joints_whose_state_is_refused_are_unknown_until_one_is_accepted(
+    what: str, arm: ValidityRig
+) -> None:
+    arm.known()
+    message = joints(arm, lift=0.0)
+    if what == "stamp":
+        message.header.stamp.nanosec = 4_000_000_000
+    data = serialize_message(message)
+    cut = {"stamp": data, "cut short": data[:-9], "longer": data + b"\0" * 8}
+    arm.joint_states.publish(cut[what])
+    assert "lift, turn" not in arm.known("joint_unknown", "lift").message
+    arm.joint_states.publish(joints(arm, turn=0.0))
+    arm.cycles(2)
+    arm.known("joint_unknown", "lift")
+    arm.joint_states.publish(joints(arm, lift=0.0))
+    arm.known()
 
 
-def test_joint_states_without_their_names_are_unreadable() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.known()
-        rig.joint_states.publish(serialize_message(joints(rig, lift=0.0))[:30])
-        rig.known("input_unreadable", "arm/joint_states")
-        rig.joint_states.publish(joints(rig, turn=0.0))
-        rig.known()
-        rig.joint_states.publish(JointState(header=rig.header(), position=[1.0]))
-        rig.known("input_unreadable", "arm/joint_states")
+def test_joint_states_without_their_names_are_unreadable(arm: ValidityRig) -> None:
+    arm.known()
+    arm.joint_states.publish(serialize_message(joints(arm, lift=0.0))[:30])
+    arm.known("input_unreadable", "arm/joint_states")
+    arm.joint_states.publish(joints(arm, turn=0.0))
+    arm.known()
+    arm.joint_states.publish(JointState(header=arm.header(), position=[1.0]))
+    arm.known("input_unreadable", "arm/joint_states")
 
 
 def test_joints_whose_sender_restarts_in_the_past_are_unknown_and_then_accepted() -> None:

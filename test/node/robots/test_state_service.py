@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,10 +27,9 @@ from each import each
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from rig import cube
-from robot_rig import SRDF
+from robot_rig import SRDF, ValidityRig
 from std_msgs.msg import String
 from test_attached_objects import TOOL, held, put
-from test_state_validity import CRATE, ValidityRig
 
 from obb_collision.node.robots.validity import (
     ROBOT_ATTACHED,
@@ -40,6 +38,7 @@ from obb_collision.node.robots.validity import (
     StateService,
 )
 
+CRATE = ("crate", 1)
 QUARTER = {"lift": 0.0, "turn": np.pi / 2}
 GROUPS = (
     '<group name="top"><link name="hand"/></group><group name="lower"><joint name="lift"/></group>'
@@ -76,7 +75,6 @@ class ServiceRig(ValidityRig):
         self.semantics.publish(String(data=SRDF.replace("</robot>", GROUPS + "</robot>")))
         self.until(lambda: self.robot._srdf, "the SRDF")
         self.start_robot()
-        put(self, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
         robots = self.node.robots
         assert robots is not None
         checked = robots._validity["arm/states_to_check"]._checked
@@ -90,51 +88,55 @@ class ServiceRig(ValidityRig):
         return bool(self.call_it(request_of(values, group)).valid)
 
 
-@contextmanager
-def service_rig() -> Iterator[ServiceRig]:
+@pytest.fixture(scope="module")
+def shared() -> Iterator[ServiceRig]:
     with ServiceRig() as rig:
         yield rig
 
 
-def test_a_state_is_valid_or_has_contacts() -> None:
-    with service_rig() as rig:
-        assert rig.is_valid({"lift": 0.0, "turn": 0.0})
-        assert rig.is_valid({})  # as it is now
-        response = rig.call_it(request_of({"turn": np.pi / 2}))  # the other joint as it is now
-        assert not response.valid
-        assert response.cost_sources == []
-        (found,) = response.contacts
-        assert (found.contact_body_1, found.body_type_1) == ("hand", ROBOT_LINK)
-        assert (found.contact_body_2, found.body_type_2) == ("crate/1", WORLD_OBJECT)
-        assert found.header.frame_id == "map"
-        assert found.depth > 0.09
-        place, normal = (np.array([at.x, at.y, at.z]) for at in (found.position, found.normal))
-        assert np.abs(place - (0.0, 1.0, 0.5)).max() < 0.15
-        np.testing.assert_allclose(np.linalg.norm(normal), 1.0)
-        assert rig.refused("arm/states_to_check") == {}
+@pytest.fixture
+def rig(shared: ServiceRig) -> ServiceRig:
+    """Return the rig with nothing but the crate."""
+    shared.renew()
+    put(shared, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
+    return shared
 
 
-def test_out_of_limits_is_not_valid() -> None:
-    with service_rig() as rig:
-        response = rig.call_it(request_of({"turn": 3.1}))
-        assert (response.valid, response.contacts) == (False, [])
+def test_a_state_is_valid_or_has_contacts(rig: ServiceRig) -> None:
+    assert rig.is_valid({"lift": 0.0, "turn": 0.0})
+    assert rig.is_valid({})  # as it is now
+    response = rig.call_it(request_of({"turn": np.pi / 2}))  # the other joint as it is now
+    assert not response.valid
+    assert response.cost_sources == []
+    (found,) = response.contacts
+    assert (found.contact_body_1, found.body_type_1) == ("hand", ROBOT_LINK)
+    assert (found.contact_body_2, found.body_type_2) == ("crate/1", WORLD_OBJECT)
+    assert found.header.frame_id == "map"
+    assert found.depth > 0.09
+    place, normal = (np.array([at.x, at.y, at.z]) for at in (found.position, found.normal))
+    assert np.abs(place - (0.0, 1.0, 0.5)).max() < 0.15
+    np.testing.assert_allclose(np.linalg.norm(normal), 1.0)
+    assert rig.refused("arm/states_to_check") == {}
 
 
-def test_a_group_counts_alone_with_what_it_moves() -> None:
-    with service_rig() as rig:
-        assert not rig.is_valid(QUARTER, "top")
-        assert not rig.is_valid(QUARTER, "lower")  # it moves the hand
-        put(rig, cube(("wall", 1), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)))  # in the base
-        assert not rig.is_valid({"turn": 0.0})
-        assert rig.is_valid({"turn": 0.0}, "top")
+def test_out_of_limits_is_not_valid(rig: ServiceRig) -> None:
+    response = rig.call_it(request_of({"turn": 3.1}))
+    assert (response.valid, response.contacts) == (False, [])
 
 
-def test_what_is_attached_is_named() -> None:
-    with service_rig() as rig:
-        put(rig, held(), cube(CRATE, (0.0, 1.3, 0.5), (0.1, 0.1, 0.1)))
-        (found,) = rig.call_it(request_of(QUARTER, "top")).contacts
-        assert (found.contact_body_1, found.body_type_1) == (f"{TOOL[0]}/1", ROBOT_ATTACHED)
-        assert found.contact_body_2 == "crate/1"
+def test_a_group_counts_alone_with_what_it_moves(rig: ServiceRig) -> None:
+    assert not rig.is_valid(QUARTER, "top")
+    assert not rig.is_valid(QUARTER, "lower")  # it moves the hand
+    put(rig, cube(("wall", 1), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)))  # in the base
+    assert not rig.is_valid({"turn": 0.0})
+    assert rig.is_valid({"turn": 0.0}, "top")
+
+
+def test_what_is_attached_is_named(rig: ServiceRig) -> None:
+    put(rig, held(), cube(CRATE, (0.0, 1.3, 0.5), (0.1, 0.1, 0.1)))
+    (found,) = rig.call_it(request_of(QUARTER, "top")).contacts
+    assert (found.contact_body_1, found.body_type_1) == (f"{TOOL[0]}/1", ROBOT_ATTACHED)
+    assert found.contact_body_2 == "crate/1"
 
 
 def spoil(request: Any, what: str) -> None:
@@ -175,41 +177,38 @@ def spoil(request: Any, what: str) -> None:
         ("attached", "not evaluated"),
     ],
 )
-def test_what_cannot_be_decided_is_not_valid(what: str, reason: str) -> None:
-    with service_rig() as rig:
-        request = request_of({"lift": 0.0, "turn": 0.0})
-        spoil(request, what)
-        assert not rig.call_it(request).valid
-        assert rig.refused("arm/states_to_check") == {reason: 1}
-        assert rig.is_valid({"lift": 0.0, "turn": 0.0})
+def test_what_cannot_be_decided_is_not_valid(what: str, reason: str, rig: ServiceRig) -> None:
+    rig.renew()
+    request = request_of({"lift": 0.0, "turn": 0.0})
+    spoil(request, what)
+    assert not rig.call_it(request).valid
+    assert rig.refused("arm/states_to_check") == {reason: 1}
+    assert rig.is_valid({"lift": 0.0, "turn": 0.0})
 
 
-def test_without_knowing_the_scene_no_state_is_valid() -> None:
-    with service_rig() as rig:
-        rig.send_joints(lift=float("nan"))
-        rig.until(lambda: rig.robot.fault, "the fault")
-        assert not rig.is_valid({"lift": 0.0, "turn": 0.0})
-        assert rig.refused("arm/states_to_check") == {"scene not known": 1}
+def test_without_knowing_the_scene_no_state_is_valid(rig: ServiceRig) -> None:
+    rig.send_joints(lift=float("nan"))
+    rig.until(lambda: rig.robot.fault, "the fault")
+    assert not rig.is_valid({"lift": 0.0, "turn": 0.0})
+    assert rig.refused("arm/states_to_check") == {"scene not known": 1}
 
 
-def test_what_fails_is_not_valid() -> None:
-    with service_rig() as rig:
-        response = rig.call_it(plain())
-        assert not response.valid
-        assert rig.refused("arm/states_to_check") == {"internal error": 1}
+def test_what_fails_is_not_valid(rig: ServiceRig) -> None:
+    response = rig.call_it(plain())
+    assert not response.valid
+    assert rig.refused("arm/states_to_check") == {"internal error": 1}
 
 
-def test_the_service_of_moveit() -> None:
+def test_the_service_of_moveit(rig: ServiceRig) -> None:
     srv = pytest.importorskip("moveit_msgs.srv")
-    with service_rig() as rig:
-        request = srv.GetStateValidity.Request()
-        request.robot_state.joint_state.name = ["turn"]
-        for turn, valid in ((0.0, True), (np.pi / 2, False)):
-            request.robot_state.joint_state.position = [turn]
-            response = rig.call(srv.GetStateValidity, "arm/check_state_validity", request)
-            assert response.valid is valid
-            bodies = [(each.contact_body_1, each.contact_body_2) for each in response.contacts]
-            assert bodies == ([] if valid else [("hand", "crate/1")])
-        request.robot_state.joint_state.name = ["elbow"]
+    request = srv.GetStateValidity.Request()
+    request.robot_state.joint_state.name = ["turn"]
+    for turn, valid in ((0.0, True), (np.pi / 2, False)):
+        request.robot_state.joint_state.position = [turn]
         response = rig.call(srv.GetStateValidity, "arm/check_state_validity", request)
-        assert not response.valid
+        assert response.valid is valid
+        bodies = [(each.contact_body_1, each.contact_body_2) for each in response.contacts]
+        assert bodies == ([] if valid else [("hand", "crate/1")])
+    request.robot_state.joint_state.name = ["elbow"]
+    response = rig.call(srv.GetStateValidity, "arm/check_state_validity", request)
+    assert not response.valid

@@ -16,9 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 import pytest
 from each import each
@@ -26,76 +23,35 @@ from each import each
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from rig import cube, pose
-from robot_rig import URDF, RobotRig, box
-from sensor_msgs.msg import PointCloud2
+from robot_rig import URDF, ValidityRig, box
 from std_srvs.srv import SetBool
 
 import obb_collision as oc
 from obb_collision.node import namespace_number
-from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
-from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.robots import validity
 from obb_collision.node.robots.validity import (
     BAD_STATE,
     COLLIDES,
     NOT_KNOWN,
     OUT_OF_LIMITS,
-    ROWS,
     VALID,
 )
 
 CRATE = ("crate", 1)
 
 
-class ValidityRig(RobotRig):
-    """A rig that asks which states are valid."""
-
-    def __init__(self, given: Any = None, **options: Any) -> None:
-        super().__init__(given, **options)
-        self.questions = self.client.create_publisher(PointCloud2, "arm/states_to_check", 10)
-        self.answers: list[PointCloud2] = []
-        self.client.create_subscription(PointCloud2, "arm/state_validity", self.answers.append, 10)
-        self.pubs["questions"] = self.questions
-        self.wait_inputs()
-        assert self.node.robots is not None
-        publisher = self.node.robots._publishers["arm/state_validity"]
-        self.until(publisher.get_subscription_count, "the subscription")
-
-    def ask(
-        self, states: Any, names: Sequence[str] = ("lift", "turn"), kind: str = "<f8"
-    ) -> np.ndarray:
-        """Return the rows of the answer to states (n, joints)."""
-        rows = np.zeros(len(states), [(name, kind) for name in names])
-        for column, name in enumerate(names):
-            rows[name] = np.asarray(states)[:, column]
-        self.answers.clear()
-        message = cloud_to_ros(rows, self.header())
-        self.questions.publish(message)
-        self.until(lambda: self.answers, "the answer")
-        assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
-        return cloud_from_ros(self.answers[0], ROWS.names or ())
-
-    def reasons(self, states: Any, **options: Any) -> list[int]:
-        """Return why states are not valid; valid and reason must fit."""
-        rows = self.ask(states, **options)
-        assert rows["index"].tolist() == list(range(len(states)))
-        np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == VALID)
-        return list(rows["reason"].tolist())
-
-
-def test_each_state_is_valid_or_says_why_not() -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
-        rig.answer()
-        nan = float("nan")
-        states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
-        rows = rig.ask(states)
-        assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
-        keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
-        assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
-        assert np.isnan(rows["distance"]).all()
-        assert len(rig.ask(np.empty((0, 2)))) == 0
+def test_each_state_is_valid_or_says_why_not(arm: ValidityRig) -> None:
+    arm.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
+    arm.answer()
+    nan = float("nan")
+    states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
+    rows = arm.ask(states)
+    assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
+    keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
+    assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
+    assert np.isnan(rows["distance"]).all()
+    assert len(arm.ask(np.empty((0, 2)))) == 0
 
 
 def test_answers_are_those_of_the_library() -> None:
@@ -121,17 +77,16 @@ def test_answers_are_those_of_the_library() -> None:
 
 
 @each("padded", ["arm/*", "arm/hand/1", "crate/*"])
-def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str) -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (0.0, 1.2, 0.5), (0.1, 0.1, 0.1)))  # 0.05 m beyond the hand
-        rig.answer()
-        there = [[0.0, np.pi / 2]]
-        assert rig.reasons(there) == [VALID]
-        rig.set(padding_overrides=[f"{padded}: 0.06"])
-        rig.send_joints(lift=0.0, turn=np.pi / 2)
-        assert set(map(frozenset, rig.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
-        assert rig.reasons(there) == [COLLIDES]
+def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str, arm: ValidityRig) -> None:
+    arm.renew()
+    arm.send(cube(CRATE, (0.0, 1.2, 0.5), (0.1, 0.1, 0.1)))  # 0.05 m beyond the hand
+    arm.answer()
+    there = [[0.0, np.pi / 2]]
+    assert arm.reasons(there) == [VALID]
+    arm.set(padding_overrides=[f"{padded}: 0.06"])
+    arm.send_joints(lift=0.0, turn=np.pi / 2)
+    assert set(map(frozenset, arm.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
+    assert arm.reasons(there) == [COLLIDES]
 
 
 def test_states_are_where_the_base_is() -> None:
@@ -194,24 +149,22 @@ def test_without_knowing_everything_no_state_is_valid() -> None:
         assert rig.reasons(state) == [NOT_KNOWN]
 
 
-def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
+def test_objects_beyond_a_region_or_refused_make_states_unknown(arm: ValidityRig) -> None:
     state = [[0.0, 0.0]]
-    with ValidityRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
-        rig.set(region=["x: -5.0 to 5.0"])
-        rig.cycles(2)
-        assert rig.reasons(state) == [NOT_KNOWN]
-        rig.set(region=[""])
-        rig.cycles(2)
-        assert rig.reasons(state) == [VALID]
-        rig.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
-        rig.cycles(2)
-        assert rig.reasons(state) == [NOT_KNOWN]
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
-        assert rig.reasons(state) == [VALID]
+    arm.send(cube(CRATE, (9, 0, 0)))
+    arm.answer()
+    arm.set(region=["x: -5.0 to 5.0"])
+    arm.cycles(2)
+    assert arm.reasons(state) == [NOT_KNOWN]
+    arm.set(region=[""])
+    arm.cycles(2)
+    assert arm.reasons(state) == [VALID]
+    arm.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
+    arm.cycles(2)
+    assert arm.reasons(state) == [NOT_KNOWN]
+    arm.send(cube(CRATE, (9, 0, 0)))
+    arm.answer()
+    assert arm.reasons(state) == [VALID]
 
 
 def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
@@ -227,16 +180,16 @@ def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
         assert rig.reasons(state) == [NOT_KNOWN]
 
 
-def test_more_states_than_a_cycle_may_wait_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with ValidityRig() as rig:
-        rig.start_robot()
-        monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
-        times = iter(range(10))
-        monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
-        reasons = rig.reasons(np.zeros((100, 2)))
-        assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
-        assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
-        monitor = rig.monitor("arm/states_to_check")
-        assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
-        rig.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
-        rig.until(lambda: "too many points" in monitor.refused, "the refusal")
+def test_more_states_than_a_cycle_may_wait_for_are_refused(
+    monkeypatch: pytest.MonkeyPatch, arm: ValidityRig
+) -> None:
+    monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
+    times = iter(range(10))
+    monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
+    reasons = arm.reasons(np.zeros((100, 2)))
+    assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
+    assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
+    monitor = arm.monitor("arm/states_to_check")
+    assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
+    arm.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
+    arm.until(lambda: "too many points" in monitor.refused, "the refusal")
