@@ -182,7 +182,7 @@ def _level(level: Accuracy) -> None:
         scene = oc.Scene(accuracy=level, exact=exact)
         _add_crowd(scene, padding)
         scene.check()
-        scene.move("0", TURNED)
+        scene.move("1", TURNED)
         scene.check()
 
 
@@ -223,7 +223,7 @@ def _effect_on(name: str, level: Accuracy) -> None:
         scene.set_effect(name, accuracy=level.name.lower())
         _add_crowd(scene, padding)
         scene.check(name)
-        scene.move("0", TURNED)
+        scene.move("1", TURNED)
         scene.check(name)
 
 

@@ -28,11 +28,29 @@ from processes import limited
 from rig import DOMAIN
 
 import obb_collision
+from obb_collision import _jit
+from obb_collision.warm_up import steps
 
 
 def cached(folder: Path) -> dict[str, str]:
     """Return what gives a process a cache of its own."""
     return {"NUMBA_CACHE_DIR": str(folder)}
+
+
+def kernels_of_steps() -> set[str]:
+    """Return the kernels that steps load from now on in this process: none, and it grows."""
+    loaded: set[str] = set()
+    run = steps.run
+
+    def noted(step: str) -> None:
+        before = _jit.loaded_kernels()
+        try:
+            run(step)
+        finally:
+            loaded.update(_jit.loaded_kernels() - before)
+
+    steps.run = noted  # type: ignore[assignment]
+    return loaded
 
 
 def environment(**more: str) -> dict[str, str]:

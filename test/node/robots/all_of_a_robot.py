@@ -15,7 +15,7 @@
 """All that can be asked of a robot in the node, in a process of its own.
 
 ``python all_of_a_robot.py`` prints, as JSON, the kernels that the process compiled or loaded after
-the node was ready.
+the node was ready, without a step of warming up.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from node_process import kernels_of_steps
 from rig import cube
 from robot_rig import URDF, ValidityRig
 from std_msgs.msg import Float64
@@ -90,12 +91,13 @@ def main(folder: str) -> None:
         f"<collision><geometry>{shape.format(folder)}</geometry></collision>" for shape in SHAPES
     )
     urdf = URDF.replace('<link name="column">', f'<link name="column">{shapes}', 1)
+    loaded = kernels_of_steps()
     with ValidityRig({"mesh_folders": [folder]}) as rig:
         before = kernels()
         rig.describe(urdf)
         rig.until(lambda: rig.robot.links is not None, rig.robot.fault)
         ask(rig)
-        new = sorted(kernels() - before)
+        new = sorted(kernels() - before - loaded)
     sys.stdout.write(json.dumps(new) + "\n")
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What robots need is loaded before a node with robots is ready."""
+"""Kernels of robots are loaded before the node is ready, or beside its cycles."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from obb_collision.warm_up.steps import NODE_STEPS, ROBOTS, run
 ALL = Path(__file__).with_name("all_of_a_robot.py")
 
 
-def test_what_robots_use_is_loaded_at_ready(tmp_path: Path) -> None:
+def test_no_cycle_loads_a_kernel_for_robots(tmp_path: Path) -> None:
     for step in (*NODE_STEPS, ROBOTS):
         run(step)  # the cache has them from now on
     done = subprocess.run(

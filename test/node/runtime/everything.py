@@ -15,7 +15,8 @@
 """Everything that can be asked of a node, one thing after the other, in a process of its own.
 
 ``python everything.py`` runs it and prints, as JSON, which kernels the process compiled or loaded
-after "ready", and for each thing asked the longest time between two cycles.
+after "ready" without a step of warming up, how many by steps, and for each thing asked the longest
+time between two cycles.
 ``python everything.py EFFECT`` switches nothing on but this effect.
 """
 
@@ -29,6 +30,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
+from node_process import kernels_of_steps
 from rig import Rig, cube, pose
 from visualization_msgs.msg import Marker
 
@@ -215,15 +217,16 @@ def switch_one(rig: Everything, effect: str) -> Iterator[str]:
 
 def main(*effects: str) -> None:
     """Run it, or for one effect."""
+    loaded = kernels_of_steps()
     rig = Everything()
     Garbage.settle()  # as the executable does
     with rig:
         before, compiled = rig.kernels(), len(_kernel_cache.compiled.names)
         asked = switch_one(rig, *effects) if effects else switch_everything(rig)
         stages = [(stage, rig.stage()) for stage in asked]
-        new = sorted(rig.kernels() - before)
+        new = sorted(rig.kernels() - before - loaded)
     names = _kernel_cache.compiled.names[compiled:]
-    found = {"new": new, "compiled": names, "stages": stages}
+    found = {"new": new, "loaded": len(loaded - before), "compiled": names, "stages": stages}
     sys.stdout.write(json.dumps(found) + "\n")
 
 
