@@ -29,11 +29,18 @@ TINY = float(np.nextafter(np.finfo(np.float64).tiny, 1.0))
 
 
 def state(scene: oc.Scene) -> list[object]:
-    store = scene._store
-    columns = ("used", "active", "accuracies", "kinds", "paddings", "poses", "twists")
-    world = ("local_half_extents", "centers", "rotations", "half_extents")
-    arrays = [getattr(store, name)[: len(scene)].tolist() for name in (*columns, *world)]
-    return [*arrays, dict(store.slots), sorted(scene.check().names())]
+    """Return what can be seen of a scene."""
+    report, boxes = scene.check("sweep"), scene.boxes
+    swept, indices = report.swept, scene.indices
+    arrays = [indices, scene.poses_of(indices), *vars(boxes).values(), report.accuracies]
+    arrays += [
+        report.pairs,
+        report.cycle.active[indices],
+        swept.predicted.pairs,
+        swept.passed.pairs,
+    ]
+    names = scene.names
+    return [names, [scene.shape_of(name) for name in names], *(array.tolist() for array in arrays)]
 
 
 def some(count: int, seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:

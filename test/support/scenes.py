@@ -12,14 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scenes of random boxes."""
+"""Scenes of random boxes, and what is built for scenes."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
+from obb_collision.geometry.trees import pool
 from obb_collision.typing import Floats
 
 
@@ -34,3 +38,19 @@ def filled_scene(count: int, seed: int = 0) -> oc.Scene:
     for k, pose in enumerate(random_poses(count, rng, 0.7 * count ** (1 / 3))):
         scene.add(f"box/{k}", oc.shapes.Box(rng.uniform(0.1, 1.5, 3)), pose)
     return scene
+
+
+def builds(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """Return what is built from now on: each tree and hull by its kind, and of what it is made."""
+    made: list[tuple[str, Any]] = []
+
+    def count(name: str, build: Any) -> None:
+        def counted(body: Any) -> Any:
+            made.append((name, body))
+            return build(body)
+
+        monkeypatch.setattr(pool, name, counted)
+
+    for name in ("mesh_tree", "box_tree", "hull_mesh", "box_corners"):
+        count(name, getattr(pool, name))
+    return made
