@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What things are: boxes, poses, shapes, fits, trees. Input is validated here."""
+"""Boxes, poses, shapes, fits and trees. Input is validated here."""

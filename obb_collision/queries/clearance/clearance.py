@@ -58,6 +58,8 @@ from obb_collision.words import shown
 
 #: Pairs below which a second thread does not pay: 30 us.
 FEWEST_PAIRS = 64
+#: Of m pairs: whether they are near (m,), distances (m,), points and normals (3, m, 3).
+NearArrays = tuple[np.ndarray, Floats, Floats]
 #: Kinds of real numbers.
 REAL = (int, float, np.integer, np.floating)
 
@@ -103,20 +105,20 @@ def near_pairs(boxes: Boxes, pairs: Integers, limit: float) -> tuple[Clearances,
     """Return the clearances of pairs (m, 2) of rows within a limit, and which these are (m,)."""
     near = np.empty(len(pairs), np.bool_)
     distances, vectors = np.empty(len(pairs)), np.empty((3, len(pairs), 3))
-    given = boxes.arrays, pairs, limit, near, distances, vectors
-    run(clearance_kernel, len(pairs), FEWEST_PAIRS, *given)
+    out = near, distances, vectors
+    run(clearance_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, limit, out)
     return Clearances(pairs[near], distances[near], *vectors[:, near]), near
 
 
 @njit
 def clearance_kernel(
-    boxes: BoxArrays, pairs: np.ndarray, limit: float,
-    near: np.ndarray, distances: Floats, vectors: Floats, start: int, stop: int,
-) -> None:  # fmt: skip
+    boxes: BoxArrays, pairs: np.ndarray, limit: float, out: NearArrays, start: int, stop: int
+) -> None:
     """Write whether pairs ``start`` to ``stop`` of (m, 2) are within the limit.
 
-    And the distance (m,), and points and normal (3, m, 3), of those that are.
+    And the distance, points and normal of those that are.
     """
+    near, distances, vectors = out
     for row in range(start, stop):
         near[row] = False
         a, b = box_at(boxes, pairs[row, 0]), box_at(boxes, pairs[row, 1])

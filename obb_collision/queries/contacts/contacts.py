@@ -82,6 +82,10 @@ LIMITS = (4, 8)
 FEWEST_PAIRS = 200
 
 
+#: The arrays of ``Contacts`` but for the pairs, for kernels.
+ContactArrays = tuple[np.ndarray, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Contacts of m pairs (a, b); rows of pairs that are apart have count 0.
@@ -114,6 +118,11 @@ class Contacts:
         axes = np.empty(m, np.int8)
         return cls(pairs, normals, depths, counts, positions, position_depths, axes)
 
+    @property
+    def arrays(self) -> ContactArrays:
+        """All but the pairs, for kernels."""
+        return tuple(vars(self).values())[1:]
+
     def __len__(self) -> int:
         return len(self.pairs)
 
@@ -138,17 +147,16 @@ def as_max_points(value: int) -> int:
 def pair_contacts(boxes: Boxes, pairs: Integers, max_points: int) -> Contacts:
     """Return the contacts of pairs (m, 2) of rows of boxes."""
     result = Contacts.blank(pairs, max_points)
-    out = tuple(vars(result).values())[1:]
-    run(contacts_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, out)
+    run(contacts_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, result.arrays)
     return result
 
 
 @njit
 def contacts_kernel(
-    boxes: BoxArrays, pairs: np.ndarray, out: tuple[np.ndarray, ...], start: int, stop: int
+    boxes: BoxArrays, pairs: np.ndarray, out: ContactArrays, start: int, stop: int
 ) -> None:
     """Write the contacts of pairs ``start`` to ``stop`` of (m, 2), as in ``Contacts``."""
-    normals, depths, counts, positions, position_depths, axes = out
+    normals, depths, counts, _, position_depths, axes = out
     block = np.zeros((ROWS, BLOCK))
     polygon, spare = np.empty((CAPACITY, 3)), np.empty((CAPACITY, 3))
     for first in range(start, stop, BLOCK):
@@ -173,10 +181,7 @@ def contacts_kernel(
             place_points(block, count, slot)
         for n in range(count):
             origin = vector_at(boxes.centers, pairs[first + n, 0])
-            found = _write_points(
-                block, n, counts[first + n], origin, positions, position_depths, first + n, spare
-            )
-            counts[first + n] = found
+            counts[first + n] = _write_points(block, n, origin, out, first + n, spare)
 
 
 @njit
@@ -193,13 +198,13 @@ def _find_vertices(block: Floats, n: int, limit: int, polygon: Floats, spare: Fl
 
 @njit
 def _write_points(
-    block: Floats, n: int, count: int, origin: Vector, points: Floats, depths: Floats, row: int,
-    spare: Floats,
-) -> int:  # fmt: skip
-    """Write a row of points (m, limit, 3) and of their depths (m, limit), and return how many."""
+    block: Floats, n: int, origin: Vector, out: ContactArrays, row: int, spare: Floats
+) -> int:
+    """Write a row of points and of their depths, and return how many."""
+    _, _, counts, points, depths, _ = out
     size = block[SIZE, n]
     found = 0
-    for k in range(count):
+    for k in range(counts[row]):
         point = vector_in(block, PLACE + 3 * k, n)
         if block[SETTLED + k, n] == 0.0:
             a = BoxAt((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))

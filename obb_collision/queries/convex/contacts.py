@@ -41,7 +41,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import components, cross, dot, fast_norm, plus, scaled, vector_at
-from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.contacts.contacts import ContactArrays, Contacts
 from obb_collision.queries.convex.distance import unit_of
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
 from obb_collision.queries.convex.support import (
@@ -372,19 +372,18 @@ def convex_contacts(
     found.axes[:] = NO_AXIS
     found.normals[:] = distances.normals
     given = distances.lower, distances.positions_a, distances.positions_b
-    out = tuple(vars(found).values())[1:6]
-    run(_contact_kernel, len(i), FEWEST_PAIRS, RowPairs(a.arrays, i, b.arrays, j), given, out)
+    both = RowPairs(a.arrays, i, b.arrays, j)
+    run(_contact_kernel, len(i), FEWEST_PAIRS, both, given, found.arrays)
     return found
 
 
 @njit
 def _contact_kernel(
-    pairs: RowPairs, given: tuple[Floats, Floats, Floats], out: tuple[np.ndarray, ...],
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    pairs: RowPairs, given: ContactArrays, out: ContactArrays, start: int, stop: int
+) -> None:
     a, rows_a, b, rows_b = pairs
     lower, nearest_a, nearest_b = given
-    normals, depths, counts, positions, position_depths = out
+    normals, depths, counts, positions, position_depths, _ = out
     flat = flat_room()
     for row in range(start, stop):
         positions[row], position_depths[row] = np.nan, np.nan

@@ -55,6 +55,7 @@ from obb_collision.queries.mesh_contacts.push import (
     seen_from_first,
     way_out,
 )
+from obb_collision.queries.meshes.mesh_clearance import Radii
 from obb_collision.queries.meshes.placed import MeshPair, body_at
 from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.meshes.two_trees import (
@@ -84,6 +85,10 @@ SAME = 1.0 - 1e-12
 SMALLEST_AREA = 1e-300
 
 
+#: Depths (m,), normals and positions (m, 3).
+DepthArrays = tuple[Floats, Floats, Floats]
+
+
 class PushDirections(NamedTuple):
     """PushDirections to push b along, in the frame of a."""
 
@@ -92,28 +97,26 @@ class PushDirections(NamedTuple):
     chosen: Floats  #: (NORMALS + 6, 3)
     least: Floats  #: (NORMALS + 6,) no push along it is shorter
     contacts: np.ndarray  #: (LOOKED_AT, 4) some triangles that touch at first
+    room: TreeRoom  #: work space
 
 
 @njit
-def depth_kernel(
-    pairs: RowPairs, radii: tuple[Floats, Floats], found: tuple[Floats, Floats, Floats],
-    start: int, stop: int,
-) -> None:  # fmt: skip
+def depth_kernel(pairs: RowPairs, radii: Radii, found: DepthArrays, start: int, stop: int) -> None:
     """Replace depths (m,), normals and positions (m, 3) of pairs that collide by shorter ones.
 
     As given they are those of anything that contains the bodies.
     """
     chosen, least = np.empty((NORMALS + 6, 3)), np.empty(NORMALS + 6)
     contacts = np.empty((LOOKED_AT, 4), np.int64)
-    ways = PushDirections(np.empty((LOOKED_AT, 3)), np.empty(LOOKED_AT), chosen, least, contacts)
-    _depth_range(pairs, radii, found, tree_room(CONTACTS), ways, start, stop)
+    all_n, short = np.empty((LOOKED_AT, 3)), np.empty(LOOKED_AT)
+    ways = PushDirections(all_n, short, chosen, least, contacts, tree_room(CONTACTS))
+    _depth_range(pairs, radii, found, ways, start, stop)
 
 
 @njit(refcount=False)
 def _depth_range(
-    pairs: RowPairs, radii: tuple[Floats, Floats], found: tuple[Floats, Floats, Floats],
-    room: TreeRoom, ways: PushDirections, start: int, stop: int,
-) -> None:  # fmt: skip
+    pairs: RowPairs, radii: Radii, found: DepthArrays, ways: PushDirections, start: int, stop: int
+) -> None:
     depths, normals, positions = found
     for row in range(start, stop):
         place = body_at(pairs.a, pairs.rows_a[row]).place
@@ -122,7 +125,7 @@ def _depth_range(
         bodies = seen_from_first(pairs, row, (radius, other, most))
         n = turned_back(place, vector_at(normals, row))
         most += 2.0 * MARGIN * bodies.pose.size
-        best, n = _shortest(bodies, radius + other, n, most, room, ways)
+        best, n = _shortest(bodies, radius + other, n, most, ways)
         if not best.length <= most:
             continue
         p = plus(best.p, scaled(best.across, radius))
@@ -136,11 +139,12 @@ def _depth_range(
 
 @njit(refcount=False)
 def _shortest(
-    bodies: MeshPair, needed: float, n: Vector, most: float, room: TreeRoom, ways: PushDirections
+    bodies: MeshPair, needed: float, n: Vector, most: float, ways: PushDirections
 ) -> tuple[Push, Vector]:
     """Return the shortest push found, and its direction, unit, in the frame of a."""
+    room = ways.room
     _, contacts = contacts_of(bodies, room)
-    count = _write_directions(bodies, n, contacts, room, ways)
+    count = _write_directions(bodies, n, contacts, ways)
     first = min(contacts, LOOKED_AT)
     for k in range(first):  # the room is for the places to come
         for c in range(4):
@@ -176,10 +180,9 @@ def _shortest(
 
 
 @njit(refcount=False)
-def _write_directions(
-    bodies: MeshPair, n: Vector, contacts: int, room: TreeRoom, ways: PushDirections
-) -> int:
+def _write_directions(bodies: MeshPair, n: Vector, contacts: int, ways: PushDirections) -> int:
     """Write directions to try, the given one first; return their number."""
+    room = ways.room
     solid_a = bodies.trees_a.solid[bodies.a.mesh]
     solid_b = bodies.trees_b.solid[bodies.b.mesh]
     unit, _ = unit_scale(bodies.pose.size)

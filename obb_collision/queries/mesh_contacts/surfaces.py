@@ -29,7 +29,7 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
-from obb_collision.queries.contacts.contacts import Contacts, as_max_points
+from obb_collision.queries.contacts.contacts import ContactArrays, Contacts, as_max_points
 from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import convex_distances, turned_back
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
@@ -152,27 +152,23 @@ def patches_of(
     some = result.counts > 0
     result.positions[some, 0] = found.positions[some]
     result.position_depths[some, 0] = result.depths[some]
-    out = tuple(vars(result).values())[1:6]
-    run(_patch_kernel, len(i), FEWEST_PATCHES, RowPairs(a.arrays, i, b.arrays, j), out)
+    both = RowPairs(a.arrays, i, b.arrays, j)
+    run(_patch_kernel, len(i), FEWEST_PATCHES, both, result.arrays)
     return result
 
 
 @njit
-def _patch_kernel(pairs: RowPairs, out: tuple[np.ndarray, ...], start: int, stop: int) -> None:
-    """Write the points of pairs whose surfaces cross, in place of the one that is there.
-
-    out: normals, depths, counts, positions and their depths, as in ``Contacts``.
-    """
+def _patch_kernel(pairs: RowPairs, out: ContactArrays, start: int, stop: int) -> None:
+    """Write the points of pairs whose surfaces cross, in place of the one that is there."""
     curve = Curve(np.empty((POINTS * CONTACTS, 3)), np.empty(POINTS * CONTACTS))
     _patch_range(pairs, out, tree_room(CONTACTS), curve, start, stop)
 
 
 @njit(refcount=False)
 def _patch_range(
-    pairs: RowPairs, out: tuple[np.ndarray, ...], room: TreeRoom, curve: Curve,
-    start: int, stop: int,
-) -> None:  # fmt: skip
-    normals, depths, counts, positions, position_depths = out
+    pairs: RowPairs, out: ContactArrays, room: TreeRoom, curve: Curve, start: int, stop: int
+) -> None:
+    normals, depths, counts, positions, position_depths, _ = out
     for row in range(start, stop):
         if counts[row] == 0:
             continue

@@ -59,6 +59,8 @@ from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PAIRS = 16
+#: Of the bodies of both sides.
+Radii = tuple[Floats, Floats]
 #: Of m pairs: whether they are near (m,), bounds (2, m), points and normal (3, m, 3), faces (m, 2).
 ClearanceArrays = tuple[np.ndarray, Floats, Floats, np.ndarray]
 
@@ -135,16 +137,15 @@ class Apart(NamedTuple):
 
 @njit
 def clearance_kernel(
-    pairs: RowPairs, radii: tuple[Floats, Floats], limit: float, out: ClearanceArrays,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    pairs: RowPairs, radii: Radii, limit: float, out: ClearanceArrays, start: int, stop: int
+) -> None:
     """Write whether pairs are within the limit, and the clearance of those that are."""
     _clearance_range(pairs, radii, limit, out, tree_room(1), start, stop)
 
 
 @njit(refcount=False)
 def _clearance_range(
-    pairs: RowPairs, radii: tuple[Floats, Floats], limit: float, out: ClearanceArrays,
+    pairs: RowPairs, radii: Radii, limit: float, out: ClearanceArrays,
     room: TreeRoom, start: int, stop: int,
 ) -> None:  # fmt: skip
     near, bounds, vectors, faces = out

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import CapsuleArrays, Capsules
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import (
@@ -62,7 +62,7 @@ from obb_collision.queries.primitives.segments import (
     unit_scale,
     widest_gap,
 )
-from obb_collision.queries.verdict.pair_rows import as_pairs, as_sides
+from obb_collision.queries.verdict.pair_rows import RowPairs, as_pairs, as_sides
 from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.queries.verdict.verdict import (
     OVERLAP,
@@ -143,10 +143,9 @@ def _about_box(a: CapsuleAt, b: BoxAt) -> SegmentAndBox:
 
 
 @njit
-def box_verdicts_kernel(
-    a: CapsuleArrays, rows_a: np.ndarray, b: BoxArrays, rows_b: np.ndarray, out: np.ndarray
-) -> None:
+def box_verdicts_kernel(pairs: RowPairs, out: np.ndarray) -> None:
     """Write the verdict (m,) of each capsule rows_a[n] against box rows_b[n]."""
+    a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
         out[n] = _box_verdict(capsule_at(a, rows_a[n]), box_at(b, rows_b[n]))
 
@@ -172,11 +171,9 @@ def _box_verdict(a: CapsuleAt, b: BoxAt) -> int:
 
 
 @njit
-def box_distances_kernel(
-    a: CapsuleArrays, rows_a: np.ndarray, b: BoxArrays, rows_b: np.ndarray,
-    distances: Floats, vectors: Floats,
-) -> None:  # fmt: skip
+def box_distances_kernel(pairs: RowPairs, distances: Floats, vectors: Floats) -> None:
     """Write separation, and normal and points, of capsule rows_a[n] and box rows_b[n]."""
+    a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
         found = _box_distance(capsule_at(a, rows_a[n]), box_at(b, rows_b[n]))
         _write(found, n, distances, vectors)
@@ -219,10 +216,9 @@ def _about_start(a: CapsuleAt, b: CapsuleAt) -> SegmentPair:
 
 
 @njit
-def capsule_verdicts_kernel(
-    a: CapsuleArrays, rows_a: np.ndarray, b: CapsuleArrays, rows_b: np.ndarray, out: np.ndarray
-) -> None:
+def capsule_verdicts_kernel(pairs: RowPairs, out: np.ndarray) -> None:
     """Write the verdict (m,) of each capsule rows_a[n] of a against rows_b[n] of b."""
+    a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
         out[n] = _capsule_verdict(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))
 
@@ -242,11 +238,9 @@ def _capsule_verdict(a: CapsuleAt, b: CapsuleAt) -> int:
 
 
 @njit
-def capsule_distances_kernel(
-    a: CapsuleArrays, rows_a: np.ndarray, b: CapsuleArrays, rows_b: np.ndarray,
-    distances: Floats, vectors: Floats,
-) -> None:  # fmt: skip
+def capsule_distances_kernel(pairs: RowPairs, distances: Floats, vectors: Floats) -> None:
     """Write separation, and normal and points, of capsules rows_a[n] and rows_b[n]."""
+    a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
         found = _capsule_distance(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))
         _write(found, n, distances, vectors)
@@ -300,7 +294,7 @@ def capsule_pair_verdicts(
     """Return the verdicts of ``a[rows_a[n]]`` against ``b[rows_b[n]]``, (n,) int8."""
     out = np.empty(len(rows_a), np.int8)
     kernel = box_verdicts_kernel if isinstance(b, Boxes) else capsule_verdicts_kernel
-    kernel(a.arrays, rows_a, b.arrays, rows_b, out)
+    kernel(RowPairs(a.arrays, rows_a, b.arrays, rows_b), out)
     return out
 
 
@@ -320,7 +314,7 @@ def capsule_clearances(
     first, second = np.ascontiguousarray(rows.T)
     distances, vectors = np.empty(len(rows)), np.empty((3, len(rows), 3))
     kernel = box_distances_kernel if isinstance(b, Boxes) else capsule_distances_kernel
-    kernel(a.arrays, first, b.arrays, second, distances, vectors)
+    kernel(RowPairs(a.arrays, first, b.arrays, second), distances, vectors)
     near = distances <= limit
     normals, first_positions, second_positions = vectors[:, near]
     return Clearances(rows[near], distances[near], first_positions, second_positions, normals)

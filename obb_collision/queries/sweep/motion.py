@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.poses import fill_quaternions
 from obb_collision.geometry.validation import check_kind, check_lengths, refuse_where
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF, SMALL_SQUARE
@@ -242,9 +242,7 @@ def _widen(
 def motion_bounds(start: Boxes, end: Boxes) -> Floats:
     """Return (n,) metres that no point of each box exceeds on its way, rounded up."""
     ways = np.empty(len(start))
-    _fill_ways(
-        start.centers, end.centers, start.half_extents, turns_between(start, end), ways
-    )  # fmt: skip
+    _fill_ways(start.centers, end.centers, start.half_extents, turns_between(start, end), ways)
     return ways
 
 
@@ -277,21 +275,14 @@ def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
     """
     check_same_boxes(start, end)
     needed = np.empty(len(start), np.bool_)
-    _fill_needed(
-        start.centers, end.centers, start.rotations, end.rotations, start.half_extents,
-        motion_bounds(start, end), needed,
-    )  # fmt: skip
+    _fill_needed(start.arrays, end.arrays, motion_bounds(start, end), needed)
     return needed
 
 
 @njit
-def _fill_needed(
-    starts: Floats, ends: Floats, first: Floats, last: Floats, half_extents: Floats,
-    ways: Floats, out: np.ndarray,
-) -> None:  # fmt: skip
-    for n in range(len(starts)):
-        moved = (
-            starts[n, 0] != ends[n, 0] or starts[n, 1] != ends[n, 1] or starts[n, 2] != ends[n, 2]
-        )
-        smallest = min(half_extents[n, 0], half_extents[n, 1], half_extents[n, 2])
-        out[n] = ways[n] > smallest and (moved or _turned(first, last, n))
+def _fill_needed(start: BoxArrays, end: BoxArrays, ways: Floats, out: np.ndarray) -> None:
+    for n in range(len(out)):
+        moved = vector_at(start.centers, n) != vector_at(end.centers, n)
+        x, y, z = vector_at(start.half_extents, n)
+        turned = _turned(start.rotations, end.rotations, n)
+        out[n] = ways[n] > min(x, y, z) and (moved or turned)
