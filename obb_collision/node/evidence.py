@@ -40,7 +40,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.outputs.collision_status import allowed_delay
-from obb_collision.node.parameters.groups import Groups
+from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.robots import Robots
 from obb_collision.scene.effects.settings import OFF

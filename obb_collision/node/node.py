@@ -53,7 +53,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import COLLIDE
 from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.outputs.outputs import Outputs
-from obb_collision.node.parameters.groups import Groups
+from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import LinkFrames
 from obb_collision.node.robots.robots import Robots, robot_inputs

@@ -25,7 +25,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
 from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.outputs.outputs import Effects
-from obb_collision.node.parameters.groups import Groups
+from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.scene.building.process import Limits

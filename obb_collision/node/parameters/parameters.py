@@ -31,11 +31,11 @@ from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.node.parameters.entries import (
     Base,
     bases_of,
+    check_words,
     folders_from,
     option_name,
     region_from,
 )
-from obb_collision.node.parameters.groups import check_words
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.node.runtime.inner import parameter_overrides

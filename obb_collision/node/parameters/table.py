@@ -26,12 +26,13 @@ from obb_collision.node.parameters.entries import (
     MAX_ROBOTS,
     base_from_text,
     folder_from_text,
+    group_from_text,
     option_name,
+    pair_from_text,
     range_from_text,
     robot_from_text,
     touches_from_text,
 )
-from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS

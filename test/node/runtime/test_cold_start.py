@@ -35,36 +35,44 @@ from node_process import cached, environment, running
 from processes import PATIENCE, output_until
 
 from obb_collision import _jit, _kernel_cache
-from obb_collision.warm_up.steps import NODE_STEPS, run
+from obb_collision.warm_up.steps import NODE_STEPS, ROBOTS, run
 
 EVERYTHING = Path(__file__).with_name("everything.py")
+ROBOT = Path(__file__).parents[1] / "robots" / "all_of_a_robot.py"
 LONGEST_WORK = 0.1
 """Seconds that the process of a node may work between two cycles, by its own clock."""
 LONGEST_SHARE = 0.2
 """Of the time that others compile: a cycle that waits for them takes about all of it."""
 
 
-def run_everything(cache: Path | None, *effects: str) -> dict[str, Any]:
-    """Run ``everything.py``; returns what it found."""
+def run_script(script: Path, *arguments: str, cache: Path | None = None) -> Any:
+    """Run a script that asks for everything; returns what it found."""
     done = subprocess.run(
-        [sys.executable, str(EVERYTHING), *effects],
+        [sys.executable, str(script), *arguments],
         env=environment(**({} if cache is None else cached(cache))),
         capture_output=True,
         text=True,
         timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def test_no_cycle_loads_a_kernel() -> None:
     """Whatever is asked for: it is loaded before the node is ready, or beside its cycles."""
     for step in NODE_STEPS:
         run(step)  # the cache has them from now on
-    found = run_everything(None)
+    found = run_script(EVERYTHING)
     assert found["new"] == []
     assert found["compiled"] == []
+
+
+def test_no_cycle_loads_a_kernel_for_robots(tmp_path: Path) -> None:
+    pytest.importorskip("lxml")
+    pytest.importorskip("trajectory_msgs")
+    for step in (*NODE_STEPS, ROBOTS):
+        run(step)
+    assert run_script(ROBOT, str(tmp_path)) == []
 
 
 def copy_kernels(folder: Path, *without: str) -> None:
@@ -101,12 +109,12 @@ def check_cycles(found: dict[str, Any]) -> None:
 
 def test_cycles_go_on_while_an_effect_is_compiled(tmp_path: Path) -> None:
     copy_kernels(tmp_path, "queries.clearance.")
-    check_cycles(run_everything(tmp_path, "clearance"))
+    check_cycles(run_script(EVERYTHING, "clearance", cache=tmp_path))
 
 
 @pytest.mark.slow
 def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_path: Path) -> None:
-    check_cycles(run_everything(tmp_path))
+    check_cycles(run_script(EVERYTHING, cache=tmp_path))
 
 
 def damage(files: list[Path]) -> None:

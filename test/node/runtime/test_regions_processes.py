@@ -12,35 +12,42 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Two processes, a region each, find together what one node finds, also while one restarts."""
+"""Nodes of several regions and the merger of their answers, each in a process of its own."""
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from diagnostic_msgs.msg import DiagnosticStatus
-from node_process import running
-from processes import PATIENCE, output_until
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from node_process import environment, running
+from processes import PATIENCE, limited, output_until
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rig import DOMAIN, LATCHED, NAMESPACE, OUTPUTS, Client
+from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node import namespace_number
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.merger import MergerNode, values_of
+from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.parameters.entries import text_from_region
 from obb_collision.node.topics.cloud import Cloud
-from obb_collision.node.topics.topics import TOPICS
+from obb_collision.node.topics.topics import COLLISIONS, TOPICS
 from obb_collision.regions import split_regions
 
 REGIONS = ("west", "east")
@@ -241,3 +248,80 @@ def test_two_processes_find_what_one_node_finds_also_while_one_restarts() -> Non
         client.until(lambda: client.level() == OK, "free")
         client.until(lambda: not client.merged["in_collision"].data, "the flag")
         assert client.message() == "free"
+
+
+STATUS = TOPICS["collision_status"]
+COMMAND = ("-m", "obb_collision.node.merger", "--ros-args", "-r", f"__ns:={NAMESPACE}/merged")
+ARGUMENTS = ("-p", f"regions:=['{NAMESPACE}/west']", "-p", "timeout:=0.5")
+
+
+def status(objects: str, level: bytes = FREE, **more: str) -> DiagnosticArray:
+    """Return what the node of a region says; more: further values."""
+    pairs = {"objects": objects, "clearance radius (m)": "0.1"} | more
+    values = [KeyValue(key=key, value=value) for key, value in pairs.items()]
+    return DiagnosticArray(status=[DiagnosticStatus(level=level, values=values)])
+
+
+def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is_known() -> None:
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    executor = SingleThreadedExecutor(context=context)
+    client = Client(context, executor)
+    client.patience = PATIENCE
+    told = client.client.create_publisher(DiagnosticArray, "west/collision_status", STATUS.qos)
+    rows = client.client.create_publisher(PointCloud2, "west/collisions", 10)
+    said: list[DiagnosticStatus] = []
+
+    def take(message: DiagnosticArray) -> None:
+        said.append(message.status[0])
+
+    client.client.create_subscription(DiagnosticArray, "merged/collision_status", take, LATCHED)
+    rows_sent = True
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, *ARGUMENTS],
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+    def heard(level: bytes, reason: str, who: str, sent: DiagnosticArray | None) -> bool:
+        assert process.poll() is None, process.communicate()[0]
+        if sent is not None:
+            told.publish(sent)
+        if rows_sent:
+            rows.publish(cloud_to_ros(np.zeros(0, COLLISIONS.dtype), client.header()))
+        if not said:
+            return False
+        values = values_of(said[-1])
+        return (said[-1].level, values["reason"], values["who"]) == (level, reason, who)
+
+    try:
+        with limited(process):
+            west, silent = f"{NAMESPACE}/west", f"{NAMESPACE}/west (silent)"
+            for bad in (status("9" * 10_000), DiagnosticArray()):
+                client.until(partial(heard, FREE, "", "", status("3")), "free")
+                client.until(partial(heard, UNKNOWN, "region_silent", silent, bad), "silence")
+            given = {"reason": "refused", "reasons": "refused stale", "who": "a/1"}
+            sent = status("3", UNKNOWN, **given)
+            client.until(partial(heard, UNKNOWN, "refused", f"{west} (a/1)", sent), "its reason")
+            assert values_of(said[-1])["reasons"] == "refused stale"
+            sent = status("3", COLLIDING, **given)
+            client.until(partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent), "both")
+            assert values_of(said[-1])["clearance radius (m)"] == "0.1"
+            client.until(partial(heard, COLLIDING, "region_silent", silent, None), "its collision")
+            back = f"{west} (back)"  # it says that it is free, and is not believed at once
+            client.until(partial(heard, UNKNOWN, "region_silent", back, status("3")), "an end")
+            client.until(partial(heard, FREE, "", "", status("3")), "free again")
+            rows_sent = False  # and so there is no stamp that all have evaluated
+            client.until(partial(heard, UNKNOWN, "region_unmatched", "", status("3")), "no rows")
+            process.send_signal(signal.SIGTERM)
+            output, _ = process.communicate(timeout=PATIENCE)
+            assert process.returncode == 0, output
+            client.until(lambda: said[-1].message == "shutting down", "the last word")
+            assert said[-1].level == UNKNOWN
+            assert "internal error" in output
+    finally:
+        executor.shutdown()
+        client.client.destroy_node()
+        context.try_shutdown()
