@@ -24,7 +24,8 @@ from each import each
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rig import LATCHED, NAMESPACE, Rig, cube, sync
@@ -62,7 +63,7 @@ def set_atomically(rig: Rig, **values: list[str]) -> Any:
     """Set lists of texts as another node does, all or none; returns the result."""
     kind = ParameterType.PARAMETER_STRING_ARRAY
     parameters = [
-        Parameter(name=name, value=ParameterValue(type=kind, string_array_value=value))
+        ParameterMessage(name=name, value=ParameterValue(type=kind, string_array_value=value))
         for name, value in values.items()
     ]
     name = f"{rig.node.get_fully_qualified_name()}/set_parameters_atomically"
