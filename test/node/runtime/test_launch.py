@@ -40,21 +40,10 @@ from rig import DOMAIN, NAMESPACE, Client
 from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.parameters.entries import region_parameters, shared_inputs
-from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.runtime.launching import initial_parameters
 from obb_collision.node.topics.topics import TOPICS
 
 ROOT = Path(__file__).parents[3]
-
-
-def test_the_parameter_file_holds_every_parameter_at_its_default() -> None:
-    content = yaml.safe_load((ROOT / "config" / "obb_collision.yaml").read_text())
-    values = content["/**"]["ros__parameters"]
-    effects = values.pop("effects")
-    values |= {f"effects.{name}": value for name, value in effects.items()}
-    assert values == {spec.name: spec.default for spec in SPECS}
-    for spec in SPECS:
-        assert type(values[spec.name]) is type(spec.default), "ROS refuses an int for a double"
 
 
 def displays() -> dict[str, Any]:
@@ -62,20 +51,14 @@ def displays() -> dict[str, Any]:
     return {display["Name"]: display for display in content["Visualization Manager"]["Displays"]}
 
 
-def test_the_rviz_configuration_shows_the_boxes_and_the_contacts() -> None:
-    shown = displays()
-    assert shown["World boxes"]["Class"] == "rviz_default_plugins/MarkerArray"
-    assert shown["World boxes"]["Topic"]["Value"] == "obb_collision/markers"
-    assert shown["Contacts"]["Class"] == "rviz_default_plugins/PointCloud2"
-    assert shown["Contacts"]["Topic"]["Value"] == "collisions"
-
-
-def test_the_rviz_configuration_has_the_topics_of_the_effects_switched_off() -> None:
-    clouds = {
-        shown["Topic"]["Value"]: shown["Enabled"]
-        for shown in displays().values()
-        if shown["Class"] == "rviz_default_plugins/PointCloud2"
+def test_the_rviz_configuration_shows_the_boxes_the_contacts_and_effects_switched_off() -> None:
+    shown = {
+        (display["Class"].removeprefix("rviz_default_plugins/"), display["Topic"]["Value"]): display
+        for display in displays().values()
+        if "Topic" in display
     }
+    assert ("MarkerArray", "obb_collision/markers") in shown
+    clouds = {topic: found["Enabled"] for (kind, topic), found in shown.items() if "Cloud" in kind}
     assert clouds.pop("collisions") is True
     effects = ("contacts", "clearance", "sweep", "points")
     assert clouds == {TOPICS[name].name: False for name in effects}
@@ -248,34 +231,19 @@ def test_launch_starts_the_node_with_the_parameters_of_its_file(
     assert launched.started("rviz2") is None
 
 
-def test_defaults_of_launch_leave_the_parameters_of_the_users_file_alone(
-    launched: Launched, tmp_path: Path
+@pytest.mark.parametrize("given", [True, False])
+def test_what_is_given_to_launch_wins_over_the_users_file_and_its_defaults_do_not(
+    launched: Launched, tmp_path: Path, given: bool
 ) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMETERS)
-    code, output = launched.run(f"params_file:={file}", "namespace:=cell")
+    more = ("scene_file:=warehouse", "use_sim_time:=false", "fixed_frame:=world") if given else ()
+    code, output = launched.run(f"params_file:={file}", "namespace:=cell", *more)
     assert code == 0, output
     found = launched.parameters(tmp_path, "cell")
-    assert (found["scene_file"], found["use_sim_time"]) == ("tabletop", True)
-    assert found["fixed_frame"] == "odom"
-
-
-def test_what_is_given_to_launch_wins_over_the_users_file(
-    launched: Launched, tmp_path: Path
-) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text(PARAMETERS)
-    code, output = launched.run(
-        f"params_file:={file}",
-        "namespace:=cell",
-        "scene_file:=warehouse",
-        "use_sim_time:=false",
-        "fixed_frame:=world",
-    )
-    assert code == 0, output
-    found = launched.parameters(tmp_path, "cell")
-    assert (found["scene_file"], found["use_sim_time"]) == ("warehouse", False)
-    assert (found["fixed_frame"], found["rate"]) == ("world", 30.0)
+    names = ("scene_file", "use_sim_time", "fixed_frame", "rate")
+    expected = ("warehouse", False, "world", 30.0) if given else ("tabletop", True, "odom", 30.0)
+    assert tuple(found[name] for name in names) == expected
 
 
 def test_regions_have_the_parameters_of_a_split_and_read_the_same_inputs() -> None:

@@ -23,11 +23,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
@@ -91,16 +92,6 @@ def end_with_last_word(
     return output
 
 
-def test_the_executable_serves_another_process_and_ends_cleanly() -> None:
-    with running(*IN_NAMESPACE) as process, client() as other:
-        other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
-        assert other.pairs() == {("a/1", "a/2")}
-        output = end_with_last_word(process, signal.SIGINT, other)
-    (ready,) = [line for line in output.splitlines() if "ready:" in line]
-    for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
-        assert word in ready
-
-
 def test_another_process_configures_activates_and_deactivates_it() -> None:
     managed = (*IN_NAMESPACE, "-p", "autostart:=false")
     with running(*managed) as process, client(met=False) as other:
@@ -144,8 +135,7 @@ STARTS = {
 """How a node is started, by a module that is imported on the way."""
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", STARTS)
+@each("module, number", product(STARTS, (signal.SIGINT, signal.SIGTERM)))
 def test_a_signal_during_the_imports_ends_it_without_a_word(
     module: str, number: signal.Signals
 ) -> None:
@@ -312,7 +302,10 @@ def test_a_scene_of_another_process_gets_the_right_pairs_after_every_pose() -> N
             assert other.pairs() == expected()
         other.send_transform("part/0", pose(100.0))
         assert not any("part/0" in pair for pair in other.pairs())
-        end_with_last_word(process, signal.SIGTERM, other)
+        output = end_with_last_word(process, signal.SIGINT, other)
+    (ready,) = [line for line in output.splitlines() if "ready:" in line]
+    for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
+        assert word in ready
 
 
 def test_what_is_there_at_ready_is_out_of_the_collectors_sight() -> None:
