@@ -232,7 +232,7 @@ RACES: dict[str, tuple[Callable[[np.ndarray], Any], np.ndarray]] = {
 }
 
 
-@pytest.mark.parametrize("name", RACES)
+@each("name", RACES)
 def test_indices_may_be_written_by_another_thread_meanwhile(name: str) -> None:
     """They are refused, or those of before or after are used; nothing outside is touched."""
     call, good = RACES[name]

@@ -80,9 +80,7 @@ def test_no_rotation_that_is_not_orthonormal(by: float, i: int, j: int) -> None:
         oc.Boxes(**arrays)
 
 
-@pytest.mark.parametrize(
-    "rotation", [np.zeros((3, 3)), np.ones((3, 3)), 2.0 * np.eye(3), np.diag([1.0, 1.0, 0.0])]
-)
+@each("rotation", [np.zeros((3, 3)), np.ones((3, 3)), 2.0 * np.eye(3), np.diag([1.0, 1.0, 0.0])])
 def test_no_matrix_that_is_no_rotation(rotation: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"^rotation .*orthonormal"):
         oc.OBB(np.zeros(3), rotation, np.ones(3))

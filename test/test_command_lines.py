@@ -16,8 +16,13 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
+from collections.abc import Callable
+
 import pytest
 from programs import NEED_ROS, PROGRAMS, function_of
+
+from obb_collision.cli import real, whole
 
 WHOLES = ["x", "-1", "1.5", "", "nan", "9" * 5000, "9" * 400, "\ud800", "1\n2"]
 REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
@@ -80,6 +85,15 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     },
     "python -m tools.peers.engines": {"--sizes": WHOLES},
 }  # fmt: skip
+
+
+def test_limits_of_numbers_are_within_them() -> None:
+    kinds: tuple[Callable[[str], float], ...] = (whole(2, 5), real(2.0, 5.0))
+    for convert in kinds:
+        assert [convert(text) for text in ("2", "3", "5")] == [2, 3, 5]
+        for text in ("1", "6"):
+            with pytest.raises(ArgumentTypeError, match="must be between 2 and 5"):
+                convert(text)
 
 
 def test_every_script_is_tried() -> None:

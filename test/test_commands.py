@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from importlib import import_module
 
 import pytest
+from each import each
 from programs import SCRIPTS, function_of
 
 pytest.importorskip("rclpy")
@@ -76,8 +77,8 @@ def test_without_ros_they_say_what_is_missing(
     assert "needs rclpy" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("parameter", "reason"),
+@each(
+    "parameter, reason",
     [
         ("rate:=-1.0", "rate out of range"),
         ("rate:=5", "expecting type 'DOUBLE'"),
@@ -124,8 +125,8 @@ def test_parameters_that_cannot_be_used_end_the_demo_with_the_reason(
     assert "Traceback" not in error
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
+@each(
+    "arguments, reason",
     [
         (["--log-level", "loud"], "does not use a valid severity level"),
         (["-p", "rate"], "parse parameter override rule: '-p rate'"),
@@ -136,7 +137,7 @@ def test_parameters_that_cannot_be_used_end_the_demo_with_the_reason(
         (["-p", "\udcff:=1"], "surrogates not allowed"),
     ],
 )
-@pytest.mark.parametrize("name", COMMANDS)
+@each("name", COMMANDS)
 def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
     name: str, arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,7 +24,7 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-import pytest
+from each import each
 
 import obb_collision as oc
 
@@ -77,7 +77,7 @@ def arguments(value: Any) -> set[str]:
     return set(inspect.signature(value).parameters) - {"self", "cls"}
 
 
-@pytest.mark.parametrize("name", DOCUMENTED)
+@each("name", DOCUMENTED)
 def test_examples_run(name: str) -> None:
     known: dict[str, Any] = {"oc": oc, "np": np}
     said: list[str] = []
@@ -98,7 +98,7 @@ def examples_of(name: str) -> list[str]:
     return [inspect.getdoc(OBJECTS[owner]) or "", text]
 
 
-@pytest.mark.parametrize("name", OBJECTS)
+@each("name", OBJECTS)
 def test_every_public_name_has_its_sections_and_an_example(name: str) -> None:
     value = OBJECTS[name]
     text = inspect.getdoc(value) or ""
@@ -113,7 +113,7 @@ def test_every_public_name_has_its_sections_and_an_example(name: str) -> None:
     assert inspect.isclass(value) or "Returns" in found
 
 
-@pytest.mark.parametrize("name", METHODS)
+@each("name", METHODS)
 def test_every_public_method_has_its_sections(name: str) -> None:
     value = METHODS[name]
     text = inspect.getdoc(value) or ""

@@ -36,7 +36,7 @@ def test_hostile_arguments_are_answered_or_refused(step: int) -> None:
     source = str(Path(oc.__file__).parents[1])
     ran = subprocess.run(
         [sys.executable, str(HERE / "hostile_arguments.py"), str(step)],
-        env={**os.environ, "PYTHONPATH": source},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((source, str(HERE / "support")))},
         capture_output=True,
         text=True,
         timeout=600,

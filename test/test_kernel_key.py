@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numba
 import pytest
+from each import each
 
 from obb_collision import _jit, _kernel_key
 from obb_collision._kernel_key import fields_of, kernel_key
@@ -62,8 +63,8 @@ def key_of(source: str) -> str:
     return kernel_key(names["kernel"])
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "same"),
+@each(
+    "before, after, same",
     [
         ("Return something.", "Return something else.", True),
         ("import numpy", "# a comment\nimport numpy", True),
@@ -84,7 +85,7 @@ def test_the_key_has_what_a_kernel_depends_on(
     assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
 
 
-@pytest.mark.parametrize("flag", _kernel_key.FLAGS)
+@each("flag", _kernel_key.FLAGS)
 def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = key_of(KERNEL)
     monkeypatch.setattr(_kernel_key.config, flag, "another", raising=False)

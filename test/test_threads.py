@@ -25,6 +25,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision import _threads
@@ -40,8 +41,8 @@ def _restore() -> Iterator[None]:
     oc.set_threads(None)
 
 
-@pytest.mark.parametrize("number", NUMBERS)
-@pytest.mark.parametrize("count", [0, 1, 7, 64, 1001])
+@each("number", NUMBERS)
+@each("count", [0, 1, 7, 64, 1001])
 def test_ranges_are_all_rows_in_order(number: int, count: int) -> None:
     oc.set_threads(number)
     parts = ranges(count, 8)
@@ -50,7 +51,7 @@ def test_ranges_are_all_rows_in_order(number: int, count: int) -> None:
     assert len(parts) == 1 or number > 1
 
 
-@pytest.mark.parametrize("number", NUMBERS)
+@each("number", NUMBERS)
 def test_results_come_in_the_order_of_the_ranges(number: int) -> None:
     oc.set_threads(number)
     out = np.zeros(1000, np.int64)
@@ -141,7 +142,7 @@ def test_a_kernel_is_loaded_in_the_calling_thread_before_others_use_it() -> None
     assert threads == [threading.get_ident()]
 
 
-@pytest.mark.parametrize("number", [0, -1, 1025, 1.0, True, "2", 10**400])
+@each("number", [0, -1, 1025, 1.0, True, "2", 10**400])
 def test_a_bad_number_is_refused(number: int) -> None:
     before = oc.threads()
     with pytest.raises(ValueError, match="number must be a whole number from 1 to 1024"):
@@ -188,7 +189,7 @@ run_parts(lambda part: part, 3)
 """
 
 
-@pytest.mark.parametrize("code", [FORK, LATE], ids=["fork", "at exit"])
+@each("code", [FORK, LATE])
 def test_a_forked_process_and_one_that_ends_go_on(code: str) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=120

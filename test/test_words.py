@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.words import MAX_NAME, MAX_SHOWN, check_name, printable, shown
@@ -34,7 +35,7 @@ class Sulky:
         raise RuntimeError("no")
 
 
-@pytest.mark.parametrize("name", [*BAD_NAMES, None, 3, b"a", ["a"]], ids=range(len(BAD_NAMES) + 4))
+@each("name", [*BAD_NAMES, None, 3, b"a", ["a"]])
 def test_what_is_no_name_is_refused_in_one_printable_line(name: Any) -> None:
     with pytest.raises(ValueError, match=r"^name must ") as error:
         check_name(name, "name")
@@ -42,12 +43,12 @@ def test_what_is_no_name_is_refused_in_one_printable_line(name: Any) -> None:
     assert len(str(error.value)) < 200
 
 
-@pytest.mark.parametrize("name", ["a", "gripper/1", "Ünïcode 物 🎲", "/5", " ", "x" * MAX_NAME])
+@each("name", ["a", "gripper/1", "Ünïcode 物 🎲", "/5", " ", "x" * MAX_NAME])
 def test_other_names_stay_as_they_are(name: str) -> None:
     assert check_name(name, "name") == name
 
 
-@pytest.mark.parametrize("name", BAD_NAMES, ids=range(len(BAD_NAMES)))
+@each("name", BAD_NAMES)
 def test_no_scene_has_an_object_of_such_a_name(name: str) -> None:
     scene = oc.Scene()
     with pytest.raises(ValueError, match=r"^name must "):
@@ -55,19 +56,21 @@ def test_no_scene_has_an_object_of_such_a_name(name: str) -> None:
     assert len(scene) == 0
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
+@each("value", [
         "x" * 10**6, "\ud800", 10**5000, dict.fromkeys(range(99), "a" * 99), np.zeros((99, 99)),
         [[["\n"] * 99] * 99] * 99, Sulky(), None, b"\x00" * 999,
-    ],
-    ids=range(9),
-)  # fmt: skip
+    ])  # fmt: skip
 def test_values_are_shown_in_a_short_line(value: Any) -> None:
     text = shown(value)
     assert 0 < len(text) <= MAX_SHOWN
     assert text.isprintable()
     text.encode()
+
+
+def test_values_of_just_the_length_that_is_shown_are_whole() -> None:
+    value = ["x" * 36, "x" * 36]
+    assert (len(repr(value)), shown(value)) == (MAX_SHOWN, repr(value))
+    assert shown(["x" * 36, "x" * 37]) == repr(value)[:-3] + "..."
 
 
 def test_what_cannot_be_printed_is_escaped() -> None:

@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.benchmarks import effect_costs, speed
@@ -40,7 +41,7 @@ def silent(what: str) -> None:
     """Take what is being done."""
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_frames_move_only_what_moves_and_by_little(form: str) -> None:
     half_extents, frames = make_frames(form, 60, 0.1, 1)
     first, second = frames[:2]
@@ -53,7 +54,7 @@ def test_frames_move_only_what_moves_and_by_little(form: str) -> None:
     assert len(oc.find_pairs(oc.Boxes.from_poses(frames[4].poses, half_extents))) > 0
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_everybody_finds_our_pairs(form: str) -> None:
     rows, _ = run_case(Case(form, 80), [*OURS, *PEERS], [1, 2], QUICK, silent)
     assert {row.name for row in rows} >= {one.name for one in OURS}

@@ -31,7 +31,7 @@ import pytest
 from processes import limited, output_until
 
 import obb_collision as oc
-from obb_collision.demo.command import main, make_parser
+from obb_collision.demo.command import main
 from obb_collision.demo.scene import MIN_OBJECTS, random_scene
 from obb_collision.geometry.poses import as_poses
 
@@ -162,28 +162,6 @@ def test_it_is_always_known_what_collides_while_it_runs(demo: Demo) -> None:
     assert len(answers) > 5
     assert {status.level for status in answers} <= {DiagnosticStatus.OK, DiagnosticStatus.ERROR}
     assert not {pair.value for s in answers for pair in s.values if pair.key == "reasons"} - {""}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["--seconds", "0"], "must be between 0.1 and"),
-        (["--seconds", "nan"], "must be between 0.1 and"),
-        (["--objects", "many"], "'many' is not a whole number"),
-        (["--objects", "1"], "must be between 2 and"),
-        (["--seed", "-1"], "must be between 0 and"),
-        (["--rate", "1e9"], "must be between 1 and 200"),
-        (["--view", "port"], "'port' is not a whole number"),
-        (["--scene", "tabletop", "--objects", "20"], "not allowed with argument"),
-    ],
-)
-def test_bad_options_are_refused_with_a_reason(
-    arguments: list[str], reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        make_parser().parse_args(arguments)
-    assert stop.value.code == 2
-    assert reason in capsys.readouterr().err
 
 
 def test_without_rclpy_it_says_how_to_get_it(

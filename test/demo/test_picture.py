@@ -23,21 +23,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
+from obb_collision.demo.snapshot import triangles_of
 
 pytest.importorskip("rclpy")
 pytest.importorskip("matplotlib")
-
 from obb_collision.demo.picture import MAX_NOTED, draw_picture, save_picture
-from obb_collision.demo.snapshot import (
-    FREE,
-    OVERLAPPING,
-    STATE_COLORS,
-    TOUCHING,
-    DrawnScene,
-    Label,
-)
+from obb_collision.demo.snapshot import FREE, OVERLAPPING, STATE_COLORS, TOUCHING, DrawnScene, Label
 
 NONE: Any = np.empty((0, 3))
 ZONE = (0.1, 0.2, 0.9)
@@ -76,7 +70,7 @@ def count_pixels(snapshot: DrawnScene, color: tuple[float, float, float]) -> int
     return int((np.abs(pixels - 255.0 * np.array(color)) < 3.0).all(axis=2).sum())
 
 
-@pytest.mark.parametrize("state", [FREE, TOUCHING, OVERLAPPING])
+@each("state", [FREE, TOUCHING, OVERLAPPING])
 def test_boxes_wear_the_colour_of_their_state(state: int) -> None:
     snapshot = make_snapshot(6, states=np.full(6, state))
     found = [count_pixels(snapshot, color) for color in STATE_COLORS]
@@ -135,3 +129,33 @@ def test_all_of_a_scene_is_in_the_picture() -> None:
         )
         snapshot = make_snapshot(2, boxes=boxes)
         assert count_pixels(snapshot, STATE_COLORS[FREE]) > 1000
+
+
+POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]])
+
+
+@each(
+    "shape",
+    [
+        oc.shapes.Box((1.0, 2.0, 3.0), (2, 1, 1)),
+        oc.shapes.Sphere(0.5),
+        oc.shapes.Ellipsoid((0.5, 1.0, 0.25)),
+        oc.shapes.Cylinder(0.5, 2.0),
+        oc.shapes.Cone(0.5, 2.0, (1, 2, 1)),
+        oc.shapes.Capsule(0.25, 1.0),
+        oc.shapes.Hull(POINTS, (1, 1, 2)),
+        oc.shapes.Hull(POINTS[:3]),
+        oc.shapes.Hull(POINTS[:1]),
+    ],
+)
+def test_triangles_fill_the_box(shape: oc.shapes.Shape) -> None:
+    vertices, faces, scale, closed = triangles_of(shape)
+    corners = (vertices * scale)[faces]
+    center, rotation, half_extents = shape.local_box
+    local = (corners.reshape(-1, 3) - center) @ rotation
+    assert (np.abs(local) <= half_extents + 1e-9).all()
+    assert (np.abs(local).max(axis=0) >= 0.97 * half_extents - 1e-9).all()
+    if closed:
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        out = np.einsum("nk,nk->n", normals, corners.mean(axis=1) - center)
+        assert (out > 0.0).all()

@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from obb_collision.demo.command import main, make_parser
 from obb_collision.scene_files import READY, find_scene, load_scene
@@ -39,7 +40,7 @@ DOMAIN = 100 + os.getpid() % 40
 MOVEIT = Path(__file__).parents[1] / "data" / "moveit"
 
 
-@pytest.mark.parametrize("name", READY)
+@each("name", READY)
 def test_ready_scenes_keep_names_poses_and_twists(name: str) -> None:
     file = find_scene(name)
     scene = DemoScene(load_scene(file), file)
@@ -151,7 +152,7 @@ def test_a_file_gets_the_effects_it_calls_for(
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("name", ["shelf", "message"])
+@each("name", ["shelf", "message"])
 def test_moveit_scenes_run(start: Start, name: str) -> None:
     demo = start(MOVEIT / f"{name}.yaml")
     demo.begin()
@@ -166,8 +167,8 @@ def test_moveit_scenes_run(start: Start, name: str) -> None:
     assert all(a != b for a, b in combinations(scene.names, 2))
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
+@each(
+    "text, reason",
     [
         ("objects: [{name: a, shape: box, size: [1, -1, 1]}]", "scene.yaml:1: objects[0].size: "),
         ("objects: []", "it has no objects"),

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from threading import Thread
 
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -87,7 +88,7 @@ def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:
     assert "/nobody was not heard within 0.2 s" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("count", [0, 2])
+@each("count", [0, 2])
 def test_messages_of_strangers_are_unreadable(
     rig: Rig, capsys: pytest.CaptureFixture[str], count: int
 ) -> None:

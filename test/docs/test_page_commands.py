@@ -27,6 +27,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from each import each
 from pages import PAGES, ROOT, code_blocks, page_name
 from programs import NEED_ROS, PROGRAMS, function_of, program_of
 
@@ -128,7 +129,7 @@ def check_extras(words: list[str]) -> None:
         assert set(names.split(",")) <= EXTRAS
 
 
-@pytest.mark.parametrize("page", [page_name(page) for page in PAGES])
+@each("page", [page_name(page) for page in PAGES])
 def test_commands_can_be_given(page: str) -> None:
     for words in (w for name, line in commands() if name == page for w in split_chain(line)):
         program = words[0]

@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
-import pytest
-from pages import PAGES, ROOT, page_name, table_rows
+from each import each
+from pages import PAGES, ROOT, code_blocks, page_name, table_rows
 
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
@@ -41,7 +42,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=page_name)
+@each("page", PAGES)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
         if target.startswith("http"):
@@ -98,7 +99,7 @@ def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
         assert line.startswith("PIP_BREAK_SYSTEM_PACKAGES=1 rosdep install ")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=page_name)
+@each("page", PAGES)
 def test_public_names_in_a_page_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     names = set(re.findall(r"\boc\.([A-Za-z]\w*(?:\.[A-Z]\w*)?)", text))
@@ -110,3 +111,52 @@ def test_public_names_in_a_page_exist(page: Path) -> None:
         for part in name.split("."):
             assert hasattr(found, part), f"oc.{name}"
             found = getattr(found, part)
+
+
+PACKAGE, TOOLS = ROOT / "obb_collision", ROOT / "tools"
+ORDER = (
+    "numerics", "geometry", "queries", "scene", "robots", "warm_up", "scene_files", "node",
+    "demo", "benchmarks",
+)  # fmt: skip
+"""The layers in the order of their imports; folders within one are sorted by name."""
+WIDTH = 22
+"""Column of the descriptions."""
+
+
+def tree() -> list[str]:
+    """Return one line per folder: its name, and the first line of its docstring."""
+
+    def order(path: Path) -> tuple[int, Path]:
+        top = path.relative_to(PACKAGE).parts
+        return (ORDER.index(top[0]) if top else -1, path)
+
+    lines = []
+    files = sorted(PACKAGE.rglob("__init__.py"), key=lambda file: order(file.parent))
+    for file in (*files, *sorted(TOOLS.rglob("__init__.py"), key=lambda file: file.parent)):
+        docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))
+        assert docstring is not None, file
+        depth = len(file.parent.relative_to(ROOT).parts) - 1
+        name = f"{'  ' * depth}{file.parent.name}/"
+        lines.append(f"{name:<{WIDTH}} {docstring.splitlines()[0]}")
+    return lines
+
+
+def test_the_tree_is_that_of_the_folders() -> None:
+    (shown,) = code_blocks(ROOT / "CONTRIBUTING.md", "text")
+    assert shown.splitlines() == tree()
+
+
+def test_every_folder_says_in_one_line_what_it_is() -> None:
+    for line in tree():
+        assert len(line) <= 100, line
+        assert line.endswith("."), line
+
+
+def test_files_that_are_named_exist_and_those_beside_the_folders_are_named() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:obb_collision|test|docs)/[\w./]+)`", text)
+    assert "obb_collision/queries/sweep/sweep.py" in named
+    for path in named:
+        assert (ROOT / path).exists(), path
+    for file in set(PACKAGE.glob("*.py")) - {PACKAGE / "__init__.py"}:
+        assert f"`{file.name}`" in text, file.name

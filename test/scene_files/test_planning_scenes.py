@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -199,7 +200,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("text", REFUSED, ids=range(len(REFUSED)))
+@each("text", REFUSED)
 def test_what_is_wrong_is_told_by_line_and_key(text: str, tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(text)
@@ -259,7 +260,7 @@ MESH_FILES = {
 }
 
 
-@pytest.mark.parametrize("mesh", MESH_FILES, ids=range(len(MESH_FILES)))
+@each("mesh", MESH_FILES)
 def test_mesh_files_that_cannot_be_used_are_refused(mesh: str, tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(f"world: {{collision_objects: [{{id: a, meshes: [{mesh}]}}]}}")

@@ -21,9 +21,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
+from obb_collision.geometry.poses import Pose
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files import (
     READY,
@@ -32,8 +34,8 @@ from obb_collision.scene_files import (
     find_scene,
     load_scene,
 )
-from obb_collision.scene_files.description import NODE_EFFECTS
 from obb_collision.scene_files.lidar import NOISE, Lidar
+from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady, states_at
 
 #: Seconds between two poses of which the difference is compared with the twist.
 STEP = 1e-6
@@ -82,21 +84,6 @@ def test_their_patterns_are_about_something(ready: SceneDescription) -> None:
     groups = [pattern for patterns in ready.groups.values() for pattern in patterns]
     for pattern in (*rules, *effects, *groups, *(pattern for pattern, _ in ready.accuracies)):
         assert matching([pattern], [*ready.names, *links]).any(), pattern
-
-
-def test_each_calls_for_the_effects_it_is_there_for() -> None:
-    called = {
-        name: {
-            effect
-            for effect, choice in load_scene(name).effects.items()
-            if choice.mode != "off" and effect not in NODE_EFFECTS
-        }
-        for name in READY
-    }
-    assert called["tabletop"] == {"contacts", "clearance"}
-    assert called["warehouse"] == {"sweep", "clearance", "contacts"}
-    assert called["lidar_zone"] == {"points", "clearance"}
-    assert called["arm_cell"] == {"contacts", "clearance"}
 
 
 def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:
@@ -216,3 +203,88 @@ def test_a_lidar_in_a_box_or_straight_above_a_face_gives_no_nonsense() -> None:
     assert (np.abs(points[:, 2]) < 6 * NOISE).all()  # the floor
     assert len(points) > 100
     assert len(Lidar(1, 8.0).scan(around, 0.0)) <= 1
+
+
+RNG = np.random.default_rng(8)
+
+
+def random_pose() -> Pose:
+    x, y, z = RNG.uniform(-3.0, 3.0, 3).tolist()
+    qx, qy, qz, qw = Rotation.random(random_state=RNG.integers(2**31)).as_quat().tolist()
+    return x, y, z, qx, qy, qz, qw
+
+
+def random_loop() -> Loop:
+    return Loop((random_pose(), random_pose(), random_pose()), (0.0, 0.5, 2.0), 3.0)
+
+
+MOTIONS: dict[str, Motion | None] = {
+    "post": None,
+    "car": Steady((1.0, 2.0, 0.0, 0.1, 0.2, 0.7), period=4.0),
+    "train": random_loop(),
+    "load": Follow("train"),
+    "fly": Follow("load", random_loop()),
+    "shadow": Follow("fly"),
+    "sign": Follow("post"),
+    "slide": Steady((1.0, 0.0, 0.5, 0.0, 0.0, 0.0)),
+}
+STARTS = {name: random_pose() for name in MOTIONS}
+
+State = tuple[np.ndarray, Rotation, np.ndarray, np.ndarray]
+
+
+def along(begin: Pose, velocity: np.ndarray, turn: np.ndarray, seconds: float) -> State:
+    """Return position, rotation, velocity and angular velocity after a steady twist."""
+    rotation = Rotation.from_rotvec(turn * seconds) * Rotation.from_quat(begin[3:])
+    return np.array(begin[:3]) + velocity * seconds, rotation, velocity, turn
+
+
+def looped(loop: Loop, time: float) -> State:
+    passed = time % loop.period
+    leg = int(np.searchsorted(loop.times, passed, side="right")) - 1
+    begin, end = loop.poses[leg], loop.poses[(leg + 1) % len(loop.poses)]
+    lasts = (*loop.times, loop.period)[leg + 1] - loop.times[leg]
+    turn = (Rotation.from_quat(end[3:]) * Rotation.from_quat(begin[3:]).inv()).as_rotvec()
+    velocity = np.array(end[:3]) - np.array(begin[:3])
+    return along(begin, velocity / lasts, turn / lasts, passed - loop.times[leg])
+
+
+def expected(name: str, time: float) -> State:
+    motion, start, still = MOTIONS[name], STARTS[name], np.zeros(3)
+    if motion is None:
+        return along(start, still, still, 0.0)
+    if isinstance(motion, Steady):
+        twist = np.array(motion.twist)
+        return along(start, twist[:3], twist[3:], time % (motion.period or np.inf))
+    if isinstance(motion, Loop):
+        return looped(motion, time)
+    place, rotation, velocity, turn = expected(motion.name, time)
+    if motion.loop is None:
+        begun, facing, _, _ = expected(motion.name, 0.0)
+        inner = facing.inv().apply(np.array(start[:3]) - begun)
+        state = inner, facing.inv() * Rotation.from_quat(start[3:]), still, still
+    else:
+        state = looped(motion.loop, time)
+    arm = rotation.apply(state[0])
+    moving = velocity + np.cross(turn, arm) + rotation.apply(state[2])
+    return place + arm, rotation * state[1], moving, turn + rotation.apply(state[3])
+
+
+@each("time", [0.0, 0.3, 0.5, 1.7, 2.9, 100.3])
+def test_states_agree_with_one_object_at_a_time(time: float) -> None:
+    rows = {name: row for row, name in enumerate(MOTIONS)}
+    starts = np.array(list(STARTS.values()))
+    poses, twists = states_at(starts, list(MOTIONS.values()), rows, time)
+    for row, name in enumerate(MOTIONS):
+        place, rotation, velocity, turn = expected(name, time)
+        np.testing.assert_allclose(poses[row, :3], place, atol=1e-12)
+        matrix = Rotation.from_quat(poses[row, 3:]).as_matrix()
+        np.testing.assert_allclose(matrix, rotation.as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(twists[row], np.r_[velocity, turn], atol=1e-12)
+    assert poses[rows["post"]].tolist() == list(STARTS["post"])
+    assert poses[rows["slide"], 3:].tolist() == pytest.approx(STARTS["slide"][3:], abs=1e-15)
+
+
+def test_a_circle_of_followers_is_refused() -> None:
+    with pytest.raises(ValueError, match="follow one another in a circle"):
+        states_at(np.zeros((2, 7)), [Follow("b"), Follow("a")], {"a": 0, "b": 1}, 0.0)

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from each import each
 
 from obb_collision.scene_files import SceneFileError, load_scene
 
@@ -139,7 +140,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("text", REFUSED, ids=range(len(REFUSED)))
+@each("text", REFUSED)
 def test_what_is_wrong_is_told_by_line_and_key(text: str, write: Any) -> None:
     with pytest.raises(SceneFileError) as error:
         load_scene(write(text))
@@ -166,7 +167,7 @@ MOTIONS = {
 }
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
+@each("motion", MOTIONS)
 def test_motions_that_make_no_sense_are_refused(motion: str, write: Any) -> None:
     text = f"objects:\n- {{name: a, shape: sphere, radius: 1, motion: {motion}}}"
     with pytest.raises(SceneFileError) as error:

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from each import each
 
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load, load_scene
@@ -110,8 +111,8 @@ def replaced(place: Any, path: tuple[Any, ...], word: str) -> Any:
     return [replaced(v, path[1:], word) if k == path[0] else v for k, v in enumerate(place)]
 
 
-@pytest.mark.parametrize("word", BAD_WORDS, ids=range(len(BAD_WORDS)))
-@pytest.mark.parametrize("source", ["own", "message.yaml", "shelf.yaml"])
+@each("word", BAD_WORDS)
+@each("source", ["own", "message.yaml", "shelf.yaml"])
 def test_words_that_cannot_be_used_are_refused_wherever_they_stand(
     source: str, word: str, write: Any
 ) -> None:
@@ -160,23 +161,24 @@ NO_YAML = {
 }
 
 
-@pytest.mark.parametrize("text", NO_YAML, ids=range(len(NO_YAML)))
+@each("text", NO_YAML)
 def test_what_the_parser_itself_cannot_take_is_refused(text: str, write: Any) -> None:
     assert f".yaml:{NO_YAML[text]}: no YAML: " in refusal(write(text))
 
 
-@pytest.mark.parametrize(
-    "number",
-    ["1" * 50_000, "1" * 2_000_000 + "x", "1e999999999999", "-1e" + "9" * 5000, "." * 99_999,
-     "0" * 5000 + ".5", "1e400", ":".join("1" * 50_000), "1_" * 50_000 + "1"],
-    ids=range(9),
-)  # fmt: skip
+LONG_NUMBERS = [
+    *("1" * 50_000, "1" * 2_000_000 + "x", "1e999999999999", "-1e" + "9" * 5000, "." * 99_999),
+    *("0" * 5000 + ".5", "1e400", ":".join("1" * 50_000), "1_" * 50_000 + "1"),
+]
+
+
+@each("number", LONG_NUMBERS)
 def test_numbers_of_any_length_are_refused_in_one_pass(number: str, write: Any) -> None:
     path = write(f"objects:\n- name: a\n  shape: sphere\n  radius: {number}")
     assert f"{path}:4: objects[0].radius: must be a positive number, got " in refusal(path)
 
 
-@pytest.mark.parametrize("number", ["1.5", "1.", ".5", "+1e-3", f"{5e-324:.1074f}", "1" + "0" * 99])
+@each("number", ["1.5", "1.", ".5", "+1e-3", f"{5e-324:.1074f}", "1" + "0" * 99])
 def test_long_numbers_that_floats_need_are_read(number: str, write: Any) -> None:
     file = write(f"objects: [{{name: a, {BOX}, position: [{number}, 0, 0]}}]")
     assert load_scene(file).objects[0].pose[0] == float(number)
@@ -270,7 +272,7 @@ def test_who_follows_in_a_circle_is_told_once(write: Any) -> None:
     assert len(refusal(write(text)).splitlines()) == 1
 
 
-@pytest.mark.parametrize(
+@each(
     "motion",
     [
         "{twist: [0, 0, 0, 1e200, 0, 0]}",
@@ -406,5 +408,5 @@ def nodes_in(node: values.Node) -> Iterator[tuple[object, ...]]:
     parts = [] if isinstance(node.value, str) else list(node.value)
     yield node.tag, node.line, node.style, len(parts) or node.value
     for part in parts:
-        for each in part if isinstance(part, tuple) else (part,):
-            yield from nodes_in(each)
+        for inner in part if isinstance(part, tuple) else (part,):
+            yield from nodes_in(inner)

@@ -16,14 +16,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from each import each
 
 import obb_collision as oc
+from obb_collision.geometry.shapes.files import NO_FOLDERS
 from obb_collision.robots.description.urdf import description_text
-from obb_collision.scene_files import SceneDescription, SceneFileError, find_scene, load_scene
+from obb_collision.scene.building.process import Limits
+from obb_collision.scene_files import (
+    SceneDescription,
+    SceneFileError,
+    describe_scene,
+    find_scene,
+    load_scene,
+)
+from obb_collision.scene_files.mesh_files import MeshReading
+from obb_collision.shapes import Mesh
 
 CONFIG = find_scene("arm_cell").parent
 FILE = """\
@@ -58,8 +71,8 @@ def test_a_robot_at_rest_stands_where_the_file_says(tmp_path: Path) -> None:
     assert not velocities.any()
 
 
-@pytest.mark.parametrize("kind", ["urdf", "srdf"])
-@pytest.mark.parametrize("file", ["../arm.xml", "http://x/arm.xml", "package://nobody/arm.xml"])
+@each("kind", ["urdf", "srdf"])
+@each("file", ["../arm.xml", "http://x/arm.xml", "package://nobody/arm.xml"])
 def test_a_description_elsewhere_is_refused_as_what_it_is(
     tmp_path: Path, kind: str, file: str
 ) -> None:
@@ -115,8 +128,8 @@ def test_the_arm_of_the_cell_collides_only_with_a_board_on_its_way_out(
     assert set(times[~report.valid].round(1)) <= set(np.arange(9.0, 11.0, 0.1).round(1))
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
+@each(
+    "line, reason",
     [
         ("joints: {turn: 9}", "cell.yaml:7: robots[0].joints.turn: must be a number within the"),
         ("joints: {turn: .nan}", "must be a number within the joint's limits, -3.1 to 3.1"),
@@ -143,8 +156,8 @@ def test_what_cannot_be_used_is_refused_with_its_line(
     assert reason in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
+@each(
+    "old, new, reason",
     [
         ("name: left", "name: left/1", "must be letters, digits and _, the first a letter"),
         ("urdf: arm.urdf", "urdf: arm.srdf", "arm.srdf"),
@@ -166,3 +179,89 @@ def test_a_description_that_is_published_has_its_meshes_by_absolute_uris() -> No
     known = oc.Robot.from_urdf(CONFIG / "arm.urdf")
     assert robot.joint_names == known.joint_names
     assert [len(placed) for placed in robot.shapes] == [len(placed) for placed in known.shapes]
+
+
+OUTSIDE = "is in no folder from which meshes are read"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Return a scene file in the folder config of a package, without content."""
+    for name in ("arm/config", "arm/meshes", "other"):
+        (tmp_path / name).mkdir(parents=True)
+    for folder in ("arm/config", "arm/meshes", "other"):
+        trimesh.creation.box().export(tmp_path / folder / "part.stl")
+    return tmp_path / "arm" / "config" / "scene.yaml"
+
+
+def naming(scene: Path, file: str) -> Path:
+    """Write a scene with one mesh."""
+    scene.write_text(f"objects: [{{name: a, shape: mesh, file: '{file}'}}]")
+    return scene
+
+
+def faces(mesh: object) -> int:
+    assert isinstance(mesh, Mesh)
+    return len(mesh.faces)
+
+
+def test_a_mesh_may_be_beside_the_scene_file(scene: Path) -> None:
+    for file in ("part.stl", (scene.parent / "part.stl").as_uri()):
+        assert faces(load_scene(naming(scene, file)).objects[0].shape) == 12
+
+
+def test_a_mesh_may_be_in_the_package_of_the_scene_file(scene: Path) -> None:
+    naming(scene, "../meshes/part.stl")
+    with pytest.raises(SceneFileError, match=OUTSIDE):
+        load_scene(scene)
+    (scene.parents[1] / "package.xml").write_text("<package><name>arm</name></package>")
+    assert faces(load_scene(scene).objects[0].shape) == 12
+    assert faces(load_scene(naming(scene, "package://arm/meshes/part.stl")).objects[0].shape) == 12
+    with pytest.raises(SceneFileError, match=OUTSIDE):
+        load_scene(naming(scene, "package://arm/../other/part.stl"))
+
+
+def test_a_mesh_elsewhere_needs_its_folder_to_be_allowed(scene: Path, tmp_path: Path) -> None:
+    (scene.parent / "link.stl").symlink_to(tmp_path / "other" / "part.stl")
+    for file in ("../../other/part.stl", (tmp_path / "other/part.stl").as_uri(), "link.stl"):
+        naming(scene, file)
+        with pytest.raises(SceneFileError, match=rf"objects\[0\].file: mesh file .*{OUTSIDE}"):
+            load_scene(scene)
+        loaded = load_scene(scene, mesh_folders=[tmp_path / "other"])
+        assert faces(loaded.objects[0].shape) == 12
+
+
+@each("folders", ["/tmp", [1], None, {"/tmp"}])
+def test_folders_are_a_sequence_of_paths(scene: Path, folders: object) -> None:
+    with pytest.raises(TypeError, match="mesh_folders must be"):
+        load_scene(naming(scene, "part.stl"), mesh_folders=folders)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def reading(request: pytest.FixtureRequest) -> Iterator[MeshReading]:
+    made = MeshReading(NO_FOLDERS, *request.param)
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("reading", [(Limits(),)], indirect=True)
+def test_a_mesh_read_in_another_process_is_the_same(scene: Path, reading: MeshReading) -> None:
+    naming(scene, "part.stl")
+    there, here = describe_scene(scene, reading), load_scene(scene)
+    assert there.objects[0].shape == here.objects[0].shape
+
+
+@pytest.mark.parametrize(
+    ("reading", "reason"),
+    [
+        ((Limits(seconds=0.0),), "building took too long: 0 s is the limit"),
+        ((Limits(), 100), "it has 684 bytes, 100 is the limit"),
+        ((Limits(), 1000, 11), "it has 12 triangles, 11 is the limit"),
+    ],
+    indirect=["reading"],
+)
+def test_reading_in_another_process_has_limits(
+    scene: Path, reading: MeshReading, reason: str
+) -> None:
+    with pytest.raises(SceneFileError, match=reason):
+        describe_scene(naming(scene, "part.stl"), reading)

@@ -25,6 +25,7 @@ import distances
 import numpy as np
 import oracle
 import pytest
+from each import each
 
 import obb_collision as oc
 from tools import known_bugs
@@ -44,7 +45,7 @@ def exact(points: Any) -> list[list[Fraction]]:
     return [[Fraction(float(x)) for x in point] for point in points]
 
 
-@pytest.mark.parametrize("name", BOXES)
+@each("name", BOXES)
 def test_the_distances_of_boxes_are_exact(name: str) -> None:
     a, b, distance = BOXES[name]
     verdict = oracle.verdict(a, b)
@@ -59,7 +60,7 @@ def test_the_distances_of_boxes_are_exact(name: str) -> None:
         ] == pytest.approx(distance, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", BOXES)
+@each("name", BOXES)
 def test_this_library_is_right_about_boxes(name: str) -> None:
     a, b, distance = BOXES[name]
     one, two = (oc.Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
@@ -103,8 +104,8 @@ def test_the_depth_of_the_cubes_is_that_of_boxes() -> None:
     assert one.separation(two)[0] == bug.distances[0] == -0.5
 
 
-@pytest.mark.parametrize(
-    ("answer", "distance", "wrong"),
+@each(
+    "answer, distance, wrong",
     [
         (Answer(True, -0.5), -0.5, ""),
         (Answer(True, math.nan), -0.5, ""),

@@ -17,12 +17,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import oracle
 import pytest
+from each import each
 
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
@@ -62,12 +62,16 @@ def right(bodies: Bodies) -> Found:
     return dict(zip(pairs, truth.depths.tolist(), strict=True))
 
 
-@pytest.fixture
-def checker() -> Checker:
+def new_checker() -> Checker:
     """Return a checker of 30 bodies, before the first step."""
     world = World(5, 30)
     world.apply(world.first())
     return Checker(world, Result(growth=1.0))
+
+
+@pytest.fixture
+def checker() -> Checker:
+    return new_checker()
 
 
 def after(checker: Checker, changes: dict[str, Change], *topics: str) -> Bodies:
@@ -94,41 +98,26 @@ def test_answers_with_any_changes_of_a_step_are_right_if_they_are(checker: Check
     assert set(result.bodies) == {"came", "went", "moved"}
 
 
-def spoil_missing(found: Found) -> None:
-    del found[next(iter(found))]
+def spoiled(what: str, found: Found) -> None:
+    first = next(iter(found))
+    if what == "missing":
+        del found[first]
+    elif what == "too many":
+        found[(1, 1), (2, 2)] = 0.1
+    else:
+        found[first] += 1e-6 if what == "wrong depth" else np.nan
 
 
-def spoil_more(found: Found) -> None:
-    found[(1, 1), (2, 2)] = 0.1
-
-
-def spoil_depth(found: Found) -> None:
-    found[next(iter(found))] += 1e-6
-
-
-def spoil_unknown_depth(found: Found) -> None:
-    found[next(iter(found))] = np.nan
-
-
-@pytest.mark.parametrize(
-    ("spoil", "what"),
-    [
-        (spoil_missing, "missing"),
-        (spoil_more, "too many"),
-        (spoil_depth, "wrong depth"),
-        (spoil_unknown_depth, "wrong depth"),
-    ],
-)
-def test_a_wrong_answer_is_found(
-    checker: Checker, spoil: Callable[[Found], None], what: str
-) -> None:
+@each("what", ["missing", "too many", "wrong depth", "wrong depth: none"])
+def test_a_wrong_answer_is_found(what: str) -> None:
+    checker = new_checker()
     found = right(checker.world.bodies)
-    spoil(found)
+    spoiled(what, found)
     checker.judge(rows(found))
     result = checker.result
     assert result.wrong == 1
     assert "1 wrong answers" in result.faults()
-    assert what in result.failure
+    assert what.partition(":")[0] in result.failure
     assert len(result.failure["bodies"]) == len(checker.world.bodies)
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
+from each import each
 
 from tools.weight import LIMITS, Project, figures, table
 
@@ -80,8 +80,8 @@ def test_a_small_project_is_counted(tmp_path: Path) -> None:
     assert set(found) <= set(LIMITS)
 
 
-@pytest.mark.parametrize(
-    ("row", "text", "more"),
+@each(
+    "row, text, more",
     [
         ("classes called Bodies or Sides", "class Bodies: ...\nclass Sides: ...\n", 2),
         ("class names used twice", "class Base: ...\nclass New: ...\n", 1),

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import oracle
 import pytest
+from each import each
 from support import family, stored
 
 from obb_collision.geometry.boxes import Boxes
@@ -30,7 +31,7 @@ from tools import wrong_answers
 from tools.cases.families import FAMILIES, generate
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_labels_are_those_of_the_oracle(name: str) -> None:
     """The command labels every pair by the library's integers; here is why it may."""
     a, b = family(name, 300, seed=7)

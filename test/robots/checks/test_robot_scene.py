@@ -17,12 +17,12 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_poses
@@ -67,11 +67,10 @@ def brute_force(
             owner[name] = link
             where = compose_poses(robot.link_poses(state)[row], pose)
             scene.add(name, shape, where, padding=padding)
-    for index, name in zip(world.indices, world.names, strict=True):
-        given = world._cache._shapes.get(int(index))
-        box = world._store.local_half_extents[index]
-        body = oc.shapes.Box(2 * box) if given is None else given
-        scene.add(name, body, world.poses_of([int(index)])[0])
+    for name in world.names:
+        given = world.shape_of(name)
+        body = oc.shapes.Box(2 * given.half_extents) if isinstance(given, oc.OBB) else given
+        scene.add(name, body, world.pose(name))
         owner[name] = name
     found = set()
     for one, other in scene.check().names():
@@ -284,12 +283,11 @@ def test_far_from_the_origin_nothing_is_lost() -> None:
     assert report.valid.tolist() == [False, True]
 
 
-def test_a_base_that_moves_a_little_leaves_the_world_where_it_is() -> None:
+def test_far_from_the_origin_a_base_may_move() -> None:
     scene = oc.Scene()
     x = 1e6
     scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [x + 1.0, 0, 1.0, 0, 0, 0, 1])
     checker = lift(scene, bases=[[x, 0, 0, 0, 0, 0, 1]])
-    worlds = []
     for step in (0.0, 0.25, -0.5, 1.75, 2.5, 3.0, -40.0, -41.5):
         checker.bases = [[x + step, 0, 0, 0, 0, 0, 1]]
         out = 0.3 - step
@@ -297,10 +295,6 @@ def test_a_base_that_moves_a_little_leaves_the_world_where_it_is() -> None:
         assert report.colliding.tolist() == [True, False], step
         distance = checker.distances([[1.0, out - 0.0625]], self_pairs=False).distances
         np.testing.assert_allclose(distance, [0.0625], atol=1e-9)
-        worlds.append(checker._model.prepared(scene).world)
-    moved = [one is not other for one, other in pairwise(worlds)]
-    assert moved[3:] == [True, False, True, False]
-    assert moved[1:3] == [False, False]
 
 
 def test_threads_do_not_change_the_answer() -> None:
@@ -448,7 +442,7 @@ def test_an_object_of_the_scene_is_no_obstacle_while_it_is_attached() -> None:
         checker.attach_object("nothing", link, pose)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_an_object_of_the_scene_is_grasped_where_it_is(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = oc.Robot.from_urdf(random_arm(rng, 3))
@@ -478,7 +472,7 @@ def from_matrix(given: Floats) -> Floats:
     return np.append(given[:3, 3], Rotation.from_matrix(given[:3, :3]).as_quat())
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@each("count", [1, 2])
 def test_bases_that_are_set_are_as_those_of_a_new_one(count: int) -> None:
     rng = np.random.default_rng(count)
     robot = oc.Robot.from_urdf(random_arm(rng, 5))
@@ -507,13 +501,11 @@ def test_only_what_counts_of_the_scene_makes_the_world_anew() -> None:
     scene.add("own", oc.shapes.Box((0.1, 0.1, 0.1)))
     checker = oc.RobotScene([robot], scene)
     checker.link_objects = {robot.link_names[0]: ["own"]}
-    state, first = checker.world_state(), checker._model.prepared(scene)
+    state = checker.world_state()
     scene.move("own", [5, 0, 0, 0, 0, 0, 1])
     assert state.is_current(scene)
-    assert checker._model.prepared(scene) is first
     scene.move("thing2", [5, 0, 0, 0, 0, 0, 1])
     assert not state.is_current(scene)
-    assert checker._model.prepared(scene) is not first
 
 
 def test_a_world_of_which_parts_change_is_as_a_new_one() -> None:

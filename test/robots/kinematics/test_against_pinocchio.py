@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -53,7 +54,7 @@ def robot_of(file: Path) -> oc.Robot:
     return oc.Robot.from_urdf(file, package_dirs=[SHARE], read_mesh=triangle)
 
 
-@pytest.mark.parametrize("file", URDFS, ids=lambda file: str(file.name))
+@each("file", URDFS)
 def test_link_poses_are_pinocchios(file: Path) -> None:
     if "<link" not in file.read_text():
         with pytest.raises(ValueError, match="there are no links"):

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematics_oracle import OracleJoint, link_matrices, value_of
@@ -95,7 +96,7 @@ def test_quaternions_of_long_chains_keep_their_length() -> None:
     assert abs(np.linalg.norm(pose[3:]) - 1.0) < 1e-15
 
 
-@pytest.mark.parametrize("count", [0, 1, 5, 1000])
+@each("count", [0, 1, 5, 1000])
 def test_states_come_one_or_many(count: int) -> None:
     robot = oc.Robot.from_urdf(urdf(link("a"), link("b"), joint("j", "revolute", "a", "b")))
     states = np.linspace(-1.0, 1.0, count)[:, None]

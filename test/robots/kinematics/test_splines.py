@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from each import each
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
@@ -55,7 +56,7 @@ def curve(some: list[Point], number: int, times: np.ndarray) -> np.ndarray:
     return segments_between(some).at(np.full(len(times), number), times)
 
 
-@pytest.mark.parametrize(("order", "name"), [(0, LINEAR), (1, CUBIC), (2, QUINTIC)])
+@each("order, name", [(0, LINEAR), (1, CUBIC), (2, QUINTIC)])
 def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name: str) -> None:
     for _ in range(50):
         first, last = points(order)
@@ -68,7 +69,7 @@ def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name
         )
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@each("order", [0, 1, 2])
 def test_no_spline_is_farther_from_its_chords_than_is_said(order: int) -> None:
     for _ in range(50):
         some = points(order, 4)

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematics_oracle import OracleJoint, link_matrices, value_of
@@ -28,7 +29,7 @@ from urdfs import joint, link, urdf
 
 import obb_collision as oc
 from obb_collision.robots.proofs.proved_pairs import PairProof
-from obb_collision.robots.srdf_command import report, srdf_text
+from obb_collision.robots.srdf_command import main, report, srdf_text
 
 CONFIG = Path(__file__).parents[3] / "config"
 RADIUS = 0.15
@@ -173,7 +174,7 @@ def test_links_that_do_not_move_against_each_other_are_decided_at_once() -> None
     assert proofs["a", "c"].cells == 1
 
 
-@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6])
+@each("gap", [1e-2, 1e-4, 1e-6])
 def test_small_gaps_are_proved(gap: float) -> None:
     """At an angle of the middle one, the outer two of three balls are 0.62 cos(angle / 2) apart."""
     angle = float(2.0 * np.arccos((2.0 * RADIUS + gap) / 0.62))
@@ -233,3 +234,42 @@ def test_names_that_mean_something_in_xml_are_written_as_they_are() -> None:
     again = oc.Robot.from_urdf(text, srdf_text(robot, robot.prove_pairs(1.0)))
     assert again.disabled_pairs == {("<\"&'", "b")}
     assert again.doubts == ()
+
+
+def test_it_writes_the_srdf_and_the_report(tmp_path: Path) -> None:
+    out, report = tmp_path / "arm.srdf", tmp_path / "report.txt"
+    urdf, given = CONFIG / "arm.urdf", CONFIG / "arm.srdf"
+    assert main([str(urdf), "-o", str(out), "--srdf", str(given), "--report", str(report)]) == 0
+    robot, before = (oc.Robot.from_urdf(urdf, srdf) for srdf in (out, given))
+    assert robot.disabled_pairs == before.disabled_pairs
+    assert robot.groups == before.groups
+    lines = report.read_text().splitlines()
+    assert "base - upper_arm: never" in lines[1]
+    assert "base - forearm: can collide, as at turn" in lines[2]
+    assert lines[-1] == "36 pairs: 8 adjacent, 16 never, 12 can collide"
+
+
+def test_it_prints_the_srdf_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(CONFIG / "arm.urdf")]) == 0
+    printed, told = capsys.readouterr()
+    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf", printed)
+    assert len(robot.disabled_pairs) == 24
+    assert told.endswith("36 pairs: 8 adjacent, 16 never, 12 can collide\n")
+
+
+def test_what_cannot_be_read_is_said_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.urdf"
+    bad.write_text('<robot name="r">\n<link/></robot>')
+    for arguments, reason in (
+        ([str(bad)], "bad.urdf:2: link of robot 'r': its name is missing"),
+        ([str(tmp_path / "none")], "no such file"),
+        ([str(CONFIG / "arm.urdf"), "--srdf", str(tmp_path)], "no regular file"),
+    ):
+        assert main(arguments) == 1
+        printed, told = capsys.readouterr()
+        assert printed == ""
+        assert told.startswith("obb_collision srdf: ")
+        assert reason in told
+        assert told.count("\n") == 1

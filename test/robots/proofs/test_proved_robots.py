@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 
@@ -33,7 +34,7 @@ PATIENCE = 60.0
 STATES = 200_000
 
 
-@pytest.mark.parametrize("name", ["panda.urdf", "ur5_joint_limited_robot.urdf"])
+@each("name", ["panda.urdf", "ur5_joint_limited_robot.urdf"])
 def test_all_pairs_are_decided_and_none_is_contradicted(name: str) -> None:
     file = next(Path(str(file.locate())).resolve() for file in FILES if file.name == name)
     share = next(folder for folder in file.parents if folder.name == "share")

@@ -1,0 +1,296 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Descriptions of robots: names, limits and poses, what an SRDF adds, shapes of links."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from urdfs import LIMIT, joint, link, urdf
+
+import obb_collision as oc
+from obb_collision.robots.description.xml_values import RobotError
+
+SMALL = urdf(
+    '<link name="a"/>', '<link name="b"/>', '<link name="c"/>', '<link name="d"/>',
+    joint("second", "prismatic", "b", "c", LIMIT),
+    joint("first", "revolute", "a", "b", LIMIT + '<axis xyz="0 0 2"/><origin xyz="1 0 0"/>'),
+    joint("third", "continuous", "b", "d", '<mimic joint="first" multiplier="-1" offset="0.5"/>'),
+)  # fmt: skip
+
+
+def test_names_are_in_the_order_of_the_tree() -> None:
+    robot = oc.Robot.from_urdf(SMALL)
+    assert robot.name == "r"
+    assert robot.link_names == ("a", "b", "c", "d")
+    assert robot.joint_names == ("first", "second")
+    assert robot.lower.tolist() == [-1, -1]
+    assert robot.upper.tolist() == [2, 2]
+    assert robot.velocity_limits.tolist() == [3, 3]
+
+
+def test_links_move_with_their_joints() -> None:
+    robot = oc.Robot.from_urdf(SMALL)
+    poses = robot.link_poses([[math.pi / 2, 0.5], [0.0, 0.0]])
+    assert poses.shape == (2, 4, 7)
+    half = math.sqrt(0.5)
+    np.testing.assert_allclose(poses[0, 1], [1, 0, 0, 0, 0, half, half], atol=1e-15)
+    np.testing.assert_allclose(poses[0, 2], [1, 0.5, 0, 0, 0, half, half], atol=1e-15)
+    np.testing.assert_allclose(poses[1, 3, 3:], [math.sin(0.25), 0, 0, math.cos(0.25)], atol=1e-15)
+    assert np.array_equal(robot.link_poses([math.pi / 2, 0.5]), poses[0])
+
+
+BALL = '<sphere radius="0.1"/>'
+ARM = urdf(
+    link("a", BALL), link("b", BALL), link("frame"), link("c", BALL), link("d", BALL),
+    joint("ab", "revolute", "a", "b"), joint("bf", "fixed", "b", "frame", ""),
+    joint("fc", "revolute", "frame", "c"), joint("fd", "revolute", "frame", "d"),
+)  # fmt: skip
+
+
+def robot(*elements: str) -> oc.Robot:
+    return oc.Robot.from_urdf(ARM, urdf(*elements))
+
+
+def test_links_are_adjacent_through_links_without_shapes() -> None:
+    pairs = {("a", "b"), ("b", "c"), ("b", "d"), ("c", "d")}
+    assert oc.Robot.from_urdf(ARM).adjacent_pairs == pairs
+
+
+def test_pairs_are_disabled_by_name_and_by_default() -> None:
+    found = robot(
+        '<disable_collisions link1="c" link2="a" reason="Never"/>',
+        '<disable_default_collisions link="d"/>',
+        '<enable_collisions link1="d" link2="a"/>',
+        '<enable_collisions link1="d" link2="b"/>',
+        '<disable_collisions link1="d" link2="b"/>',
+    )
+    assert found.default_disabled == ("d",)
+    assert found.disabled_pairs == {("a", "c"), ("b", "d"), ("c", "d"), ("d", "frame")}
+    assert oc.Robot.from_urdf(ARM).disabled_pairs == frozenset()
+
+
+def test_groups_have_what_their_elements_and_subgroups_have() -> None:
+    found = robot(
+        '<group name="chain"><chain base_link="a" tip_link="c"/></group>',
+        '<group name="link"><link name="d"/></group>',
+        '<group name="joint"><joint name="ab"/></group>',
+        '<group name="both"><group name="link"/><group name="joint"/></group>',
+        '<group name="none"/>',
+    )
+    groups = {name: (group.joints, group.links) for name, group in found.groups.items()}
+    assert groups == {
+        "chain": (("ab", "bf", "fc"), ("b", "frame", "c")),
+        "link": (("fd",), ("d",)),
+        "joint": (("ab",), ("b",)),
+        "both": (("ab", "fd"), ("b", "d")),
+        "none": ((), ()),
+    }
+
+
+def test_states_of_groups_have_values_by_joint() -> None:
+    found = robot('<group_state name="home" group="g"><joint name="ab" value="1.5"/></group_state>')
+    assert found.group_states == {("g", "home"): {"ab": (1.5,)}}
+
+
+def test_end_effectors_have_a_group() -> None:
+    found = robot('<end_effector name="tool" parent_link="a" group="g"/>')
+    assert found.end_effectors == {"tool": "g"}
+
+
+DOUBTS = {
+    '<disable_collisions link1="a" link2="x"/>': "its link2 'x' is no link of the robot",
+    '<disable_default_collisions link="x"/>': "its link 'x' is no link",
+    '<group name="g"><link name="x"/></group>': "its name 'x' is no link",
+    '<group name="g"><chain base_link="d" tip_link="c"/></group>': "is not above its tip_link",
+    '<virtual_joint name="v" type="fixed" parent_frame="w" child_link="b"/>': "is not the root",
+}
+
+
+def test_what_the_robot_has_not_is_a_doubt_with_its_line() -> None:
+    for element, reason in DOUBTS.items():
+        found = robot(element)
+        assert len(found.doubts) == 1, element
+        assert found.doubts[0].startswith("srdf:2: ")
+        assert reason in found.doubts[0]
+        assert found.disabled_pairs == frozenset()
+    assert "of another robot" in oc.Robot.from_urdf(ARM, '<robot name="s"/>').doubts[0]
+
+
+BAD = {
+    '<disable_collisions link1="a"/>': "its link2 is missing",
+    '<virtual_joint name="v" type="hinge" parent_frame="w" child_link="a"/>': "its type must be",
+    '<virtual_joint name="ab" type="fixed" parent_frame="w" child_link="a"/>': "the same name",
+    '<virtual_joint name="v" type="fixed" child_link="a"/>': "its parent_frame is missing",
+    '<group/>': "its name is missing",
+    '<group name="g"/><group name="g"/>': "another group",
+    '<group name="g"><group name="h"/></group><group name="h"><group name="g"/></group>':
+        "a part of itself",
+    '<group_state name="s" group="g"><joint name="ab" value="x"/></group_state>': "finite numbers",
+    '<group_state name="s" group="g"><joint name="ab"/></group_state>': "value is missing",
+}  # fmt: skip
+
+
+def test_bad_srdfs_are_refused_with_the_place_within_the_limits_of_urdfs() -> None:
+    for element, reason in BAD.items():
+        with pytest.raises(RobotError, match=rf"^srdf:2: .*{reason}"):
+            robot(element)
+    with pytest.raises(RobotError, match=r"^srdf:2: a document type"):
+        oc.Robot.from_urdf(ARM, '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot name="r"/>')
+    with pytest.raises(RobotError, match="the root of an SRDF"):
+        oc.Robot.from_urdf(ARM, "<sdf/>")
+
+
+def test_groups_and_doubts_have_limits() -> None:
+    with pytest.raises(RobotError, match="there are 1001 groups, 1000 is the limit"):
+        robot(*(f'<group name="g{k}"/>' for k in range(1001)))
+    chains = '<chain base_link="a" tip_link="c"/>' * 10_001
+    with pytest.raises(RobotError, match="there are 10001 parts of groups"):
+        robot(f'<group name="g">{chains}</group>')
+    nested = [f'<group name="g{k}"><group name="g{k + 1}"/></group>' for k in range(1000)]
+    assert len(robot(*nested).groups) == 1000
+    found = robot(*('<disable_collisions link1="x" link2="y"/>' for _ in range(200)))
+    assert len(found.doubts) == 100
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """Return the folder of a package ``bot`` with a mesh and a URDF's folder."""
+    folder = tmp_path / "share" / "bot"
+    (folder / "urdf").mkdir(parents=True)
+    (folder / "meshes").mkdir()
+    (folder / "package.xml").write_text("<package><name>bot</name></package>")
+    body = trimesh.creation.box((1, 2, 3))
+    body.apply_translation((0.5, 1.0, 1.5))  # from the origin to (1, 2, 3)
+    body.export(folder / "meshes" / "box.stl")
+    return folder
+
+
+def mesh(filename: str, scale: str = "1 1 1") -> str:
+    return urdf(link("a", f'<mesh filename="{filename}" scale="{scale}"/>'))
+
+
+def vertices(robot: oc.Robot) -> np.ndarray:
+    """Return the corners of the only mesh of a robot, scaled."""
+    ((shape, _),) = robot.shapes[0]
+    assert isinstance(shape, oc.shapes.Mesh)
+    return shape.vertices * shape.scale
+
+
+def test_every_geometry_becomes_a_shape_with_its_pose() -> None:
+    geometries = (
+        '<box size="1 2 3"/>', '<sphere radius="1"/>', '<cylinder radius="1" length="2"/>',
+        '<capsule radius="1" length="2"/>',
+    )  # fmt: skip
+    text = urdf(link("a", *geometries)).replace(
+        "<geometry><sphere", '<origin xyz="1 2 3" rpy="0 0 3.141592653589793"/><geometry><sphere'
+    )
+    (shapes,) = oc.Robot.from_urdf(text).shapes
+    assert [shape for shape, _ in shapes] == [
+        oc.shapes.Box((1, 2, 3)), oc.shapes.Sphere(1), oc.shapes.Cylinder(1, 2),
+        oc.shapes.Capsule(1, 2),
+    ]  # fmt: skip
+    assert shapes[0][1] == (0, 0, 0, 0, 0, 0, 1)
+    assert shapes[1][1][:3] == (1, 2, 3)
+    np.testing.assert_allclose(shapes[1][1][3:], (0, 0, 1, 0), atol=1e-15)
+
+
+def test_angles_are_about_fixed_axes_x_first() -> None:
+    text = urdf(link("a", '<sphere radius="1"/>')).replace(
+        "<geometry>", '<origin rpy="0.1 0.2 0.3"/><geometry>'
+    )
+    ((_, pose),) = oc.Robot.from_urdf(text).shapes[0]
+    half = [np.sin(0.15), np.cos(0.15)]
+    assert oc.OBB.from_quaternion([0] * 3, pose[3:], [1] * 3).rotation[2, 0] == pytest.approx(
+        -np.sin(0.2)
+    )
+    alone = oc.Robot.from_urdf(text.replace("0.1 0.2 0.3", "0 0 0.3")).shapes[0][0][1]
+    np.testing.assert_allclose(alone[3:], (0, 0, *half), atol=1e-16)
+
+
+def test_meshes_are_found_by_every_way_of_naming_them(package: Path) -> None:
+    file = package / "urdf" / "bot.urdf"
+    corner = [1, 2, 3]
+    for name, folders in {
+        "../meshes/box.stl": None,
+        "package://bot/meshes/box.stl": None,  # the URDF's own package
+        f"file://{package}/meshes/box.stl": None,
+        str(package / "meshes" / "box.stl"): None,
+    }.items():
+        file.write_text(mesh(name))
+        assert vertices(oc.Robot.from_urdf(file, package_dirs=folders)).max(0).tolist() == corner
+    text = mesh("package://bot/meshes/box.stl")
+    for given in ([package.parent], {"bot": package}, str(package.parent), [package]):
+        assert vertices(oc.Robot.from_urdf(text, package_dirs=given)).max(0).tolist() == corner
+
+
+def test_meshes_are_read_from_no_other_folders(package: Path, tmp_path: Path) -> None:
+    trimesh.creation.box().export(tmp_path / "secret.stl")
+    (package / "meshes" / "link.stl").symlink_to(tmp_path / "secret.stl")
+    file = package / "urdf" / "bot.urdf"
+    for name in (
+        "../../../secret.stl", "package://bot/../../secret.stl", str(tmp_path / "secret.stl"),
+        "../meshes/link.stl", "package://bot/meshes/link.stl",
+    ):  # fmt: skip
+        file.write_text(mesh(name))
+        with pytest.raises(RobotError, match=r"bot\.urdf:2: mesh of .*no folder from which meshes"):
+            oc.Robot.from_urdf(file)
+
+
+def test_meshes_are_scaled_and_mirrored(package: Path) -> None:
+    given = {"bot": package}
+    for scale, corner in (("0.5 1 2", [0.5, 2, 6]), ("-1 1 1", [0, 2, 3]), ("-1 -2 1", [0, 0, 3])):
+        text = mesh("package://bot/meshes/box.stl", scale)
+        robot = oc.Robot.from_urdf(text, package_dirs=given)
+        assert vertices(robot).max(0).tolist() == corner
+        ((shape, _),) = robot.shapes[0]
+        assert isinstance(shape, oc.shapes.Mesh)
+        body = trimesh.Trimesh(vertices(robot), shape.faces)
+        assert body.volume == pytest.approx(abs(6 * np.prod([float(s) for s in scale.split()])))
+
+
+def test_a_mesh_that_cannot_be_read_is_named_with_its_line(package: Path) -> None:
+    (package / "meshes" / "bad.stl").write_text("no mesh")
+    for name in ("bad.stl", "none.stl", "box.exe", ""):
+        with pytest.raises(RobotError, match=r"^urdf:2: mesh of geometry"):
+            oc.Robot.from_urdf(mesh(f"package://bot/meshes/{name}"), package_dirs={"bot": package})
+
+
+def test_each_mesh_is_read_once(package: Path) -> None:
+    read: list[Path] = []
+
+    def counted(path: Path, scale: tuple[float, float, float]) -> oc.shapes.Mesh:
+        read.append(path)
+        return oc.shapes.Mesh.from_file(path, scale)
+
+    one = '<mesh filename="package://bot/meshes/box.stl"/>'
+    robot = oc.Robot.from_urdf(
+        urdf(link("a", one, one)), package_dirs={"bot": package}, read_mesh=counted
+    )
+    assert read == [package / "meshes" / "box.stl"]
+    assert robot.shapes[0][0][0] is robot.shapes[0][1][0]
+
+
+def test_the_arm_that_comes_with_the_package_is_read() -> None:
+    config = Path(__file__).parents[3] / "config"
+    robot = oc.Robot.from_urdf(config / "arm.urdf", config / "arm.srdf")
+    assert len(robot.joint_names) == 7
+    assert robot.doubts == ()
+    assert robot.adjacent_pairs <= robot.disabled_pairs
+    assert all(robot.shapes)
