@@ -83,7 +83,7 @@ def draw_accuracy() -> None:
 
 def draw_effects() -> None:
     """Draw what each effect adds to a step, in the scenes that come with the package."""
-    from obb_collision.benchmarks.effect_costs import ALL, CostRow
+    from obb_collision.benchmarks.effects import ALL, CostRow
     from obb_collision.benchmarks.plots import save_effect_costs
 
     lines = (FOLDER / "effects.md").read_text(encoding="utf-8").splitlines()

@@ -38,15 +38,16 @@ from obb_collision.benchmarks import contest
 from obb_collision.benchmarks.contestants import (
     COAL,
     CONTACTS,
+    FORMS,
     MUJOCO,
     PAIRS,
     PEERS,
     SCENE,
     SEPARATIONS,
     Contestant,
+    make_frames,
 )
 from obb_collision.benchmarks.corpora import generated_corpus
-from obb_collision.benchmarks.forms import FORMS, make_frames
 from obb_collision.benchmarks.steps import (
     STEPS,
     Case,

@@ -35,8 +35,8 @@ import numpy as np
 
 from obb_collision.benchmarks.contest import ContestPlan, Price, measure
 from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
-from obb_collision.benchmarks.effect_errors import EffectRow, measure_effects
-from obb_collision.benchmarks.pair_peers import BOX_PEERS, MESH_PEERS
+from obb_collision.benchmarks.effects import EffectRow, measure_effects
+from obb_collision.benchmarks.levels import BOX_PEERS, MESH_PEERS
 from obb_collision.benchmarks.tables import Table, as_text, machine
 from obb_collision.benchmarks.timing import Show, TimedProgress, progress
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole

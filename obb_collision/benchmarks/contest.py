@@ -27,16 +27,19 @@ import numpy as np
 
 from obb_collision.benchmarks.corpora import Corpus
 from obb_collision.benchmarks.levels import (
+    BOX_PEERS,
+    MESH_PEERS,
+    Ask,
     Crowd,
     Level,
     PreparedMesh,
+    Query,
     Throw,
     levels_of,
     memory,
     prepare,
     prepare_ms,
 )
-from obb_collision.benchmarks.pair_peers import BOX_PEERS, MESH_PEERS, Ask, Query
 from obb_collision.benchmarks.timing import Show, take_turns
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.typing import Mask, Rows

@@ -11,20 +11,24 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""The levels of accuracy on bodies thrown into a room: what each reports, its time and memory.
+"""The levels of accuracy on bodies thrown into a room, and peers on the same pairs.
 
 A level is used as in a ``Scene``: those above ``obb`` decide only the pairs that ``obb`` reports.
+Peers are asked one by one from Python, as they are used: shapes and transforms are made
+beforehand, and a query sets poses where a peer stores them in objects. A peer that is not
+installed is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
+import importlib
+from collections.abc import Callable, Iterable
+from functools import cached_property, partial
 from time import thread_time
 from typing import Any, NamedTuple
 
 import numpy as np
+from trimesh.convex import convex_hull
 
 from obb_collision._jit import njit
 from obb_collision.benchmarks.corpora import Corpus, random_poses
@@ -38,13 +42,11 @@ from obb_collision.geometry.trees.pool import HullPool, Hulls, mesh_tree
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import mesh_collisions
 from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.verdict.coarse import (
-    sphere_bounds,
-    spheres_may_collide,
-)
+from obb_collision.queries.verdict.coarse import sphere_bounds, spheres_may_collide
 from obb_collision.queries.verdict.verdict import SEPARATE, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats, Mask, Rows
 
 #: Cubic metres per body of one metre diagonal: gives about two candidate pairs per body.
@@ -229,3 +231,143 @@ def memory(level: str, boxes: Boxes, prepared: list[PreparedMesh]) -> float:
         "obb": (boxes.centers, boxes.rotations, boxes.half_extents),
     }
     return sum(array.nbytes for array in read[level]) / len(boxes)
+
+
+Ask = Callable[[], Mask]
+
+
+class Query(NamedTuple):
+    """Pairs (m,) and (m,) of bodies: body k has shape ``rows[k]`` at a pose.
+
+    centers (n, 3), rotations (n, 3, 3).
+    """
+
+    rows: Rows
+    centers: Floats
+    rotations: Floats
+    first: Rows
+    second: Rows
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs as plain integers, which Python loops over faster."""
+        return list(zip(self.first.tolist(), self.second.tolist(), strict=True))
+
+
+def _hull(shape: Shape) -> Any:
+    assert isinstance(shape, Mesh)
+    return convex_hull(np.unique(shape._points(), axis=0))
+
+
+def fcl_box(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's box."""
+    assert isinstance(shape, Box)
+    return fcl.Box(*shape.size)
+
+
+def fcl_hull(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's convex body, with the hull that trimesh finds."""
+    hull = _hull(shape)
+    faces = np.column_stack([np.full(len(hull.faces), 3), hull.faces]).ravel()
+    return fcl.Convex(np.asarray(hull.vertices), len(hull.faces), faces)
+
+
+def fcl_mesh(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's triangle tree."""
+    assert isinstance(shape, Mesh)
+    model = fcl.BVHModel()
+    model.beginModel(len(shape.vertices), len(shape.faces))
+    model.addSubModel(shape.vertices, shape.faces)
+    model.endModel()
+    return model
+
+
+def ask_fcl(fcl: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that queries python-fcl for all pairs; each body is an object of it."""
+    places = map(fcl.Transform, query.rotations, query.centers)
+    items = [fcl.CollisionObject(made[row], t) for row, t in zip(query.rows, places, strict=True)]
+    pairs, request = query.pairs(), fcl.CollisionRequest()
+
+    def run() -> Mask:
+        collide, result = fcl.collide, fcl.CollisionResult
+        hits = [collide(items[i], items[j], request, result()) > 0 for i, j in pairs]
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+def coal_box(coal: Any, shape: Shape) -> Any:
+    """Return coal's box."""
+    assert isinstance(shape, Box)
+    return coal.Box(*shape.size)
+
+
+def coal_mesh(coal: Any, shape: Shape) -> Any:
+    """Return coal's triangle tree."""
+    assert isinstance(shape, Mesh)
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(shape.faces), len(shape.vertices))
+    model.addVertices(shape.vertices)
+    model.addTriangles(shape.faces)
+    model.endModel()
+    return model
+
+
+def coal_hull(coal: Any, shape: Shape) -> Any:
+    """Return coal's convex body, with the hull that coal finds."""
+    assert isinstance(shape, Mesh)
+    hull = _hull(shape)
+    model = coal_mesh(coal, Mesh(hull.vertices, hull.faces))
+    model.buildConvexHull(True, "Qt")
+    return model.convex
+
+
+def ask_coal(coal: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that queries coal for all pairs, without contact points."""
+    shapes = [made[row] for row in query.rows]
+    places = list(map(coal.Transform3s, query.rotations, query.centers))
+    pairs, request, result = query.pairs(), coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = False
+
+    def run() -> Mask:
+        collide, clear, hits = coal.collide, result.clear, []
+        for i, j in pairs:
+            hit = collide(shapes[i], places[i], shapes[j], places[j], request, result) > 0
+            if hit:
+                clear()  # a full result would end the next search
+            hits.append(hit)
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+class Peer(NamedTuple):
+    """A peer: its name, what stands for a shape, its distribution, its module, how it is called."""
+
+    name: str
+    shape: str
+    distribution: str
+    module: str
+    make: Callable[[Any, Shape], Any]
+    ask: Callable[[Any, list[Any], Query], Ask]
+
+    @property
+    def label(self) -> str:
+        """The name of the peer and of what stands for a shape."""
+        return f"{self.name} {self.shape}"
+
+    def load(self, shapes: Iterable[Shape]) -> Callable[[Query], Ask]:
+        """Make the shapes and return what prepares a query; ImportError if not installed."""
+        module = importlib.import_module(self.module)
+        return partial(self.ask, module, [self.make(module, shape) for shape in shapes])
+
+
+BOX_PEERS = (
+    Peer("python-fcl", "box", "python-fcl", "fcl", fcl_box, ask_fcl),
+    Peer("coal", "box", "coal", "coal", coal_box, ask_coal),
+)
+MESH_PEERS = (
+    Peer("python-fcl", "hull", "python-fcl", "fcl", fcl_hull, ask_fcl),
+    Peer("coal", "hull", "coal", "coal", coal_hull, ask_coal),
+    Peer("python-fcl", "mesh", "python-fcl", "fcl", fcl_mesh, ask_fcl),
+    Peer("coal", "mesh", "coal", "coal", coal_mesh, ask_coal),
+)

@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from obb_collision.benchmarks.contest import Price
-from obb_collision.benchmarks.effect_costs import OFF, PAIRS, CostRow
-from obb_collision.benchmarks.effect_errors import EffectRow
+from obb_collision.benchmarks.effects import OFF, PAIRS, CostRow, EffectRow
 from obb_collision.benchmarks.steps import OWN, StepRow, best_rows
 
 #: Colour, line and mark of ours, which are thick and filled, and of each peer.

@@ -28,9 +28,8 @@ import sys
 from collections.abc import Sequence
 from itertools import product
 
-from obb_collision.benchmarks.contestants import OURS, PEERS, Contestant
-from obb_collision.benchmarks.effect_costs import cost_table, off_lines, run_effects
-from obb_collision.benchmarks.forms import FORMS
+from obb_collision.benchmarks.contestants import FORMS, OURS, PEERS, Contestant
+from obb_collision.benchmarks.effects import cost_table, off_lines, run_effects
 from obb_collision.benchmarks.steps import (
     STEPS,
     Case,

@@ -38,9 +38,10 @@ from obb_collision.benchmarks.contestants import (
     SCENE,
     SEPARATIONS,
     Contestant,
+    Frame,
     Stepper,
+    make_frames,
 )
-from obb_collision.benchmarks.forms import Frame, make_frames
 from obb_collision.benchmarks.tables import Table, as_markdown, digits
 from obb_collision.benchmarks.timing import Show, on_threads
 from obb_collision.geometry.boxes import Boxes

@@ -11,12 +11,16 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""The user's side: subscribes to a node's topics and stores the latest message of each, by name.
 
-"""The user's side: subscribes to a node's topics and stores the latest message of each, by name."""
+A narrator per topic makes the lines that the demo prints: ``update`` takes a message's named rows
+and yields the lines that are worth printing, ``summary`` those at the end. ``rows`` are the latest
+ones, for the picture.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
@@ -25,12 +29,11 @@ import numpy as np
 import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.demo.narrator import NARRATORS, PairsNarrator
-from obb_collision.demo.publisher import LATCHED
+from obb_collision import node
 from obb_collision.node import collisions_from_ros, named_pairs
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.clouds import points_from_ros
@@ -52,6 +55,175 @@ from obb_collision.node.messages.marker_shapes import shape_from_ros
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+#: Seconds after which a collision that is predicted again is printed again.
+FORGET = 0.5
+#: Metres: what is less deep rests on the other. Far above rounding, far below what can be seen.
+TOUCH_DEPTH = 1e-6
+
+
+def pair_of(row: Any) -> str:
+    """Return the names of a row's objects as text."""
+    return f"{row.a} – {row.b}"  # noqa: RUF001 - an en dash, as in print
+
+
+def is_touching(row: node.NamedPair) -> bool:
+    """Return whether the objects touch without overlapping; False where the depth is unknown."""
+    return row.depth < TOUCH_DEPTH
+
+
+def pair_text(row: node.NamedPair) -> str:
+    """Return a pair and its depth as text."""
+    depth = "" if np.isnan(row.depth) else f"  {1e3 * row.depth:.0f} mm"
+    return pair_of(row) + ("  touching" if is_touching(row) else depth)
+
+
+class PairsNarrator:
+    """Colliding pairs: which begin and end."""
+
+    def __init__(self) -> None:
+        self.rows: list[node.NamedPair] = []
+        self._seen: set[tuple[str, str]] = set()
+        self._most = 0
+
+    def update(self, rows: list[node.NamedPair], seconds: float) -> Iterator[str]:
+        """Take the pairs; yield those that begin and those that end."""
+        before = {row[:2]: row for row in self.rows}
+        now = {row[:2]: row for row in rows}
+        self.rows = rows
+        self._seen |= now.keys()
+        self._most = max(self._most, len(now))
+        yield from (f"begins  {pair_text(now[pair])}" for pair in now if pair not in before)
+        yield from (f"ends    {pair_of(before[pair])}" for pair in before if pair not in now)
+
+    def summary(self) -> Iterator[str]:
+        """Yield how many pairs there were."""
+        touching = sum(is_touching(row) for row in self.rows)
+        yield (
+            f"{len(self._seen)} pairs in all, at most {self._most} at once; at the end "
+            f"{len(self.rows)}: {len(self.rows) - touching} overlapping, {touching} touching"
+        )
+
+
+class ContactsNarrator:
+    """Contact points: how many there were at once."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._most = 0
+
+    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
+        """Take the contact points; their pairs are printed already."""
+        self.rows = rows
+        self._most = max(self._most, len(rows))
+        yield from ()
+
+    def summary(self) -> Iterator[str]:
+        """Yield how many there were."""
+        yield f"contacts: {len(self.rows)} points at the end, at most {self._most} at once"
+
+
+class ClearancesNarrator:
+    """Near pairs: the minimum distance of those that are apart."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._minimum: tuple[float, str, float] | None = None
+
+    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
+        """Take the distances; no line, as they change all the time."""
+        self.rows = [row for row in rows if row.distance > 0]
+        apart = [(row.distance, pair_of(row), seconds) for row in self.rows]
+        known = [] if self._minimum is None else [self._minimum]
+        self._minimum = min([*apart, *known], default=None)
+        yield from ()
+
+    def summary(self) -> Iterator[str]:
+        """Yield the minimum over all time, and at the end."""
+        if self._minimum is not None:
+            distance, pair, seconds = self._minimum
+            yield f"clearance: minimum {1e3 * distance:.1f} mm, {pair}, at {seconds:.1f} s"
+        if self.rows:
+            near = min(self.rows, key=lambda row: row.distance)
+            nearest = f"{1e3 * near.distance:.1f} mm, {pair_of(near)}"
+            yield f"clearance at the end: {len(self.rows)} pairs, minimum {nearest}"
+
+
+class Predictions:
+    """Collisions predicted, and those that passed between two states."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._last: dict[tuple[str, str], float] = {}  # when each was predicted last
+        self._predicted, self._passed = 0, 0
+
+    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
+        """Take the predictions; yield those that are new, and all that passed."""
+        self.rows = [row for row in rows if row.time >= 0.0 and not row.undecided]
+        for row in rows:
+            pair = pair_of(row)
+            if row.undecided:
+                yield f"undecided {pair}  may collide from {row.time:.2f} s on"
+                continue
+            if row.time < 0.0:
+                self._passed += 1
+                yield f"passed  {pair}  {-1e3 * row.time:.0f} ms ago, between two states"
+                continue
+            if seconds - self._last.get((row.a, row.b), -np.inf) > FORGET:
+                self._predicted += 1
+                yield f"predicted {pair}  in {row.time:.2f} s"
+            self._last[row.a, row.b] = seconds
+
+    def summary(self) -> Iterator[str]:
+        """Yield how many there were, and the next ones at the end."""
+        yield f"sweep: {self._predicted} collisions predicted, {self._passed} between two states"
+        for row in sorted(self.rows, key=lambda row: row.time)[:3]:
+            yield f"time to collision at the end: {row.time:.2f} s, {pair_of(row)}"
+
+
+class PointsInsideNarrator:
+    """Points in zones: how many, and when a zone is entered and left."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._most: dict[str, int] = {}
+
+    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
+        """Take the counts; yield the objects that points enter or leave."""
+        before = {row.name for row in self.rows}
+        self.rows = [row for row in rows if row.points > 0]
+        for row in self.rows:
+            self._most[row.name] = max(self._most.get(row.name, 0), row.points)
+            if row.name not in before:
+                yield f"entered {row.name}  {row.points} points inside"
+        for name in sorted(before - {row.name for row in self.rows}):
+            yield f"left    {name}"
+
+    def summary(self) -> Iterator[str]:
+        """Yield the counts."""
+        now = {row.name: row.points for row in self.rows}
+        for name, most in sorted(self._most.items()):
+            yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
+
+
+def _all_predictions(message: Any, namespaces: Any) -> list[node.NamedPrediction]:
+    """Return the rows of ``predicted_collisions``: what is ahead, and what passed."""
+    return [
+        *node.named_predictions(message, namespaces),
+        *node.named_passed_collisions(message, namespaces),
+    ]
+
+
+#: By effect: what gives a message's rows names, and the narrator.
+NARRATORS: dict[str, tuple[Callable[..., list[Any]], type]] = {
+    "contacts": (node.named_contacts, ContactsNarrator),
+    "clearance": (node.named_clearances, ClearancesNarrator),
+    "sweep": (_all_predictions, Predictions),
+    "points": (node.named_points_inside, PointsInsideNarrator),
+}
+
 
 Color = tuple[float, float, float]
 

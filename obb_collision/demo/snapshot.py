@@ -27,8 +27,7 @@ from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
 from obb_collision import shapes
-from obb_collision.demo.listener import Listener
-from obb_collision.demo.narrator import is_touching, pair_of
+from obb_collision.demo.listener import Listener, is_touching, pair_of
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.node import NamedPair
 from obb_collision.scene_files.description import View

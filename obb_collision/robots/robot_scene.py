@@ -27,13 +27,13 @@ from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_p
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import NotCopied, as_array, as_flag, check_kind
 from obb_collision.obb import OBB
+from obb_collision.robots.checks.arrays import check_turns
+from obb_collision.robots.checks.bodies import WorldState, padding_of
 from obb_collision.robots.checks.distances import least_distances
 from obb_collision.robots.checks.model import Attached, Model, Prepared
 from obb_collision.robots.checks.motion_checks import check_motions, displacements
 from obb_collision.robots.checks.reports import MotionReport, StateDistances, StateReport
-from obb_collision.robots.checks.robot_arrays import check_turns
 from obb_collision.robots.checks.states import check_states
-from obb_collision.robots.checks.world import WorldState, padding_of
 from obb_collision.robots.kinematics.kinematics import PLANAR, checked_states, link_poses
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.object_settings import check_padding

@@ -32,12 +32,12 @@ from obb_collision.scene_files.description import (
     NODE_EFFECTS,
     AllowedRule,
     EffectChoice,
+    Lidar,
     SceneDescription,
     SceneRobot,
     Triple,
     View,
 )
-from obb_collision.scene_files.lidar import Lidar
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.motion import JointLoop
 from obb_collision.scene_files.objects import (

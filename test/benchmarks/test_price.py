@@ -24,7 +24,7 @@ import pytest
 
 from obb_collision.benchmarks import accuracy, contest
 from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
-from obb_collision.benchmarks.effect_errors import measure_effects
+from obb_collision.benchmarks.effects import measure_effects
 from obb_collision.benchmarks.levels import BOX_LEVELS, LEVELS, Level
 from obb_collision.benchmarks.timing import Times
 from obb_collision.geometry.fitting.fit import FITS
@@ -105,7 +105,7 @@ def test_missed_collisions_are_counted_and_end_in_an_exit_code(
     monkeypatch.setattr(contest, "levels_of", lambda corpus: ladder)
     price = contest.measure(corpus, plan, 2, quiet)
     assert price.row("aabb").missed == price.colliding > 0
-    monkeypatch.setattr(accuracy, "run", lambda *_: accuracy.Result(prices=[price]))
+    monkeypatch.setattr(accuracy, "run", lambda *_: accuracy.AccuracyResult(prices=[price]))
     assert accuracy.main(["--seconds", "0.1"]) == 1
     assert "DEFECT" in capsys.readouterr().err
 

@@ -27,9 +27,16 @@ import pytest
 from each import each
 
 import obb_collision as oc
-from obb_collision.benchmarks import effect_costs, speed
-from obb_collision.benchmarks.contestants import OURS, PAIRS, PEERS, Contestant, OurPairs
-from obb_collision.benchmarks.forms import FORMS, make_frames
+from obb_collision.benchmarks import effects, speed
+from obb_collision.benchmarks.contestants import (
+    FORMS,
+    OURS,
+    PAIRS,
+    PEERS,
+    Contestant,
+    OurPairs,
+    make_frames,
+)
 from obb_collision.benchmarks.steps import Case, StepPlan, StepRow, run_case, slopes, tables
 from obb_collision.benchmarks.tables import write_into
 from obb_collision.typing import Floats, Rows
@@ -171,27 +178,27 @@ def test_by_default_every_size_form_and_share_of_motion_is_measured() -> None:
 
 
 @pytest.fixture(scope="module")
-def costs() -> Iterator[list[effect_costs.CostRow]]:
+def costs() -> Iterator[list[effects.CostRow]]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(effect_costs, "FRAMES", 30)
-        yield effect_costs.run_effects(0.0, silent)
+        patch.setattr(effects, "FRAMES", 30)
+        yield effects.run_effects(0.0, silent)
 
 
 def test_every_scene_has_its_effects_alone_and_together(
-    costs: list[effect_costs.CostRow],
+    costs: list[effects.CostRow],
 ) -> None:
-    for name in effect_costs.SCENES:
+    for name in effects.SCENES:
         own = {row.variant: row for row in costs if row.scene == name}
-        assert list(own)[:3] == [effect_costs.PAIRS, effect_costs.OFF, "separations"]
-        assert list(own)[-1] == effect_costs.ALL
-        assert own[effect_costs.OFF].ran_on == own[effect_costs.PAIRS].ran_on == 0.0
-        assert own[effect_costs.OFF].ratio == 1.0
+        assert list(own)[:3] == [effects.PAIRS, effects.OFF, "separations"]
+        assert list(own)[-1] == effects.ALL
+        assert own[effects.OFF].ran_on == own[effects.PAIRS].ran_on == 0.0
+        assert own[effects.OFF].ratio == 1.0
     busy = {(row.scene, row.variant) for row in costs if row.ran_on > 0}
     assert {("tabletop", "clearance"), ("warehouse", "sweep"), ("lidar_zone", "points")} <= busy
 
 
 def test_what_effects_cost_is_printed_and_drawn(
-    costs: list[effect_costs.CostRow],
+    costs: list[effects.CostRow],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -201,5 +208,5 @@ def test_what_effects_cost_is_printed_and_drawn(
     picture = tmp_path / "effects.svg"
     assert speed.main(["--effects", "--plot", str(picture)]) == 0
     text = capsys.readouterr().out
-    assert all(f"{name}: effects off / pairs alone" in text for name in effect_costs.SCENES)
+    assert all(f"{name}: effects off / pairs alone" in text for name in effects.SCENES)
     assert picture.stat().st_size > 1000

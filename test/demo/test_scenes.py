@@ -31,7 +31,7 @@ from obb_collision.scene_files import READY, find_scene, load_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
-from obb_collision.demo.narrator import ClearancesNarrator, PointsInsideNarrator, Predictions  # noqa: E402
+from obb_collision.demo.listener import ClearancesNarrator, PointsInsideNarrator, Predictions  # noqa: E402
 from obb_collision.demo.run import Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction  # noqa: E402

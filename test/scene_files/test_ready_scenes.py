@@ -34,7 +34,7 @@ from obb_collision.scene_files import (
     find_scene,
     load_scene,
 )
-from obb_collision.scene_files.lidar import NOISE, Lidar
+from obb_collision.scene_files.description import NOISE, Lidar
 from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady, states_at
 
 #: Seconds between two poses of which the difference is compared with the twist.

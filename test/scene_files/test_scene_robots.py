@@ -77,7 +77,7 @@ def test_a_description_elsewhere_is_refused_as_what_it_is(
     tmp_path: Path, kind: str, file: str
 ) -> None:
     folder = tmp_path / "scenes"
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     (tmp_path / "arm.xml").write_bytes((CONFIG / f"arm.{kind}").read_bytes())
     line = f"    {kind}: {file}\n"
     text = FILE.replace("    urdf: arm.urdf\n", line) if kind == "urdf" else FILE + line

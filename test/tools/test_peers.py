@@ -19,7 +19,7 @@ from __future__ import annotations
 import pytest
 
 from obb_collision.benchmarks.corpora import Corpus, generated_corpus
-from obb_collision.benchmarks.effect_errors import measure_effects
+from obb_collision.benchmarks.effects import measure_effects
 from tools.peers import convex_distances, effects
 from tools.peers.meshes import compare, installed, meshes
 

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.pair_peers import coal_hull
+from obb_collision.benchmarks.levels import coal_hull
 from obb_collision.benchmarks.timing import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh

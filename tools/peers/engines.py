@@ -31,8 +31,7 @@ import numpy as np
 
 from obb_collision._threads import threads
 from obb_collision.benchmarks import speed
-from obb_collision.benchmarks.contestants import PEERS, Contestant, as_rows
-from obb_collision.benchmarks.forms import Frame
+from obb_collision.benchmarks.contestants import PEERS, Contestant, Frame, as_rows
 from obb_collision.typing import Floats, Rows
 
 

@@ -35,8 +35,8 @@ from scipy.spatial.transform import Rotation
 from trimesh import creation
 
 import obb_collision as oc
-from obb_collision.benchmarks.effect_errors import PlacedPairs
-from obb_collision.benchmarks.pair_peers import MESH_PEERS, Query, coal_mesh, fcl_mesh
+from obb_collision.benchmarks.effects import PlacedPairs
+from obb_collision.benchmarks.levels import MESH_PEERS, Query, coal_mesh, fcl_mesh
 from obb_collision.benchmarks.timing import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.forms import Frame
+from obb_collision.benchmarks.contestants import Frame
 from obb_collision.typing import Floats
 from tools.known_cases import Body, PlacedBox
 from tools.peers.engines import Pybullet, Rapier

@@ -36,7 +36,7 @@ from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.links import NOTHING, AttachedObjects
 from obb_collision.node.robots.robot_input import RobotInput
-from obb_collision.robots.checks.world import WorldState
+from obb_collision.robots.checks.bodies import WorldState
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows

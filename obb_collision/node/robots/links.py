@@ -40,7 +40,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
-from obb_collision.robots.checks.robot_arrays import allowed_links, rigid_groups
+from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.typing import Floats, Rows

@@ -25,26 +25,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from obb_collision.obb import OBB
-from obb_collision.robots.checks.arrays import Checked, LinkBodies, PairValues, Tests
-from obb_collision.robots.checks.bodies import (
-    LinkMeshes,
-    Part,
-    body_of,
-    enclosing_spheres,
-    joined,
-)
-from obb_collision.robots.checks.robot_arrays import (
+from obb_collision.robots.checks.arrays import (
+    Checked,
     JointLimits,
+    LinkBodies,
+    PairValues,
+    Tests,
     allowed_links,
     body_pairs,
     chain_lengths,
     one_tree,
     rigid_groups,
 )
-from obb_collision.robots.checks.world import (
+from obb_collision.robots.checks.bodies import (
     Kept,
+    LinkMeshes,
+    Part,
     World,
     WorldState,
+    body_of,
+    enclosing_spheres,
+    joined,
     largest_padding,
     pair_rules,
     world_of,

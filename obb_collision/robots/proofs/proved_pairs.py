@@ -34,9 +34,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, rotation_of
-from obb_collision.robots.checks.arrays import LinkBodies
+from obb_collision.robots.checks.arrays import LinkBodies, chain_lengths
 from obb_collision.robots.checks.bodies import body_of
-from obb_collision.robots.checks.robot_arrays import chain_lengths
 from obb_collision.robots.description.joints import driven
 from obb_collision.robots.description.srdf import sorted_pair
 from obb_collision.robots.description.urdf import Joint, JointKind

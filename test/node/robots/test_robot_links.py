@@ -38,7 +38,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.robots.links import AttachedObjects, LinkObjects
-from obb_collision.robots.checks.robot_arrays import allowed_links, rigid_groups
+from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 from obb_collision.scene.store.allowed import AllowedPairs
 
 STATUS = "collision_status"
