@@ -70,7 +70,6 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--markdown": PLOTS, **SEED, **JSON,
     },
     "python -m tools.wrong_answers": {"--pairs": WHOLES, "--family": ["none such"], **SEED, **JSON},
-    "python -m tools.peers.convex_distances": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.meshes": {"--pairs": WHOLES, **JSON},
     "python -m tools.weight": {},

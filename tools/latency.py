@@ -24,7 +24,9 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -37,6 +39,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.benchmarks.tables import as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.clouds import boxes_to_ros, poses_to_ros
@@ -233,19 +236,24 @@ NEW = (
 WAYS = (*MOVING, *NEW)
 SIZES, OTHERS = (100, 1_000, 10_000), 500
 """Numbers of objects that move by each input, and that are others in every frame."""
+ALL = (*((way, count) for way in MOVING for count in SIZES), *((way, OTHERS) for way in NEW))
 SECONDS = 4.0
 """Seconds of each measurement."""
 
 
-def measure_all(show: Callable[[str], None]) -> list[dict[str, Any]]:
+def measure_all(
+    show: Callable[[str], None],
+    ways: Sequence[tuple[str, int]] = ALL,
+    seconds: float = SECONDS,
+    seed: int = 1,
+) -> list[dict[str, Any]]:
     """Return a row per way of sending; one in which a frame has no answer has no times."""
     rows: list[dict[str, Any]] = []
-    ways = [(way, objects) for way in MOVING for objects in SIZES]
-    for way, objects in [*ways, *((way, OTHERS) for way in NEW)]:
+    for way, objects in ways:
         show(f"node: {objects:,} by {way}")
-        latency = Latency(seed=1)
+        latency = Latency(seed)
         try:
-            rows.append(latency.measure(way, objects, SECONDS).row)
+            rows.append(latency.measure(way, objects, seconds).row)
         except TimeoutError:
             rows.append({"way": way, "objects": objects})
         finally:
@@ -273,20 +281,12 @@ def main(args: Sequence[str] | None = None) -> int:
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
     option(parser, "--json", new_file(), None, "write the figures to a file")
     options = parser.parse_args(args)
-    rows = [(way, objects) for way in MOVING for objects in options.objects]
-    rows += [(way, options.new) for way in NEW]
-    figures = []
+    ways = [(way, objects) for way in MOVING for objects in options.objects]
+    ways += [(way, options.new) for way in NEW]
     print("from publish to collisions received, one process, one thread of Python (ms)")
-    print(f"{'way':36}{'objects':>8}{'pairs':>7}{'median':>9}{'95 %':>9}{'99 %':>9}{'longest':>9}")
-    latency = Latency(options.seed)
-    try:
-        for way, objects in rows:
-            row = latency.measure(way, objects, options.seconds).row
-            figures.append(row)
-            times = "".join(f"{row[key]:9.2f}" for key in ("median", "95 %", "99 %", "longest"))
-            print(f"{way:36}{objects:8}{row['pairs']:7}{times}", flush=True)
-    finally:
-        latency.close()
+    figures = measure_all(partial(print, file=sys.stderr), ways, options.seconds, options.seed)
+    heads = list(figures[0])
+    print(as_text([heads, *([str(row.get(head, "")) for head in heads] for row in figures)]))
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1))
     return 0

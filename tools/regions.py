@@ -23,10 +23,9 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -39,6 +38,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
+from obb_collision.benchmarks.tables import as_markdown
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.node.messages.clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
@@ -49,6 +49,7 @@ from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.region import split_regions
 from obb_collision.typing import Floats
+from tools.fuzz.process import Child
 
 HALF_EXTENTS = (0.05, 0.5)
 """Smallest and largest half extent of the boxes (m)."""
@@ -91,9 +92,9 @@ class Processes:
         root = f"/regions_{os.getpid()}_{count}"
         corners = " ".join(map(repr, [0.0] * 3)), " ".join(map(repr, hall.size.tolist()))
         regions = region_parameters(*corners, f"{count} 1 1", repr(halo))
-        self._stack = ExitStack()
+        self._folder = TemporaryDirectory()
         self.running = [
-            self._stack.enter_context(Started(root, name, given, domain))
+            Child(arguments_of(root, name, given), domain, Path(self._folder.name) / name)
             for name, given in regions.items()
         ]
         self._context = Context()
@@ -146,7 +147,7 @@ class Processes:
             self._client.count_publishers(f"{name}/collisions") == 0 for name in self._names
         ):
             self._executor.spin_once(timeout_sec=0.05)
-            if perf_counter() > limit or any(one.poll() is not None for one in self.running):
+            if perf_counter() > limit or any(one.exit_code is not None for one in self.running):
                 raise TimeoutError("a collision node did not start")
         for _ in range(WARM_SAMPLES):
             self.sample()
@@ -156,7 +157,7 @@ class Processes:
         ticks = os.sysconf("SC_CLK_TCK")
         found = []
         for process in self.running:
-            with open(f"/proc/{process.pid}/stat", encoding="ascii") as file:
+            with open(f"/proc/{process.number}/stat", encoding="ascii") as file:
                 words = file.read().rpartition(")")[2].split()
             found.append((int(words[11]) + int(words[12])) / ticks)
         return found
@@ -177,40 +178,25 @@ class Processes:
         self._executor.shutdown()
         self._client.destroy_node()
         self._context.try_shutdown()
-        self._stack.close()
+        for process in self.running:
+            process.end()
+        self._folder.cleanup()
 
 
-class Started:
-    """A process with a node, ended on the way out."""
-
-    def __init__(self, root: str, name: str, given: dict[str, Any], domain: int) -> None:
-        values = {
-            **given,
-            "trigger": "arrival",
-            "min_period": 0.0,
-            "max_objects": 1000000,
-            "max_pairs": 1000000,
-            "threads": 1,
-            "rate": 1.0,
-        }
-        words = ["--ros-args", "-r", f"__ns:={root}/{name}", "--log-level", "error"]
-        words += ["-r", f"object_boxes:={root}/object_boxes"]
-        for key, value in values.items():
-            words += ["-p", f"{key}:={value}"]
-        code = "from obb_collision.commands import node; raise SystemExit(node())"
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-        self._process = subprocess.Popen([sys.executable, "-c", code, *words], env=environment)
-
-    def __enter__(self) -> subprocess.Popen[bytes]:
-        return self._process
-
-    def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+def arguments_of(root: str, name: str, given: dict[str, Any]) -> list[str]:
+    """Return the arguments of the node of a region."""
+    values = {
+        **given,
+        "trigger": "arrival",
+        "min_period": 0.0,
+        "max_objects": 1000000,
+        "max_pairs": 1000000,
+        "threads": 1,
+        "rate": 1.0,
+    }
+    words = ["--ros-args", "-r", f"__ns:={root}/{name}", "--log-level", "error"]
+    words += ["-r", f"object_boxes:={root}/object_boxes"]
+    return words + [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
 
 
 def measure(objects: int, count: int, seconds: float, halo: float, seed: int) -> dict[str, Any]:
@@ -276,16 +262,9 @@ def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
     }
 
 
-def print_table(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Print rows as a table of Markdown, each as soon as it is there; return them."""
-    printed: list[dict[str, Any]] = []
-    for row in rows:
-        if not printed:
-            print("| " + " | ".join(row) + " |")
-            print("|" + "---|" * len(row))
-        print("| " + " | ".join(str(value) for value in row.values()) + " |", flush=True)
-        printed.append(row)
-    return printed
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows as a table of Markdown."""
+    return as_markdown([list(rows[0]), *([str(value) for value in row.values()] for row in rows)])
 
 
 @interruptible("python -m tools.regions")
@@ -302,12 +281,12 @@ def main(args: Sequence[str] | None = None) -> int:
     option(parser, "--json", new_file(), None, "write the figures to a file")
     options = parser.parse_args(args)
     costs = far_costs(options.objects, options.seed)
-    print_table({"region": name, **row} for name, row in costs.items())
-    print()
-    rows = print_table(
+    print(table([{"region": name, **row} for name, row in costs.items()]), flush=True)
+    rows = [
         measure(options.objects, count, options.seconds, options.halo, options.seed)
         for count in range(1, options.processes + 1)
-    )
+    ]
+    print(f"\n{table(rows)}")
     if options.json:
         options.json.write_text(json.dumps({"check": costs, "processes": rows}, indent=1))
     return 0

@@ -17,18 +17,14 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -41,9 +37,20 @@ from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
+from tools.fuzz.client import Client, FoundError
+from tools.fuzz.process import Child
 
 ROBOT, FRAME = "robot", "map"
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+URDF, SRDF = LATCHED = (f"{ROBOT}/robot_description", f"{ROBOT}/robot_description_semantic")
+JOINTS, STATES = f"{ROBOT}/joint_states", f"{ROBOT}/states_to_check"
+TYPES = {
+    URDF: String,
+    SRDF: String,
+    JOINTS: JointState,
+    STATES: PointCloud2,
+    "objects": MarkerArray,
+}
+"""Messages of the inputs."""
 CHUNK = 50
 """States of a message."""
 WARM_CHUNKS = 20
@@ -57,87 +64,54 @@ ASKING = 0.5
 """Seconds after which a node that has just started is asked again."""
 
 
-class Started:
-    """A node with a robot in a process of its own, ended on the way out; and a client of it."""
+class Asked:
+    """A node with a robot in a process of its own, ended on the way out; and a client of it.
 
-    def __init__(self, robot: Robot, folder: Path) -> None:
+    Raises FoundError where the node ends or does not answer.
+    """
+
+    def __init__(self, robot: Robot, packages: Path, folder: Path) -> None:
         domain = 1 + os.getpid() % 100  # another node on this machine must not answer
         namespace = f"/chunks_{os.getpid()}"
         self._robot, self._number, self._answer = robot, 0, PointCloud2()
         given = [f"robots:=['{ROBOT}']", f"robot_bases:=['{ROBOT}: 0 0 0 0 0 0 1']"]
-        given += [f"mesh_folders:=['{folder.resolve()}']", "joint_timeout:=0.0"]
+        given += [f"mesh_folders:=['{packages.resolve()}']", "joint_timeout:=0.0"]
         words = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "error"]
         words += [word for one in given for word in ("-p", one)]
-        code = "from obb_collision.commands import node; raise SystemExit(node())"
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-        self._process = subprocess.Popen([sys.executable, "-c", code, *words], env=environment)
-        self._context = Context()
-        self._context.init(args=[], domain_id=domain)
-        self._client = Node("client", context=self._context, namespace=namespace)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._client)
-        make: Any = self._client.create_publisher
-        self._urdf = make(String, f"{ROBOT}/robot_description", LATCHED)
-        self._srdf = make(String, f"{ROBOT}/robot_description_semantic", LATCHED)
-        self._joints = make(JointState, f"{ROBOT}/joint_states", 10)
-        self._states = make(PointCloud2, f"{ROBOT}/states_to_check", 10)
-        self._objects = make(MarkerArray, "objects", 10)
-        take = self._take
-        self._client.create_subscription(PointCloud2, f"{ROBOT}/state_validity", take, 10)
+        self._child = Child(words, domain, folder / "node.log")
+        self._client = Client(domain, namespace, TYPES, LATCHED, ROBOT)
 
-    def __enter__(self) -> Started:
+    def __enter__(self) -> Asked:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._client.destroy_node()
-        self._context.try_shutdown()
-        self._process.terminate()
-        try:
-            self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    def _take(self, message: PointCloud2) -> None:
-        self._answer = message
-
-    def _until(self, reached: Callable[[], object], seconds: float) -> bool:
-        """Return whether something is reached in time; TimeoutError for a node that has ended."""
-        limit = perf_counter() + seconds
-        while not reached():
-            if self._process.poll() is not None:
-                raise TimeoutError(f"the node ended with {self._process.returncode}")
-            if perf_counter() > limit:
-                return False
-            self._executor.spin_once(timeout_sec=0.05)
-        return True
+        self._client.close()
+        self._child.end()
 
     def begin(
         self, urdf: str, srdf: str | None, boxes: Sequence[SceneObject], middle: Floats
     ) -> None:
         """Send robot and boxes; return when the node knows them. middle: state of the robot."""
-        inputs = self._urdf, self._srdf, self._joints, self._states, self._objects
-        if not self._until(lambda: all(one.get_subscription_count() for one in inputs), PATIENCE):
-            raise TimeoutError("the node did not start")
+        client = self._client
+        client.until(self._child, client.have_subscribers, "inputs", PATIENCE)
         if srdf is not None:
-            self._srdf.publish(String(data=srdf))
-        self._urdf.publish(String(data=urdf))
+            client.publishers[SRDF].publish(String(data=srdf))
+        client.publishers[URDF].publish(String(data=urdf))
         writer = MarkerArrayWriter(FRAME, NANOSECONDS, 0.0)
         for number, one in enumerate(boxes):
             assert isinstance(one.shape, Box)
             size = list(one.shape.size)
             writer.add(("box", number), Marker.CUBE, Marker.ADD, list(one.pose), size)
-        message = writer.message()
-        limit = perf_counter() + PATIENCE
+        limit, message = perf_counter() + PATIENCE, writer.message()
         while True:
-            self._objects.publish(message)
+            client.publishers["objects"].publish(message)
             self.move(middle)
-            if self.ask(middle[None], ASKING) is not None and self.is_known:
+            self.ask(middle[None])
+            if self.is_known:
                 return
-            self._until(lambda: False, ASKING)  # it is reading the description
+            client.spin(ASKING)  # it is reading the description
             if perf_counter() > limit:
-                raise TimeoutError("the node did not get to know robot and boxes")
+                raise FoundError("the node did not get to know robot and boxes")
 
     @property
     def rows(self) -> np.ndarray:
@@ -152,10 +126,10 @@ class Started:
     def move(self, state: Floats) -> None:
         """Say where the joints are."""
         message = JointState(name=list(self._robot.joint_names), position=state.tolist())
-        self._joints.publish(message)
+        self._client.publishers[JOINTS].publish(message)
 
-    def ask(self, states: Floats, seconds: float = PATIENCE) -> float | None:
-        """Return how long the answer to states took (s); None where there was none in time."""
+    def ask(self, states: Floats) -> float:
+        """Return how long the answer to states took (s)."""
         rows = np.zeros(len(states), [(name, "<f8") for name in self._robot.joint_names])
         for column, name in enumerate(self._robot.joint_names):
             rows[name] = states[:, column]
@@ -163,9 +137,10 @@ class Started:
         stamp = stamp_to_ros(self._number * NANOSECONDS)
         message = cloud_to_ros(rows, Header(stamp=stamp, frame_id=FRAME))
         start = perf_counter()
-        self._states.publish(message)
-        answered = self._until(lambda: self._answer.header.stamp == stamp, seconds)
-        return perf_counter() - start if answered else None
+        self._client.publishers[STATES].publish(message)
+        reached = partial(self._client.answer_at, stamp)
+        self._answer = self._client.until(self._child, reached, "answer about states", PATIENCE)
+        return perf_counter() - start
 
 
 def measure_chunks(
@@ -175,7 +150,7 @@ def measure_chunks(
     boxes: Sequence[SceneObject],
     states: Floats,
 ) -> dict[str, Any]:
-    """Ask a node for states (n, CHUNK, joints); TimeoutError where it does not answer.
+    """Ask a node for states (n, CHUNK, joints); FoundError where it does not answer.
 
     Returns milliseconds from the publication of a chunk to its answer.
 
@@ -183,17 +158,16 @@ def measure_chunks(
     """
     rng = np.random.default_rng(0)
     times, valid = [], []
-    with Started(robot, folder) as node:
+    with TemporaryDirectory() as log, Asked(robot, folder, Path(log)) as node:
         low, high = (edge(states, axis=(0, 1)) for edge in (np.min, np.max))
         middle, span = 0.5 * (low + high), high - low
         node.begin(*texts, boxes, middle)
         for number, chunk in enumerate(states):
             if number % MOVING == 0:
                 node.move(middle + span * rng.uniform(-REACH, REACH, len(span)))
-            took = node.ask(chunk)
-            if took is None or not node.is_known:
-                raise TimeoutError("no answer from the node")
-            times.append(took)
+            times.append(node.ask(chunk))
+            if not node.is_known:
+                raise FoundError("the node does not know the robot any more")
             valid.append(float(node.rows["valid"].mean()))
     counted = 1e3 * np.array(times[WARM_CHUNKS:])
     median, p99 = np.percentile(counted, (50, 99)).tolist()

@@ -190,7 +190,7 @@ def kinematics_rows(options: argparse.Namespace) -> list[Row]:
 
 
 def chunk_row(options: argparse.Namespace) -> Row:
-    """Measure chunks of states through a node; TimeoutError where it does not answer."""
+    """Measure chunks of states through a node; FoundError where it does not answer."""
     from tools import robot_latency as node
 
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
@@ -337,7 +337,7 @@ def main(args: Sequence[str] | None = None) -> int:
     set_threads(1)
     try:
         report = measure(options)
-    except (ValueError, OSError) as error:  # TimeoutError, too
+    except (ValueError, OSError, RuntimeError) as error:
         made.error(str(error))
     finally:
         set_threads(before)

@@ -14,7 +14,7 @@
 
 """Weight of the project, counted over tracked files, beside its limits.
 
-python -m tools.weight [--markdown] [--collect] [--path]
+python -m tools.weight [--collect] [--path]
 """
 
 from __future__ import annotations
@@ -304,18 +304,14 @@ def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[in
     return len(path), len({file for file, *_ in path})
 
 
-def table(values: Figures, markdown: bool = False) -> str:
+def table(values: Figures) -> str:
     """Return figures beside their limits, a row each; too large ones are marked."""
-    rows = ["| | today | at most |", "|---|---|---|"] if markdown else []
+    rows = []
     for name, most in LIMITS.items():
         value = values.get(name)
         shown = "not counted" if value is None else f"{value:,}"
-        if markdown:
-            bold = "**" if value is not None and most is not None and value > most else ""
-            rows.append(f"| {name} | {bold}{shown}{bold} | {most:,} |")
-        else:
-            mark = " *" if value is not None and most is not None and value > most else ""
-            rows.append(f"{name:36}{shown:>12}{most:>9,}{mark}")
+        mark = " *" if value is not None and most is not None and value > most else ""
+        rows.append(f"{name:36}{shown:>12}{most:>9,}{mark}")
     return "\n".join(rows)
 
 
@@ -323,7 +319,6 @@ def table(values: Figures, markdown: bool = False) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Print the table."""
     parser = Parser(prog="python -m tools.weight", description="What the project weighs.")
-    parser.add_argument("--markdown", action="store_true", help="as a table of a page")
     parser.add_argument("--collect", action="store_true", help="collect the tests, too")
     parser.add_argument("--path", action="store_true", help="follow poses through a node, too")
     options = parser.parse_args(arguments)
@@ -335,7 +330,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.path:
         path = path_of_poses(root)
         found["functions from poses to collisions"], found["their files"] = path
-    print(table(found, options.markdown))
+    print(table(found))
     return 0
 
 

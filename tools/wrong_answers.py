@@ -34,7 +34,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -180,11 +179,10 @@ PEERS = (
 )
 
 
-#: Pairs judged between two steps of the progress bar.
+#: Pairs judged at once.
 CHUNK = 2000
 
 Row = dict[str, Any]
-Step = Callable[[int], object]
 
 
 def exact_verdicts(a: Boxes, b: Boxes) -> Verdicts:
@@ -213,7 +211,7 @@ def count_judge(truth: Verdicts, answers: Answers) -> dict[str, int]:
     }
 
 
-def examine(name: str, n: int, seed: int, judges: dict[str, Judge], step: Step) -> Row:
+def examine(name: str, n: int, seed: int, judges: dict[str, Judge]) -> Row:
     """Let all judge ``n`` pairs of one family."""
     arrays_a, arrays_b = generate(name, n, seed)
     all_a, all_b = Boxes(*arrays_a), Boxes(*arrays_b)
@@ -229,7 +227,6 @@ def examine(name: str, n: int, seed: int, judges: dict[str, Judge], step: Step) 
         for judge, ask in judges.items():
             with np.errstate(all="ignore"):
                 row["judges"][judge].update(count_judge(truth, ask(*stored)))
-        step(len(rows))
     return row
 
 
@@ -270,21 +267,6 @@ def table(rows: Sequence[Row], judges: Iterable[str]) -> list[list[str]]:
     return lines
 
 
-def _with_progress(names: Sequence[str], total: int) -> Iterator[tuple[str, Step]]:
-    """Yield each family and a function to report finished pairs to."""
-    try:
-        bar = import_module("tqdm").tqdm(total=total, unit="pair", unit_scale=True)
-    except ImportError:
-        for k, name in enumerate(names):
-            print(f"[{k + 1}/{len(names)}] {name}", file=sys.stderr, flush=True)
-            yield name, lambda done: None
-        return
-    with bar:
-        for name in names:
-            bar.set_description(name)
-            yield name, bar.update
-
-
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; ``names`` are the families asked for."""
     summary = (__doc__ or "").splitlines()[0]
@@ -308,11 +290,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison; exit code 1 if this library gave a wrong verdict."""
     options = parse(arguments)
     judges, notes = installed_judges()
-    total = options.pairs * len(options.names)
-    rows = [
-        examine(name, options.pairs, options.seed, judges, step)
-        for name, step in _with_progress(options.names, total)
-    ]
+    rows = []
+    for number, name in enumerate(options.names, 1):
+        print(f"[{number}/{len(options.names)}] {name}", file=sys.stderr, flush=True)
+        rows.append(examine(name, options.pairs, options.seed, judges))
     lines = table(rows, judges)
     print(f"Wrong answers in {options.pairs} pairs of each family, seed {options.seed}.")
     print("a / b: a false collisions, b missed ones. Undecided pairs count as colliding.")

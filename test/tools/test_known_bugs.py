@@ -29,8 +29,8 @@ from each import each
 
 import obb_collision as oc
 from tools import known_bugs
-from tools.known_cases import KNOWN_BUGS, KnownBug, PlacedBox
-from tools.peers.pairs import PAIR_PEERS, Answer
+from tools.known_bugs import KNOWN_BUGS, KnownBug
+from tools.peers.pairs import PAIR_PEERS, Answer, PlacedBox
 
 BUGS = {bug.name: bug for bug in KNOWN_BUGS}
 BOXES = {

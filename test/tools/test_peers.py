@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The comparisons of meshes and of convex shapes run, and all sides agree."""
+"""The comparisons of meshes and of effects run, and all sides agree."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import pytest
 
 from obb_collision.benchmarks.corpora import Corpus, generated_corpus
 from obb_collision.benchmarks.effects import measure_effects
-from tools.peers import convex_distances, effects
+from tools.peers import effects
 from tools.peers.meshes import compare, installed, meshes
 
 #: Shapes of which hulls have few corners: those of many are simplified, which peers do not.
@@ -40,20 +40,6 @@ def test_all_sides_agree_and_are_timed() -> None:
             for peer in peers:
                 assert rows[what][f"{peer}_differ"] <= most
                 assert rows[what][f"{peer}_ratio"] > 0.0
-
-
-def test_coal_measures_the_same_distances_and_depths_of_convex_shapes() -> None:
-    pytest.importorskip("coal")
-    rows = {
-        (*kinds, name): row
-        for kinds in convex_distances.PAIRS
-        for name, row in convex_distances.compare(kinds, 50).items()
-    }
-    assert len(rows) == 2 * len(convex_distances.PAIRS)
-    for row in rows.values():
-        assert row["bounds_m"] < 1e-8
-        assert row["coal_differs_m"] < 1e-5
-        assert row["coal_ratio"] > 0.0
 
 
 @pytest.mark.parametrize("peer", ["coal", "python-fcl", "MuJoCo"])

@@ -123,9 +123,7 @@ class A:
 
 def test_figures_above_their_limits_are_marked() -> None:
     values: dict[str, int | None] = {"its files": 331, "public names": 34}
-    plain, page = table(values), table(values, markdown=True)
+    plain = table(values)
     assert f"its files{331:>39}      330 *" in plain
     assert f"public names{34:>36}       34\n" in plain
-    assert "| its files | **331** | 330 |" in page
-    assert "| public names | 34 | 34 |" in page
-    assert "| tests collected | not counted | 4,000 |" in page
+    assert f"tests collected{'not counted':>33}    4,000\n" in plain

@@ -17,12 +17,8 @@ from __future__ import annotations
 
 import os
 import resource
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -49,67 +45,28 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import DEADLINE, collisions_from_ros
 from tools.faults.peers import READY
+from tools.fuzz.process import Child
 
-ENDING = 30.0
-"""Seconds that a process has to end after SIGINT."""
-NODE = "obb_collision.node.node"
 PEERS = "tools.faults.peers"
 
 
-class Process:
-    """A Python module in a process of its own; its output goes to ``log``."""
-
-    def __init__(
-        self, module: str, arguments: Sequence[str], log: Path, environment: Mapping[str, str]
-    ) -> None:
-        self.log = log
-        with log.open("ab") as output:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments],
-                env={**os.environ, **environment},
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
-
-    @property
-    def exit_code(self) -> int | None:
-        """Exit code, None while it runs; below zero: the signal that ended it."""
-        return self._process.poll()
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal."""
-        self._process.send_signal(number)
-
-    def end(self) -> int:
-        """End it as Ctrl-C would, else by force; returns its exit code."""
-        if self.exit_code is None:
-            self.send(signal.SIGCONT)
-            self.send(signal.SIGINT)
-        with suppress(subprocess.TimeoutExpired):
-            return self._process.wait(timeout=ENDING)
-        return self.kill()
-
-    def kill(self) -> int:
-        """End it by force, at once; returns its exit code."""
-        if self.exit_code is None:
-            self._process.kill()
-        return self._process.wait()
+class Process(Child):
+    """A node or a program beside it: started in an environment, limited, stopped, killed."""
 
     def limit(self, what: int, most: int) -> None:
         """Limit a resource of the running process (RLIMIT_*); its parent's stays."""
-        _, hard = resource.prlimit(self._process.pid, what)
-        resource.prlimit(self._process.pid, what, (most if most >= 0 else hard, hard))
+        _, hard = resource.prlimit(self.number, what)
+        resource.prlimit(self.number, what, (most if most >= 0 else hard, hard))
 
     def status(self, field: str) -> int:
         """Return a size from /proc (bytes), such as VmRSS."""
-        lines = Path(f"/proc/{self._process.pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{self.number}/status").read_text().splitlines()
         (found,) = (line.split()[1] for line in lines if line.startswith(f"{field}:"))
         return 1024 * int(found)
 
     def scheduled(self) -> tuple[int, int]:
         """Return for how long the main thread has run, and has waited for a processor (ns)."""
-        running, waiting, _ = Path(f"/proc/{self._process.pid}/schedstat").read_text().split()
+        running, waiting, _ = Path(f"/proc/{self.number}/schedstat").read_text().split()
         return int(running), int(waiting)
 
     def crowding(self, before: tuple[int, int]) -> float:
@@ -120,7 +77,7 @@ class Process:
 
     def descriptors(self) -> int:
         """Return how many files it has open."""
-        return len(os.listdir(f"/proc/{self._process.pid}/fd"))
+        return len(os.listdir(f"/proc/{self.number}/fd"))
 
     def said(self, text: str) -> bool:
         """Return whether its output has a text."""
@@ -223,7 +180,7 @@ class Bench:
         words = [word for parameter in parameters for word in ("-p", parameter)]
         arguments = ["--ros-args", "-r", f"__ns:={namespace or self.namespace}", *words]
         log = self.folder / f"node_{len(self._processes)}.log"
-        process = Process(NODE, arguments, log, {**self._environment, **environment})
+        process = Process(arguments, self.domain, log, **environment)
         self._processes.append(process)
         if wait:
             self.meet()
@@ -233,14 +190,10 @@ class Bench:
     def peer(self, kind: str) -> Process:
         """Start a program of ``peers``, and wait until it is at work."""
         log = self.folder / f"{kind}_{len(self._processes)}.log"
-        process = Process(PEERS, [kind, self.namespace], log, self._environment)
+        process = Process([kind, self.namespace], self.domain, log, PEERS)
         self._processes.append(process)
         self.until(lambda: process.said(READY), f"{kind} at work", STARTING)
         return process
-
-    @property
-    def _environment(self) -> dict[str, str]:
-        return {"ROS_DOMAIN_ID": str(self.domain)}
 
     def until(self, reached: Callable[[], Any], what: str, limit: float = ANSWERING) -> float:
         """Wait for something; returns the seconds it took. FaultError if it does not come."""

@@ -99,7 +99,6 @@ def little_memory(bench: Bench) -> str:
     )
 
 
-CACHE = "NUMBA_CACHE_DIR"
 COLD = 1800.0
 """Seconds in which kernels that are not there are compiled, on a busy machine."""
 DISK = 256 * 1024

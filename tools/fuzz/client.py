@@ -61,7 +61,7 @@ OUTPUTS = {
 }
 
 
-class FoundError(Exception):
+class FoundError(RuntimeError):
     """What an attack found."""
 
 
@@ -112,8 +112,10 @@ class Client:
         if robot:
             subscribe(PointCloud2, f"{robot}/state_validity", self._take_validity, 1000)
         subscribe(DiagnosticArray, "/diagnostics", self._take_status, 10)
-        # Somebody listens, so that every effect is computed; nobody spins it, which takes time.
         self._audience = Node("audience", context=self._context, namespace=self.namespace)
+
+    def listen_to_all(self) -> None:
+        """Subscribe, so that every effect is computed; nobody spins that, which takes time."""
         for topic, kind in OUTPUTS.items():
             self._audience.create_subscription(kind, topic, lambda message: None, 1, raw=True)
 
@@ -177,6 +179,7 @@ class Client:
 
     def wait_for_start(self, child: Child) -> None:
         """Wait until the node answers, with all effects computed."""
+        self.listen_to_all()
         self.until(child, self.have_subscribers, "inputs", STARTING)
         self.until(child, lambda: self.answers, "collisions", STARTING)
         self.until(child, lambda: self.diagnostics, "diagnostics")

@@ -48,16 +48,16 @@ to 32 MB: memory grows in steps where large messages come, which would hide what
 
 
 class Child:
-    """A node's process; its output goes to ``log``. module: what is run."""
+    """A node's process; its output goes to ``log``. module: what is run; more: its environment."""
 
     def __init__(
-        self, arguments: Sequence[str], domain: int, log: Path, module: str = NODE
+        self, arguments: Sequence[str], domain: int, log: Path, module: str = NODE, **more: str
     ) -> None:
         self.log = log
         self._output: IO[bytes] = log.open("wb")
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
-            env={**ALLOCATOR, **os.environ, "ROS_DOMAIN_ID": str(domain)},
+            env={**ALLOCATOR, **os.environ, "ROS_DOMAIN_ID": str(domain), **more},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -99,18 +99,29 @@ class Child:
         waits = sorted(delay - before.get(name, 0.0) for name, delay in self.delays().items())
         return sum(waits[-WAITING:])
 
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
     def end(self) -> int:
-        """End it as Ctrl-C would, else by force; returns its exit code."""
+        """End it as Ctrl-C would, also one that is frozen, else by force; returns its exit code."""
         if self.exit_code is None:
-            self._process.send_signal(signal.SIGINT)
+            self.send(signal.SIGCONT)
+            self.send(signal.SIGINT)
         start, before = time.monotonic(), self.delays()
         while self.exit_code is None:
             if time.monotonic() - start > ENDING + self.waited(before):
                 self._process.kill()
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=WATCHING)
+        return self.kill()
+
+    def kill(self) -> int:
+        """End it by force, at once; returns its exit code."""
+        if self.exit_code is None:
+            self._process.kill()
         self._output.close()
-        return int(self._process.returncode)
+        return int(self._process.wait())
 
     def lines(self) -> list[str]:
         """Return the last lines of its output."""

@@ -32,9 +32,19 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision.benchmarks.contestants import Frame
 from obb_collision.typing import Floats
-from tools.known_cases import Body, PlacedBox
 from tools.peers.engines import Pybullet, Rapier
 
+
+class PlacedBox(NamedTuple):
+    """Centre (3,), rotation (3, 3) whose columns are the axes, half extents (3,)."""
+
+    center: Floats
+    rotation: Floats
+    half_extents: Floats
+
+
+#: A box, or the convex hull of corners (n, 3).
+Body = PlacedBox | Floats
 #: Metres up to which distances are asked for.
 FARTHEST = 1000.0
 

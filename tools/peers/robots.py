@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -245,8 +244,3 @@ PEERS: dict[str, tuple[Callable[[Case], CheckStates], str]] = {
 }
 """What makes each peer, and the distribution it comes with."""
 TRUTH = "pinocchio + coal, triangles"
-
-
-def peer_version(name: str) -> str:
-    """Return the version of a peer's library."""
-    return version(PEERS[name][1])

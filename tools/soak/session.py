@@ -71,6 +71,7 @@ class Session:
     def begin(self, child: Child) -> None:
         """Wait until the node answers, and all effects are computed, for the first bodies."""
         client = self._client
+        client.listen_to_all()
         client.until(child, client.have_subscribers, "inputs", STARTING)
         self._send(self._world.first())
         client.until(child, lambda: self._is_answered, "answer to the first bodies", STARTING)
