@@ -167,6 +167,12 @@ def combined(axes: Axes, v: Vector) -> Vector:
 
 
 @njit
+def write_at(rows: Floats, n: int, v: Vector) -> None:
+    """Write row n of an array (m, 3)."""
+    rows[n, 0], rows[n, 1], rows[n, 2] = v
+
+
+@njit
 def vector_at(array: Floats, i: int) -> Vector:
     """Return row i of an array (n, 3)."""
     return array[i, 0], array[i, 1], array[i, 2]

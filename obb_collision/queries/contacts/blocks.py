@@ -40,6 +40,7 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
     vector_at,
+    write_at,
 )
 from obb_collision.queries.contacts.patch import (
     CAPACITY,
@@ -47,7 +48,6 @@ from obb_collision.queries.contacts.patch import (
     FEATURE_TIE,
     KEEP,
     clip,
-    write_vertex,
 )
 from obb_collision.queries.verdict.blocks import (
     AXES_A,
@@ -163,7 +163,7 @@ def _lay_face(a: BoxAt, b: BoxAt, face: int, size: float, polygon: Floats) -> No
         p = pick(b.half_extents, j1) * (1.0 if corner == 1 or corner == 2 else -1.0)
         q = pick(b.half_extents, j2) * (1.0 if corner >= 2 else -1.0)
         x, y, z = components(a.axes, plus(plus(middle_of_face, scaled(u, p)), scaled(v, q)))
-        write_vertex(polygon, corner, (x / size, y / size, z / size))
+        write_at(polygon, corner, (x / size, y / size, z / size))
 
 
 #: Pairs in a block: their numbers (29 kB) stay in the fastest memory.

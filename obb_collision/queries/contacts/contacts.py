@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import BoxArrays, Boxes
-from obb_collision.numerics.vec3 import max_abs, minus, plus, vector_at
+from obb_collision.numerics.vec3 import max_abs, minus, plus, vector_at, write_at
 from obb_collision.queries.contacts.blocks import (
     BLOCK,
     LIMIT,
@@ -53,7 +53,6 @@ from obb_collision.queries.contacts.patch import (
     FEATURE_TIE,
     clip_to_rectangle,
     reduce_patch,
-    write_vertex,
 )
 from obb_collision.queries.verdict.blocks import (
     AXES_A,
@@ -168,7 +167,7 @@ def contacts_kernel(
             row = first + n
             gap = block[LARGEST, n]
             axes[row] = int(block[NUMBER, n])
-            write_vertex(normals, row, vector_in(block, NORMAL, n))
+            write_at(normals, row, vector_in(block, NORMAL, n))
             depths[row] = max(0.0, -gap)
             counts[row] = 0
             if gap > 0.0:
@@ -188,7 +187,7 @@ def contacts_kernel(
 def _find_vertices(block: Floats, n: int, limit: int, polygon: Floats, spare: Floats) -> int:
     """Write the vertices of the patch of a pair into its slots, and return how many."""
     for k in range(4):
-        write_vertex(polygon, k, vector_in(block, QUAD + 3 * k, n))
+        write_at(polygon, k, vector_in(block, QUAD + 3 * k, n))
     count = clip_to_rectangle(polygon, 4, block[LIMIT, n], block[LIMIT + 1, n], spare)
     count = reduce_patch(polygon, count, limit, spare)
     for k in range(count):
@@ -216,7 +215,7 @@ def _write_points(
             if max_abs(minus(point, vector_at(spare, m))) <= FEATURE_TIE * size:
                 break
         else:
-            write_vertex(spare, found, point)
+            write_at(spare, found, point)
             point = plus(origin, point)
             points[row, found, 0], points[row, found, 1], points[row, found, 2] = point
             depths[row, found] = max(0.0, -(block[VERTEX + 3 * k + 2, n] * size))

@@ -39,7 +39,7 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats
 
 #: Rows of a polygon. A quad clipped by four lines has at most eight vertices; where rounding bends
 #: a sliver, each line can add half as many again as there are.
@@ -82,12 +82,6 @@ def clip_to_rectangle(
             for k in range(count):
                 polygon[k, column] = min(max(polygon[k, column], -limit), limit)
     return count
-
-
-@njit
-def write_vertex(target: Floats, k: int, vertex: Vector) -> None:
-    """Write row k of an array (n, 3)."""
-    target[k, 0], target[k, 1], target[k, 2] = vertex
 
 
 @njit

@@ -40,7 +40,16 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.intrinsics import LANES
-from obb_collision.numerics.vec3 import components, cross, dot, fast_norm, plus, scaled, vector_at
+from obb_collision.numerics.vec3 import (
+    components,
+    cross,
+    dot,
+    fast_norm,
+    plus,
+    scaled,
+    vector_at,
+    write_at,
+)
 from obb_collision.queries.contacts.contacts import ContactArrays, Contacts
 from obb_collision.queries.convex.distance import unit_of
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
@@ -127,8 +136,8 @@ def overlay(a: Core, b: Core, pose: Pose, frame: FlatFrame, depth: float, flat: 
     if second < 3 <= first:
         for k in range(max(first, second)):
             here, there = vector_at(flat.a, k), vector_at(flat.b, k)
-            _put(flat.a, k, there)
-            _put(flat.b, k, here)
+            write_at(flat.a, k, there)
+            write_at(flat.b, k, here)
         first, second = second, first
     if second < 3:  # two segments, or points: where they are nearest is known
         return 0
@@ -218,7 +227,7 @@ def _feature(
 def _thinned(points: Floats, count: int) -> int:
     """Keep every second corner of a polygon; return how many."""
     for k in range(count // 2):
-        _put(points, k, vector_at(points, 2 * k))
+        write_at(points, k, vector_at(points, 2 * k))
     return count // 2
 
 
@@ -280,12 +289,12 @@ def _polygon(points: Floats, count: int, spare: Floats) -> int:
                 if not _side(vector_at(spare, size - 2), vector_at(spare, size - 1), p) <= 0.0:
                     break
                 size -= 1
-            _put(spare, size, p)
+            write_at(spare, size, p)
             size += 1
         size -= 1  # the last one begins the other half
     size = max(size, 1)
     for k in range(size):  # one by one: slices take long to compile
-        _put(points, k, vector_at(spare, k))
+        write_at(points, k, vector_at(spare, k))
     if size == 2 and points[0, 0] == points[1, 0] and points[0, 1] == points[1, 1]:
         return 1
     return size
@@ -296,12 +305,6 @@ def _is_before(points: Floats, i: int, k: int) -> bool:
     if points[i, 0] != points[k, 0]:
         return points[i, 0] < points[k, 0]
     return points[i, 1] < points[k, 1]
-
-
-@njit
-def _put(points: Floats, row: int, p: Vector) -> None:
-    for c in range(FLAT_POINT):
-        points[row, c] = p[c]
 
 
 @njit
@@ -318,7 +321,7 @@ def _clipped(flat: Flat, count: int, start: Vector, end: Vector) -> int:
         here, there = vector_at(flat.a, k), vector_at(flat.a, (k + 1) % count)
         side, next_side = _side(start, end, here), _side(start, end, there)
         if side >= 0.0:
-            _put(flat.spare, size, here)
+            write_at(flat.spare, size, here)
             size += 1
         if (side > 0.0 > next_side) or (side < 0.0 < next_side):
             t = side / (side - next_side)
@@ -327,7 +330,7 @@ def _clipped(flat: Flat, count: int, start: Vector, end: Vector) -> int:
             size += 1
     size = min(size, 2 * MOST_POINTS - 2)
     for k in range(size):
-        _put(flat.a, k, vector_at(flat.spare, k))
+        write_at(flat.a, k, vector_at(flat.spare, k))
     return size
 
 

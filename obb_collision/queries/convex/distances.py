@@ -258,6 +258,7 @@ def mesh_body_distances(
     corners: hulls have trees.
     """
     near, bounds, vectors = out = distance_arrays(len(i))
+    i, j = np.ascontiguousarray(i), np.ascontiguousarray(j)
     pairs = RowPairs(meshes.arrays, i, bodies.arrays, j)
     run(_mesh_kernel, len(i), FEWEST_MESHES, pairs, radii, limit, out)
     return ConvexDistances(*bounds, *vectors), near

@@ -42,6 +42,7 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
     vector_at,
+    write_at,
 )
 from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import turned_back
@@ -186,11 +187,11 @@ def _write_directions(bodies: MeshPair, n: Vector, contacts: int, ways: PushDire
     solid_a = bodies.trees_a.solid[bodies.a.mesh]
     solid_b = bodies.trees_b.solid[bodies.b.mesh]
     unit, _ = unit_scale(bodies.pose.size)
-    _put(ways.chosen, 0, n)
+    write_at(ways.chosen, 0, n)
     if contacts == 0:
         near = nearest_triangles(bodies, unit, np.inf, room)
-        _put(ways.chosen, 1, near.direction)
-        _put(ways.chosen, 2, negated(near.direction))
+        write_at(ways.chosen, 1, near.direction)
+        write_at(ways.chosen, 2, negated(near.direction))
         return 3
     found, mean = 0, (0.0, 0.0, 0.0)
     step = max(1, contacts // LOOKED_AT)
@@ -207,7 +208,7 @@ def _write_directions(bodies: MeshPair, n: Vector, contacts: int, ways: PushDire
                 way = way_out(p, q, frame_of(m), -np.inf)
                 if way < ways.short[found]:
                     ways.short[found] = way
-                    _put(ways.all, found, m)
+                    write_at(ways.all, found, m)
                 m = negated(m)
         if ways.short[found] < np.inf:
             mean = plus(mean, vector_at(ways.all, found))
@@ -215,7 +216,7 @@ def _write_directions(bodies: MeshPair, n: Vector, contacts: int, ways: PushDire
     chosen = _put_unit(ways.chosen, _put_unit(ways.chosen, 1, _out_of_all(ways, found)), mean)
     if not (solid_a and solid_b):  # back, too
         for k in range(chosen):
-            _put(ways.chosen, chosen + k, negated(vector_at(ways.chosen, k)))
+            write_at(ways.chosen, chosen + k, negated(vector_at(ways.chosen, k)))
         chosen *= 2
     return _spread(ways, found, chosen)
 
@@ -243,14 +244,8 @@ def _put_unit(rows: Floats, row: int, v: Vector) -> int:
     if not largest > 0.0:
         return row
     v = scaled(v, 1.0 / largest)
-    _put(rows, row, scaled(v, 1.0 / math.sqrt(dot(v, v))))
+    write_at(rows, row, scaled(v, 1.0 / math.sqrt(dot(v, v))))
     return row + 1
-
-
-@njit
-def _put(rows: Floats, row: int, v: Vector) -> None:
-    for k in range(3):
-        rows[row, k] = v[k]
 
 
 @njit
@@ -276,6 +271,6 @@ def _spread(ways: PushDirections, found: int, chosen: int) -> int:
                 best, least = k, likeness
         if best < 0:
             break
-        _put(ways.chosen, chosen, vector_at(ways.all, best))
+        write_at(ways.chosen, chosen, vector_at(ways.all, best))
         chosen += 1
     return chosen

@@ -105,7 +105,7 @@ def clearances_of(
     """
     bounds, vectors = np.empty((2, len(i))), np.empty((3, len(i), 3))
     out = np.empty(len(i), np.bool_), bounds, vectors, np.empty((len(i), 2), np.int64)
-    pairs = RowPairs(a.arrays, i, b.arrays, j)
+    pairs = RowPairs(a.arrays, np.ascontiguousarray(i), b.arrays, np.ascontiguousarray(j))
     run(clearance_kernel, len(i), FEWEST_PAIRS, pairs, (radii_a, radii_b), limit, out)
     x, y, normals = vectors
     rows = np.stack([i, j], axis=1)

@@ -68,6 +68,7 @@ from obb_collision.queries.meshes.triangles import (
 from obb_collision.queries.meshes.two_trees import (
     STACK,
     Contacting,
+    Nodes,
     boxes_may_collide,
     descend,
 )
@@ -218,7 +219,7 @@ def _find(
     """Return verdicts (m,), contacts (at most capacity, 4) and their true number."""
     result = np.empty(len(i), np.int8)
     contacts = np.empty((capacity, 4), np.int64)
-    given = RowPairs(a.arrays, i, b.arrays, j), stop, effort, result, contacts
+    given = RowPairs(a.arrays, i, b.arrays, j), (stop, effort), result, contacts
     least = len(i) + 1 if capacity else FEWEST_PAIRS  # contacts are written one after another
     found = sum(run(find_kernel, len(i), least, *given))
     return result, contacts[:found], found
@@ -262,16 +263,15 @@ def _inside(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Iterator[bool]:
 
 @njit
 def find_kernel(
-    pairs: RowPairs, enough: int, effort: int, out: np.ndarray, contacts: np.ndarray,
-    start: int, stop: int,
-) -> int:  # fmt: skip
+    pairs: RowPairs, ends: Nodes, out: np.ndarray, contacts: np.ndarray, start: int, stop: int
+) -> int:
     """Write the verdict of a range of pairs, and contacts while there is room; return how many.
 
     contacts (c, 4): pair, triangle of a, triangle of b, verdict. The search within a pair ends at
-    the first triangles of a verdict of at least ``enough``, or ``effort`` pairs of nodes after the
-    first that touch.
+    the first triangles of a verdict of at least ``ends[0]``, or ``ends[1]`` pairs of nodes after
+    the first that touch.
     """
-    search = Contacting(enough, effort, contacts, np.empty((STACK, 2), np.int64))
+    search = Contacting(ends[0], ends[1], contacts, np.empty((STACK, 2), np.int64))
     return _find_range(pairs, search, out, start, stop)
 
 

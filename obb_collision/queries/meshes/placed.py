@@ -106,11 +106,9 @@ def relative_pose(a: Place, b: Place, reach: float) -> Pose:
     x, y, z = b.axes
     axes = components(a.axes, x), components(a.axes, y), components(a.axes, z)
     size = sum_abs(d) + reach
-    gap_bound, point_bound = BOX_BOUND * size, POINT_BOUND * size
-    return Pose(
-        *(axes, components(a.axes, d), size),
-        *(gap_bound + MESH_UNDERFLOW, point_bound + MESH_UNDERFLOW),
-    )
+    gap_bound = BOX_BOUND * size + MESH_UNDERFLOW
+    point_bound = POINT_BOUND * size + MESH_UNDERFLOW
+    return Pose(axes, components(a.axes, d), size, gap_bound, point_bound)
 
 
 @njit

@@ -80,7 +80,7 @@ from obb_collision.typing import Floats, Vector
 #: Rows of the stack: one is left behind at each level of either tree, at most 2 x 75 of them
 #: (``trees.build.LEAST_SHARE``).
 STACK = 256
-#: A node of either tree.
+#: Two numbers, such as a node of either tree.
 Nodes = tuple[int, int]
 
 

@@ -104,10 +104,8 @@ def mesh_sweeps(
         _motion(x, _twists(t, f"twists_{name}", len(x)), as_radii(r, "", len(x)), seconds, rows)
         for x, rows, t, r, name in sides
     ]
-    found = swept_meshes(
-        *(_taken(a, i), radii[0], _taken(b, j), radii[1]),
-        *(join_motions(*motions), np.zeros(len(i)), near),
-    )
+    first, second, motion = _taken(a, i), _taken(b, j), join_motions(*motions)
+    found = swept_meshes(first, radii[0], second, radii[1], motion, np.zeros(len(i)), near)
     free = found.free_until * seconds
     times = np.where(found.undecided, np.nan, free)
     return replace(found, pairs=np.stack([i, j], axis=1), times=times, free_until=free)
@@ -138,10 +136,10 @@ def _motion(
     with np.errstate(over="ignore"):
         moved = twists * seconds
     check_magnitude(moved, "twists times duration", by_row=True)
-    return BodyMotion(
-        bodies.centers[rows], twists[rows, :3], seconds, bodies.rotations[rows], moved[rows, 3:],
-        np.zeros((len(rows), 3)), sizes[rows], reaches[rows],
-    )  # fmt: skip
+    starts, rotations = bodies.centers[rows], bodies.rotations[rows]
+    turns, arms = moved[rows, 3:], np.zeros((len(rows), 3))
+    speeds, sizes, reaches = twists[rows, :3], sizes[rows], reaches[rows]
+    return BodyMotion(starts, speeds, seconds, rotations, turns, arms, sizes, reaches)
 
 
 def join_motions(a: BodyMotion, b: BodyMotion) -> BodyMotion:

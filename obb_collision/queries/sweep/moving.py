@@ -70,10 +70,9 @@ def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, second
         check_magnitude(arms, "distance of origins from the boxes", by_row=True)
         reaches = np.empty_like(radii)
         _fill_reaches(arms, radii, reaches)
-    return Motion(
-        boxes.centers, np.ascontiguousarray(twists[:, :3]), seconds, boxes.rotations,
-        boxes.half_extents, radii, np.ascontiguousarray(moved[:, 3:]), arms, reaches,
-    )  # fmt: skip
+    speeds, turns = np.ascontiguousarray(twists[:, :3]), np.ascontiguousarray(moved[:, 3:])
+    c, r, h = boxes.arrays
+    return Motion(c, speeds, seconds, r, h, radii, turns, arms, reaches)
 
 
 @njit
@@ -182,10 +181,8 @@ class MovingBoxes:
     def __init__(self, start: Boxes, end: Boxes) -> None:
         check_same_boxes(start, end)
         radii = bounding_radii(start.half_extents)
-        self.motion = Motion(
-            start.centers, end.centers, 0.0, start.rotations, start.half_extents,
-            radii, turns_between(start, end), np.zeros_like(start.centers), radii,
-        )  # fmt: skip
+        (c, r, h), turns = start.arrays, turns_between(start, end)
+        self.motion = Motion(c, end.centers, 0.0, r, h, radii, turns, np.zeros_like(c), radii)
         self.duration = 1.0
 
     @classmethod

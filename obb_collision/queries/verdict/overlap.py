@@ -14,17 +14,13 @@
 
 """Volume that two boxes share, and intersection over union.
 
-How much do two boxes overlap? The volume they share, and intersection over union.
-
-The smaller box is clipped by the six half-spaces of the other (``clipping``). What is certain is
+The smaller box is clipped by the six half-spaces of the other. What is certain is
 exact: 0 where ``verdicts`` does not say OVERLAP and for flat boxes, which have no volume; the whole
 volume, and 1, for boxes that are the same set. The answer for b and a is that for a and b, bit for
 bit.
 
 Accuracy: a volume is off by at most VOLUME_BOUND. So thin boxes have as many digits as their
 thickness has beside the size of the pair.
-
-Clip a box by the half-spaces of another, and measure what is left.
 
 Faces are loops of directed edges, in no order. A plane cuts each face between an edge that leaves
 and one that enters: the cut closes the face, and reversed it is an edge of the new face in the
@@ -40,7 +36,7 @@ from numpy.typing import ArrayLike
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays, Boxes, box_volumes
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import dot, dot_abs, vector_at
+from obb_collision.numerics.vec3 import dot, dot_abs, vector_at, write_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.sat import Pair, box_at, enter_frame
 from obb_collision.queries.verdict.verdict import OVERLAP, pair_verdicts
@@ -119,10 +115,10 @@ def _overlaps(a: Boxes, b: Boxes, pairs: ArrayLike | None) -> tuple[Floats, Floa
     rows = as_pairs(a, b, pairs)
     overlap = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy()) == OVERLAP
     boxes, rows = one_set(a, b, rows)
-    volumes, ratios = np.empty(len(rows)), np.empty(len(rows))
+    out = np.empty((2, len(rows)))
     sizes = box_volumes(boxes.half_extents)
-    overlap_kernel(boxes.arrays, sizes, rows, overlap, volumes, ratios)
-    return volumes, ratios
+    overlap_kernel(boxes.arrays, sizes, rows, overlap, out)
+    return out[0], out[1]
 
 
 #: Bound of a volume, relative to T S: T the offset of the centres (components summed) and the half
@@ -141,13 +137,13 @@ LEAST = 5e-324
 
 @njit
 def overlap_kernel(
-    boxes: BoxArrays, sizes: Floats, pairs: np.ndarray, overlap: np.ndarray,
-    volumes: Floats, ratios: Floats,
-) -> None:  # fmt: skip
-    """Write overlap volume and intersection over union of each pair (m, 2).
+    boxes: BoxArrays, sizes: Floats, pairs: np.ndarray, overlap: np.ndarray, out: Floats
+) -> None:
+    """Write overlap volumes and intersections over unions (2, m) of pairs (m, 2).
 
     sizes (n,): volumes of the boxes; overlap (m,): whether their verdict is OVERLAP.
     """
+    volumes, ratios = out[0], out[1]
     edges = np.empty((FACES, EDGES, 6))
     counts = np.empty(FACES, np.int64)
     cuts = np.empty((2, CUTS, 3))
@@ -287,16 +283,16 @@ def _clip(
                 continue
             if above_q > 0.0:
                 q = _cut(p, q, above_p, above_q)
-                _put(cuts[0], leaving, q)
+                write_at(cuts[0], leaving, q)
                 leaving += 1
             elif above_p > 0.0:
                 p = _cut(q, p, above_q, above_p)
-                _put(cuts[1], entering, p)
+                write_at(cuts[1], entering, p)
                 entering += 1
             _put_edge(edges[face], kept, p, q)
             kept += 1
         for n in range(min(leaving, entering)):
-            p, q = _get(cuts[0], n), _get(cuts[1], n)
+            p, q = vector_at(cuts[0], n), vector_at(cuts[1], n)
             if p != q and kept < EDGES and counts[faces] < EDGES:
                 _put_edge(edges[face], kept, p, q)
                 kept += 1
@@ -312,16 +308,6 @@ def _cut(inside: Vector, outside: Vector, below: float, above: float) -> Vector:
     x = inside[0] + t * (outside[0] - inside[0])
     y = inside[1] + t * (outside[1] - inside[1])
     return x, y, inside[2] + t * (outside[2] - inside[2])
-
-
-@njit
-def _put(rows: Floats, n: int, v: Vector) -> None:
-    rows[n, 0], rows[n, 1], rows[n, 2] = v
-
-
-@njit
-def _get(rows: Floats, n: int) -> Vector:
-    return rows[n, 0], rows[n, 1], rows[n, 2]
 
 
 @njit

@@ -29,9 +29,6 @@ axes that move.
 
 ``best_face`` and ``best_edge`` find the axis with the largest gap by a quick calculation in the
 frame of a: it orders the search, and each gap is a lower bound of the distance up to rounding.
-
-A quick calculation in the frame of a: it orders the search, and each gap is a lower bound
-of the distance up to rounding.
 """
 
 from __future__ import annotations
