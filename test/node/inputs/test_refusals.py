@@ -12,18 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the node refuses: alone, counted by reason, and never taken as free."""
+"""Items that cannot be used, or exceed a limit, are refused alone; the rest goes on."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+import trimesh
 from each import each
 from geometry_msgs.msg import Twist
 from rig import Rig, cube, pose, sync
+from robot_rig import URDF, RobotRig
 from sensor_msgs.msg import PointCloud2, PointField
+from shape_markers import BOX, mesh_marker, triangle
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import namespace_number, poses_to_ros
@@ -32,8 +38,6 @@ from obb_collision.node.messages.conversions import states_to_ros
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
-
-
 BAD_POSES = {
     "bad pose": [0.0, NAN, 0.0, 0.0, 0.0, 0.0, 1.0],
     "zero quaternion": [0.0] * 7,
@@ -226,3 +230,98 @@ def test_an_unknown_frame_spoils_nothing_else_of_its_message(rig: Rig) -> None:
         assert rig.pairs() == {("a/1", "b/1")}
     assert rig.refused("objects") == {"unknown frame": 2}
     assert rig.node.guard.total == 0
+
+
+A, B = ("a", 1), ("b", 1)
+
+
+@pytest.fixture
+def limited(tmp_path: Path) -> Iterator[Rig]:
+    (tmp_path / "allowed").mkdir()
+    folders = [str(tmp_path / "allowed")]
+    with Rig(mesh_folders=folders, max_triangles=11, max_cloud_points=2, max_name_length=5) as made:
+        yield made
+
+
+def test_shapes_beyond_the_limits_are_refused(
+    limited: Rig, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for folder in ("allowed", "."):
+        trimesh.creation.box().export(tmp_path / folder / "part.stl")
+    limited.send(triangle(A), mesh_marker(tmp_path / "allowed" / "part.stl", B))
+    limited.until(lambda: limited.refused("objects").get("too many points") == 1, "points")
+    limited.until(lambda: limited.refused("objects").get("too many triangles") == 1, "triangles")
+    assert "12 triangles, 11 is the limit" in capfd.readouterr().err
+    many = triangle(A)
+    many.points = many.points * 12
+    limited.send(many)
+    limited.until(
+        lambda: limited.refused("objects")["too many triangles"] == 2, "triangles of a marker"
+    )
+    limited.send(mesh_marker(tmp_path / "part.stl", B))
+    limited.until(lambda: limited.refused("objects").get("unreadable mesh") == 1, "file elsewhere")
+    assert "is in no folder from which meshes are read" in capfd.readouterr().err
+    limited.send(cube(BOX), cube(A))
+    assert limited.pairs() == {("a/1", "box/1")}
+
+
+def test_clouds_beyond_the_limit_are_refused_whole(limited: Rig) -> None:
+    limited.send(cube(A), cube(B))
+    limited.pairs()
+    limited.listen("points_inside")
+    one = np.array([pose(9.0)])
+    limited.send_points(np.zeros((3, 3)))
+    limited.send_poses([1, 2, 3], np.repeat(one, 3, axis=0))
+    limited.send_boxes([1, 2, 3], np.repeat(one, 3, axis=0))
+    for topic in ("points", "object_poses", "object_boxes"):
+        limited.until(lambda: limited.refused(topic) == {"too many points": 1}, topic)  # noqa: B023
+    assert sync(limited) == {("a/1", "b/1")}
+    limited.send_boxes([1, 2], np.array([pose(0.1), pose(9.0)]))
+    limited.until(lambda: len(limited.node.objects.table) == 5, "a set within the limit")
+
+
+def test_names_beyond_the_limit_are_refused(limited: Rig) -> None:
+    limited.send(cube(A), cube(("123456", 1)), cube(("12345", 1)), cube(("\u00e9\u00e9\u00e9", 1)))
+    assert limited.pairs() == {("12345/1", "a/1")}
+    assert limited.refused("objects") == {"bad name": 2}
+
+
+def test_the_folders_of_meshes_cannot_be_changed_while_it_runs(limited: Rig) -> None:
+    (result,) = limited.set(mesh_folders=["/"])
+    assert not result.successful
+    assert "/" not in limited.node.parameters.folders.chosen
+
+
+@each("folder", ["meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b"])
+def test_a_folder_is_an_absolute_path(folder: str) -> None:
+    with pytest.raises(ValueError, match="is no absolute path"), Rig(mesh_folders=[folder]):
+        pass
+
+
+def test_a_package_has_one_folder() -> None:
+    twice = ["arm: /a", "arm: /b"]
+    with pytest.raises(ValueError, match="one entry for each package"), Rig(mesh_folders=twice):
+        pass
+
+
+def test_packages_that_are_not_installed_are_found_for_all_that_name_files(tmp_path: Path) -> None:
+    """By a folder of their own, and in a folder of packages."""
+    pytest.importorskip("lxml")
+    uris = {}
+    for package, folder in (("arm_description", "v2"), ("parts", "parts")):
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box().export(tmp_path / folder / "a part.stl")
+        uris[package] = f"package://{package}/a%20part.stl"
+    scene, urdf = tmp_path / "scene.yaml", URDF
+    rows = [f"{{name: {name}, shape: mesh, file: '{uri}'}}" for name, uri in uris.items()]
+    scene.write_text(f"objects: [{', '.join(rows)}]")
+    for uri in uris.values():
+        urdf = urdf.replace('<box size="0.1 0.1 0.1"/>', f'<mesh filename="{uri}"/>', 1)
+    folders = [f"arm_description: {tmp_path / 'v2'}", str(tmp_path)]
+    with RobotRig({"mesh_folders": folders, "scene_file": str(scene)}) as rig:
+        rig.start_robot(urdf)
+        rig.send(*(mesh_marker(uri, key) for uri, key in zip(uris.values(), (A, B), strict=True)))
+        rig.built(A, B)
+        others = ("arm_description/0", "parts/0", "arm/column/0", "arm/hand/0", "b/1")
+        assert {("a/1", other) for other in others} <= {tuple(sorted(pair)) for pair in sync(rig)}
+        assert rig.refused("objects") == {}

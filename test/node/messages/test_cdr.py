@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Poses, states and clouds out of serialised bytes: as rclpy reads them, or refused."""
+"""Serialised messages are read without rclpy, as rclpy reads them, or refused whole."""
 
 from __future__ import annotations
 
@@ -26,21 +26,51 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from each import each
-from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Twist, Vector3, Wrench
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Twist,
+    Vector3,
+    Wrench,
+)
 from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import MultiDOFJointState, PointCloud2, PointField
-from std_msgs.msg import Header
+from sensor_msgs.msg import CompressedImage, MultiDOFJointState, PointCloud2, PointField
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
 
 from obb_collision.node.messages import cdr
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.marker_scan import (
+    ACTION,
+    CONTENT,
+    FILE,
+    FRAME,
+    ID,
+    LIFETIME_NANOSEC,
+    LIFETIME_SEC,
+    LOCKED,
+    MESH,
+    NS,
+    POINTS,
+    SAME_FRAME,
+    SAME_NS,
+    STAMP_NANOSEC,
+    STAMP_SEC,
+    TYPE,
+    Scanned,
+    scan_markers,
+)
 
 int32 = st.integers(-(2**31), 2**31 - 1)
 uint32 = st.integers(0, 2**32 - 1)
 uint8 = st.integers(0, 255)
-doubles = st.floats(allow_nan=False)
+doubles = st.floats()
 texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=9)
 vectors = st.builds(Vector3, x=doubles, y=doubles, z=doubles)
 transforms = st.builds(
@@ -113,10 +143,127 @@ def same_cloud(read: cdr.CloudMessage, message: PointCloud2) -> None:
     ] == [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
 
 
+def test_a_cloud_of_very_many_fields_is_refused_unread() -> None:
+    message = PointCloud2(fields=[PointField()] * (cdr.MAX_FIELDS + 1))
+    with pytest.raises(RefusedError, match="1001 fields, 1000 is the limit"):
+        cdr.cloud_from_bytes(serialize_message(message))
+
+
+def test_texts_that_are_no_utf8_are_read() -> None:
+    data = serialize_message(TransformStamped(child_frame_id="wxyz"))
+    name = cdr.pose_from_bytes(data.replace(b"wxyz", b"w\xff\xfez")).name
+    assert name == "w\ufffd\ufffdz"
+
+
+def test_what_is_read_can_be_written_and_is_aligned() -> None:
+    message = MultiDOFJointState(transforms=[Transform()] * 2, twist=[Twist()])
+    read = cdr.states_from_bytes(serialize_message(message))
+    for values in (read.poses, read.twists):
+        assert values.flags.writeable
+        assert values.flags.aligned
+    cloud = cdr.cloud_from_bytes(serialize_message(PointCloud2(data=bytes(8))))
+    assert not memoryview(cloud.data).readonly
+
+
+singles = st.floats(width=32, allow_nan=False)
+octets = st.binary(max_size=9)
+colors = st.builds(ColorRGBA, r=singles, g=singles, b=singles, a=singles)
+few_headers = st.builds(
+    Header, stamp=st.builds(Time, sec=int32, nanosec=uint32), frame_id=st.sampled_from(["", "map"])
+)
+markers = st.builds(
+    Marker,
+    header=few_headers,
+    ns=st.one_of(texts, st.sampled_from(["", "a", "crate"])),
+    id=int32,
+    type=int32,
+    action=int32,
+    pose=st.builds(
+        Pose,
+        position=st.builds(Point, x=doubles, y=doubles, z=doubles),
+        orientation=st.builds(Quaternion, x=doubles, y=doubles, z=doubles, w=doubles),
+    ),
+    scale=st.builds(Vector3, x=doubles, y=doubles, z=doubles),
+    color=colors,
+    lifetime=st.builds(Duration, sec=int32, nanosec=uint32),
+    frame_locked=st.booleans(),
+    points=st.lists(st.builds(Point, x=doubles, y=doubles, z=doubles), max_size=3),
+    colors=st.lists(colors, max_size=3),
+    texture_resource=texts,
+    texture=st.builds(CompressedImage, header=few_headers, format=texts, data=octets),
+    uv_coordinates=st.lists(st.builds(UVCoordinate, u=singles, v=singles), max_size=3),
+    text=texts,
+    mesh_resource=texts,
+    mesh_file=st.builds(MeshFile, filename=texts, data=octets),
+    mesh_use_embedded_materials=st.booleans(),
+)
+arrays = st.builds(MarkerArray, markers=st.lists(markers, max_size=5))
+
+
+def same_markers(scanned: Scanned, message: MarkerArray) -> None:
+    assert len(scanned) == len(message.markers)
+    for row, marker in enumerate(message.markers):
+        whole, p, q, s = (
+            scanned.integers[row],
+            marker.pose.position,
+            marker.pose.orientation,
+            marker.scale,
+        )
+        stamp, lifetime = marker.header.stamp, marker.lifetime
+        assert whole[[ID, TYPE, ACTION, LOCKED]].tolist() == [
+            *(marker.id, marker.type, marker.action, marker.frame_locked)
+        ]
+        assert whole[[STAMP_SEC, STAMP_NANOSEC]].tolist() == [stamp.sec, stamp.nanosec]
+        assert whole[[LIFETIME_SEC, LIFETIME_NANOSEC]].tolist() == [lifetime.sec, lifetime.nanosec]
+        numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w, s.x, s.y, s.z]
+        np.testing.assert_array_equal(scanned.floats[row], numbers)
+        for column, text in (
+            (FRAME, marker.header.frame_id),
+            (NS, marker.ns),
+            (MESH, marker.mesh_resource),
+            (FILE, marker.mesh_file.filename),
+        ):
+            assert scanned.text(row, column).partition(b"\0")[0].decode(errors="replace") == text
+        points = [(point.x, point.y, point.z) for point in marker.points]
+        np.testing.assert_array_equal(scanned.points(row), np.array(points).reshape(-1, 3))
+        assert bytes(scanned.content(row)) == bytes(marker.mesh_file.data)
+
+
+def read_markers(data: bytes) -> Scanned:
+    """Return a scan, all of which is within the message."""
+    scanned = scan_markers(data)
+    for column, size in ((FRAME, 1), (NS, 1), (POINTS, 24), (MESH, 1), (FILE, 1), (CONTENT, 1)):
+        at, count = scanned.integers[:, column], scanned.integers[:, column + 1]
+        assert ((at >= 0) & (count >= 0) & (at + count * size <= len(data))).all()
+    return scanned
+
+
+@given(arrays)
+def test_a_marker_has_the_namespace_and_frame_of_the_one_before_or_others(
+    message: MarkerArray,
+) -> None:
+    data = serialize_message(message)
+    whole, read = scan_markers(data).integers, message.markers
+    for row in range(1, len(read)):
+        assert bool(whole[row, SAME_NS]) == (read[row].ns == read[row - 1].ns)
+        frames = read[row].header.frame_id, read[row - 1].header.frame_id
+        assert bool(whole[row, SAME_FRAME]) == (frames[0] == frames[1])
+
+
+def test_other_encodings_go_by_way_of_rclpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    message = MarkerArray(markers=[Marker(ns="a", id=7)])
+    data = serialize_message(message)
+    with pytest.raises(RefusedError, match=cdr.MALFORMED):
+        scan_markers(b"\x12\x34" + data[2:])
+    monkeypatch.setattr(cdr, "deserialize_message", lambda *_: message)
+    assert scan_markers(b"\0\7" + data[2:]).integers[0, ID] == 7
+
+
 KINDS: dict[str, tuple[Any, Callable[[bytes], Any], Callable[[Any, Any], None]]] = {
     "pose": (poses, cdr.pose_from_bytes, same_pose),
     "states": (states, cdr.states_from_bytes, same_states),
     "cloud": (clouds, cdr.cloud_from_bytes, same_cloud),
+    "markers": (arrays, read_markers, same_markers),
 }
 kinds = each("kind", KINDS)
 
@@ -146,22 +293,31 @@ def test_damaged_messages_are_refused_or_read_as_rclpy_reads_them(kind: str, dra
             same(found, deserialize_message(damaged, type(message)))
 
 
+MAP = Header(frame_id="map")
+MARKER = Marker(ns="abc", text="t", points=[Point()], colors=[ColorRGBA()])
+MARKER.mesh_file.data = b"123"
+EXAMPLES: dict[str, tuple[Any, int]] = {
+    "pose": (TransformStamped(header=MAP, child_frame_id="a/1"), 2),
+    "states": (
+        MultiDOFJointState(
+            header=MAP, joint_names=["a/1"], transforms=[Transform()], twist=[Twist()]
+        ),
+        6,
+    ),
+    "cloud": (PointCloud2(header=MAP, fields=[PointField(name="x")], data=bytes(5)), 4),
+    "markers": (MarkerArray(markers=[MARKER, MARKER]), 2 * 13),
+}
+"""A message of each kind, and how many lengths stand in it."""
+
+
 @kinds
 def test_every_message_that_is_cut_short_or_goes_on_is_refused(kind: str) -> None:
-    header = Header(frame_id="map")
-    message = {
-        "pose": TransformStamped(header=header, child_frame_id="a/1"),
-        "states": MultiDOFJointState(
-            header=header, joint_names=["a/1"], transforms=[Transform()], twist=[Twist()]
-        ),
-        "cloud": PointCloud2(header=header, fields=[PointField(name="x")], data=bytes(5)),
-    }[kind]
-    read, data = KINDS[kind][1], serialize_message(message)
+    read, data = KINDS[kind][1], serialize_message(EXAMPLES[kind][0])
     end = len(data) - 3 if kind == "cloud" else len(data)  # padded to four bytes behind a boolean
     for size in range(end):
         with pytest.raises(RefusedError, match=cdr.MALFORMED):
             read(data[:size])
-    read(data + bytes(4))
+    read(data + bytes(3))
     with pytest.raises(RefusedError, match="behind the last"):
         read(data + bytes(100))
 
@@ -169,40 +325,12 @@ def test_every_message_that_is_cut_short_or_goes_on_is_refused(kind: str) -> Non
 @kinds
 @each("length", [2**31 - 1, 2**31, 2**32 - 1, 2**32 - 8, 2**24])
 def test_enormous_lengths_are_refused_wherever_they_stand(kind: str, length: int) -> None:
-    text = "a"
-    message = {
-        "pose": TransformStamped(header=Header(frame_id=text), child_frame_id=text),
-        "states": MultiDOFJointState(joint_names=[text], transforms=[Transform()], twist=[Twist()]),
-        "cloud": PointCloud2(fields=[PointField(name=text)], data=bytes(5)),
-    }[kind]
-    lengths = {"pose": 2, "states": 6, "cloud": 4}[kind]
+    message, lengths = EXAMPLES[kind]
     read, data = KINDS[kind][1], serialize_message(message)
     refused = 0
     for at in range(4, len(data) - 3, 4):
-        try:
+        with suppress(RefusedError):
             read(data[:at] + length.to_bytes(4, "little") + data[at + 4 :])
-        except RefusedError:
-            refused += 1
+            continue
+        refused += 1
     assert refused >= lengths
-
-
-def test_a_cloud_of_very_many_fields_is_refused_unread() -> None:
-    message = PointCloud2(fields=[PointField()] * (cdr.MAX_FIELDS + 1))
-    with pytest.raises(RefusedError, match="1001 fields, 1000 is the limit"):
-        cdr.cloud_from_bytes(serialize_message(message))
-
-
-def test_texts_that_are_no_utf8_are_read() -> None:
-    data = serialize_message(TransformStamped(child_frame_id="wxyz"))
-    name = cdr.pose_from_bytes(data.replace(b"wxyz", b"w\xff\xfez")).name
-    assert name == "w\ufffd\ufffdz"
-
-
-def test_what_is_read_can_be_written_and_is_aligned() -> None:
-    message = MultiDOFJointState(transforms=[Transform()] * 2, twist=[Twist()])
-    read = cdr.states_from_bytes(serialize_message(message))
-    for values in (read.poses, read.twists):
-        assert values.flags.writeable
-        assert values.flags.aligned
-    cloud = cdr.cloud_from_bytes(serialize_message(PointCloud2(data=bytes(8))))
-    assert not memoryview(cloud.data).readonly

@@ -12,26 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shapes that take time: built beside the cycles, waited for, renewed and superseded."""
+"""Shapes that are built beside the cycles: awaited, superseded, shared, and refused alone."""
 
 from __future__ import annotations
 
 import os
+import signal
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 import trimesh
 from each import each
 from gate import Gate
+from geometry_msgs.msg import Point
 from rig import Rig, cube, pose, sync
 from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, triangle
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
+from obb_collision.geometry.shapes import meshes
+from obb_collision.geometry.trees import pool
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN, Reason
 from obb_collision.node.objects import shape_requests
 
@@ -202,3 +209,164 @@ def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
         assert named(sync(rig)) == everything, "the last box stays"
         assert doubtful(rig, BODY)
         assert set(rig.refused("objects")) == {"unreadable mesh"}
+
+
+def embedded(name: str, data: bytes) -> Marker:
+    marker = mesh_marker("embedded://part")
+    marker.mesh_file.filename, marker.mesh_file.data = name, data
+    return marker
+
+
+STL = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="stl")
+UNREADABLE: dict[str, Callable[[Path], Marker]] = {
+    "a pipe": lambda folder: mesh_marker(folder / "pipe.stl"),
+    "a device": lambda folder: mesh_marker("file:///dev/zero"),
+    "a zero byte": lambda folder: mesh_marker("file:///part%00.stl"),
+    "a name of 300 characters": lambda folder: mesh_marker("file:///" + "a" * 300 + ".stl"),
+    "5,000 characters": lambda folder: mesh_marker("file:///" + "a/" * 2500 + "b.stl"),
+    "a package that is none": lambda folder: mesh_marker("package://%00/../" + "a" * 300),
+    "another host": lambda folder: mesh_marker("file://[/part.stl"),
+    "no URI": lambda folder: mesh_marker("part.stl"),
+    "half a character": lambda folder: mesh_marker("file:///%ED%A0%80.stl"),
+    "embedded, a suffix of 300 characters": lambda folder: embedded("part." + "a" * 300, STL),
+    "embedded, no suffix": lambda folder: embedded("part", STL),
+    "embedded, no mesh": lambda folder: embedded("part.stl", b"nothing"),
+    "a gltf with a pipe": lambda folder: embedded(
+        "part.gltf", b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe.stl","byteLength":1}]}'
+    ),
+}
+
+
+def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    bad = {("bad", number): make(tmp_path) for number, make in enumerate(UNREADABLE.values())}
+    for key, marker in bad.items():
+        marker.ns, marker.id = key
+    rig.send(*bad.values(), cube(BOX), cube(OTHER))
+    assert named(rig.pairs()) == named({("box/1", "body/2")})
+    rig.until(lambda: rig.refused("objects") == {"unreadable mesh": len(bad)}, "refusals")
+    assert rig.node.objects.unplaceable == dict.fromkeys(bad, "unreadable mesh")
+    assert rig.node.guard.total == 0
+    assert named(sync(rig)) == named({("box/1", "body/2")})
+
+
+def test_embedded_meshes_need_no_temporary_folder(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("TMPDIR", "TEMP", "TMP"):
+        monkeypatch.setenv(name, "/dev/full")
+    monkeypatch.setattr(tempfile, "tempdir", "/dev/full")
+    rig.send(cube(BOX), embedded("part.stl", STL))
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+
+
+def test_materials_behind_pipes_do_not_hold_up_a_mesh(rig: Rig, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mtl")
+    file = tmp_path / "part.obj"
+    file.write_text("mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    rig.send(cube(BOX), mesh_marker(file))
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+
+
+def test_without_a_process_that_builds_the_rest_goes_on(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/no/python")
+    rig.listen("/diagnostics")
+    rig.send(cube(BOX), cube(OTHER), triangle())
+    assert named(rig.pairs()) == named({("box/1", "body/2")})
+    rig.until(lambda: rig.refused("objects"), "refusal")
+    assert rig.refused("objects") == {"shape builder failed": 1}
+    status = rig.status(": objects")
+    assert status["unplaceable: shape builder failed"] == "1"
+    rig.send(triangle(OTHER))
+    rig.until(lambda: rig.refused("objects")["shape builder failed"] == 2, "refusal")
+    assert named(sync(rig)) == named({("box/1", "body/2")}), "the last box stays"
+    assert doubtful(rig, OTHER)
+    monkeypatch.undo()
+    rig.send(triangle())
+    rig.built(BODY)
+
+
+def test_an_item_that_needs_too_much_memory_is_refused_alone() -> None:
+    with Rig(shape_memory=100) as rig:
+        points = np.random.default_rng(0).normal(size=(300_000, 3))
+        body = cube(BODY, type=Marker.TRIANGLE_LIST)
+        body.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+        rig.send(body)
+        rig.send(cube(BOX), triangle(OTHER))
+        rig.built(OTHER)
+        rig.until(lambda: rig.refused("objects"), "refusal")
+        assert rig.refused("objects") == {"not enough memory": 1}
+        assert named(sync(rig)) == named({("box/1", "body/2")})
+
+
+def test_an_item_that_takes_too_long_is_refused_alone(rig: Rig) -> None:
+    rig.send(cube(BOX), triangle(OTHER))
+    rig.built(OTHER)
+    process = rig.node.objects.shapes.builder.process.number
+    assert process is not None
+    os.kill(process, signal.SIGSTOP)
+    rig.set(shape_timeout=0.2)
+    rig.send(triangle(size=2.0))
+    rig.until(lambda: rig.refused("objects"), "refusal")
+    assert rig.refused("objects") == {"building took too long": 1}
+    rig.set(shape_timeout=60.0)
+    rig.send(triangle(size=2.0))
+    rig.built(BODY)
+    assert named(sync(rig)) == named({("box/1", "body/2"), *PAIR, ("body/1", "body/2")})
+
+
+def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fit(*_: object) -> None:
+        raise AssertionError("a box is fitted in the node's process")
+
+    monkeypatch.setattr(meshes, "fit_points", fit)
+    for name in ("open", "stat"):
+        real = getattr(os, name)
+
+        def guarded(path: Any, *args: Any, real: Any = real, **options: Any) -> Any:
+            assert "part" not in str(path), "the node opens a mesh file itself"
+            return real(path, *args, **options)
+
+        monkeypatch.setattr(os, name, guarded)
+    file = tmp_path / "part.stl"
+    with file.open("wb") as stream:
+        stream.write(STL)
+    points = triangle().points
+    kinds = (Marker.CUBE_LIST, Marker.SPHERE_LIST, Marker.POINTS, Marker.LINE_LIST)
+    lists = [cube(("list", kind), type=kind, points=points) for kind in kinds]
+    arrow = cube(("list", 0), type=Marker.ARROW, points=points)
+    rig.send(triangle(), mesh_marker(file, OTHER), arrow, *lists)
+    rig.built(BODY, OTHER, ("list", 0), *(("list", kind) for kind in kinds))
+    assert rig.node.guard.total == 0
+    assert not rig.refused("objects")
+
+
+@each("at_start", [True, False])
+def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at_start: bool
+) -> None:
+    def build(*_: object) -> None:
+        raise AssertionError("a tree is built in the node's process")
+
+    file = tmp_path / "part.stl"
+    trimesh.creation.icosphere(3).export(file)
+    with Rig(accuracy="mesh" if at_start else "obb") as rig:
+        for name in ("mesh_tree", "hull_mesh"):
+            monkeypatch.setattr(pool, name, build)
+        rig.listen("/diagnostics")
+        other = mesh_marker(file, OTHER)
+        other.pose.position.x = other.pose.position.y = 1.5  # the boxes collide, the balls do not
+        rig.send(mesh_marker(file), other)
+        rig.built(BODY, OTHER)
+        if not at_start:
+            assert named(sync(rig)) == named({("body/1", "body/2")})
+            rig.set(accuracy="mesh")
+        rig.until(lambda: sync(rig) == set(), "the trees")
+        assert rig.node.guard.total == 0
+        assert not rig.node.objects.trees.failed
