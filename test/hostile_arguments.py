@@ -27,6 +27,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,12 @@ def changed(change: Callable[[oc.Scene, Any], None]) -> Callable[[Any], Any]:
     return call
 
 
+def assign(made: oc.Scene, path: str, value: Any) -> None:
+    """Set a property of a scene or of a part of it."""
+    *parts, name = path.split(".")
+    setattr(reduce(getattr, parts, made), name, value)
+
+
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a call of a method of a scene, which is checked after it; others as they are."""
     owner = getattr(function, "__self__", None)
@@ -136,10 +143,11 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         if name == "set_threads" or "none." in str(good.get("path", "")):
             continue
         if name.endswith(" ="):  # a property of a scene
-            ((one, value),) = good.items()
+            (value,) = good.values()
+            path = name.removeprefix("Scene.").removesuffix(" =")
             yield (
                 name,
-                changed(lambda made, given, one=one: setattr(made, one, given)),
+                changed(lambda made, given, path=path: assign(made, path, given)),
                 {  # type: ignore[misc]
                     "value": value
                 },

@@ -117,7 +117,7 @@ def moved(indices: Any = (1, 0), poses: Any = ([1.0, *IDENTITY[1:]], [5.0, *IDEN
     for name in "abc":
         scene.add(name, Box([1.0, 1.0, 1.0]))
     scene.move_indices(indices, poses)
-    return scene.poses_of([0, 1, 2])
+    return scene.objects.poses_of([0, 1, 2])
 
 
 PAIRS = np.array([[0, 1], [2, 3], [0, 0]])
@@ -142,7 +142,7 @@ CALLS: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
     "cast_rays": (lambda v: oc.cast_rays(boxes(), v, np.ones((4, 3))).distances, TETRAHEDRON),
     "move_indices": (moved, np.array([1, 0])),
     "move_indices poses": (lambda v: moved(poses=v), np.array([IDENTITY, [3.0, *IDENTITY[1:]]])),
-    "poses_of": (lambda v: oc.Scene.poses_of(one_scene(), v), np.array([0, 0])),
+    "poses_of": (lambda v: one_scene().objects.poses_of(v), np.array([0, 0])),
 }
 
 
@@ -207,7 +207,7 @@ CHECKED: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
     "rows": (lambda v: as_rows(v, "rows", 4), PAIRS[0]),
     "faces": (lambda v: Mesh(TETRAHEDRON, v).faces, FACES),
     "meshes": (lambda v: bodies(v).arrays.meshes, PAIRS[0]),
-    "slots": (lambda v: one_scene()._store.check_slots(v), np.array([0])),
+    "slots": (lambda v: one_scene().objects.store.check_slots(v), np.array([0])),
 }
 
 

@@ -69,7 +69,9 @@ def setting(name: str) -> Callable[..., None]:
     """Return what sets a property of a scene."""
 
     def assign(**values: Any) -> None:
-        setattr(scene(), name, values[name])
+        made = scene()
+        *parts, last = name.split(".")
+        setattr(getattr(made, parts[0]) if parts else made, last, values[last])
 
     return assign
 
@@ -261,19 +263,19 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
          "shapes": [None, Sphere(0.5)]},
     ),
     "Scene.move": (scene().move, {"name": "a", "pose": POSE}),
-    "Scene.move_many": (scene().move_many, {"names": ["a"], "poses": [POSE]}),
+    "Scene.move of several": (scene().move, {"name": ["a"], "pose": [POSE]}),
     "Scene.move_indices": (scene().move_indices, {"indices": [0], "poses": [POSE]}),
-    "Scene.poses_of": (scene().poses_of, {"indices": [0]}),
+    "Scene.objects.poses_of": (scene().objects.poses_of, {"indices": [0]}),
     "Scene.set_twist": (scene().set_twist, {"name": "a", "twist": [0] * 6}),
-    "Scene.set_twists": (scene().set_twists, {"indices": [0], "twists": [[0] * 6]}),
+    "Scene.objects.set_twists": (scene().objects.set_twists, {"indices": [0], "twists": [[0] * 6]}),
     "Scene.set_enabled": (scene().set_enabled, {"name": "a", "enabled": True}),
-    "Scene.set_enabled_indices": (
-        scene().set_enabled_indices, {"indices": [0], "enabled": [True]}
+    "Scene.objects.set_enabled": (
+        scene().objects.set_enabled, {"indices": [0], "enabled": [True]}
     ),
     "Scene.set_padding": (scene().set_padding, {"name": "a", "padding": 0.1}),
     "Scene.set_accuracy": (scene().set_accuracy, {"name": "a", "accuracy": "obb"}),
     "Scene.remove": (lambda name: scene().remove(name), {"name": "a"}),
-    "Scene.remove_indices": (lambda indices: scene().remove_indices(indices), {"indices": [0]}),
+    "Scene.objects.remove": (lambda indices: scene().objects.remove(indices), {"indices": [0]}),
     "Scene.index": (scene().index, {"name": "a"}),
     "Scene.name": (scene().name, {"index": 0}),
     "Scene.pose": (scene().pose, {"name": "a"}),
@@ -286,13 +288,12 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {"origins": POINTS, "directions": UNITS, "max_distance": 1.0, "accuracy": "mesh"},
     ),
     "Scene.obb": (scene().obb, {"name": "a"}),
-    "Scene.shape_of": (scene().shape_of, {"name": "a"}),
+    "Scene.objects.shape_of": (scene().objects.shape_of, {"name": "a"}),
     "Scene.allow": (scene().allow, {"first": "a", "second": "b", "allowed": True}),
     "Scene.set_effect": (
         scene().set_effect,
         {"name": "clearance", "mode": "on", "objects": ["a"], "max_distance": 1.0},
     ),
-    "Scene.effect_setting": (scene().effect_setting, {"name": "clearance"}),
     "Scene.check": (scene().check, {"effects": ["contacts"]}),
     "regions.Region": (oc.regions.Region, {"minimum": [0] * 3, "maximum": [1] * 3, "halo": 1.0}),
     "regions.RegionMerger": (
@@ -316,12 +317,12 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "Report.result": (scene().check().result, {"effect": "contacts"}),
     **{
-        f"Scene.{name} =": (setting(name), {name: value})
+        f"Scene.{name} =": (setting(name), {name.split(".")[-1]: value})
         for name, value in {
             "padding": 0.1, "accuracy": "obb", "time_budget": 0.1,
             "obstacle_points": POINTS, "max_pairs": 9, "region": REGION,
-            "allowed": [("a", "b", True)], "check_only": [("a", "b")], "allowed_within": ["a"],
-            "padding_overrides": [("a", 0.1)],
+            "rules.allowed": [("a", "b", True)], "rules.check_only": [("a", "b")],
+            "rules.allowed_within": ["a"], "objects.padding_overrides": [("a", 0.1)],
         }.items()
     },
 }  # fmt: skip
@@ -330,9 +331,7 @@ RESULTS = {"Accuracy", "Report", "SceneDescription", "Shape", "Verdict"}
 #: Left for where they come from: arrays that were checked, or no argument at all.
 UNTRIED = {
     "trusted", "prepare", "clear", "corners", "world_bounds", "reset", "set", "counted",
-    "renew_indices", "begin_boxes", "resize_boxes", "rename_indices", "any_collision", "single",
-    "place", "rows", "local_box", "aabb", "of", "grow_indices", "speeds_of",
-    "build_outside", "world_state",
+    "any_collision", "single", "place", "rows", "local_box", "aabb", "of", "world_state",
 }  # fmt: skip
 
 

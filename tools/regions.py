@@ -254,7 +254,7 @@ def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
     medians = {name: np.median(1e3 * np.array(times), axis=0) for name, times in rows.items()}
     return {
         name: {
-            "near": len(scenes[name].indices_near),
+            "near": len(scenes[name].objects.near),
             "moving (ms)": round(float(placing), 3),
             "check (ms)": round(float(check), 3),
         }

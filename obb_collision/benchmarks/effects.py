@@ -89,7 +89,7 @@ class Variant:
     def set(self, frame: Moment) -> None:
         """Bring the scene to a state."""
         self.scene.move_indices(self.rows, frame.poses)
-        self.scene.set_twists(self.rows, frame.twists)
+        self.scene.objects.set_twists(self.rows, frame.twists)
         if frame.points is not None:
             self.scene.obstacle_points = frame.points
 
@@ -105,7 +105,7 @@ class PairsOnly(Variant):
     def step(self, frame: Moment) -> None:
         """Set a state and find the pairs."""
         self.set(frame)
-        self.scene._find()
+        self.scene._checks.find()
 
 
 def frames_of(description: SceneDescription) -> list[Moment]:
@@ -116,7 +116,7 @@ def frames_of(description: SceneDescription) -> list[Moment]:
         poses, twists = description.states(number / RATE)
         points = None
         if description.lidar is not None:
-            scene.move_many(description.names, poses)
+            scene.move(description.names, poses)
             points = description.lidar.scan(scene, number / RATE)
         frames.append(Moment(poses, twists, points))
     return frames
@@ -319,7 +319,7 @@ def _stage(
     if effect == "sweep":
         twists = np.zeros((len(chosen), 6))
         twists[:, :3] = -SPEED * offsets
-        scene.set_twists(scene.indices[1::2], twists)
+        scene.objects.set_twists(scene.indices[1::2], twists)
     levels = ["obb", *(level.name.lower() for level in LEVELS[effect])]
     options: dict[str, Any] = OPTIONS.get(effect, {})
     scene.set_effect(effect, accuracy=levels[-1], **options)

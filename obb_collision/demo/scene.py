@@ -81,7 +81,7 @@ class DemoScene:
         """Return the points (k, 3) that the lidar measures at a time, None without a lidar."""
         if self.description.lidar is None:
             return None
-        self._scene.move_many(self.description.names, self.states(time)[0])
+        self._scene.move(self.description.names, self.states(time)[0])
         return self.description.lidar.scan(self._scene, time)
 
 

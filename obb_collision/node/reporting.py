@@ -122,7 +122,7 @@ def _shared(objects: Objects) -> list[tuple[str, object]]:
     if region is None:
         return []
     found = ", ".join(text_from_region(region))
-    return [("region", found), ("near the region", len(objects.scene.indices_near))]
+    return [("region", found), ("near the region", len(objects.scene.objects.near))]
 
 
 def _prepared(objects: Objects) -> list[tuple[str, object]]:

@@ -114,9 +114,10 @@ class SceneParameters:
         only = [groups.sides(pair) for pair in parameters.check_only_pairs]
         filters = ([*self.allowed, *allowed], only, parameters.allowed_within)
         if self._filters != filters:
-            scene.allowed, scene.check_only, scene.allowed_within = filters
+            rules = scene.rules
+            rules.allowed, rules.check_only, rules.allowed_within = filters
             self._filters = filters
-        _set(scene, "padding_overrides", groups.overrides(parameters.padding_overrides))
+        _set(scene.objects, "padding_overrides", groups.overrides(parameters.padding_overrides))
 
     def apply_accuracy(self) -> None:
         """Set the accuracy of all objects, limited to levels whose kernels are compiled.

@@ -36,7 +36,7 @@ from obb_collision.robots.checks.reports import MotionReport, StateDistances, St
 from obb_collision.robots.checks.states import check_states
 from obb_collision.robots.kinematics.kinematics import PLANAR, checked_states, link_poses
 from obb_collision.robots.robot import Robot
-from obb_collision.scene.object_settings import check_padding
+from obb_collision.scene.objects import check_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -297,7 +297,7 @@ class RobotScene(NotCopied):
         >>> checker.attached
         {'cup': 'hand'}
         """
-        shape = self._scene.shape_of(name)
+        shape = self._scene.objects.shape_of(name)
         padding = padding_of(self._scene, name)
         if (pose is None) == (state is None):
             raise ValueError(

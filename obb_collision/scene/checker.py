@@ -47,7 +47,7 @@ from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.merging import merge_keys, merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
-from obb_collision.scene.store.allowed import AllowedPairs
+from obb_collision.scene.store.allowed import PairRules
 from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.region import Region, boxes_near, owns_pairs
 from obb_collision.scene.store.store import ObjectStore
@@ -70,7 +70,7 @@ class Checker:
     limit: how many pairs are kept, None for all.
     """
 
-    def __init__(self, store: ObjectStore, cache: ShapeCache, allowed: AllowedPairs) -> None:
+    def __init__(self, store: ObjectStore, cache: ShapeCache, allowed: PairRules) -> None:
         self._store = store
         self._cache = cache
         self._allowed = allowed

@@ -12,155 +12,60 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The objects of a scene: they come, get poses and settings of their own, and go."""
+"""The objects of a scene by index: their store, their shapes, and what is set of all of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.shapes.primitives import LocalBox
-from obb_collision.geometry.validation import as_array, as_flag, as_half_extents, check_kind
+from obb_collision.geometry.validation import as_any_array, as_array
 from obb_collision.obb import OBB
 from obb_collision.scene.building.shape_cache import ShapeCache, SlotShape
-from obb_collision.scene.object_settings import ObjectSettings, check_padding
+from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import BOX
+from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import as_patterns, as_tuples
 from obb_collision.scene.store.placed import LocalBoxes, about_origins, extents, placed
 from obb_collision.scene.store.store import NO_ROWS, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
-from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
+from obb_collision.words import shown
 
 if TYPE_CHECKING:
     from obb_collision.scene.building.builder import Builder
     from obb_collision.scene.building.outside import OutsideTrees
 
 
-class SceneObjects(ObjectSettings):
-    """A store of named objects that come and go, with their shapes."""
+class SceneObjects:
+    """Objects with indices, which stay as long as the objects do.
+
+    Methods raise KeyError for an index without object and ValueError for a bad value, and then
+    change nothing, unless they say that nothing is checked.
+
+    Examples
+    --------
+    >>> scene = oc.Scene()
+    >>> cups = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2)
+    >>> scene.objects.set_enabled(cups, [True, False])
+    >>> scene.objects.poses_of(cups).shape
+    (2, 7)
+    """
+
+    __slots__ = ("_accuracy", "_padding", "_paddings", "cache", "store")
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
-        self._cache = ShapeCache()
-        self.clear()
-        super().__init__(padding, accuracy)
-
-    def add(
-        self,
-        name: str,
-        shape: Shape | OBB,
-        pose: ArrayLike | None = None,
-        *,
-        padding: float | None = None,
-        accuracy: Accuracy | str | None = None,
-        replace: bool = True,
-    ) -> int:
-        """Add an object, or replace the one of that name, and return its index.
-
-        Parameters
-        ----------
-        name : str
-            Printable, of at most 300 characters.
-        shape : Shape or OBB
-            In the object's own frame; its local box is fitted once.
-        pose : (7,) array_like, optional
-            x y z (metres) qx qy qz qw; the identity by default.
-        padding : float, optional
-            Metres; by default the scene's.
-        accuracy : Accuracy or str, optional
-            By default the scene's.
-        replace : bool
-            Whether it may take the place of another one; with False that is a ValueError.
-
-        Returns
-        -------
-        int
-            The index, which stays while the object is there.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-        TypeError
-            For another kind of shape.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> scene.add("cup", oc.shapes.Sphere(0.1), [1, 0, 0, 0, 0, 0, 1])
-        0
-        """
-        check_name(name, "name", MAX_OBJECT_NAME)
-        check_kind(shape, Shape, "shape", OBB)
-        if not as_flag(replace, "replace") and name in self:
-            raise ValueError(f"name must be new, as replace is False, got {shown(name)}")
-        where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
-        if padding is not None:
-            check_padding(padding)
-        level = None if accuracy is None else as_accuracy(accuracy)
-        box = local_boxes(shape)
-        columns = placed(box, where[None], "pose")
-        slots = self._put([name], box[2], columns, [level], [shape], padding)
-        return int(slots[0])
-
-    def add_boxes(
-        self,
-        names: Sequence[str],
-        sizes: ArrayLike,
-        poses: ArrayLike,
-        accuracies: Sequence[Accuracy | str | None] | None = None,
-        shapes: Sequence[Shape | None] | None = None,
-    ) -> NDArray[np.int64]:
-        """Add boxes, or replace the objects of those names; returns their indices (n,).
-
-        As ``add`` with ``Box(size)`` for each, in a fraction of the time.
-
-        Parameters
-        ----------
-        names : sequence of str
-            n distinct ones.
-        sizes : (n, 3) array_like
-            Edge lengths, metres.
-        poses : (n, 7) array_like
-        accuracies : sequence, optional
-            n levels, None for the scene's.
-        shapes : sequence, optional
-            n shapes that have these boxes, None for the box itself.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument; then none is added.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2).tolist()
-        [0, 1]
-        """
-        edges = as_half_extents(sizes, "sizes", (None, 3))
-        where = as_array(poses, "poses", (None, 7))
-        levels = None
-        if accuracies is not None:
-            check_kind(accuracies, Sequence, "accuracies")
-            levels = [None if level is None else as_accuracy(level) for level in accuracies]
-        if shapes is not None:
-            check_kind(shapes, Sequence, "shapes")
-            for shape in shapes:
-                check_kind(shape, Shape, "shapes", type(None))
-        check_kind(names, Sequence, "names")
-        check_names(names, "names", MAX_OBJECT_NAME)
-        given = (names, edges, where, names if levels is None else levels, shapes or names)
-        lengths = {len(values) for values in given}
-        if len(lengths) > 1 or len(set(names)) < len(names):
-            raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
-        box = about_origins(_halves(edges))
-        return self._put(names, box[2], placed(box, where), levels, shapes)
+        self.cache = ShapeCache()
+        self.store = ObjectStore()
+        self._paddings: Overrides[float] = Overrides()
+        self.padding = padding
+        self._accuracy = as_accuracy(accuracy)
 
     def begin_boxes(
         self,
@@ -170,16 +75,16 @@ class SceneObjects(ObjectSettings):
         levels: Sequence[Accuracy | None] | None = None,
         instead: NDArray[np.int64] = NO_ROWS,
     ) -> NDArray[np.int64]:
-        """Add boxes of new names as ``add_boxes`` does, but check nothing; returns their indices.
+        """Add boxes of new names, as ``Scene.add_boxes`` does; return their indices; check nothing.
 
         The names are valid and distinct, sizes and poses finite, sizes not negative, quaternions
         not zero. instead: indices of objects to remove, distinct; only as many of them, the first
         ones, are removed as boxes are added.
         """
-        box = about_origins(_halves(sizes))
-        return self._put(names, box[2], placed(box, poses), levels, instead=instead)
+        box = about_origins(halves(sizes))
+        return self.put(names, box[2], placed(box, poses), levels, instead=instead)
 
-    def _put(
+    def put(
         self, names: Sequence[str], half_extents: Floats, columns: dict[str, Any],
         levels: Sequence[Accuracy | None] | None,
         shapes: Sequence[Shape | OBB | None] | None = None,
@@ -187,10 +92,11 @@ class SceneObjects(ObjectSettings):
     ) -> NDArray[np.int64]:  # fmt: skip
         """Add objects, or replace those of their names; all or, on an error, none.
 
-        half_extents (n, 3): of their local boxes; columns: of their places. padding: their own,
-        None for that of the scene; the rest as for ``begin_boxes``. Returns their slots.
+        half_extents (n, 3): of their local boxes; columns: of their places. shapes: None for boxes.
+        padding: their own, None for that of the scene; the rest as for ``begin_boxes``. Returns
+        their slots.
         """
-        store = self._store
+        store = self.store
         slots = np.array([store.slots.get(name, -1) for name in names], np.int64)
         new = slots < 0
         begun = [name for name, is_new in zip(names, new.tolist(), strict=True) if is_new]
@@ -202,7 +108,7 @@ class SceneObjects(ObjectSettings):
         bodies = []
         for row, shape in enumerate(shapes or ()):
             if shape is not None:
-                bodies.append(self._cache.shape_for(int(slots[row]), shape))
+                bodies.append(self.cache.shape_for(int(slots[row]), shape))
                 kinds[row] = bodies[-1].kind
         growths = np.where(new, 0.0, store.growths[slots])
         paddings = np.full(len(slots), self._paddings_of(names) if padding is None else padding)
@@ -223,23 +129,23 @@ class SceneObjects(ObjectSettings):
         self, slots: Rows, columns: dict[str, Any], new: Rows, names: list[str],
         gone: list[str], bodies: list[SlotShape],
     ) -> None:  # fmt: skip
-        """Write what ``_put`` made: nothing here fails but for want of memory, at first."""
-        self._store.put(slots, columns, new, names, gone)
-        self._cache.drop_many(slots.tolist())
+        """Write what ``put`` made: nothing here fails but for want of memory, at first."""
+        self.store.put(slots, columns, new, names, gone)
+        self.cache.drop_many(slots.tolist())
         for body in bodies:
-            self._cache.put(body)
+            self.cache.put(body)
 
     def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
         """Give boxes other edge lengths (n, 3); nothing is checked."""
-        self._cache.drop_many(indices.tolist())
-        self._store.resize(indices, _halves(sizes))
+        self.cache.drop_many(indices.tolist())
+        self.store.resize(indices, halves(sizes))
 
-    def grow_indices(self, indices: NDArray[np.int64], growths: Floats) -> None:
+    def grow(self, indices: NDArray[np.int64], growths: Floats) -> None:
         """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
 
         In place of what they were grown by before: zeros take it back.
         """
-        self._store.set_growths(indices, growths)
+        self.store.set_growths(indices, growths)
 
     def speeds_of(self, indices: NDArray[np.int64], twists: Floats) -> Floats:
         """Return the maximum speed (n,) of any point of objects; nothing is checked.
@@ -247,7 +153,7 @@ class SceneObjects(ObjectSettings):
         By twists (n, 6) or those that they have, whichever is faster. A point at a distance of at
         most r from where the pose places the object moves with at most v + w r.
         """
-        store = self._store
+        store = self.store
         radii = _lengths(store.local_centers[indices]) + _lengths(store.local_half_extents[indices])
         speeds = [
             _lengths(twist[:, :3]) + _lengths(twist[:, 3:]) * radii
@@ -256,67 +162,25 @@ class SceneObjects(ObjectSettings):
         return np.maximum(*speeds)
 
     @completed
-    def rename_indices(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
+    def rename(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
         """Give objects other names, which are valid, new and distinct; nothing is checked."""
-        self._store.rename(indices, names)
+        self.store.rename(indices, names)
         if self._paddings:
             self._pad_again(self._padding, self._paddings)
 
-    def renew_indices(self, indices: ArrayLike) -> None:
-        """Make objects new ones, by index array (n,): nothing relates them to what they were."""
-        self._store.renew(self._store.check_slots(indices))
+    def renew(self, indices: ArrayLike) -> None:
+        """Make objects (n,) new ones: nothing relates them to what they were."""
+        self.store.renew(self.store.check_slots(indices))
 
-    def remove(self, name: str) -> None:
-        """Remove an object.
-
-        Parameters
-        ----------
-        name : str
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.remove("cup")
-        >>> len(scene)
-        0
-        """
-        self._remove(np.array([self._store.slot(name)]))
-
-    def remove_indices(self, indices: ArrayLike) -> None:
-        """Remove objects by index.
-
-        Parameters
-        ----------
-        indices : (n,) array_like of int
-            Of objects.
-
-        Raises
-        ------
-        KeyError
-            For an index without object; then none is changed.
-        ValueError
-            Naming the argument and the row; then none is changed.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.remove_indices([0])
-        >>> len(scene)
-        0
-        """
-        self._remove(np.unique(self._store.check_slots(indices)))
+    def remove(self, indices: ArrayLike) -> None:
+        """Remove objects."""
+        self.remove_slots(np.unique(self.store.check_slots(indices)))
 
     @completed
-    def _remove(self, slots: Rows) -> None:
-        self._store.remove_rows(slots)
-        self._cache.drop_many(slots.tolist())
+    def remove_slots(self, slots: Rows) -> None:
+        """Remove objects by indices that are in use and distinct."""
+        self.store.remove_rows(slots)
+        self.cache.drop_many(slots.tolist())
 
     def build_outside(self, builder: Builder) -> OutsideTrees:
         """Have the trees and hulls of large shapes built by another process.
@@ -326,45 +190,153 @@ class SceneObjects(ObjectSettings):
         """
         from obb_collision.scene.building.outside import OutsideTrees
 
-        self._cache.outside = OutsideTrees(builder)
-        return self._cache.outside
+        self.cache.outside = OutsideTrees(builder)
+        return self.cache.outside
+
+    def prepare(self) -> None:
+        """Build the trees and hulls of all shapes now; else the first checks that need them do."""
+        prepare_shapes(self.store, self.cache)
 
     @completed
     def clear(self) -> None:
         """Remove all objects; settings are retained."""
-        self._store = ObjectStore()
-        self._cache.clear()
+        self.store = ObjectStore()
+        self.cache.clear()
 
     @property
-    def shape_revision(self) -> int:
+    def revision(self) -> int:
         """A number that changes with shapes, sizes and paddings, and not with poses."""
-        return self._store.revision
+        return self.store.revision
+
+    @property
+    def near(self) -> NDArray[np.int64]:
+        """(k,) the objects near to the region at the last check; all without one."""
+        return np.flatnonzero(self.store.used & self.store.near)
 
     def shape_of(self, name: str) -> Shape | OBB:
-        """Return the shape of an object, an OBB where it is a box.
-
-        Parameters
-        ----------
-        name : str
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.shape_of("cup").radius
-        0.1
-        """
-        store, slot = self._store, self._store.slot(name)
+        """Return the shape of an object, an OBB where it is a box; KeyError for an unknown name."""
+        store, slot = self.store, self.store.slot(name)
         box = store.local_centers, store.local_rotations, store.local_half_extents
-        return self._cache.shape(slot) or OBB(*(each[slot] for each in box))
+        return self.cache.shape(slot) or OBB(*(each[slot] for each in box))
+
+    def place(self, indices: NDArray[np.int64], poses: Floats) -> None:
+        """Give objects new poses as ``Scene.move_indices`` does, but check nothing.
+
+        The indices are in use and distinct, the poses finite, their quaternions not zero.
+        """
+        self.store.place(indices, poses)
+
+    def poses_of(self, indices: ArrayLike) -> Floats:
+        """Return the poses (n, 7) of objects as they were given."""
+        return self.store.poses[self.store.check_slots(indices)]
+
+    def set_twists(self, indices: ArrayLike, twists: ArrayLike) -> None:
+        """Set the twists (n, 6) of objects, as ``Scene.set_twist`` does."""
+        slots = self.store.check_slots(indices)
+        self.store.twists[slots] = as_array(twists, "twists", (len(slots), 6))
+
+    def set_enabled(self, indices: ArrayLike, enabled: ArrayLike) -> None:
+        """Include objects in collisions or exclude them: (n,) True or False."""
+        slots = self.store.check_slots(indices)
+        if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
+            raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
+        changed = self.store.enabled[slots] != enabled
+        self.store.mark(slots[changed])
+        self.store.enable(slots, enabled)
+
+    @property
+    def padding(self) -> float:
+        """Metres by which boxes without another padding are grown on every side; may be set."""
+        return self._padding
+
+    @padding.setter
+    def padding(self, value: float) -> None:
+        check_padding(value)
+        self._pad_again(float(value), self._paddings)
+
+    @property
+    def padding_overrides(self) -> list[tuple[str, float]]:
+        """Padding in place of the scene's, by name or pattern: (``gripper/*``, metres); may be set.
+
+        The last one that an object matches counts, also for objects to come. An object's own, as
+        given to ``Scene.add`` or ``Scene.set_padding``, goes before.
+        """
+        return list(self._paddings.overrides)
+
+    @padding_overrides.setter
+    def padding_overrides(self, overrides: Iterable[tuple[str, float]]) -> None:
+        new: list[tuple[str, float]] = []
+        for pattern, padding in as_tuples(overrides, "padding_overrides", 2):
+            check_padding(padding, "padding_overrides")
+            new += [(one, float(padding)) for one in as_patterns(pattern, "padding_overrides")]
+        self._pad_again(self._padding, Overrides(new))
+
+    def set_padding(self, slot: int, padding: float | None) -> None:
+        """Set the padding of one object; None: that of its override or of the scene."""
+        if padding is not None:
+            check_padding(padding)
+        wanted = self._paddings_of([str(self.store.names[slot])]) if padding is None else padding
+        self.store.pad(np.array([slot]), np.full(1, wanted, np.float64), padding is not None)
+
+    def _paddings_of(self, names: Sequence[str]) -> float | Floats:
+        """Return the paddings (n,) of objects without one of their own; one for all, if it is."""
+        return paddings_of(names, self._padding, self._paddings)
+
+    @completed
+    def _pad_again(self, padding: float, overrides: Overrides[float]) -> None:
+        """Set the padding, and give it to all objects without one of their own."""
+        store = self.store
+        rows = np.flatnonzero(store.used & ~store.padded)
+        wanted = paddings_of([str(store.names[row]) for row in rows.tolist()], padding, overrides)
+        wanted = np.broadcast_to(wanted, rows.shape)
+        other = wanted != store.own_paddings[rows]
+        store.pad(rows[other], wanted[other])
+        self._padding, self._paddings = padding, overrides
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The level of the objects without one of their own; may be set, also by name."""
+        return self._accuracy
+
+    @accuracy.setter
+    def accuracy(self, value: Accuracy | str) -> None:
+        self._set_all(as_accuracy(value))
+
+    @completed
+    def _set_all(self, value: Accuracy) -> None:
+        store = self.store
+        rows = np.flatnonzero(store.used & ~store.levelled & (store.accuracies != value))
+        store.write(rows, {"accuracies": value})
+        self._accuracy = value
+
+    def set_accuracy(self, slot: int, accuracy: Accuracy | str | None) -> None:
+        """Set the level of one object; None: that of the scene."""
+        level = None if accuracy is None else as_accuracy(accuracy)
+        store, value = self.store, self._accuracy if level is None else level
+        if store.accuracies[slot] != value:
+            columns = {"accuracies": value, "levelled": level is not None}
+            store.write(np.array([slot]), columns)
+        else:
+            store.levelled[slot] = level is not None
 
 
-def _halves(edges: Floats) -> Floats:
+def paddings_of(
+    names: Sequence[str], padding: float, overrides: Overrides[float]
+) -> float | Floats:
+    """Return what objects are padded by, (n,) or one number for all."""
+    if not overrides:
+        return padding
+    values = [overrides.value(name) for name in names]
+    return np.array([padding if value is None else value for value in values], np.float64)
+
+
+def check_padding(padding: float, name: str = "padding") -> None:
+    """Raise ValueError unless a padding is not negative."""
+    if as_array(padding, name, ()) < 0.0:
+        raise ValueError(f"{name} must not be negative")
+
+
+def halves(edges: Floats) -> Floats:
     """Return half extents that are not too small for edge lengths."""
     half = 0.5 * edges
     return np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal

@@ -16,62 +16,64 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Iterable
 from difflib import get_close_matches
-from time import perf_counter
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.poses import IDENTITY_POSE
-from obb_collision.geometry.validation import as_array, check_kind
+from obb_collision.geometry.validation import (
+    as_array,
+    as_flag,
+    as_points,
+    as_whole,
+    check_kind,
+    warn_caller,
+)
 from obb_collision.obb import OBB
 from obb_collision.queries.rays.rays import RayHits
-from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.base import Cycle
-from obb_collision.scene.findings import Findings
-from obb_collision.scene.object_settings import check_padding
-from obb_collision.scene.objects import local_boxes
+from obb_collision.scene.checks import Checks
+from obb_collision.scene.effects.settings import EffectSettings
+from obb_collision.scene.named_objects import NamedObjects
+from obb_collision.scene.objects import check_padding, local_boxes
 from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.ray_questions import cast_at_objects
-from obb_collision.scene.refinement.ladder import needs_spheres
-from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
-from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
-from obb_collision.scene.settings import SceneSettings
+from obb_collision.scene.store.allowed import PairRules
+from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.patterns import as_patterns, matching
+from obb_collision.scene.store.region import Region
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
 
-#: Pairs near each other that effects look at, for each that may collide: objects that are apart
-#: have more neighbours than contacts.
-NEAR_PER_PAIR = 10
+#: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
+MOST_PAIRS = 2**53
+#: Seconds for a check above which milliseconds were probably meant.
+LONGEST_BUDGET = 1.0
 
 
-class Scene(SceneSettings):
+class Scene(NamedObjects):
     """Named objects, and which of them collide.
 
-    padding: metres by which every box is grown on each side.
-    exact: decide by integer arithmetic what doubles can't tell from touching.
-    accuracy: the level of ``Accuracy`` for objects without one of their own, or its name. A pair is
-    decided on the lower level of its two objects, above "obb" only where that can say more than
-    boxes do (see ``scene.refinement.ladder``).
-    time_budget: seconds for a check, None for no limit; see the property.
-    max_pairs: pairs that a report has at most, None for no limit; see the property.
-    Raises ValueError for a padding below zero, a budget or limit that is not positive, and
-    an unknown accuracy.
+    A pair is decided on the lower level of its two objects, above "obb" only where that can say
+    more than boxes do (see ``scene.refinement.ladder``).
 
     Parameters
     ----------
     padding : float
-        Metres, not negative.
+        Metres by which every box is grown on each side, not negative.
     exact : bool
+        Decide by integer arithmetic what doubles can't tell from touching.
     accuracy : Accuracy or str
+        The level of objects without one of their own, or its name.
     time_budget : float, optional
-        Seconds.
+        Seconds for a check, None for no limit; see the property.
     max_pairs : int, optional
+        Pairs that a report has at most, None for no limit; see the property.
     region : Region, optional
         Whose pairs are found; see the property.
 
@@ -89,8 +91,23 @@ class Scene(SceneSettings):
     [('table', 'cup')]
     """
 
+    def __init__(
+        self,
+        *,
+        padding: float = 0.0,
+        exact: bool = False,
+        accuracy: Accuracy | str = "obb",
+        time_budget: float | Budget | None = None,
+        max_pairs: int | None = None,
+        region: Region | None = None,
+    ) -> None:
+        super().__init__(padding, accuracy)
+        self._rules = PairRules(lambda: self._objects.store.mark(self._objects.store.live()))
+        self._checks = Checks(self._objects, self._rules, as_flag(exact, "exact"))
+        self.time_budget, self.max_pairs, self.region = time_budget, max_pairs, region
+
     def __repr__(self) -> str:
-        return f"Scene({len(self)} objects, accuracy {self._accuracy.label!r})"
+        return f"Scene({len(self)} objects, accuracy {self._objects.accuracy.label!r})"
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set a property; AttributeError, with a guess, for what a scene has not."""
@@ -101,9 +118,191 @@ class Scene(SceneSettings):
             raise AttributeError(f"Scene has no {shown(name)} to set{hint}")
         super().__setattr__(name, value)
 
-    def prepare(self) -> None:
-        """Build the trees and hulls of all shapes now; else the first checks that need them do."""
-        prepare_shapes(self._store, self._cache)
+    @completed
+    def clear(self) -> None:
+        """Remove all objects; settings are retained."""
+        self._objects.clear()
+        self._checks.begin()
+
+    @property
+    def rules(self) -> PairRules:
+        """The rules about pairs by name: which may touch, and which are checked at all."""
+        return self._rules
+
+    @property
+    def effects(self) -> EffectSettings:
+        """How each effect is set, by its name."""
+        return self._checks.effects
+
+    @property
+    def max_pairs(self) -> int | None:
+        """The most pairs a report has, None for no limit; may be set.
+
+        n objects in one place collide in n (n - 1) / 2 pairs, which soon takes gigabytes. With a
+        limit time and memory grow with it and with n instead. Where more pairs collide, the first
+        ones in the order of ``Report.pairs`` are kept; ``Report.truncated`` says so, ``total`` how
+        many there are at least, and ``colliding`` is right for every object all the same. Effects
+        look at the pairs kept, and those with pairs of their own at 10 times as many.
+        """
+        return self._checks.max_pairs
+
+    @max_pairs.setter
+    def max_pairs(self, value: int | None) -> None:
+        limit = None if value is None else as_whole(value, "max_pairs", 1, MOST_PAIRS)
+        self._checks.set_max_pairs(limit)
+
+    @property
+    def region(self) -> Region | None:
+        """The region whose pairs are found, None for all; may be set.
+
+        Several scenes with the same objects, and regions that hold all of space, find each pair
+        once together, and all else that effects compute: a pair belongs to the region that has
+        the larger, on each axis, of the lower ends of both bounds; one that is near or will
+        collide, of the bounds in which the effect looks for others; the points of an object to
+        that with the lower corner of its bounds. Objects farther from the region than its halo
+        take no part and cost little. Raises ValueError for a halo smaller than what an effect
+        that is not off looks beyond objects.
+        """
+        return self._checks.region
+
+    @region.setter
+    def region(self, value: Region | None) -> None:
+        check_kind(value, Region, "region", type(None))
+        if value is not None and value.is_everything:
+            value = None
+        if value is not None:
+            check_halo(value.halo, self._checks.effects.reach())
+        self._checks.set_region(value)
+
+    @property
+    def time_budget(self) -> float | None:
+        """Seconds for a check with the effects asked for, None for no limit; may be set.
+
+        Above "obb" a check then uses the highest level that fits, and loses no collision by it;
+        ``Report.accuracies`` says which one decided each pair. A pair left on a lower level that
+        doesn't change is refined at later checks. Below "obb" there is nothing to gain.
+        Building the tree of a new shape may take longer; see ``prepare``. A ``Budget`` may be set,
+        too, which has a clock of its own. More than a second is warned about.
+        """
+        return None if self._checks.budget is None else self._checks.budget.seconds
+
+    @time_budget.setter
+    def time_budget(self, value: float | Budget | None) -> None:
+        if value is None or isinstance(value, Budget):
+            self._checks.budget = value
+        elif self._checks.budget is None:
+            self._checks.budget = Budget(value)
+        else:
+            self._checks.budget.seconds = value
+        if isinstance(value, (int, float)) and value > LONGEST_BUDGET:
+            warn_caller(
+                f"time_budget is in seconds, got {value:g}: {value:g} ms are {value / 1e3:g}"
+            )
+
+    def allow(
+        self,
+        first: Iterable[str] | str,
+        second: Iterable[str] | str,
+        allowed: bool = True,
+        *,
+        known: bool = False,
+    ) -> None:
+        """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
+
+        first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
+        one counts. Rules are also for objects to come, and for links of robots, so a name that no
+        object has is no error, unless ``known`` says so.
+
+        Parameters
+        ----------
+        first : str or iterable of str
+            Names or patterns.
+        second : str or iterable of str
+            Names or patterns.
+        allowed : bool
+        known : bool
+            Whether each name or pattern must be that of an object that is there, against typing
+            errors.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.allow("cup", "*")
+        >>> scene.check().names()
+        []
+        """
+        flag = as_flag(allowed, "allowed")
+        if as_flag(known, "known"):
+            self._check_known(first, "first")
+            self._check_known(second, "second")
+        self._rules.add(first, second, flag)
+
+    def _check_known(self, side: Iterable[str] | str, argument: str) -> None:
+        """Raise ValueError for a name or pattern that no object has."""
+        for pattern in as_patterns(side, argument):
+            if not matching([pattern], self.names).any():
+                close = get_close_matches(pattern, self.names, 1)
+                hint = f"; did you mean {close[0]}?" if close else ""
+                raise ValueError(f"{argument} must fit objects, got {shown(pattern)}{hint}")
+
+    def set_effect(
+        self,
+        name: str,
+        mode: str | None = None,
+        objects: Iterable[str] | str | None = None,
+        **options: float | str,
+    ) -> None:
+        """Set an effect; what is not given stays.
+
+        mode: "off", "on" (at every check), or "auto" (when ``check`` is asked for it, or its result
+        is read). objects: names or patterns; only pairs of which one object or both match get it.
+        options: those of the effect. Raises ValueError naming what can't be used.
+
+        Parameters
+        ----------
+        name : str
+        mode : str, optional
+        objects : str or iterable of str, optional
+        **options : float or str
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> scene.set_effect("clearance", "on", max_distance=0.5)
+        >>> scene.effects["clearance"].mode
+        'on'
+        """
+        new = self._checks.effects.changed(name, mode, objects, options)
+        if self._checks.region is not None:
+            check_halo(self._checks.region.halo, new.reach())
+        self._checks.invalidate()
+        self._checks.effects = new
+
+    @property
+    def obstacle_points(self) -> NDArray[Any] | None:
+        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; None for none.
+
+        The array is taken as it is, not copied. Rows that are not finite are ignored and counted.
+        """
+        return self._checks.obstacle_points
+
+    @obstacle_points.setter
+    def obstacle_points(self, value: ArrayLike | None) -> None:
+        points = None if value is None else as_points(value, "obstacle_points")
+        self._checks.invalidate()
+        self._checks.obstacle_points = points
 
     def check(self, effects: Iterable[str] | str = ()) -> Report:
         """Return all colliding pairs, with the effects asked for by name, or the one.
@@ -132,28 +331,7 @@ class Scene(SceneSettings):
         >>> scene.check("contacts")
         Report(1 pairs, effects: contacts)
         """
-        start = perf_counter()
-        if self._budget is not None:
-            self._budget.start()
-        self._cache.take_built()
-        self._checker.settle_region()
-        wanted = self._effects.wanted(effects)
-        lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
-        last = self._last
-        if self._store.touched or self._checker.behind or not lasting:
-            last.report = last.found = None
-        report = last.report() if last.report is not None else None
-        if report is None:
-            report = self._reported(start)
-            last.report = weakref.ref(report)
-        for name in wanted:
-            if name not in report.costs:
-                report.compute(name)
-        if self._before is not None or not lasting:
-            self._before = None if lasting else report.cycle.as_before()
-        if self._budget is not None:
-            self._budget.finish()
-        return report
+        return self._checks.report(effects)
 
     def any_collision(self) -> bool:
         """Return whether anything collides; stops at the first pair.
@@ -171,13 +349,13 @@ class Scene(SceneSettings):
         >>> scene.any_collision()
         True
         """
-        last = self._checker.last
-        if last is not None and not last.behind and not self._store.touched:
+        store, last = self._objects.store, self._checks.checker.last
+        if last is not None and not last.behind and not store.touched:
             return len(last.pairs) > 0
-        if self._region is not None:
+        if self._checks.region is not None:
             return len(self.check()) > 0
-        pair_filter = self._allowed.pair_filter(self._store.names, self._store.version)
-        return any_collides(*(self._store, self._cache, pair_filter, self._exact))[0]
+        pair_filter = self._rules.pair_filter(store.names, store.version)
+        return any_collides(store, self._objects.cache, pair_filter, self._checks.exact)[0]
 
     def query(
         self,
@@ -228,13 +406,14 @@ class Scene(SceneSettings):
         check_kind(shape, Shape, "shape", OBB)
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         check_padding(padding)
-        level = self._accuracy if accuracy is None else as_accuracy(accuracy)
+        level = self._objects.accuracy if accuracy is None else as_accuracy(accuracy)
         patterns = as_patterns(ignore, "ignore")
-        self._checker.settle_region()
-        body = body_in(self._store, self._cache, shape, local_boxes(shape), where, padding, level)
-        with body as (store, cache, slot):
-            found = colliding_with(store, cache, slot, self._exact)
-            names = [str(self._store.names[row]) for row in found]
+        self._checks.checker.settle_region()
+        store, box = self._objects.store, local_boxes(shape)
+        body = body_in(store, self._objects.cache, shape, box, where, padding, level)
+        with body as (there, cache, slot):
+            found = colliding_with(there, cache, slot, self._checks.exact)
+            names = [str(store.names[row]) for row in found]
         return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
 
     def cast_rays(
@@ -281,60 +460,23 @@ class Scene(SceneSettings):
         ('wall', [3.5])
         """
         level = None if accuracy is None else as_accuracy(accuracy)
-        store, patterns = self._store, as_patterns(objects, "objects")
+        store, patterns = self._objects.store, as_patterns(objects, "objects")
         there = store.active if "*" in patterns else store.active & matching(patterns, store.names)
         return cast_at_objects(
-            *(store, self._cache, np.flatnonzero(there), level),
+            *(store, self._objects.cache, np.flatnonzero(there), level),
             *(origins, directions, max_distance),
-        )
-
-    def _find(self) -> Findings:
-        """Return what collides and nothing more: what a check costs without any effect."""
-        return self._checker.find(self._exact, self._budget)
-
-    def _reported(self, start: float) -> Report:
-        """Return a report of what collides now: of what is known already where nothing changed."""
-        store, last = self._store, self._last
-        found = last.found
-        if found is None:
-            before = self._checker.last
-            found = last.found = self._find()
-            last.outcomes_before = {} if before is None else before.outcomes
-        stages = {"pairs": perf_counter() - start}
-        settings = self._effects.resolved(store.names, store.version)
-        report = Report(found, store.name_tuple(), stages, self._cycle, settings)
-        if self._effects.any_possible:
-            report.cycle  # noqa: B018, now: the scene may change before it is used
-        return report
-
-    def _cycle(self, found: Findings) -> Cycle:
-        """Return the check that has just been made, as effects see it."""
-        store, last = self._store, self._last
-        if store.touched or found is not last.found:
-            raise RuntimeError("the scene has changed since this check, whose effects are all off")
-        active = store.active.copy()
-        return Cycle(
-            *(store.snapshot(), active, found.pairs, found.verdicts),
-            *(self._checker.pair_filter, found.old, last.outcomes_before),
-            *(self._obstacle_points, store, self._before),
-            enabled=active if self._region is None else store.enabled.copy(),
-            region=self._region,
-            spheres=self._region is not None and needs_spheres(store),
-            limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
-            names=store.name_tuple(),
-            shapes=self._placed_shapes(found),
-        )
-
-    def _placed_shapes(self, found: Findings) -> PlacedShapes | None:
-        """Return the shapes for effects above OBB; None where each speaks of boxes."""
-        if self._checker.plain and not self._effects.above_obb:
-            return None
-        return PlacedShapes(
-            *(self._store, self._cache, found.pairs, found.accuracies, found.cap),
-            *(self._exact, found.total is None),
         )
 
 
 def is_settable(kind: type, name: str) -> bool:
     """Return whether a name is a property of a class that can be set."""
     return getattr(getattr(kind, name), "fset", None) is not None
+
+
+def check_halo(halo: float, reach: float) -> None:
+    """Raise ValueError for a halo (m) of a region that is smaller than what effects look beyond."""
+    if halo < reach:
+        raise ValueError(
+            f"halo of the region must be at least {reach:g}, as far as effects look beyond "
+            f"objects, got {halo:g}"
+        )

@@ -121,7 +121,7 @@ def _boxes() -> None:
     scene = row_of_boxes()  # meanwhile, another process compiles ``_bounds``
     quaternions_from_matrices(scene.boxes.rotations)  # of markers
     for moved in (0, 1, 1, OBJECTS // 3, OBJECTS // 2):  # of the last, a new tree is made
-        poses = scene.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
+        poses = scene.objects.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
         scene.move_indices(np.arange(moved), poses)
         _ = scene.check().colliding
     scene.add("at the origin", oc.OBB((0.0, 0.0, 0.0), np.eye(3), (0.1, 0.1, 0.1)))
@@ -254,7 +254,7 @@ def _effect(name: str) -> None:
     FIRST.get(name, row_of_boxes)()
     scene = row_of_boxes()
     scene.set_effect(name, "on")
-    scene.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
+    scene.objects.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
     given = clouds() if name == "points" else [np.zeros((4, 3))] * 4
     for number, points in enumerate(given):
         scene.obstacle_points = points
@@ -269,7 +269,7 @@ def _effect(name: str) -> None:
         scene.set_effect(name, max_points=8)
     scene.check()
     scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1, 0, 0, 0, 1)]))
-    scene.set_twists(np.array([1]), np.array([(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)]))
+    scene.objects.set_twists(np.array([1]), np.array([(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)]))
     scene.check()
 
 
@@ -355,7 +355,7 @@ def _sweep_on(level: Accuracy) -> None:
     scene.check()
     for x in (-9.0, 9.0):
         scene.move("far", (x, 0.0, 0.0, 0.0, 0.6, 0.0, 0.8))
-        scene.set_twists(np.array([scene.index("far")]), np.array([(-x, 0.0, 0.0, 0.1, 0.1, 0.1)]))
+        scene.set_twist("far", (-x, 0.0, 0.0, 0.1, 0.1, 0.1))
         assert scene.check().swept.passed.pairs.size
 
 

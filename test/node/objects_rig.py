@@ -118,7 +118,7 @@ class ObjectsRig:
 
     def x(self, row: int = 0) -> float:
         """Where an object is in the scene."""
-        return float(self.objects.scene.poses_of(self.slots[[row]])[0, 0])
+        return float(self.objects.scene.objects.poses_of(self.slots[[row]])[0, 0])
 
     def is_doubtful(self, row: int = 0) -> bool:
         return bool(self.objects.table.doubtful[self.slots[row]])

@@ -371,7 +371,7 @@ class Rig(Client):
     def pose_of(self, key: tuple[str, int]) -> Any:
         """Pose (7,) of an object in the scene."""
         objects = self.node.objects
-        return objects.scene.poses_of([objects.table.slots[key]])[0]
+        return objects.scene.objects.poses_of([objects.table.slots[key]])[0]
 
     def now(self) -> int:
         """Return the time of the node (ns)."""

@@ -71,8 +71,8 @@ def test_objects_rules_and_settings_of_a_scene_file_are_those_of_the_node(scene_
         }
         scene = rig.node.objects.scene
         assert scene.accuracy == Accuracy.OBB
-        assert scene._store.accuracies[scene.index("part/7")] == Accuracy.AABB
-        assert scene._store.accuracies[scene.index("lid/0")] == Accuracy.AABB
+        assert scene.objects.store.accuracies[scene.index("part/7")] == Accuracy.AABB
+        assert scene.objects.store.accuracies[scene.index("lid/0")] == Accuracy.AABB
         value = {name: rig.node.get_parameter(name).value for name in rig.node._parameters}
         assert value["padding"] == 0.25
         assert value["effects.contacts"] == "on"
@@ -80,7 +80,7 @@ def test_objects_rules_and_settings_of_a_scene_file_are_those_of_the_node(scene_
         assert value["effects.contacts_objects"] == ["part/*", "lid/0"]
         assert (value["effects.clearance"], value["effects.markers"]) == ("off", "off")
         assert value["effects.sweep"] == "auto"
-        assert scene.effect_setting("contacts").values["max_points"] == 8
+        assert scene.effects["contacts"].values["max_points"] == 8
 
 
 def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) -> None:

@@ -32,7 +32,7 @@ def state(scene: oc.Scene) -> list[object]:
     """Return what can be seen of a scene."""
     report, boxes = scene.check("sweep"), scene.boxes
     swept, indices = report.swept, scene.indices
-    arrays = [indices, scene.poses_of(indices), *vars(boxes).values(), report.accuracies]
+    arrays = [indices, scene.objects.poses_of(indices), *vars(boxes).values(), report.accuracies]
     arrays += [
         report.pairs,
         report.cycle.active[indices],
@@ -40,7 +40,11 @@ def state(scene: oc.Scene) -> list[object]:
         swept.passed.pairs,
     ]
     names = scene.names
-    return [names, [scene.shape_of(name) for name in names], *(array.tolist() for array in arrays)]
+    return [
+        names,
+        [scene.objects.shape_of(name) for name in names],
+        *(array.tolist() for array in arrays),
+    ]
 
 
 def some(count: int, seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:
@@ -117,7 +121,7 @@ def test_renewed_objects_did_not_pass_from_where_they_were() -> None:
     scene.allow("a", "b")
     scene.set_effect("sweep", "on")
     scene.check()
-    scene.renew_indices(cubes[:1])
+    scene.objects.renew(cubes[:1])
     scene.move_indices(cubes, [[2, 0, 0, 0, 0, 0, 1]] * 2)
     swept = scene.check().swept
     assert [tuple(pair) for pair in swept.passed.pairs.tolist()] == [(0, int(cubes[1]))]
@@ -128,16 +132,16 @@ def test_boxes_that_need_no_check_are_those_that_were_checked() -> None:
     names, sizes, poses = some(40, 5)
     for scene in (one, other):
         scene.add("a/0", oc.shapes.Sphere(0.5))
-        scene.remove_indices(scene.add_boxes(["x", "y"], sizes[:2], poses[:2]))
+        scene.objects.remove(scene.add_boxes(["x", "y"], sizes[:2], poses[:2]))
     names = [f"b/{number}" for number in range(40)]
     levels = [oc.Accuracy.AABB if number % 7 == 0 else None for number in range(40)]
-    assert other.begin_boxes(names, sizes, poses, levels).tolist() == (
+    assert other.objects.begin_boxes(names, sizes, poses, levels).tolist() == (
         one.add_boxes(names, sizes, poses, levels).tolist()
     )
     assert state(one) == state(other)
     some_rows = np.array([one.index(name) for name in names[3:9]])
     one.add_boxes(names[3:9], sizes[9:15], poses[3:9], levels[3:9])
-    other.resize_boxes(some_rows, sizes[9:15])
+    other.objects.resize_boxes(some_rows, sizes[9:15])
     assert state(one) == state(other)
 
 
@@ -149,18 +153,19 @@ def test_boxes_in_place_of_others_are_as_if_these_had_been_removed(before: int, 
         for name, pose in zip(names, poses, strict=True):
             scene.add(name, oc.shapes.Sphere(0.5), pose, padding=0.1, accuracy="mesh")
         scene.set_enabled(names[0], False)
-        scene.set_twists(range(before), np.ones((before, 6)))
-        scene.grow_indices(np.arange(before), np.full(before, 0.2))
+        scene.objects.set_twists(range(before), np.ones((before, 6)))
+        scene.objects.grow(np.arange(before), np.full(before, 0.2))
         scene.check()
     gone, sizes = np.arange(before), np.resize(sizes, (after, 3))
     poses = np.resize(poses, (after, 7))
     come = [f"new/{number}" for number in range(after)]
-    one.remove_indices(gone)
-    slots = one.begin_boxes(come, sizes, poses)
-    assert other.begin_boxes(come, sizes, poses, instead=gone).tolist() == slots.tolist()
-    other.remove_indices(gone[after:])
+    one.objects.remove(gone)
+    slots = one.objects.begin_boxes(come, sizes, poses)
+    assert other.objects.begin_boxes(come, sizes, poses, instead=gone).tolist() == slots.tolist()
+    other.objects.remove(gone[after:])
     assert state(one) == state(other)
-    assert [other.padding_overrides, other.names] == [one.padding_overrides, one.names]
+    assert other.objects.padding_overrides == one.objects.padding_overrides
+    assert other.names == one.names
     for scene in (one, other):
         scene.padding = 0.05  # of those that have none of their own
     assert state(one) == state(other)
@@ -174,7 +179,7 @@ def test_a_box_in_place_of_another_did_not_pass_from_where_that_was() -> None:
     scene.set_effect("sweep", "on")
     scene.check()
     place = np.array([[2.0, 0, 0, 0, 0, 0, 1]])
-    assert scene.begin_boxes(["c"], np.ones((1, 3)), place, instead=slots[:1]).tolist() == [
+    assert scene.objects.begin_boxes(["c"], np.ones((1, 3)), place, instead=slots[:1]).tolist() == [
         slots[0]
     ]
     assert len(scene.check().swept.passed) == 0
@@ -187,6 +192,6 @@ def test_a_renamed_object_is_the_same_under_its_new_name() -> None:
     slots = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2)
     scene.allow("c", "*")
     assert scene.check().names() == [("a", "b")]
-    scene.rename_indices(slots[:1], ["c"])
+    scene.objects.rename(slots[:1], ["c"])
     assert (scene.index("c"), "a" in scene, scene.names) == (slots[0], False, ["c", "b"])
     assert scene.check().names() == [], "rules count by the new name"

@@ -41,18 +41,18 @@ def test_a_name_that_is_taken_is_refused_where_asked() -> None:
     scene.add("new", Sphere(0.1), replace=False)
     with pytest.raises(ValueError, match=r"name must be new, as replace is False, got 'new'"):
         scene.add("new", Sphere(0.2), replace=False)
-    assert scene.shape_of("new") == Sphere(0.1)
+    assert scene.objects.shape_of("new") == Sphere(0.1)
     assert scene.add("new", Sphere(0.2)) == scene.index("new")
 
 
 def test_a_rule_for_no_object_is_refused_where_asked() -> None:
     scene = pile()
     scene.allow("to come", "thing/*")
-    rules = scene.allowed
+    rules = scene.rules.allowed
     for sides in (("thin/0", "thing/*"), ("thing/*", ["thing/0", "thin/0"])):
         with pytest.raises(ValueError, match=r"got 'thin/0'; did you mean thing/0"):
             scene.allow(*sides, known=True)
-    assert scene.allowed == rules
+    assert scene.rules.allowed == rules
     scene.allow("thing/[01]", "thing/2", known=True)
     assert scene.check().names() == [("thing/0", "thing/1")]
 

@@ -131,7 +131,7 @@ class Twin:
             self.scene.padding = self.settings["padding"]
         elif what == "rule":
             if self.rng.random() < 0.3:
-                self.scene.allowed = self.scene.allowed[1:]
+                self.scene.rules.allowed = self.scene.rules.allowed[1:]
             else:
                 a, b = self.rng.choice(PATTERNS, 2)
                 self.scene.allow(str(a), str(b), bool(self.rng.random() < 0.6))
@@ -139,7 +139,7 @@ class Twin:
     def anew(self) -> oc.Scene:
         """Return a scene made of what this one has now, with the same indices."""
         scene = oc.Scene(**self.settings)
-        scene.allowed = self.scene.allowed
+        scene.rules.allowed = self.scene.rules.allowed
         where = {self.scene.index(name): name for name in self.objects}
         for slot in range(max(where, default=-1) + 1):
             if slot not in where:
@@ -248,11 +248,11 @@ def test_spheres_leave_nothing_behind(once: str) -> None:
 def test_a_box_of_another_size_beside_a_mesh_is_not_what_it_was() -> None:
     scene, unit = oc.Scene(accuracy="mesh"), np.ones((1, 3))
     scene.add("ring", SHAPES[5])
-    box = scene.begin_boxes(["box"], 1e-3 * unit, np.array([[0, 0, 0, 0, 0, 0, 1.0]]))
+    box = scene.objects.begin_boxes(["box"], 1e-3 * unit, np.array([[0, 0, 0, 0, 0, 0, 1.0]]))
     assert scene.check().names() == []  # in the hole
     half = 2.0 * np.abs(scene.obb("ring").half_extents)
     for size, found in ((half[None] - 1e-3, [("ring", "box")]), (1e-3 * unit, [])):
-        scene.resize_boxes(box, size)
+        scene.objects.resize_boxes(box, size)
         assert scene.check().names() == found
 
 

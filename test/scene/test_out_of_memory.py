@@ -53,13 +53,13 @@ def row(count):
         lambda: scene.add_boxes(names, 0.95 * sizes, poses),
         lambda: scene.move_indices(every, poses + [0, 1, 0, 0, 0, 0, 0]),
         lambda: setattr(scene, "padding", 0.001),
-        lambda: scene.remove_indices(every[::2]),
+        lambda: scene.objects.remove(every[::2]),
         lambda: scene.query(oc.shapes.Box([1, 1, 1])),
     ]
 
 def state(scene):
     boxes = scene.boxes
-    arrays = boxes.centers, boxes.half_extents, scene.poses_of(scene.indices)
+    arrays = boxes.centers, boxes.half_extents, scene.objects.poses_of(scene.indices)
     seen = scene.names, scene.padding, len(scene.check())
     return [*seen, *(hash(array.tobytes()) for array in arrays)]
 

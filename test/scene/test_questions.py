@@ -114,7 +114,7 @@ def test_a_question_leaves_the_scene_as_it_is() -> None:
     scene.query(oc.shapes.Box([9, 9, 9]))
     anew = oc.Scene(accuracy="mesh")
     for name in names:
-        anew.add(name, scene.shape_of(name), scene.pose(name))
+        anew.add(name, scene.objects.shape_of(name), scene.pose(name))
     assert scene.check().pairs.tolist() == anew.check().pairs.tolist()
 
 

@@ -145,7 +145,7 @@ def test_many_objects_that_come_move_and_go(seed: int, accuracy: str) -> None:
         poses = random_poses(random, share)
         gone, name = int(random.integers(160)), f"b/{step}"
         for scene in scenes:
-            scene.move_many([names[n] for n in moved], poses)
+            scene.move([names[n] for n in moved], poses)
             scene.set_enabled(names[gone], bool(step % 2))
             scene.add(name, shapes[step % 3], start[gone])
             if step > 2:
@@ -178,19 +178,19 @@ def test_what_stays_away_takes_no_part_and_what_comes_does() -> None:
     region = Region([-np.inf] * 3, [0.0, np.inf, np.inf], FAR)
     scene = scene_of([([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-5, 50, 60)], region)
     report = scene.check()
-    assert scene.indices_near.tolist() == [0]
+    assert scene.objects.near.tolist() == [0]
     assert report.cycle.active.tolist()[:3] == [True, False, False]
     scene.move("box/1", [50.25, 0, 0, 0, 0, 0, 1])
     assert scene.check().cycle.active.tolist()[:3] == [True, False, False]
     scene.move("box/1", [-5.5, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == [("box/0", "box/1")]
-    assert scene.indices_near.tolist() == [0, 1]
+    assert scene.objects.near.tolist() == [0, 1]
     scene.move("box/1", [50, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == []
     scene.region = None
     scene.move("box/2", [50.5, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == [("box/1", "box/2")]
-    assert scene.indices_near.tolist() == [0, 1, 2]
+    assert scene.objects.near.tolist() == [0, 1, 2]
 
 
 def test_what_comes_by_its_twist_from_far_beyond_the_halo_is_predicted_once() -> None:
@@ -219,7 +219,7 @@ def test_only_objects_far_away_that_move_leave_the_report_as_it_is() -> None:
     scene.clear()
     scene.add("far", oc.shapes.Box([1, 1, 1]), [9, 0, 0, 0, 0, 0, 1])
     scene.check()
-    assert scene.indices_near.tolist() == []
+    assert scene.objects.near.tolist() == []
 
 
 def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
@@ -230,10 +230,10 @@ def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
     scene.set_effect("clearance", "off")
     scene.region = part
     for effect, options in (("clearance", {"mode": "on"}), ("points", {"margin": 0.06})):
-        before = scene.effect_setting(effect)
+        before = scene.effects[effect]
         with pytest.raises(ValueError, match="halo of the region must be at least"):
             scene.set_effect(effect, **options)
-        assert scene.effect_setting(effect) == before
+        assert scene.effects[effect] == before
     scene.set_effect("points", margin=0.05)
     scene.region = Region([-np.inf] * 3, [np.inf] * 3)  # of everything: no halo is needed
     assert scene.region is None

@@ -93,7 +93,7 @@ def test_any_history_of_changes_is_what_exact_arithmetic_says(
             scene.remove(name)
             disabled.discard(name)
         elif what == 7:
-            scene.move_many(scene.names, [random_pose(rng, 1.5) for _ in scene.names])
+            scene.move(scene.names, [random_pose(rng, 1.5) for _ in scene.names])
         elif what == 8:
             scene.set_enabled(name, name in disabled)
             disabled ^= {name}
@@ -172,7 +172,7 @@ def test_moves_by_name_and_by_index_agree() -> None:
     poses = random_poses(30, np.random.default_rng(4), 2.0)
     for name, pose in zip(one.names, poses, strict=True):
         one.move(name, pose)
-    many.move_many(one.names, poses)
+    many.move(one.names, poses)
     indexed.move_indices(indexed.indices, poses)
     for scene in (many, indexed):
         assert (scene.boxes.centers == one.boxes.centers).all()
@@ -211,14 +211,14 @@ REFUSED: list[tuple[Callable[[oc.Scene], Any], type[Exception], str]] = [
     (lambda s: s.move("nobody", IDENTITY), KeyError, "nobody"),
     (lambda s: s.remove("nobody"), KeyError, "nobody"),
     (lambda s: s.set_enabled("nobody", True), KeyError, "nobody"),
-    (lambda s: s.move_many(["box/0", "nobody"], [IDENTITY] * 2), KeyError, "nobody"),
+    (lambda s: s.move(["box/0", "nobody"], [IDENTITY] * 2), KeyError, "nobody"),
     (lambda s: s.move_indices([0, 99], [IDENTITY] * 2), KeyError, "99"),
     (lambda s: s.move_indices([0.5], [IDENTITY]), ValueError, "integers"),
     (lambda s: s.move_indices([0, 1], [IDENTITY]), ValueError, "one row per object"),
     (lambda s: s.move("box/0", [0] * 7), ValueError, "zero quaternion"),
     (lambda s: s.move("box/0", [np.nan] * 7), ValueError, "finite"),
-    (lambda s: s.move_many(["box/0", "box/1"], [IDENTITY, [0] * 7]), ValueError, "quaternion.*1"),
-    (lambda s: s.move_many(["box/0", "box/1"], [IDENTITY, [1e301] * 7]), ValueError, "1e.300.*1"),
+    (lambda s: s.move(["box/0", "box/1"], [IDENTITY, [0] * 7]), ValueError, "quaternion.*1"),
+    (lambda s: s.move(["box/0", "box/1"], [IDENTITY, [1e301] * 7]), ValueError, "1e.300.*1"),
     (lambda s: s.add("new", BOX, [0] * 7), ValueError, "zero quaternion"),
     (lambda s: s.add("new", BOX, padding=-1.0), ValueError, "padding"),
     (lambda s: s.add(3, BOX), ValueError, "name must be a string"),  # type: ignore[arg-type]
@@ -231,9 +231,9 @@ def test_what_is_refused_changes_nothing(
     action: Callable[[oc.Scene], Any], error: type[Exception], message: str
 ) -> None:
     scene = filled_scene(5)
-    before, poses = scene.check(), scene.poses_of(scene.indices)
+    before, poses = scene.check(), scene.objects.poses_of(scene.indices)
     with pytest.raises(error, match=message):
         action(scene)
     assert scene.check() is before
     assert len(scene) == 5
-    assert scene.poses_of(scene.indices).tobytes() == poses.tobytes()
+    assert scene.objects.poses_of(scene.indices).tobytes() == poses.tobytes()

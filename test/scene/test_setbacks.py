@@ -59,7 +59,7 @@ def test_the_last_pose_of_an_object_counts_whatever_its_quaternion() -> None:
     scene = oc.Scene()
     scene.add("box", Box([1, 1, 1]))
     scene.move_indices([0, 0], poses)
-    assert (scene.boxes.centers[0] == scene.poses_of([0])[0, :3]).all()
+    assert (scene.boxes.centers[0] == scene.objects.poses_of([0])[0, :3]).all()
     scene.move_indices([0, 0], poses[::-1])
     assert (scene.boxes.centers[0] == [5, 0, 0]).all()
 

@@ -71,7 +71,7 @@ def test_every_step_finds_what_a_new_scene_does(count: int, exact: bool) -> None
         if step == 12:
             scene.allow("box/1*", "box/2*")
         report, fresh = scene.check(), boxes_at(poses, exact)
-        fresh.allowed = scene.allowed
+        fresh.rules.allowed = scene.rules.allowed
         for name in COLUMNS:
             found, wanted = getattr(report, name), getattr(fresh.check(), name)
             assert found.tobytes() == wanted.tobytes(), (step, name)
@@ -103,7 +103,7 @@ def test_effects_have_the_same_bits_for_any_number_of_threads() -> None:
         for number in (1, 2, 5):
             oc.set_threads(number)
             scene = boxes_at(start)
-            scene.set_twists(scene.indices, np.ones((900, 6)))
+            scene.objects.set_twists(scene.indices, np.ones((900, 6)))
             scene.check("sweep")
             scene.move_indices(scene.indices, end)
             report = scene.check(("separations", "contacts", "clearance", "sweep"))
@@ -132,7 +132,7 @@ def test_what_nothing_has_changed_about_is_found_once(monkeypatch: pytest.Monkey
         report = scene.check("contacts")
         assert report.costs["contacts"].count == 0, "nor is the effect computed again"
         assert len(report.contacts) == len(report) > 0
-        assert report.names() == boxes_at(scene.poses_of(scene.indices)).check().names()
+        assert report.names() == boxes_at(scene.objects.poses_of(scene.indices)).check().names()
     assert len(calls) == 6
     scene.set_effect("contacts", max_points=8)
     assert scene.check("contacts").costs["contacts"].count == len(report)

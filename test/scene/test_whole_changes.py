@@ -60,7 +60,7 @@ def scene_before() -> tuple[oc.Scene, oc.Report]:
 
 
 def fill(scene: oc.Scene) -> None:
-    scene.remove_indices([2, 15])
+    scene.objects.remove([2, 15])
     scene.add("new", PYRAMID, at(7.5))
 
 
@@ -77,35 +77,35 @@ CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
     "add bodies": lambda s: s.add_boxes(
         ["new", "pyramid"], np.ones((2, 3)), [at(1.2), at(6.7)], ["hull", None], [Sphere(0.5)] * 2
     ),
-    "begin boxes": lambda s: s.begin_boxes(
+    "begin boxes": lambda s: s.objects.begin_boxes(
         ["n/1", "n/2"],
         np.ones((2, 3)),
         np.array([at(1.2), at(6.7)]),
         [oc.Accuracy.AABB, None],
         np.array([13]),
     ),
-    "resize boxes": lambda s: s.resize_boxes(np.array([3, 4]), np.ones((2, 3))),
-    "grow": lambda s: s.grow_indices(np.array([3, 5]), np.array([0.3, 0.4])),
-    "rename": lambda s: s.rename_indices(np.array([1, 2]), ["box/2x", "other"]),
-    "renew": lambda s: s.renew_indices([1, 13]),
+    "resize boxes": lambda s: s.objects.resize_boxes(np.array([3, 4]), np.ones((2, 3))),
+    "grow": lambda s: s.objects.grow(np.array([3, 5]), np.array([0.3, 0.4])),
+    "rename": lambda s: s.objects.rename(np.array([1, 2]), ["box/2x", "other"]),
+    "renew": lambda s: s.objects.renew([1, 13]),
     "remove": lambda s: s.remove("pyramid"),
-    "remove several": lambda s: s.remove_indices([2, 13, 12]),
+    "remove several": lambda s: s.objects.remove([2, 13, 12]),
     "clear": lambda s: s.clear(),
     "move": lambda s: s.move("pyramid", at(5.1)),
     "move all": lambda s: s.move_indices(s.indices, [at(1.1 * k) for k in range(len(s))]),
     "enable": lambda s: s.set_enabled("ball", False),
-    "enable several": lambda s: s.set_enabled_indices([1, 12], [False, False]),
+    "enable several": lambda s: s.objects.set_enabled([1, 12], [False, False]),
     "padding": lambda s: setattr(s, "padding", 0.3),
-    "padding overrides": lambda s: setattr(s, "padding_overrides", [("box/*", 0.3)]),
+    "padding overrides": lambda s: setattr(s.objects, "padding_overrides", [("box/*", 0.3)]),
     "padding of one": lambda s: s.set_padding("ball", 0.3),
     "padding as all": lambda s: s.set_padding("own", None),
     "accuracy": lambda s: setattr(s, "accuracy", "aabb"),
     "accuracy of one": lambda s: s.set_accuracy("pyramid", "sphere"),
     "accuracy as all": lambda s: s.set_accuracy("own", None),
     "allow": lambda s: s.allow("box/2", "box/*", False),
-    "allowed": lambda s: setattr(s, "allowed", [("pyramid", "*", True)]),
-    "check only": lambda s: setattr(s, "check_only", [("pyramid", "*")]),
-    "allowed within": lambda s: setattr(s, "allowed_within", ["box"]),
+    "allowed": lambda s: setattr(s.rules, "allowed", [("pyramid", "*", True)]),
+    "check only": lambda s: setattr(s.rules, "check_only", [("pyramid", "*")]),
+    "allowed within": lambda s: setattr(s.rules, "allowed_within", ["box"]),
     "region": lambda s: setattr(s, "region", oc.regions.Region([-5] * 3, [2.2, 5, 5], halo=2.0)),
     "max pairs": lambda s: setattr(s, "max_pairs", 2),
     "effect": lambda s: s.set_effect("clearance", "on", max_distance=0.2),
@@ -131,13 +131,14 @@ def seen(scene: oc.Scene) -> list[Any]:
     report = scene.check(["contacts", "clearance"])
     names = scene.names
     return [
-        *(names, scene.indices.tolist(), scene.allowed, scene.padding, scene.accuracy),
-        *(scene.poses_of(scene.indices).tolist(), scene.check_only, scene.allowed_within),
+        *(names, scene.indices.tolist(), scene.rules.allowed, scene.padding, scene.accuracy),
+        scene.objects.poses_of(scene.indices).tolist(),
+        *(scene.rules.check_only, scene.rules.allowed_within),
         *(boxes.centers.tolist(), boxes.rotations.tolist(), boxes.half_extents.tolist()),
-        *([scene.shape_of(name) for name in names], scene.region, scene.max_pairs),
+        *([scene.objects.shape_of(name) for name in names], scene.region, scene.max_pairs),
         *(report.names(), report.accuracies.tolist(), report.verdicts.tolist()),
         *(report.contacts.depths.tolist(), report.clearances.distances.tolist()),
-        *(scene.indices_near.tolist(), scene.query(PYRAMID, at(2.5)), scene.any_collision()),
+        *(scene.objects.near.tolist(), scene.query(PYRAMID, at(2.5)), scene.any_collision()),
     ]
 
 

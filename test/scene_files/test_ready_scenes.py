@@ -59,7 +59,7 @@ def test_ready_scenes_build_and_collide_only_later(ready: SceneDescription) -> N
     assert scene.check().names() == []
     seen: set[tuple[str, str]] = set()
     for time in TIMES:
-        scene.move_many(ready.names, ready.states(float(time))[0])
+        scene.move(ready.names, ready.states(float(time))[0])
         seen.update(scene.check().names())
     assert seen or ready.lidar is not None or ready.robots
 
@@ -70,7 +70,7 @@ def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
     scene = description.build()
     counts = []
     for time in (0.0, 10.0):
-        scene.move_many(description.names, description.states(time)[0])
+        scene.move(description.names, description.states(time)[0])
         points = description.lidar.scan(scene, time)
         counts.append(np.count_nonzero(scene.obb("zone/0").contains(points.astype(float))))
     assert counts[0] == 0

@@ -99,10 +99,10 @@ def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     expected.allow("hand/*", "hand/*")
     expected.allow("cup/*", "table/0")
     expected.allow("box", "table/0")
-    assert scene.allowed == expected.allowed
+    assert scene.rules.allowed == expected.rules.allowed
     assert scene.check().names() == expected.check().names()
     assert scene.check().accuracies.tolist() == expected.check().accuracies.tolist()
-    setting = scene.effect_setting("separations")
+    setting = scene.effects["separations"]
     assert (setting.mode, setting.objects) == ("on", ("hand/*",))
 
 

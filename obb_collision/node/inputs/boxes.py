@@ -138,7 +138,7 @@ class BoxSet:
         try:
             yield
         finally:
-            shapes.scene.remove_indices(shapes.strangers())
+            shapes.scene.objects.remove(shapes.strangers())
             self._objects.declare_empty()
 
     def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats) -> Rows:

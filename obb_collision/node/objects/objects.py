@@ -63,7 +63,7 @@ class Objects:
         """Whether somebody has said that there is no object, and none has come since."""
         self.links_on_boxes = NO_SLOTS
         """Links of robots in pairs that the last check left on boxes, their hulls being built."""
-        self.trees = self.scene.build_outside(self._tree_builder)
+        self.trees = self.scene.objects.build_outside(self._tree_builder)
         """What is built of shapes for an accuracy above obb."""
 
     @property
@@ -76,7 +76,7 @@ class Objects:
         table, overrides = self.table, self.shapes.overrides
         slots = np.flatnonzero(table.live & (table.ns == namespace))
         names = [name_from_key(key) for key in table.keys(slots)]
-        self.scene.rename_indices(slots, names)
+        self.scene.objects.rename(slots, names)
         table.limited[slots] = False  # their limits go by their names
         table.renamed()
         for name in names if overrides else ():
@@ -144,7 +144,7 @@ class Objects:
         """Bring the scene up to date at time ``now`` (ns): expire, place, mark stale."""
         table = self.table
         if len(self.scene) != len(table):
-            self.scene.remove_indices(self.shapes.strangers())
+            self.scene.objects.remove(self.shapes.strangers())
         self.is_declared_empty &= self.is_empty and not self.unplaceable
         self.shapes.remove(np.flatnonzero(table.live & table.seen & (table.expiry <= now)))
         self.shapes.unplaceable.expire(now)

@@ -161,7 +161,7 @@ class Placement:
 
     def enable(self, slots: Slots) -> None:
         """Include objects in collisions or exclude them."""
-        self._scene.set_enabled_indices(slots, self.takes_part(slots))
+        self._scene.objects.set_enabled(slots, self.takes_part(slots))
 
     def takes_part(self, slots: Slots) -> Mask:
         """Return which objects (n,) are to be checked."""
@@ -292,7 +292,7 @@ class Placement:
     def _set(self, slots: Slots, poses: Floats, twists: Floats, columns: Sequence[Slots]) -> None:
         """Move objects; columns: stamp, time of receipt and number of the states."""
         table, (stamps, received, numbers) = self._table, columns
-        self._scene.place(slots, poses)
+        self._scene.objects.place(slots, poses)
         self._set_twists(slots, twists)
         rows = as_slice(slots)
         table.world_stamp[rows] = stamps
@@ -315,7 +315,7 @@ class Placement:
         moving = twists.any(axis=1)
         changed = moving | self._table.moving[slots]
         if changed.any():
-            self._scene.set_twists(slots[changed], twists[changed])
+            self._scene.objects.set_twists(slots[changed], twists[changed])
             self._table.moving[slots] = moving
 
 

@@ -165,7 +165,7 @@ class ObjectShapes:
         slot = table.slots.get(key)
         pose = None
         if slot is not None and not table.has(UNPLACED, slot):
-            pose = self.scene.poses_of([slot])[0]
+            pose = self.scene.objects.poses_of([slot])[0]
         try:
             level = self.overrides.value(name)
             table.reach(len(self.scene) + 1)
@@ -218,7 +218,7 @@ class ObjectShapes:
         """Remove the objects at slots (n,), all in use and distinct."""
         if len(slots):
             self.release(slots)
-            self.scene.remove_indices(slots)
+            self.scene.objects.remove(slots)
 
     def strangers(self) -> Slots:
         """Return the slots of the scene that the table has no object for.
@@ -252,7 +252,7 @@ class ObjectShapes:
         table.mark(slots, RENEWED)
         table.repeated[slots] = True  # this message is not the first one about them
         self.placement.begin(slots)
-        self.scene.renew_indices(slots)
+        self.scene.objects.renew(slots)
         self.placement.enable(left_out)
 
     def put_primitives(
@@ -284,10 +284,11 @@ class ObjectShapes:
             bodies = slots[other], kinds[other], sizes[other]
             slots[other] = self._put_bodies(names, levels, bodies)
         if len(here):
-            scene.resize_boxes(slots[here], sizes[here])
+            scene.objects.resize_boxes(slots[here], sizes[here])
         if len(fresh):
             names, levels = self._names(keys, fresh)
-            slots[fresh] = scene.begin_boxes(names, sizes[fresh], poses[fresh], levels, instead)
+            boxes = names, sizes[fresh], poses[fresh]
+            slots[fresh] = scene.objects.begin_boxes(*boxes, levels, instead)
         table.claim_many(slots[new], *(numbers[new] for numbers in keys))
         self.placement.begin(slots[new])
         table.note_primitives(slots, kinds, sizes)
@@ -311,7 +312,7 @@ class ObjectShapes:
         poses[:, 6] = 1.0
         there = slots >= 0
         there[there] = ~self.table.has(UNPLACED, slots[there])
-        poses[there] = self.scene.poses_of(slots[there])
+        poses[there] = self.scene.objects.poses_of(slots[there])
         try:
             bodies = [_body(*one) for one in zip(kinds.tolist(), sizes.tolist(), strict=True)]
             return self.scene.add_boxes(names, sizes, poses, levels, bodies)

@@ -114,7 +114,7 @@ class Staleness:
         if len(changed):
             gone = changed[stale[changed]]
             table.order[gone] = 0  # a restarted sender may begin anew
-            table.speed[gone] = self._scene.speeds_of(gone, table.twist[gone])
+            table.speed[gone] = self._scene.objects.speeds_of(gone, table.twist[gone])
             self._placement.stop(gone)  # how they move is not known any more
         self._judge(self._grow(now))
         self._placement.enable(changed)
@@ -145,9 +145,9 @@ class Staleness:
         if len(rows) == len(self._grown) == 0:
             return rows
         back = np.setdiff1d(self._grown[table.has(LIVE, self._grown)], rows)
-        self._scene.grow_indices(back, np.zeros(len(back)))
+        self._scene.objects.grow(back, np.zeros(len(back)))
         moved = np.maximum(table.speed[rows], limits.speed) * self._ages(rows, now)
-        self._scene.grow_indices(rows, np.minimum(np.nextafter(moved, np.inf), limits.reach))
+        self._scene.objects.grow(rows, np.minimum(np.nextafter(moved, np.inf), limits.reach))
         self._grown = rows
         return rows[moved > limits.reach]
 

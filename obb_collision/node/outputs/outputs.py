@@ -238,7 +238,7 @@ class Outputs:
         self._next_markers = now + 1.0 / parameters.marker_rate
         objects, table = given.objects, given.table
         slots = objects.scene.indices
-        drawn = objects.table.visible[slots] & np.isin(slots, objects.scene.indices_near)
+        drawn = objects.table.visible[slots] & np.isin(slots, objects.scene.objects.near)
         slots, boxes = slots[drawn], objects.scene.boxes[drawn]
         colors = np.where(objects.table.doubtful[slots], DOUBTFUL, FREE)
         colors[given.report.colliding[slots]] = COLLIDING

@@ -146,7 +146,7 @@ class CheckedRobot:
         assert links is not None
         # not what the last cycle found: a pose that came since applies the markers before it
         slots, rows = find_attached(objects, self._frames).get(self.given.name, NOTHING)
-        table, revision = objects.table, objects.scene.shape_revision
+        table, revision = objects.table, objects.scene.objects.revision
         named = [f"{links.name}/{link}" for link in links.robot.link_names]
         touched = {
             row: tuple(

@@ -364,7 +364,7 @@ class SpeedScale:
         others = table.moving & table.visible
         others[own] = False
         speeds = [
-            float(objects.scene.speeds_of(slots, table.twist[slots]).max(initial=0.0))
+            float(objects.scene.objects.speeds_of(slots, table.twist[slots]).max(initial=0.0))
             for slots in (own, np.flatnonzero(others))
         ]
         return sum(speeds) + self._own_speed(scene)

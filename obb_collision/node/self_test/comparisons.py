@@ -207,7 +207,7 @@ def predictions(rng: Rng) -> Differences:
         scene = _scene(rng, FEW, 4.0)
         twists = np.zeros((FEW, 6))
         twists[:, :3] = rng.uniform(-2.0, 2.0, (FEW, 3))
-        scene.set_twists(np.arange(FEW), twists)
+        scene.objects.set_twists(np.arange(FEW), twists)
         report = scene.check(effects=["sweep"])
         found = report.result("sweep").predicted
         times = dict(zip(map(tuple, found.pairs.tolist()), found.times.tolist(), strict=True))

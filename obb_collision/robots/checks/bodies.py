@@ -41,9 +41,7 @@ from obb_collision.robots.kinematics.kinematics import Tree, link_poses
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.objects import local_box
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, kind_of, round_sizes
-from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Box, Capsule, Shape
 from obb_collision.typing import Floats, Integers, Rows
@@ -236,20 +234,20 @@ class WorldState:
         self._world = self._others(scene)
 
     def _note(self, scene: Scene) -> None:
-        self._key, self._snapshot = _key(scene), scene._store.snapshot()
-        self._active = scene._store.active.copy()
+        self._key, self._snapshot = _key(scene), scene.objects.store.snapshot()
+        self._active = scene.objects.store.active.copy()
 
     def _others(self, scene: Scene) -> tuple[Floats | Rows, ...]:
         """Return the slots of what counts, and the boxes there."""
-        slots = _counted(scene._store, self._left_out)
-        boxes = scene._store.boxes(slots)
+        slots = _counted(scene.objects.store, self._left_out)
+        boxes = scene.objects.store.boxes(slots)
         return slots, boxes.centers, boxes.rotations, boxes.half_extents
 
     def is_current(self, scene: Scene) -> bool:
         """Return whether nothing has changed since that bodies depend on."""
         if _key(scene) != self._key:
             return False
-        if self._snapshot.is_current and np.array_equal(scene._store.active, self._active):
+        if self._snapshot.is_current and np.array_equal(scene.objects.store.active, self._active):
             return True
         others = self._others(scene)
         if not all(np.array_equal(a, b) for a, b in zip(others, self._world, strict=True)):
@@ -260,8 +258,8 @@ class WorldState:
 
 def _key(scene: Scene) -> tuple[object, ...]:
     """Return what changes with the names, shapes and rules of a scene."""
-    store = scene._store
-    return store, store.version, store.revision, scene._allowed.version
+    store = scene.objects.store
+    return store, store.version, store.revision, scene.rules.version
 
 
 def _counted(store: ObjectStore, left_out: Collection[str]) -> Rows:
@@ -273,21 +271,13 @@ def _counted(store: ObjectStore, left_out: Collection[str]) -> Rows:
 
 def padding_of(scene: Scene, name: str) -> float:
     """Return the padding of an object; KeyError for an unknown one."""
-    return float(scene._store.paddings[scene._store.slot(name)])
+    return float(scene.objects.store.paddings[scene.objects.store.slot(name)])
 
 
 def largest_padding(scene: Scene, names: Iterable[str]) -> float:
     """Return the largest padding that objects have themselves; some may be unknown."""
-    slots = [scene._store.slots[name] for name in names if name in scene._store.slots]
-    return float(scene._store.own_paddings[slots].max(initial=0.0))
-
-
-def pair_rules(scene: Scene, names: list[str]) -> PairFilter | None:
-    """Return which pairs of names count by the rules of a scene, None for all."""
-    rules = AllowedPairs()
-    rules.replace(AllowedPairs.of(scene.allowed))
-    rules.only, rules.within = scene.check_only, scene.allowed_within
-    return rules.pair_filter(names, 0)
+    slots = [scene.objects.store.slots[name] for name in names if name in scene.objects.store.slots]
+    return float(scene.objects.store.own_paddings[slots].max(initial=0.0))
 
 
 Kept = dict[int, tuple[object, LinkBodies]]
@@ -307,13 +297,13 @@ class World(NamedTuple):
 
     def placed(self, rows: Rows, segments: bool) -> tuple[PlacedMeshes, Floats]:
         """Return objects (k,) as meshes, and their radii; segments: all of them are."""
-        store, slots = self.scene._store, self.slots[rows]
+        store, slots = self.scene.objects.store, self.slots[rows]
         centers, rotations = as_poses(store.poses[slots], warn=False)
         boxes = store.kinds[slots] == BOX
         centers[boxes] = store.centers[slots[boxes]]
         rotations[boxes] = store.rotations[slots[boxes]]
         radii = store.paddings[slots].copy()
-        cache = self.scene._cache
+        cache = self.scene.objects.cache
         if segments:
             sizes = cache.rounds(slots)
             trees, numbers = segment_trees(sizes[:, 1])
@@ -332,7 +322,7 @@ def world_of(
 
     left_out: names of objects that do not count; kept: bodies that need not be made anew.
     """
-    store = scene._store
+    store = scene.objects.store
     active = _counted(store, left_out)
     boxed = np.isin(store.kinds[active], (BOX, BOXED))
     plain, others = active[boxed], active[~boxed]
@@ -361,7 +351,7 @@ def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBod
     """Return the bodies of objects that are no boxes."""
     if len(slots) == 0:
         return []
-    store, cache = scene._store, scene._cache
+    store, cache = scene.objects.store, scene.objects.cache
     centers, rotations = as_poses(store.poses[slots], warn=False)
     boxes, radii = store.boxes(slots), store.paddings[slots].copy()
     solid = store.kinds[slots] != ROUND

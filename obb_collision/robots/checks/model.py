@@ -47,7 +47,6 @@ from obb_collision.robots.checks.bodies import (
     enclosing_spheres,
     joined,
     largest_padding,
-    pair_rules,
     world_of,
 )
 from obb_collision.scene.scene import Scene
@@ -293,7 +292,7 @@ class Model:
         None: all of them. Any name of a link, of those that objects have that it is, will do.
         """
         known_as = [self.link_objects.get(link) or (link,) for link in links]
-        rules = pair_rules(scene, [*chain.from_iterable(known_as), *objects])
+        rules = scene.rules.filter_of([*chain.from_iterable(known_as), *objects])
         if rules is None:
             return None
         count = sum(map(len, known_as))

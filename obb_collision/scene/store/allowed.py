@@ -21,7 +21,7 @@ ones to check, if any are given; and namespaces within which objects may touch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fnmatch import fnmatchcase
 from typing import TypeAlias
 
@@ -37,16 +37,30 @@ Rule: TypeAlias = tuple[Side, Side, bool]
 Sides: TypeAlias = tuple[Side, Side]
 
 
-class AllowedPairs:
-    """The filters, and the table they make for the names at hand."""
+class PairRules:
+    """The filters, and the table they make for the names at hand.
 
-    def __init__(self) -> None:
+    changing: called before any of them changes.
+
+    Examples
+    --------
+    >>> scene = oc.Scene()
+    >>> scene.rules.allowed_within = ["robot"]
+    >>> scene.allow("cup", "table")
+    >>> scene.rules.allowed
+    [('cup', 'table', True)]
+    """
+
+    __slots__ = ("_changing", "_made", "_only", "_rules", "_table", "_within", "version")
+
+    def __init__(self, changing: Callable[[], object] = lambda: None) -> None:
+        self._changing = changing
         self._rules: dict[tuple[Patterns, ...], tuple[Patterns, Patterns, bool]] = {}
         self._only: list[tuple[Patterns, Patterns]] = []
         self._within: Patterns = ()
         self.version = 0  # changes with the filters
         self._table: PairTable | None = None
-        self._made: tuple[int, PairFilter] | None = None
+        self._made: tuple[int, PairFilter | None] | None = None
 
     def add(self, first: Iterable[str], second: Iterable[str], allowed: bool) -> None:
         """Let objects of two sides touch each other, or, with False, no longer.
@@ -65,6 +79,7 @@ class AllowedPairs:
 
     def _renew(self) -> None:
         """Forget what the filters before made; first, for interrupts."""
+        self._changing()
         self.version += 1
         self._table = self._made = None
 
@@ -78,59 +93,69 @@ class AllowedPairs:
             for p, q, allowed in self._rules.values()
         )
 
-    @classmethod
-    def of(cls, rules: Iterable[Rule]) -> AllowedPairs:
-        """Return the filters of rules; ValueError for what is none."""
-        new = cls()
+    @property
+    def allowed(self) -> list[Rule]:
+        """Which pairs may touch, (first, second, allowed), in the order in which they count.
+
+        May be set, in place of all before; [] forgets them.
+        """
+        return [(_shown(a), _shown(b), allowed) for a, b, allowed in self._rules.values()]
+
+    @allowed.setter
+    def allowed(self, rules: Iterable[Rule]) -> None:
+        new = PairRules()
         for first, second, allowed in as_tuples(rules, "allowed", 3):
             a, b = _side(first, "allowed"), _side(second, "allowed")
             new.add(a, b, as_flag(allowed, "allowed"))
-        return new
-
-    def replace(self, other: AllowedPairs) -> None:
-        """Put the rules of others in place of all before."""
-        self._renew()
-        self._rules = other._rules
+        if new.allowed != self.allowed:
+            self._renew()
+            self._rules = new._rules
 
     @property
-    def rules(self) -> list[Rule]:
-        """The rules, in the order in which they count."""
-        return [(_shown(a), _shown(b), allowed) for a, b, allowed in self._rules.values()]
+    def check_only(self) -> list[Sides]:
+        """The only pairs that count, (first, second); [], the default, for all; may be set.
 
-    @property
-    def only(self) -> list[Sides]:
-        """The only pairs that count; all, if there are none."""
+        A pair that is allowed does not count here either.
+        """
         return [(_shown(a), _shown(b)) for a, b in self._only]
 
-    @only.setter
-    def only(self, pairs: Iterable[Sides]) -> None:
+    @check_only.setter
+    def check_only(self, pairs: Iterable[Sides]) -> None:
         sides = as_tuples(pairs, "check_only", 2)
         only = [(_side(a, "check_only"), _side(b, "check_only")) for a, b in sides]
         self._renew()
         self._only = only
 
     @property
-    def within(self) -> list[str]:
-        """Patterns of namespaces within which objects may touch."""
+    def allowed_within(self) -> list[str]:
+        """Namespaces, or patterns of them, within which objects may touch; [] for none.
+
+        May be set. The namespace of ``robot/arm/1`` is ``robot/arm``; ``*`` means each one: objects
+        of two namespaces count, those of one do not.
+        """
         return list(self._within)
 
-    @within.setter
-    def within(self, namespaces: Iterable[str]) -> None:
+    @allowed_within.setter
+    def allowed_within(self, namespaces: Iterable[str] | str) -> None:
         within = as_patterns(namespaces, "allowed_within")
         self._renew()
         self._within = within
+
+    def filter_of(self, names: Sequence[str | None]) -> PairFilter | None:
+        """Return which pairs of names count, None for all."""
+        if not (self._rules or self._only or self._within):
+            return None
+        if self._table is None:
+            self._table = PairTable(list(self._rules.values()), self._only, self._within)
+        return self._table.pair_filter(names)
 
     def pair_filter(self, names: Sequence[str | None], version: int) -> PairFilter | None:
         """Return which pairs count as collisions if they collide, None for all.
 
         names: by slot; version: a number that changes with them, so that the table can be kept.
         """
-        if not (self._rules or self._only or self._within):
-            return None
-        if self._table is None:
-            self._table = PairTable(list(self._rules.values()), self._only, self._within)
         if self._made is None or self._made[0] != version:
-            self._made = version, self._table.pair_filter(names)
+            self._made = version, self.filter_of(names)
         return self._made[1]
 
 

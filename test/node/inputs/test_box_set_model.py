@@ -181,8 +181,8 @@ class Real:
             owner = "set" if table.of_set[slot] else "marker"
             index = scene.index(f"{key[0]}/{key[1]}")
             assert index == slot, "one object under one name in table and scene"
-            box = scene._store.boxes(np.array([slot]))
-            place = int(scene.poses_of([slot])[0, 0])
+            box = scene.objects.store.boxes(np.array([slot]))
+            place = int(scene.objects.poses_of([slot])[0, 0])
             assert box.centers[0].tolist() == [place, 0, 0]
             found[key] = owner, place, 2.0 * float(box.half_extents[0, 0])
             assert table.visible[slot]

@@ -56,14 +56,15 @@ def test_boxes_come_change_and_go_with_the_set_that_names_them(rig: Rig) -> None
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     rig.send_boxes([1, 2, 3], in_row(0, 0.9, 1.8), [1, 1, 1])
     assert rig.pairs() == {("boxes/1", "boxes/2"), ("boxes/2", "boxes/3")}
-    born = rig.node.objects.scene._store.born.copy()
+    born = rig.node.objects.scene.objects.store.born.copy()
     rig.send_boxes([2, 1], in_row(0.9, 0), [[1, 1, 1], [0.2, 0.2, 0.2]])
     assert rig.pairs() == set(), "box 1 is smaller, box 3 has gone"
     assert keys(rig) == {("boxes", 1), ("boxes", 2)}
     rig.send_boxes([1, 2], in_row(0, 0.55), [[0.2, 0.2, 0.2], [1, 1, 1]])
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     slots = [rig.node.objects.table.slots["boxes", number] for number in (1, 2)]
-    assert (rig.node.objects.scene._store.born == born)[slots].all(), "the same objects all along"
+    store = rig.node.objects.scene.objects.store
+    assert (store.born == born)[slots].all(), "the same objects all along"
     rig.send_boxes([], np.empty((0, 7)))
     rig.until(lambda: not keys(rig), "an empty set")
 

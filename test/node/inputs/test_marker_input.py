@@ -188,13 +188,13 @@ def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
     rig.send(cube(A1), cube(A2, (5, 0, 0)))
     rig.answer()
     objects, stamp = rig.node.objects, rig.stamp
-    slot, born = objects.table.slots[A1], objects.scene._store.born.copy()
+    slot, born = objects.table.slots[A1], objects.scene.objects.store.born.copy()
     rig.stamp -= 900_000_000
     rig.send(CLEAR, cube(A1, (1, 0, 0)))
     assert rig.pairs() == set()
     assert keys(rig) == {A1}
     assert objects.table.slots[A1] == slot
-    assert objects.scene._store.born[slot] > born[slot]
+    assert objects.scene.objects.store.born[slot] > born[slot]
     assert rig.refused("objects") == {}, "its stamps begin anew"
     assert rig.stamp < stamp
 

@@ -183,7 +183,7 @@ def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> N
     assert gate.jobs[:2] == ["triangles", "file"]
     assert gate.jobs.count("triangles") == 1
     scene = rig.node.objects.scene
-    assert len({id(shape) for shape in scene._cache._shapes.values()}) == 2
+    assert len({id(shape) for shape in scene.objects.cache._shapes.values()}) == 2
 
 
 def test_a_file_is_looked_at_again_when_a_marker_names_it_again(

@@ -38,7 +38,7 @@ FORWARD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
 def twist(rig: Rig, name: str) -> list[float]:
     """Twist of an object in the scene."""
     scene = rig.node.objects.scene
-    twists: list[float] = scene._store.twists[scene.index(name)].tolist()
+    twists: list[float] = scene.objects.store.twists[scene.index(name)].tolist()
     return twists
 
 

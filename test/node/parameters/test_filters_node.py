@@ -108,9 +108,9 @@ def test_groups_stand_for_their_members_in_every_list() -> None:
             ("cup/1", "cup/2", "tray/1"), 0.75
         )
         levels = {"arm/1": 3, "cup/1": 1, "cup/2": 1, "tray/1": 1}
-        assert levels == {n: int(scene._store.accuracies[scene.index(n)]) for n in levels}
+        assert levels == {n: int(scene.objects.store.accuracies[scene.index(n)]) for n in levels}
         # the second entry was made of what the group had until then
-        assert scene.effect_setting("separations").objects == ("cup/2", "tray/*", "arm/*")
+        assert scene.effects["separations"].objects == ("cup/2", "tray/*", "arm/*")
         rig.set(groups=["moved: cup/*", "all: moved"])
         until_pairs(rig, 9)
         assert float(scene.obb("tray/1").half_extents[0]) == 0.5

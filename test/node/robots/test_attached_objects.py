@@ -71,7 +71,7 @@ def test_it_moves_with_its_link(arm: ValidityRig) -> None:
     arm.send_joints({"turn": 2.0, "lift": 0.5}, turn=np.pi / 2, lift=0.0)
     arm.answer()
     slot = arm.node.objects.table.find_named([NAME])[0]
-    twist = arm.node.objects.scene._store.twists[slot]
+    twist = arm.node.objects.scene.objects.store.twists[slot]
     np.testing.assert_allclose(twist, (-2.6, 0.0, 0.5, 0.0, 0.0, 2.0), atol=1e-8)
 
 

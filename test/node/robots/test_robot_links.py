@@ -39,7 +39,6 @@ from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.robots.links import AttachedObjects, LinkObjects
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
-from obb_collision.scene.store.allowed import AllowedPairs
 
 STATUS = "collision_status"
 CRATE = ("crate", 1)
@@ -364,7 +363,9 @@ def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
     allowed[:count, :count] = links_allowed
     allowed[count:, :count], allowed[:count, count:] = held, held[:, None]
     names = [f"arm/{link}/0" for link in robot.link_names] + ["held/0", "held/1"]
-    counted = AllowedPairs.of(rules).pair_filter(names, 0)
+    scene = oc.Scene()
+    scene.rules.allowed = rules
+    counted = scene.rules.filter_of(names)
     assert counted is not None
     rows, columns = (each.ravel() for each in np.indices(allowed.shape))
     np.testing.assert_array_equal(counted(rows, columns), ~allowed.ravel())

@@ -301,7 +301,7 @@ def in_scene(level: str) -> FreeUntil:
         turns = Rotation.from_matrix(motion.boxes.rotations).as_quat()
         for k, corners in enumerate(corners_from_origins(motion)):
             scene.add(str(k), oc.shapes.Mesh(corners, FACES), [*places[k], *turns[k]])
-        scene.set_twists(np.arange(len(places)), motion.twists)
+        scene.objects.set_twists(np.arange(len(places)), motion.twists)
         scene.set_effect("sweep", "on", horizon=1.0)
         report, until = scene.check(), np.full(len(rows), np.inf)
         until[report.pairs[:, 0] // 2] = 0.0

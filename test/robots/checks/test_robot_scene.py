@@ -68,7 +68,7 @@ def brute_force(
             where = compose_poses(robot.link_poses(state)[row], pose)
             scene.add(name, shape, where, padding=padding)
     for name in world.names:
-        given = world.shape_of(name)
+        given = world.objects.shape_of(name)
         body = oc.shapes.Box(2 * given.half_extents) if isinstance(given, oc.OBB) else given
         scene.add(name, body, world.pose(name))
         owner[name] = name
@@ -203,10 +203,10 @@ def test_the_padding_of_objects_that_are_links_counts_for_them() -> None:
     checker.link_objects = {"hand": ["hand/0", "gone"]}
     assert checker.check(state).valid[0]
     room = checker.distances(state, max_distance=9.0, self_pairs=False).distances[0]
-    scene.padding_overrides = [("hand/*", 0.1)]
+    scene.objects.padding_overrides = [("hand/*", 0.1)]
     padded = checker.distances(state, max_distance=9.0, self_pairs=False).distances[0]
     assert padded == pytest.approx(room - 0.1, abs=1e-6)
-    scene.padding_overrides = [("hand/*", room + 1e-3)]
+    scene.objects.padding_overrides = [("hand/*", room + 1e-3)]
     assert checker.check(state).pairs == [("hand", "crate")]
     assert not checker.check_motions(state, state).valid[0]
     checker.link_objects = {}
@@ -424,11 +424,11 @@ def test_an_object_of_the_scene_is_no_obstacle_while_it_is_attached() -> None:
     checker, expected = oc.RobotScene([robot], scene), oc.RobotScene([robot])
     link, pose = robot.link_names[-1], [0.0, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0]
     before = checker.check(states)
-    places = scene.poses_of(range(5))
+    places = scene.objects.poses_of(range(5))
     for number in range(5):
         name = f"thing{number}"
         checker.attach_object(name, link, pose)
-        expected.attach(name, scene.shape_of(name), link, pose)
+        expected.attach(name, scene.objects.shape_of(name), link, pose)
     found = checker.check(states)
     assert found.pairs == expected.check(states).pairs
     assert found.pairs != before.pairs

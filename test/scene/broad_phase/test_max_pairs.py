@@ -82,7 +82,7 @@ def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
     room: bool, accuracy: str, rules: list[tuple[str, str, bool]]
 ) -> None:
     scene = crowd(1, accuracy)
-    scene.allowed = rules
+    scene.rules.allowed = rules
     everything = scene.check()
     count = len(everything)
     assert count > 100

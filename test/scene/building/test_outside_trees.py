@@ -89,7 +89,7 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
     builder: Builder, accuracy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenes = [oc.Scene(accuracy=accuracy), oc.Scene(accuracy=accuracy)]
-    trees = scenes[0].build_outside(builder)
+    trees = scenes[0].objects.build_outside(builder)
     for scene in scenes:
         shapes: list[Shape] = [ball(1), ball(2), hull(3), hull(4), Box((1.0, 2.0, 0.5))]
         for number, shape in enumerate(shapes):
@@ -108,7 +108,7 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
 
 def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
     scene = oc.Scene()
-    trees = scene.build_outside(builder)
+    trees = scene.objects.build_outside(builder)
     scene.add("a", ball())
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
@@ -122,7 +122,7 @@ def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
 def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outside, "AT_ONCE", PATIENCE)
     scene = oc.Scene(accuracy="mesh")
-    trees = scene.build_outside(builder)
+    trees = scene.objects.build_outside(builder)
     scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
     scene.add("b", Box((1.0, 1.0, 1.0)))
     assert scene.check().accuracies.tolist() == [oc.Accuracy.MESH]
@@ -134,7 +134,7 @@ def test_many_small_shapes_are_built_in_the_time_of_several_checks(
 ) -> None:
     monkeypatch.setattr(outside, "AT_ONCE", 0.0)
     scene = oc.Scene(accuracy="mesh")
-    scene.build_outside(builder)
+    scene.objects.build_outside(builder)
     scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
     scene.add("b", Box((1.0, 1.0, 1.0)))
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
@@ -152,7 +152,7 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
 
     monkeypatch.setattr(builder.process, "run", fails)
     scene = oc.Scene(accuracy="mesh")
-    trees = scene.build_outside(builder)
+    trees = scene.objects.build_outside(builder)
     shape = ball()
     scene.add("a", shape)
     scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
@@ -179,7 +179,7 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
 
 def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
     scene = oc.Scene(accuracy="mesh")
-    trees = scene.build_outside(builder)
+    trees = scene.objects.build_outside(builder)
     scene.add("a", ball())
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     scene.check()
@@ -204,7 +204,7 @@ def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
     places = [tmp_path / "file", *_kernel_cache.places]
     monkeypatch.setattr(_kernel_cache, "places", places)
     scene = oc.Scene(accuracy="mesh")
-    trees = scene.build_outside(own)
+    trees = scene.objects.build_outside(own)
     scene.add("a", ball())
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert settled(scene, trees, own).accuracies.tolist() == [oc.Accuracy.MESH]
@@ -220,7 +220,7 @@ def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
     kinds = [ball(k) for k in range(4)] + [ball(9, 1280), hull(1), Box((1.0, 1.0, 2.0))]
     kinds.append(Mesh(np.eye(3), [[0, 1, 2]]))
     scenes = oc.Scene(accuracy="mesh"), oc.Scene(accuracy="mesh")
-    trees = scenes[0].build_outside(builder)
+    trees = scenes[0].objects.build_outside(builder)
     for step in range(60):
         name, shape = str(rng.integers(8)), kinds[rng.integers(len(kinds))]
         pose = (*rng.uniform(-1.5, 1.5, 3), *rng.normal(size=4) + 1e-9)

@@ -121,7 +121,7 @@ def test_a_report_is_of_its_check_however_late_it_is_read() -> None:
 
 def centers_of(scene: oc.Scene) -> Any:
     """Return the array itself that a scene has, which reports in use may share."""
-    return scene._store.centers
+    return scene.objects.store.centers
 
 
 def test_boxes_are_copied_only_for_reports_in_use() -> None:
@@ -129,13 +129,13 @@ def test_boxes_are_copied_only_for_reports_in_use() -> None:
     everything = scene.indices
     report = scene.check()
     held = centers_of(scene)
-    scene.move_indices(everything, scene.poses_of(everything) + at(0.125, w=0.0))
+    scene.move_indices(everything, scene.objects.poses_of(everything) + at(0.125, w=0.0))
     assert centers_of(scene) is not held
     held = centers_of(scene)
     del report
     scene.check()
     gc.collect()
-    scene.move_indices(everything, scene.poses_of(everything) - at(0.125, w=0.0))
+    scene.move_indices(everything, scene.objects.poses_of(everything) - at(0.125, w=0.0))
     assert centers_of(scene) is held
 
 
@@ -206,7 +206,7 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
             raise ArithmeticError("no answer")
         return Column(pairs[:, 1] * 1.0)
 
-    setting = scene.effect_setting("separations")
+    setting = scene.effects["separations"]
     outcome = pair_rows("x", report.cycle, setting, compute, Column(np.empty(0)))
     assert outcome.count == 4
     assert outcome.failures == ("pair even/2, odd/3: ArithmeticError: no answer",)
@@ -251,14 +251,14 @@ def test_pairs_that_fail_are_looked_for_within_bounds(share: float) -> None:
 )
 def test_what_cannot_be_set_is_refused(arguments: Any, message: str) -> None:
     scene = row_of_cubes()
-    before = scene.effect_setting("separations")
+    before = scene.effects["separations"]
     with pytest.raises(ValueError, match=message):
         scene.set_effect(*arguments)
     with pytest.raises(ValueError, match="has accuracy"):
         scene.set_effect("separations", "on", limit=3.0)
     with pytest.raises(ValueError, match="effect must be one of"):
         scene.check(effects=["nothing"])
-    assert scene.effect_setting("separations") == before
+    assert scene.effects["separations"] == before
 
 
 @each("accuracy", ["sphere", "obb", "mesh"])
@@ -275,7 +275,7 @@ def test_allowed_pairs_do_not_count(accuracy: str) -> None:
     scene.move("even/0", at(0.01))  # by what changed alone, too
     assert scene.check().names() == kept
     scene.clear()
-    assert scene.allowed == [("even/*", "odd/*", True), ("odd/1", "*", False)]
+    assert scene.rules.allowed == [("even/*", "odd/*", True), ("odd/1", "*", False)]
     with pytest.raises(ValueError, match="names or patterns"):
         scene.allow("", "*")
 
@@ -287,17 +287,17 @@ def test_rules_that_were_taken_back_are_forgotten() -> None:
     for k in range(2000):
         scene.allow(f"even/{k}", "odd/3")
         scene.allow("odd/3", f"even/{k}", False)
-    assert scene.allowed == [("even/0", "odd/1", True)]
+    assert scene.rules.allowed == [("even/0", "odd/1", True)]
     scene.allow("odd/*", "even/*")
     scene.allow("even/0", "odd/1", False)  # overrules the one before: not forgotten
     assert scene.check().names() == [("even/0", "odd/1")]
     with pytest.raises(ValueError, match="names or patterns"):
-        scene.allowed = [("*", "*", True), ("", "*", True)]
-    assert len(scene.allowed) == 2
+        scene.rules.allowed = [("*", "*", True), ("", "*", True)]
+    assert len(scene.rules.allowed) == 2
     for k in range(2000):
-        scene.allowed = [("even/*", f"odd/{k}", True)]
-    assert scene.allowed == [("even/*", "odd/1999", True)]
-    scene.allowed = []
+        scene.rules.allowed = [("even/*", f"odd/{k}", True)]
+    assert scene.rules.allowed == [("even/*", "odd/1999", True)]
+    scene.rules.allowed = []
     assert scene.check().names() == everything
 
 
@@ -348,9 +348,9 @@ def test_what_is_off_or_not_asked_for_allocates_nothing_of_its_own() -> None:
     for mode in ("auto", "off"):
         for name in EFFECTS:
             scene.set_effect(name, mode)
-        peak(scene.check), peak(scene._find)  # what the first time allocates for good
+        peak(scene.check), peak(scene._checks.find)  # what the first time allocates for good
         # the report, and which objects were active: no array with a row a pair
-        assert peak(scene.check) - peak(scene._find) < 4096
+        assert peak(scene.check) - peak(scene._checks.find) < 4096
 
     rows, poses = np.arange(400), np.array([at(0.75 * k + 9.0) for k in range(400)])
     kept = scene.check()  # all are off

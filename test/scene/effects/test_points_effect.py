@@ -124,7 +124,7 @@ def test_a_finer_level_never_has_more_points(padding: float, margin: float) -> N
 
 def test_points_are_in_round_shapes_by_their_formulas() -> None:
     scene = mixed()
-    cloud, poses = scene.obstacle_points, scene.poses_of(scene.indices)
+    cloud, poses = scene.obstacle_points, scene.objects.poses_of(scene.indices)
     assert cloud is not None
     found = counts(scene, "mesh")
     turns = Rotation.from_quat(poses[:, 3:]).as_matrix()
@@ -162,5 +162,5 @@ def test_each_object_has_its_own_accuracy_and_the_report_says_which() -> None:
 def test_shapes_are_those_of_the_check_also_later() -> None:
     scene, other = mixed(accuracy="mesh"), mixed(accuracy="mesh")
     report = scene.check()
-    scene.move_many(scene.names, [[50, 0, 0, 0, 0, 0, 1]] * len(scene))
+    scene.move(scene.names, [[50, 0, 0, 0, 0, 0, 1]] * len(scene))
     assert report.points_inside.counts.tolist() == counts(other, "pairs").tolist()

@@ -104,7 +104,7 @@ def test_what_has_no_way_from_the_check_before_is_not_swept(change: str) -> None
 def test_prediction_follows_twists_over_the_horizon(calls: list[str]) -> None:
     scene = bullet_and_wall(horizon=2.0)
     scene.set_twist("fast/1", [0.5, 0, 0, 0, 0, 0])
-    scene.set_twists([scene.index("slow/1")], [[1.0, 0, 0, 0, 0, 0]])
+    scene.objects.set_twists([scene.index("slow/1")], [[1.0, 0, 0, 0, 0, 0]])
     ahead = scene.check().swept.predicted
     assert ahead.pairs.tolist() == [[0, 1]]
     assert ahead.times[0] == pytest.approx((1 - 0.03125 - 0.0625) / 0.5)
@@ -113,7 +113,7 @@ def test_prediction_follows_twists_over_the_horizon(calls: list[str]) -> None:
     assert ahead.pairs.tolist() == [[0, 1], [0, 2], [1, 2]]
     assert ahead.times[2] == pytest.approx((2 - 0.125) / 0.5)
     del calls[:]
-    scene.set_twists([1, 2], np.zeros((2, 6)))
+    scene.objects.set_twists([1, 2], np.zeros((2, 6)))
     assert len(scene.check().swept.predicted) == 0
     scene.set_effect("sweep", horizon=0.0)
     scene.set_twist("fast/1", [0.5, 0, 0, 0, 0, 0])
@@ -145,7 +145,7 @@ def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
         return oc.sweeps(moving, moving, pairs, tolerance=tolerance)
 
     monkeypatch.setattr(module, "box_sweeps", failing)
-    scene.move_many(["fast/1", "slow/1"], [at(1), at(3, 1)])
+    scene.move(["fast/1", "slow/1"], [at(1), at(3, 1)])
     report = scene.check()
     assert report.swept.passed.pairs.tolist() == [[0, 2]]
     assert "ArithmeticError: no answer" in report.costs["sweep"].failures[0]
@@ -173,7 +173,7 @@ def test_what_is_not_known_is_undecided_and_no_prediction() -> None:
     scene = oc.Scene()
     scene.add("arm", oc.OBB([2.0, 0, 0], np.eye(3), [0.05, 0.05, 0.05]))
     scene.add("post", Box([0.2, 0.2, 0.2]), at(0.3))
-    scene.set_twists([0, 1], [[0, 0, 0, 0, 0, 1e6], [0.01, 0, 0, 0, 0, 0]])
+    scene.objects.set_twists([0, 1], [[0, 0, 0, 0, 0, 1e6], [0.01, 0, 0, 0, 0, 0]])
     swept = scene.check(effects=["sweep"]).swept
     found = swept.predicted
     assert (found.pairs.tolist(), found.hits.tolist()) == ([[0, 1]], [False])
@@ -225,7 +225,7 @@ def moving_scene(seed: int, *, padding: float = 0.0, count: int = 24, **options:
     for number, shape in enumerate(shapes_of(rng, count)):
         turn = Rotation.random(1, rng).as_quat()[0]
         scene.add(str(number), shape, [*rng.uniform(-1.2, 1.2, 3), *turn])
-    scene.set_twists(np.arange(count), twists_of(seed, count))
+    scene.objects.set_twists(np.arange(count), twists_of(seed, count))
     scene.set_effect("sweep", "on", horizon=HORIZON, **options)
     return scene
 
@@ -263,7 +263,7 @@ def test_nothing_predicted_is_late_or_missed(level: str, seed: int) -> None:
     scene.set_effect("clearance", max_distance=0.0, accuracy=level)
     report = scene.check()
     until, known = free(report.swept.predicted), set(map(tuple, report.pairs.tolist()))
-    poses, twists = scene.poses_of(scene.indices), twists_of(seed, 24)
+    poses, twists = scene.objects.poses_of(scene.indices), twists_of(seed, 24)
     scene.set_effect("sweep", "off")
     collided = set()
     for time in np.linspace(0.0, HORIZON, 60)[1:]:

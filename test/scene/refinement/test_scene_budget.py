@@ -187,7 +187,7 @@ def test_trees_are_built_in_the_time_there_is_or_before(
     scene.check()
     assert built == []
     for _ in range(2):
-        scene.prepare()
+        scene.objects.prepare()
         kinds = sorted(name for name, _ in built)
         assert kinds == ["box_corners", "box_tree", "hull_mesh", "mesh_tree"]
-    oc.Scene().prepare()
+    oc.Scene().objects.prepare()

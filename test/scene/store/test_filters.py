@@ -28,7 +28,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import obb_collision as oc
-from obb_collision.scene.store.allowed import AllowedPairs
 
 NAMES = [f"{space}/{number}" for space in ("arm", "arm/hand", "cup", "") for number in range(3)]
 NAMES += ["plain", "arm"]
@@ -63,10 +62,10 @@ def counts(a: str, b: str, rules: Any, only: Any, within: Any) -> bool:
 def test_pairs_count_as_every_filter_says(
     rules: Any, only: Any, within: Any, orders: list[list[str]], data: st.DataObject
 ) -> None:
-    filters = AllowedPairs()
+    filters = oc.Scene().rules
     for rule in rules:
         filters.add(*rule)
-    filters.only, filters.within = only, within
+    filters.check_only, filters.allowed_within = only, within
     # a rule that is set again moves to the end
     rules = [rule for n, rule in enumerate(rules) if not _comes_again(rule, rules[n + 1 :])]
     for version, order in enumerate(orders):  # objects come, go and change their slots
@@ -89,8 +88,8 @@ def _comes_again(rule: Any, later: Any) -> bool:
 
 
 def test_a_filter_in_use_stays_as_it_was_when_names_change() -> None:
-    filters = AllowedPairs()
-    filters.within = ["*"]
+    filters = oc.Scene().rules
+    filters.allowed_within = ["*"]
     first = filters.pair_filter(["a/1", "a/2", "b/1"], 1)
     assert first is not None
     pairs = np.array([0, 0]), np.array([1, 2])
@@ -112,30 +111,30 @@ def test_a_scene_checks_only_the_pairs_it_is_told_to() -> None:
     scene = row_of_cubes()
     everything = scene.check().names()
     assert len(everything) == 10
-    scene.check_only = [("a/*", ("b/1", "b/3"))]
+    scene.rules.check_only = [("a/*", ("b/1", "b/3"))]
     mixed = [(a, b) for a, b in everything if a[0] != b[0]]
     assert scene.check().names() == mixed
     assert scene.any_collision()
     scene.allow("a/0", "*")
     assert scene.check().names() == [(a, b) for a, b in mixed if "a/0" not in (a, b)]
-    scene.check_only = [("a/0", "*")]
+    scene.rules.check_only = [("a/0", "*")]
     assert scene.check().names() == []
     assert not scene.any_collision()
-    scene.check_only, scene.allowed = [], []
+    scene.rules.check_only, scene.rules.allowed = [], []
     assert scene.check().names() == everything
 
 
 def test_objects_may_touch_within_their_namespaces() -> None:
     scene = row_of_cubes()
     everything = scene.check().names()
-    scene.allowed_within = ["*"]
+    scene.rules.allowed_within = ["*"]
     assert scene.check().names() == [(a, b) for a, b in everything if a[0] != b[0]]
     scene.add("b/9", oc.shapes.Box([9, 9, 9]))  # those to come, too
     assert ("b/1", "b/9") not in scene.check().names()
     scene.remove("b/9")
-    scene.allowed_within = "b"
+    scene.rules.allowed_within = "b"
     assert scene.check().names() == [(a, b) for a, b in everything if (a[0], b[0]) != ("b", "b")]
-    assert scene.allowed_within == ["b"]
+    assert scene.rules.allowed_within == ["b"]
 
 
 @each(
@@ -157,34 +156,35 @@ def test_objects_may_touch_within_their_namespaces() -> None:
 )
 def test_what_is_no_filter_is_refused_and_changes_nothing(name: str, value: Any) -> None:
     scene = row_of_cubes()
-    scene.check_only, scene.allowed_within = [("a/*", "b/*")], ["a"]
-    scene.padding_overrides = [("a/*", 0.5)]
-    before, boxes = getattr(scene, name), scene.boxes.half_extents
+    scene.rules.check_only, scene.rules.allowed_within = [("a/*", "b/*")], ["a"]
+    scene.objects.padding_overrides = [("a/*", 0.5)]
+    part = scene.objects if name == "padding_overrides" else scene.rules
+    before, boxes = getattr(part, name), scene.boxes.half_extents
     with pytest.raises(ValueError, match=name):
-        setattr(scene, name, value)
-    assert getattr(scene, name) == before
+        setattr(part, name, value)
+    assert getattr(part, name) == before
     assert (scene.boxes.half_extents == boxes).all()
 
 
 def test_paddings_follow_names_however_objects_come() -> None:
     scene = oc.Scene(padding=0.125)
-    scene.padding_overrides = [("a/*", 0.25), ("*/3", 0.5)]
+    scene.objects.padding_overrides = [("a/*", 0.25), ("*/3", 0.5)]
     one, pose = oc.shapes.Box([1, 1, 1]), [0, 0, 0, 0, 0, 0, 1]
     scene.add("a/1", one)
     scene.add("b/1", one)
     scene.add("a/2", one, padding=0.0)
     scene.add_boxes(["a/3", "b/2"], np.ones((2, 3)), [pose] * 2)
-    begun = scene.begin_boxes(["a/4", "c/3"], np.ones((2, 3)), np.array([pose] * 2, float))
+    begun = scene.objects.begin_boxes(["a/4", "c/3"], np.ones((2, 3)), np.array([pose] * 2, float))
     extents = {"a/1": 0.75, "b/1": 0.625, "a/2": 0.5, "a/3": 1, "b/2": 0.625, "a/4": 0.75, "c/3": 1}
 
     def check() -> None:
         assert {name: scene.obb(name).half_extents[0] for name in scene.names} == extents
 
     check()
-    scene.resize_boxes(begun, np.full((2, 3), 2.0))
+    scene.objects.resize_boxes(begun, np.full((2, 3), 2.0))
     extents.update({"a/4": 1.25, "c/3": 1.5})
     check()
-    scene.rename_indices(begun, ["c/4", "a/5"])
+    scene.objects.rename(begun, ["c/4", "a/5"])
     del extents["a/4"], extents["c/3"]
     extents.update({"c/4": 1.125, "a/5": 1.25})
     check()
@@ -195,7 +195,7 @@ def test_paddings_follow_names_however_objects_come() -> None:
     scene.padding = 0.0
     extents.update({"b/2": 0.5, "c/4": 1.0})
     check()
-    scene.padding_overrides = []
+    scene.objects.padding_overrides = []
     own = dict.fromkeys(extents, 0.5)
     extents.update({**own, "c/4": 1.0, "a/5": 1.0})
     check()
@@ -206,9 +206,9 @@ def test_a_padding_makes_a_scene_that_was_checked_collide() -> None:
     for n in range(3):
         scene.add(f"a/{n}", oc.shapes.Box([1, 1, 1]), [1.25 * n, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == []
-    scene.padding_overrides = [("a/0", 0.25)]
+    scene.objects.padding_overrides = [("a/0", 0.25)]
     assert scene.check().names() == [("a/0", "a/1")]
     scene.set_padding("a/2", 0.25)
     assert scene.check().names() == [("a/0", "a/1"), ("a/1", "a/2")]
-    scene.padding_overrides = []
+    scene.objects.padding_overrides = []
     assert scene.check().names() == [("a/1", "a/2")]

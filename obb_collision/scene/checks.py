@@ -1,0 +1,161 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Checks of a scene: what is kept from one to the next, and the settings they depend on."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Mapping
+from time import perf_counter
+from typing import Any
+
+from numpy.typing import NDArray
+
+from obb_collision.scene.checker import Checker
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import Before, Cycle, Outcome
+from obb_collision.scene.effects.settings import EffectSettings
+from obb_collision.scene.findings import Findings
+from obb_collision.scene.objects import SceneObjects
+from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement.ladder import needs_spheres
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.report import Report
+from obb_collision.scene.store.allowed import PairRules
+from obb_collision.scene.store.completed import completed
+from obb_collision.scene.store.region import Region
+
+#: Pairs near each other that effects look at, for each that may collide: objects that are apart
+#: have more neighbours than contacts.
+NEAR_PER_PAIR = 10
+
+
+class LastCheck:
+    """What is kept of the last check: for as long as nothing changes, all that is needed."""
+
+    def __init__(self) -> None:
+        self.report: weakref.ref[Report] | None = None
+        self.found: Findings | None = None
+        self.outcomes_before: Mapping[str, Outcome] = {}
+
+
+class Checks:
+    """Checks of objects by the rules about their pairs."""
+
+    def __init__(self, objects: SceneObjects, rules: PairRules, exact: bool) -> None:
+        self._objects, self._rules = objects, rules
+        self.exact = exact
+        self.effects = EffectSettings(EFFECTS.values())
+        self.obstacle_points: NDArray[Any] | None = None
+        self.budget: Budget | None = None
+        self.max_pairs: int | None = None
+        self.region: Region | None = None
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew, with the store that the objects have now."""
+        self.checker = Checker(self._objects.store, self._objects.cache, self._rules)
+        self.checker.limit = self.max_pairs
+        self.checker.set_region(self.region)
+        self.invalidate()
+        self._before: Before | None = None
+
+    def invalidate(self) -> None:
+        """Invalidate the cached report: the next check makes another, though nothing has moved."""
+        self._last = LastCheck()
+
+    def set_max_pairs(self, limit: int | None) -> None:
+        """Set the most pairs that a report has."""
+        self.checker.last = None
+        self.invalidate()
+        self.max_pairs = self.checker.limit = limit
+
+    @completed
+    def set_region(self, region: Region | None) -> None:
+        """Set the region whose pairs are found."""
+        self.invalidate()
+        self.checker.set_region(region)
+        self.region = region
+
+    def report(self, effects: Iterable[str] | str) -> Report:
+        """Return all colliding pairs, with the effects asked for, as ``Scene.check`` does."""
+        start = perf_counter()
+        if self.budget is not None:
+            self.budget.start()
+        self._objects.cache.take_built()
+        self.checker.settle_region()
+        wanted = self.effects.wanted(effects)
+        lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
+        last = self._last
+        if self._objects.store.touched or self.checker.behind or not lasting:
+            last.report = last.found = None
+        report = last.report() if last.report is not None else None
+        if report is None:
+            report = self._reported(start)
+            last.report = weakref.ref(report)
+        for name in wanted:
+            if name not in report.costs:
+                report.compute(name)
+        if self._before is not None or not lasting:
+            self._before = None if lasting else report.cycle.as_before()
+        if self.budget is not None:
+            self.budget.finish()
+        return report
+
+    def find(self) -> Findings:
+        """Return what collides and nothing more: what a check costs without any effect."""
+        return self.checker.find(self.exact, self.budget)
+
+    def _reported(self, start: float) -> Report:
+        """Return a report of what collides now: of what is known already where nothing changed."""
+        store, last = self._objects.store, self._last
+        found = last.found
+        if found is None:
+            before = self.checker.last
+            found = last.found = self.find()
+            last.outcomes_before = {} if before is None else before.outcomes
+        stages = {"pairs": perf_counter() - start}
+        settings = self.effects.resolved(store.names, store.version)
+        report = Report(found, store.name_tuple(), stages, self._cycle, settings)
+        if self.effects.any_possible:
+            report.cycle  # noqa: B018, now: the scene may change before it is used
+        return report
+
+    def _cycle(self, found: Findings) -> Cycle:
+        """Return the check that has just been made, as effects see it."""
+        store, last = self._objects.store, self._last
+        if store.touched or found is not last.found:
+            raise RuntimeError("the scene has changed since this check, whose effects are all off")
+        active = store.active.copy()
+        return Cycle(
+            *(store.snapshot(), active, found.pairs, found.verdicts),
+            *(self.checker.pair_filter, found.old, last.outcomes_before),
+            *(self.obstacle_points, store, self._before),
+            enabled=active if self.region is None else store.enabled.copy(),
+            region=self.region,
+            spheres=self.region is not None and needs_spheres(store),
+            limit=None if self.max_pairs is None else NEAR_PER_PAIR * self.max_pairs,
+            names=store.name_tuple(),
+            shapes=self._placed_shapes(found),
+        )
+
+    def _placed_shapes(self, found: Findings) -> PlacedShapes | None:
+        """Return the shapes for effects above OBB; None where each speaks of boxes."""
+        if self.checker.plain and not self.effects.above_obb:
+            return None
+        return PlacedShapes(
+            *(self._objects.store, self._objects.cache, found.pairs, found.accuracies, found.cap),
+            *(self.exact, found.total is None),
+        )

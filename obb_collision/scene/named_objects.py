@@ -1,0 +1,474 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The objects of a scene by name: they come, get poses and settings of their own, and go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.poses import IDENTITY_POSE
+from obb_collision.geometry.validation import (
+    NotCopied,
+    as_array,
+    as_flag,
+    as_half_extents,
+    check_kind,
+)
+from obb_collision.obb import OBB
+from obb_collision.scene.objects import SceneObjects, check_padding, halves, local_boxes
+from obb_collision.scene.store.placed import about_origins, placed
+from obb_collision.shapes import Shape
+from obb_collision.typing import Floats
+from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
+
+
+class NamedObjects(NotCopied):
+    """The part of a scene that knows its objects by name."""
+
+    def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
+        self._objects = SceneObjects(padding, accuracy)
+
+    @property
+    def objects(self) -> SceneObjects:
+        """The same objects by index, many at once."""
+        return self._objects
+
+    def add(
+        self,
+        name: str,
+        shape: Shape | OBB,
+        pose: ArrayLike | None = None,
+        *,
+        padding: float | None = None,
+        accuracy: Accuracy | str | None = None,
+        replace: bool = True,
+    ) -> int:
+        """Add an object, or replace the one of that name, and return its index.
+
+        Parameters
+        ----------
+        name : str
+            Printable, of at most 300 characters.
+        shape : Shape or OBB
+            In the object's own frame; its local box is fitted once.
+        pose : (7,) array_like, optional
+            x y z (metres) qx qy qz qw; the identity by default.
+        padding : float, optional
+            Metres; by default the scene's.
+        accuracy : Accuracy or str, optional
+            By default the scene's.
+        replace : bool
+            Whether it may take the place of another one; with False that is a ValueError.
+
+        Returns
+        -------
+        int
+            The index, which stays while the object is there.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        TypeError
+            For another kind of shape.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> scene.add("cup", oc.shapes.Sphere(0.1), [1, 0, 0, 0, 0, 0, 1])
+        0
+        """
+        check_name(name, "name", MAX_OBJECT_NAME)
+        check_kind(shape, Shape, "shape", OBB)
+        if not as_flag(replace, "replace") and name in self:
+            raise ValueError(f"name must be new, as replace is False, got {shown(name)}")
+        where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
+        if padding is not None:
+            check_padding(padding)
+        level = None if accuracy is None else as_accuracy(accuracy)
+        box = local_boxes(shape)
+        columns = placed(box, where[None], "pose")
+        slots = self._objects.put([name], box[2], columns, [level], [shape], padding)
+        return int(slots[0])
+
+    def add_boxes(
+        self,
+        names: Sequence[str],
+        sizes: ArrayLike,
+        poses: ArrayLike,
+        accuracies: Sequence[Accuracy | str | None] | None = None,
+        shapes: Sequence[Shape | None] | None = None,
+    ) -> NDArray[np.int64]:
+        """Add boxes, or replace the objects of those names; returns their indices (n,).
+
+        As ``add`` with ``Box(size)`` for each, in a fraction of the time.
+
+        Parameters
+        ----------
+        names : sequence of str
+            n distinct ones.
+        sizes : (n, 3) array_like
+            Edge lengths, metres.
+        poses : (n, 7) array_like
+        accuracies : sequence, optional
+            n levels, None for the scene's.
+        shapes : sequence, optional
+            n shapes that have these boxes, None for the box itself.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument; then none is added.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2).tolist()
+        [0, 1]
+        """
+        edges = as_half_extents(sizes, "sizes", (None, 3))
+        where = as_array(poses, "poses", (None, 7))
+        levels = None
+        if accuracies is not None:
+            check_kind(accuracies, Sequence, "accuracies")
+            levels = [None if level is None else as_accuracy(level) for level in accuracies]
+        if shapes is not None:
+            check_kind(shapes, Sequence, "shapes")
+            for shape in shapes:
+                check_kind(shape, Shape, "shapes", type(None))
+        check_kind(names, Sequence, "names")
+        check_names(names, "names", MAX_OBJECT_NAME)
+        given = (names, edges, where, names if levels is None else levels, shapes or names)
+        lengths = {len(values) for values in given}
+        if len(lengths) > 1 or len(set(names)) < len(names):
+            raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
+        box = about_origins(halves(edges))
+        return self._objects.put(names, box[2], placed(box, where), levels, shapes)
+
+    def remove(self, name: str) -> None:
+        """Remove an object.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.remove("cup")
+        >>> len(scene)
+        0
+        """
+        self._objects.remove_slots(np.array([self._objects.store.slot(name)]))
+
+    def move(self, name: str | Iterable[str], pose: ArrayLike) -> None:
+        """Give one object a new pose, or several; all or, on an error, none.
+
+        Parameters
+        ----------
+        name : str or iterable of str
+        pose : (7,) or (n, 7) array_like
+            x y z (metres) qx qy qz qw.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For a bad pose.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.move("cup", [5, 0, 0, 0, 0, 0, 1])
+        >>> scene.pose("cup")[0].item()
+        5.0
+        """
+        store = self._objects.store
+        if isinstance(name, str):
+            store.move_indices(np.array([store.slot(name)]), as_array(pose, "pose", (7,))[None])
+        else:
+            store.move_indices(store.slots_of(name), pose)
+
+    def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
+        """Give objects new poses by index.
+
+        Parameters
+        ----------
+        indices : (n,) array_like of int
+            Of objects.
+        poses : (n, 7) array_like
+            x y z (metres) qx qy qz qw.
+
+        Raises
+        ------
+        KeyError
+            For an index without object; then none is changed.
+        ValueError
+            Naming the argument and the row; then none is changed.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.move_indices([0], [[5, 0, 0, 0, 0, 0, 1]])
+        >>> scene.pose("cup")[0].item()
+        5.0
+        """
+        self._objects.store.move_indices(indices, poses)
+
+    def set_twist(self, name: str, twist: ArrayLike) -> None:
+        """Set the twist of an object, valid until the next one; the effect ``sweep`` uses it.
+
+        Parameters
+        ----------
+        name : str
+        twist : (6,) array_like
+            Linear x y z (m/s), angular x y z (rad/s), in the frame of the poses, of the point that
+            the pose places.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For a bad twist.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_twist("cup", [1, 0, 0, 0, 0, 0])
+        """
+        slot = self._objects.store.slot(name)
+        self._objects.store.twists[slot] = as_array(twist, "twist", (6,))
+
+    def set_enabled(self, name: str, enabled: bool) -> None:
+        """Include an object in collisions or exclude it; its box is retained.
+
+        Parameters
+        ----------
+        name : str
+        enabled : bool
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        TypeError
+            For anything but True or False.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.set_enabled("cup", False)
+        >>> len(scene.check())
+        0
+        """
+        slot = self._objects.store.slot(name)
+        if self._objects.store.enabled[slot] != as_flag(enabled, "enabled"):
+            self._objects.store.mark(slot)
+            self._objects.store.enable(slot, enabled)
+
+    def set_padding(self, name: str, padding: float | None) -> None:
+        """Set the padding of one object; None: that of its override or of the scene.
+
+        Parameters
+        ----------
+        name : str
+        padding : float or None
+            Metres.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For a negative padding.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_padding("cup", 0.5)
+        >>> scene.obb("cup").half_extents.round(9).tolist()
+        [0.6, 0.6, 0.6]
+        """
+        self._objects.set_padding(self._objects.store.slot(name), padding)
+
+    def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
+        """Set the level of one object; None: that of the scene.
+
+        Parameters
+        ----------
+        name : str
+        accuracy : Accuracy, str or None
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For an unknown accuracy.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_accuracy("cup", "mesh")
+        """
+        self._objects.set_accuracy(self._objects.store.slot(name), accuracy)
+
+    @property
+    def padding(self) -> float:
+        """Metres by which boxes without another padding are grown on every side; may be set."""
+        return self._objects.padding
+
+    @padding.setter
+    def padding(self, value: float) -> None:
+        self._objects.padding = value
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The level of the objects without one of their own; may be set, also by name."""
+        return self._objects.accuracy
+
+    @accuracy.setter
+    def accuracy(self, value: Accuracy | str) -> None:
+        self._objects.accuracy = value  # type: ignore[assignment]
+
+    def __len__(self) -> int:
+        return len(self._objects.store)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._objects.store.slots
+
+    def index(self, name: str) -> int:
+        """Return the index of an object.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.index("cup")
+        0
+        """
+        return self._objects.store.slot(name)
+
+    def name(self, index: int) -> str:
+        """Return the name of the object with an index.
+
+        Parameters
+        ----------
+        index : int
+
+        Raises
+        ------
+        KeyError
+            For an unknown index.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.name(0)
+        'cup'
+        """
+        return str(self._objects.store.names[self._objects.store.check_slots([index])[0]])
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the objects, in the order of ``indices``."""
+        return [str(self._objects.store.names[slot]) for slot in self.indices]
+
+    @property
+    def indices(self) -> NDArray[np.int64]:
+        """(n,) the indices of the objects, ascending."""
+        return self._objects.store.live()
+
+    @property
+    def boxes(self) -> Boxes:
+        """The world boxes, padding included, in the order of ``indices``."""
+        return self._objects.store.boxes(self.indices)
+
+    def pose(self, name: str) -> Floats:
+        """Return the pose of one object.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        (7,) array
+            x y z (metres) qx qy qz qw, as given.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1), [1, 2, 3, 0, 0, 0, 1])
+        >>> scene.pose("cup").tolist()
+        [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
+        """
+        return self._objects.store.poses[self._objects.store.slot(name)].copy()
+
+    def obb(self, name: str) -> OBB:
+        """Return the world box of one object, padding included.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.obb("cup").half_extents.tolist()
+        [0.1, 0.1, 0.1]
+        """
+        return self._objects.store.all_boxes()[self._objects.store.slot(name)]
