@@ -254,7 +254,9 @@ class Sets:
         self.input.apply()
         self.objects.update(self.now)
         slots = self.objects.table.slots
-        places = self.objects.scene.poses_of(list(slots.values()) or np.empty(0, np.int64))[:, 0]
+        places = self.objects.scene.objects.poses_of(list(slots.values()) or np.empty(0, np.int64))[
+            :, 0
+        ]
         return {key[1]: float(place) for key, place in zip(slots, places, strict=True)}
 
     def known_until(self, time: int) -> None:
