@@ -22,7 +22,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from support import row_of
+from support import refused, row_of
 
 import obb_collision as oc
 from obb_collision.geometry.representations import (
@@ -32,7 +32,6 @@ from obb_collision.geometry.representations import (
     to_compact,
 )
 from obb_collision.geometry.validation import orthonormal_defect
-from obb_collision.typing import Floats
 
 
 def random_boxes(count: int, seed: int = 0) -> oc.Boxes:
@@ -83,8 +82,7 @@ def test_a_left_handed_frame_is_the_same_box_with_determinant_one() -> None:
 def test_bad_boxes_are_refused_by_name_and_row(
     arguments: tuple[list[object], list[object], list[object]], message: str
 ) -> None:
-    with pytest.raises(ValueError, match=message):
-        oc.Boxes(*arguments)  # type: ignore[arg-type]
+    refused(message, oc.Boxes, *arguments)  # type: ignore[arg-type]
 
 
 def test_boxes_do_not_change_with_the_arrays_they_were_made_from() -> None:
@@ -109,8 +107,7 @@ def test_no_boxes_have_no_pairs() -> None:
 def test_a_zero_quaternion_is_refused_with_its_row() -> None:
     poses = np.zeros((3, 7))
     poses[:2, 6] = 1.0
-    with pytest.raises(ValueError, match=r"quaternion.*row 2"):
-        oc.Boxes.from_poses(poses, np.ones((3, 3)))
+    refused(r"quaternion.*row 2", oc.Boxes.from_poses, poses, np.ones((3, 3)))
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
@@ -212,20 +209,14 @@ def test_the_compact_form_comes_back() -> None:
     assert np.allclose(back.rotations, boxes.rotations, atol=1e-15)
 
 
-def edges_of(box: oc.OBB) -> list[Floats]:
-    return [box.edge_direction(i) for i in range(3)]
-
-
 def test_edges_and_faces_by_index() -> None:
     box = oc.OBB([1, 2, 3], Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix(), [1, 2, 3])
-    assert all((edge == box.rotation[:, i]).all() for i, edge in enumerate(edges_of(box)))
     for i in range(3):
+        assert (box.edge_direction(i) == box.rotation[:, i]).all()
         assert (box.face_normal(2 * i) == box.rotation[:, i]).all()
         assert (box.face_normal(2 * i + 1) == -box.rotation[:, i]).all()
-    with pytest.raises(ValueError, match="0, 1 or 2"):
-        box.edge_direction(3)
-    with pytest.raises(ValueError, match="0 to 5"):
-        box.face_normal(-1)
+    refused("0, 1 or 2", box.edge_direction, 3)
+    refused("0 to 5", box.face_normal, -1)
 
 
 def test_set_and_reset() -> None:
@@ -234,8 +225,7 @@ def test_set_and_reset() -> None:
     assert box == oc.OBB()
     assert box.corners().tolist() == [[0.0, 0.0, 0.0]] * 8
     assert box.intersects(oc.OBB(half_extents=[1, 1, 1]))
-    with pytest.raises(ValueError, match="half_extents"):
-        box.set([9, 9, 9], np.eye(3), [1, -1, 1])
+    refused("half_extents", box.set, [9, 9, 9], np.eye(3), [1, -1, 1])
     assert box == oc.OBB()
 
 
@@ -245,9 +235,7 @@ def test_aabb_questions_are_exact_comparisons() -> None:
     assert not a.intersects(oc.AABB([np.nextafter(1, 2), 0, 0], [2, 1, 1]))
     assert a.contains([1, 1, 1])
     assert a.contains([[0.5, 0.5, 0.5], [np.nextafter(1, 2), 0, 0]]).tolist() == [True, False]  # type: ignore[union-attr]
-    with pytest.raises(ValueError, match="minimum must not exceed"):
-        oc.AABB([0, 0, 2], [1, 1, 1])
-    with pytest.raises(ValueError, match="empty"):
-        oc.AABB.from_points(np.empty((0, 3)))
+    refused("minimum must not exceed", oc.AABB, [0, 0, 2], [1, 1, 1])
+    refused("empty", oc.AABB.from_points, np.empty((0, 3)))
     fitted = oc.AABB.from_points([[0, 5, 1], [2, 3, -1]])
     assert (fitted.minimum.tolist(), fitted.maximum.tolist()) == ([0, 3, -1], [2, 5, 1])

@@ -25,6 +25,7 @@ from error_bounds import (
     Moved,
     Record,
     Vector,
+    check_flips,
     check_ratios,
     corners,
     difference,
@@ -33,6 +34,7 @@ from error_bounds import (
     extents,
     flips,
     norm,
+    normals,
     observed_at_flip,
     root,
     taxicab,
@@ -55,22 +57,13 @@ from obb_collision.queries.rays.boxes import (
     enters_bounds,
     moved_ahead,
 )
-from obb_collision.queries.rays.rays import _units_kernel, cast_rays
+from obb_collision.queries.rays.rays import as_rays, cast_rays
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats
 
 PAIRS = 6
 #: Bodies of ordinary sizes, for what takes Fractions milliseconds.
 FEW = ("ordinary scene", "thin plates and rods", "far away, 1e6 to 1e9 m")
-
-
-def normals(stored: Box) -> list[Vector]:
-    """Return the exact face normals of a box, orthonormal axes or not."""
-    axes = [exact(column) for column in stored[1].T]
-    return [
-        [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
-        for u, v in ((axes[1], axes[2]), (axes[2], axes[0]), (axes[0], axes[1]))
-    ]
 
 
 def test_containment(record_property: Record) -> None:
@@ -86,20 +79,14 @@ def test_containment(record_property: Record) -> None:
     def quantity(n: int, distance: float) -> Fraction:
         stored = row_of(boxes, n)
         offset = difference(exact(stored[0] + distance * moved.directions[n]), exact(stored[0]))
-        ratios = []
-        for normal, column, half in zip(
-            normals(stored), stored[1].T, exact(stored[2]), strict=True
-        ):
-            excess = abs(dot(normal, offset)) - abs(dot(normal, exact(column))) * half
+        columns, ratios = [exact(column) for column in stored[1].T], []
+        for normal, column, half in zip(normals(columns), columns, exact(stored[2]), strict=True):
+            excess = abs(dot(normal, offset)) - abs(dot(normal, column)) * half
             bound = Fraction(CAREFUL_BOUND) * (norm(offset) + half) * norm(normal)
             ratios.append(excess / (bound + Fraction(2) ** -1060))
         return max(ratios)
 
-    low, high = flips(outside, moved.farthest)
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
-    )
+    check_flips(record_property, outside, quantity, moved.farthest)
 
 
 def test_points_within_a_margin(record_property: Record) -> None:
@@ -123,11 +110,7 @@ def test_points_within_a_margin(record_property: Record) -> None:
         size = taxicab(difference(exact(point), exact(stored[0]))) + extents(stored)
         return gap / (Fraction(INSIDE_BOUND) * (size + Fraction(margin)))
 
-    low, high = flips(outside, moved.farthest + 2.0)
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
-    )
+    check_flips(record_property, outside, quantity, moved.farthest + 2.0)
 
 
 class Capsule:
@@ -224,9 +207,9 @@ def test_planes(record_property: Record) -> None:
 
 def least_growth(stored: Box, origin: Vector, direction: Vector) -> Fraction:
     """Return by how much a box must grow, negative to shrink, for a ray to touch it, exactly."""
-    lines = []
-    for normal, column, half in zip(normals(stored), stored[1].T, exact(stored[2]), strict=True):
-        scale = dot(normal, exact(column))
+    columns, lines = [exact(column) for column in stored[1].T], []
+    for normal, column, half in zip(normals(columns), columns, exact(stored[2]), strict=True):
+        scale = dot(normal, column)
         place = dot(normal, difference(origin, exact(stored[0]))) / scale
         speed = dot(normal, direction) / scale
         lines += [(place - half, speed), (-place - half, -speed)]
@@ -259,17 +242,13 @@ def test_rays_that_miss(record_property: Record) -> None:
         ]
         return np.array(hits) < 0
 
-    def quantity(n: int, distances: Floats) -> Fraction:
-        stored, origin = row_of(boxes, n), exact(origins(distances)[n])
+    def quantity(n: int, distance: float) -> Fraction:
+        stored, origin = row_of(boxes, n), exact(origins(np.full(len(boxes), distance))[n])
         size = taxicab(difference(origin, exact(stored[0]))) + extents(stored)
         growth = least_growth(stored, origin, exact(along[n]))
         return growth / (Fraction(HIT_BOUND) * size)
 
-    low, high = flips(misses, moved.farthest + 2.0)
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(len(boxes))],
-    )
+    check_flips(record_property, misses, quantity, moved.farthest + 2.0)
 
 
 def test_rays_moved_ahead(record_property: Record) -> None:
@@ -277,13 +256,12 @@ def test_rays_moved_ahead(record_property: Record) -> None:
     rng = np.random.default_rng(8)
     ratios = []
     for origin, direction, center in rng.normal(size=(200, 3, 3)):
-        start, units = 1e3 * origin, np.empty((1, 3))
-        _units_kernel(direction[None], units, np.empty(1))
-        ray = Ray(vector(start), vector(units[0]), np.inf)
+        start, units, _ = as_rays(1e3 * origin[None], direction[None], np.inf)
+        ray = Ray(vector(start[0]), vector(units[0]), np.inf)
         found, ahead, bound = moved_ahead(ray, vector(center), 0.5)
         if ahead <= 0.0:
             continue
-        offset, line = difference(exact(start), exact(center)), exact(direction)
+        offset, line = difference(exact(start[0]), exact(center)), exact(direction)
         rest = difference(exact(found), offset)
         share = dot(rest, line) / dot(line, line)
         ratios.append(norm(difference(rest, [share * x for x in line])) / Fraction(bound))

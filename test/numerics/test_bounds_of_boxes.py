@@ -19,6 +19,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
+import any_doubles
 import numpy as np
 import pytest
 from distances import box, squared_distance
@@ -37,7 +38,6 @@ from error_bounds import (
     taxicab,
 )
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from oracle import Box
 from overlap_oracle import overlap_volume
 from support import family, joined, row_of, witnesses
@@ -205,21 +205,15 @@ def test_witnesses(record_property: Record) -> None:
     )
 
 
-numbers = st.floats(-1e300, 1e300)
-half_extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
-quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
-poses = st.tuples(numbers, numbers, numbers, quaternions)
-
-
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=200)
-@given(poses, half_extents, poses, half_extents)
-def test_witnesses_of_any_doubles(one: Any, half: Any, other: Any, other_half: Any) -> None:
+@given(*2 * [any_doubles.vectors, any_doubles.quaternions, any_doubles.extents])
+def test_witnesses_of_any_doubles(
+    center: Any, one: Any, half: Any, place: Any, other: Any, other_half: Any
+) -> None:
     """From subnormal sizes to 1e300, where numbers over- or underflow first."""
-    a, b = (
-        Boxes.from_poses([(*pose[:3], *pose[3])], [extents])
-        for pose, extents in ((one, half), (other, other_half))
-    )
+    a = Boxes.from_poses([(*center, *one)], [half])
+    b = Boxes.from_poses([(*place, *other)], [other_half])
     (gap,), _ = witnesses(a, b)
     row = row_of(a, 0), row_of(b, 0)
     assert abs(Fraction(float(gap)) - max(exact_gaps(*row))) <= careful_bound(*row)

@@ -19,20 +19,21 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-import pytest
 from convex_bodies import corners_of, family
+from each import each
 from error_bounds import (
     Moved,
     Record,
     Vector,
+    check_flips,
     check_ratios,
+    cross,
     difference,
     dot,
     exact,
     exact_gaps,
-    flips,
     norm,
-    observed_at_flip,
+    normals,
     root,
     taxicab,
 )
@@ -80,11 +81,7 @@ COUNT = 60
 
 def solved(columns: list[Vector], v: Vector) -> Vector:
     """Return the coordinates of a vector along columns (3), exactly (Cramer)."""
-    cross = [
-        [b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3] for k in range(3)]
-        for b, c in ((columns[1], columns[2]), (columns[2], columns[0]), (columns[0], columns[1]))
-    ]
-    return [dot(n, v) / dot(n, column) for n, column in zip(cross, columns, strict=True)]
+    return [dot(n, v) / dot(n, column) for n, column in zip(normals(columns), columns, strict=True)]
 
 
 def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None:
@@ -159,16 +156,12 @@ def test_determinants(record_property: Record) -> None:
 
     def quantity(n: int, distance: float) -> Fraction:
         a, b, c = exact(first(n, distance)), exact(vectors[n, 1]), exact(vectors[n, 2])
-        cross = [b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3]
-                 for k in range(3)]  # fmt: skip
         sizes = [max(map(abs, v)) for v in (a, b, c)]
-        return dot(a, cross) / (Fraction(DETERMINANT_ROUNDING) * sizes[0] * sizes[1] * sizes[2])
+        return dot(a, cross(b, c)) / (
+            Fraction(DETERMINANT_ROUNDING) * sizes[0] * sizes[1] * sizes[2]
+        )
 
-    low, high = flips(certain, np.ones(COUNT), np.full(COUNT, -1.0))
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(COUNT)],
-    )
+    check_flips(record_property, certain, quantity, np.ones(COUNT), np.full(COUNT, -1.0))
     assert determinant_bound(1.0, 1.0, 1.0, 0.0) >= DETERMINANT_ROUNDING
 
 
@@ -197,20 +190,16 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
         rows = [exact(row) for row in rotations[n]]
         p = [[dot(row, exact(corner)) for row in rows] for corner in triangles[n].reshape(3, 3)]
         u, v = difference(p[1], p[0]), difference(p[2], p[0])
-        axis = [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
+        axis = cross(u, v)
         gap = abs(dot(axis, exact(place(n, distance)))) / max(map(abs, axis))
         largest = max(np.abs(triangles[n]).max(), 1e-300)
         scale = Fraction(2) ** -int(np.frexp(largest)[1])
         return gap * scale / (16 * Fraction(WIDTH))
 
-    low, high = flips(apart, np.full(COUNT, 1e-10))
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(COUNT)],
-    )
+    check_flips(record_property, apart, quantity, np.full(COUNT, 1e-10))
 
 
-@pytest.mark.parametrize("which", ["all axes", "faces, b moved", "faces, a moved"])
+@each("which", ["all axes", "faces, b moved", "faces, a moved"])
 def test_boxes_of_trees(which: str, record_property: Record) -> None:
     boxes = Moved(6, ("ordinary scene", "edge against edge", "thin plates and rods"), loose=True)
     here = place_at(np.zeros((1, 3)), np.eye(3)[None], 0)
@@ -236,19 +225,15 @@ def test_boxes_of_trees(which: str, record_property: Record) -> None:
         gaps = [faces_gap(a, n, moved_node(to, b, n), bound) for n in range(len(a))]
         return np.array(gaps) == np.inf
 
-    def quantity(n: int, distances: Floats) -> Fraction:
-        a, b = (row_of(side, n) for side in boxes.at(distances))
+    def quantity(n: int, distance: float) -> Fraction:
+        a, b = (row_of(side, n) for side in boxes.at(np.full(len(boxes.a), distance)))
         lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
         gaps = exact_gaps(a, b)
         edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths.tolist(), strict=True)]
         counted = [*gaps[:6], *edges] if which == "all axes" else gaps[:6]
         return max(counted) / Fraction(pose.gap_bound)
 
-    low, high = flips(apart, boxes.farthest)
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(len(low))],
-    )
+    check_flips(record_property, apart, quantity, boxes.farthest)
 
 
 def test_points_outside_boxes_of_trees(record_property: Record) -> None:
@@ -271,11 +256,7 @@ def test_points_outside_boxes_of_trees(record_property: Record) -> None:
         excess = max(abs(x) - h for x, h in zip(along, exact(boxes.half_extents[n]), strict=True))
         return excess / (Fraction(SLAB_SLACK) * taxicab(offset)) if any(offset) else Fraction(0)
 
-    low, high = flips(outside, moved.farthest)
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
-    )
+    check_flips(record_property, outside, quantity, moved.farthest)
 
 
 def test_hulls(record_property: Record) -> None:
@@ -296,16 +277,13 @@ def test_hulls(record_property: Record) -> None:
         b = PlacedHulls(pool.all, kind, centers(distances), rotations)
         return ~hulls_may_collide(a, b, rows, rows)
 
-    def quantity(n: int, distances: Floats) -> Fraction:
-        place, axes = exact(centers(distances)[n]), [exact(c) for c in rotations[n].T]
+    def quantity(n: int, distance: float) -> Fraction:
+        place = exact(centers(np.full(COUNT, distance))[n])
+        axes = [exact(c) for c in rotations[n].T]
         gap = solved(axes, place)[n % 3] - 2
         return gap / (Fraction(GAP_BOUND) * (taxicab(place) + 2 * Fraction(radius)))
 
-    low, high = flips(apart, np.full(COUNT, 4.0))
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(COUNT)],
-    )
+    check_flips(record_property, apart, quantity, np.full(COUNT, 4.0))
 
 
 def test_convex_distances(record_property: Record) -> None:

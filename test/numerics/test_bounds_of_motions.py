@@ -24,14 +24,14 @@ from error_bounds import (
     Moved,
     Record,
     Vector,
+    check_flips,
     check_ratios,
+    cross,
     difference,
     dot,
     exact,
     exact_gaps,
-    flips,
     norm,
-    observed_at_flip,
 )
 from one_set import sweep
 from support import joined, row_of
@@ -123,8 +123,7 @@ def exactly_turned(rotation: np.ndarray, turn: np.ndarray, time: float) -> list[
     turned = []
     for column in rotation.T:
         p = exact(column)
-        crossed = [u[(k + 1) % 3] * p[(k + 2) % 3] - u[(k + 2) % 3] * p[(k + 1) % 3]
-                   for k in range(3)]  # fmt: skip
+        crossed = cross(u, p)
         along = dot(u, p)
         turned.append([c * p[k] + s * crossed[k] + (1 - c) * along * u[k] for k in range(3)])
     return turned
@@ -198,11 +197,7 @@ def test_free_slices(record_property: Record) -> None:
         radius = max(abs(end[2]) for end in ends) + max(norm(end[:2]) for end in ends)
         return gap / (Fraction(SLICE_SLACK) * (2 * norm(place) + 2 * radius))
 
-    low, high = flips(free, 10.0 * boxes.half_extents.max(axis=1))
-    check_ratios(
-        record_property,
-        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
-    )
+    check_flips(record_property, free, quantity, 10.0 * boxes.half_extents.max(axis=1))
 
 
 def certain_gap(a: Boxes, b: Boxes, n: int, rounding: float) -> float:

@@ -57,22 +57,20 @@ def constant_of(cells: list[str]) -> tuple[str, str]:
 
 
 @each("cells", CELLS)
-def test_a_bound_is_what_the_constant_says(cells: list[str]) -> None:
+def test_a_bound_is_what_the_constant_says_and_a_test_measures_it(cells: list[str]) -> None:
     module, name = constant_of(cells)
     value = getattr(import_module(f"obb_collision.{module}"), name)
     assert Fraction(value) == multiple(cells[1])
-    assert module in ("numerics.constants", defined_in(name))
-
-
-@each("cells", CELLS)
-def test_a_bound_has_a_test_that_measures_it(cells: list[str]) -> None:
+    assert module in ("numerics.constants", multiples_of_roundoff()[name])
     if len(cells) == 4:  # a margin
         return
-    file, _, name = cells[-1].strip("`").partition("::")
-    functions = [node for node in ast.parse((TESTS / file).read_text()).body
-                 if isinstance(node, ast.FunctionDef) and node.name == name]  # fmt: skip
-    assert len(functions) == 1
-    assert "record_property" in ast.unparse(functions[0].args)
+    file, _, test = cells[-1].strip("`").partition("::")
+    (function,) = [
+        node
+        for node in ast.parse((TESTS / file).read_text()).body
+        if isinstance(node, ast.FunctionDef) and node.name == test
+    ]
+    assert "record_property" in ast.unparse(function.args)
 
 
 @cache
@@ -88,11 +86,6 @@ def multiples_of_roundoff() -> dict[str, str]:
                     assert node.targets[0].id not in found, "two constants of one name"
                     found[node.targets[0].id] = module
     return found
-
-
-def defined_in(name: str) -> str:
-    """Return the module that a constant stands in."""
-    return multiples_of_roundoff()[name]
 
 
 def test_every_bound_is_in_a_table() -> None:

@@ -17,13 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
+from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from obb_collision import Boxes, MeshTrees, PlacedMeshes
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.support import (
@@ -31,11 +33,12 @@ from obb_collision.queries.convex.support import (
     CONE,
     CORNERS,
     CYLINDER,
+    NO_HULLS,
     ROUND,
     SEGMENT,
     ConvexBodies,
 )
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Integers, Rows
 
 #: Corners per hull, and how many hulls there are.
 CORNERS_EACH, HULLS = 10, 16
@@ -43,6 +46,15 @@ KINDS = {
     "hull": CORNERS, "box": BOX, "capsule": SEGMENT, "ellipsoid": ROUND, "cylinder": CYLINDER,
     "cone": CONE,
 }  # fmt: skip
+#: Those for which meshes have kernels of their own, and their sizes beside these.
+ROUND_KINDS = {
+    "ellipsoid": [0.1, 0.3, 0.2, 0.1], "cylinder": [0.2, 0.2, 0.0, 0.3],
+    "cone": [0.2, 0.3, 0.0, 0.3],
+}  # fmt: skip
+KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
+POLYTOPES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
+#: Promised: how close bounds of distances are, relative to the size or the distance of a pair.
+CLOSE = 1e-9
 BOX_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 Pair = tuple[ConvexBodies, ConvexBodies]
 
@@ -78,6 +90,63 @@ def bodies(
         np.full(count, kind, np.int8), sizes, radii, hulls(scale)[0],
         rng.integers(0, HULLS, count), rng.uniform(-1.5, 1.5, (count, 3)) * scale.max(), rotations,
     )  # fmt: skip
+
+
+def some(body: ConvexBodies, rows: Rows) -> ConvexBodies:
+    """Return some of the bodies, or one several times."""
+    return ConvexBodies(**{k: x if k == "hulls" else x[rows] for k, x in vars(body).items()})
+
+
+def around(body: ConvexBodies, reach: float = 0.0) -> Boxes:
+    """Return boxes that certainly hold bodies and what is this near to them."""
+    half = np.abs(body.sizes).sum(axis=1) + body.radii + reach
+    half += np.where(body.kinds == CORNERS, body.hulls.radii[body.rows], 0.0)
+    return Boxes.trusted(body.centers, body.rotations, np.tile(2.0 * half[:, None], (1, 3)))
+
+
+def reach_of(body: ConvexBodies) -> Floats:
+    """Return how far bodies reach at most from their centres (n,)."""
+    own = np.abs(body.sizes).sum(axis=1) + body.radii
+    return np.where(body.kinds == CORNERS, body.hulls.radii[body.rows] + body.radii, own)
+
+
+def round_bodies(
+    kind: str, at: PlacedMeshes, radius: float = 0.0, sizes: list[float] | None = None
+) -> ConvexBodies:
+    """Return bodies of a kind, all of one size, where meshes are."""
+    count = len(at)
+    return ConvexBodies(
+        np.full(count, KINDS[kind], np.int8), np.tile(sizes or ROUND_KINDS[kind], (count, 1)),
+        np.full(count, radius), NO_HULLS, np.zeros(count, np.int64), at.centers, at.rotations,
+    )  # fmt: skip
+
+
+def as_meshes(body: ConvexBodies, name: str, faces: list[Any] | None = None) -> PlacedMeshes:
+    """Return hulls of a family as meshes of faces (n, 3) of their corners, or of one triangle."""
+    corners = hulls(np.array(FAMILIES[name][0]))[1]
+    faces = faces or [[[0, 1, 2]]] * HULLS
+    trees = [MeshTrees.build(x, f, solid=len(f) > 1) for x, f in zip(corners, faces, strict=True)]
+    return PlacedMeshes(MeshTrees.join(trees), body.rows, body.centers, body.rotations)
+
+
+def size_with(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:
+    """Return the sizes (n,) of pairs of a mesh and a body: radii, and the offset."""
+    size: Floats = meshes.trees.radii[meshes.meshes] + np.abs(body.sizes).sum(axis=1)
+    return size + np.abs(meshes.centers - body.centers).sum(axis=1)
+
+
+def world_rounding(pair: Pair) -> Floats:
+    """Return what the rounding of world coordinates may add."""
+    a, b = pair
+    return 1e-15 * (np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1))
+
+
+def outward_faces(points: Floats) -> Integers:
+    """Return the faces (n, 3) of the hull of points."""
+    hull = ConvexHull(points)
+    p, q, r = (points[hull.simplices[:, k]] for k in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(q - p, r - p), hull.equations[:, :3]) < 0.0
+    return np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
 
 
 def corners_of(body: ConvexBodies, i: int) -> Floats:

@@ -74,6 +74,20 @@ def observed_at_flip(unsure: Fraction, certain: Fraction) -> Fraction:
     return max(1 - certain, unsure - 1, Fraction(0))
 
 
+def check_flips(
+    record_property: Record,
+    decide: Callable[[Floats], Mask],
+    quantity: Callable[[int, float], Fraction],
+    most: Floats,
+    least: Floats | None = None,
+) -> None:
+    """Check where the decision of each row becomes True; quantity: exactly, over the bound."""
+    low, high = (end.tolist() for end in flips(decide, most, least))
+    pairs = enumerate(zip(low, high, strict=True))
+    ratios = [observed_at_flip(quantity(n, x), quantity(n, y)) for n, (x, y) in pairs]
+    check_ratios(record_property, ratios)
+
+
 def root(square: Fraction) -> Fraction:
     """Return the square root to more than 100 bits."""
     if square == 0:
@@ -97,6 +111,16 @@ def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
 def difference(a: Iterable[Fraction], b: Iterable[Fraction]) -> Vector:
     """Return a - b."""
     return [x - y for x, y in zip(a, b, strict=True)]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return the vector product."""
+    return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
+
+
+def normals(columns: list[Vector]) -> list[Vector]:
+    """Return the vector products (3) of columns (3): of the second and the third one first."""
+    return [cross(columns[k - 2], columns[k - 1]) for k in range(3)]
 
 
 def norm(a: Vector) -> Fraction:
@@ -158,15 +182,12 @@ class Moved:
         quantity: Callable[[Box, Box], Fraction],
     ) -> None:
         """Check where a decision becomes True; quantity: exactly, in units of the bound."""
-        low, high = flips(lambda distances: decide(*self.at(distances)), self.farthest)
-        near, far = self.at(low), self.at(high)
-        check_ratios(
-            record_property,
-            [
-                observed_at_flip(*(quantity(row_of(a, n), row_of(b, n)) for a, b in (near, far)))
-                for n in range(len(self.a))
-            ],
-        )
+
+        def of_row(n: int, distance: float) -> Fraction:
+            a, b = self.at(np.full(len(self.a), distance))
+            return quantity(row_of(a, n), row_of(b, n))
+
+        check_flips(record_property, lambda d: decide(*self.at(d)), of_row, self.farthest)
 
 
 def join(boxes: list[Boxes]) -> Boxes:

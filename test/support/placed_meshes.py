@@ -33,6 +33,7 @@ ZOO = zoo()
 NAMES = list(ZOO)
 #: Pairs of bodies in the tests over all meshes.
 PAIRS = 40_000
+TRIANGLE = np.array([[0, 1, 2]])
 
 
 def bodies_of(
@@ -67,9 +68,35 @@ def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[list[Fraction]]]:
     ]  # fmt: skip
 
 
+def trees_of(*names: str, solid: bool | None = None) -> MeshTrees:
+    """Return trees of meshes of the zoo, of all of them without names."""
+    return MeshTrees.join([MeshTrees.build(*ZOO[name], solid=solid) for name in names or NAMES])
+
+
+def standing(trees: MeshTrees, *centers: ArrayLike, mesh: int = 0) -> PlacedMeshes:
+    """Return a mesh at centres, or at the origin, that is not turned."""
+    places = np.array(centers or [[0.0, 0.0, 0.0]], np.float64)
+    count = len(places)
+    return PlacedMeshes(trees, np.full(count, mesh), places, np.tile(np.eye(3), (count, 1, 1)))
+
+
+def as_drawn(pairs: list[tuple[Floats, Floats]]) -> list[PlacedMeshes]:
+    """Return pairs of triangles as two sets of meshes, where they are."""
+    count = len(pairs)
+    still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+    trees = [MeshTrees.join([MeshTrees.build(p[k], TRIANGLE) for p in pairs]) for k in (0, 1)]
+    return [PlacedMeshes(side, np.arange(count), *still) for side in trees]
+
+
 def place(vertices: ArrayLike, faces: ArrayLike, offset: ArrayLike = (0, 0, 0)) -> PlacedMeshes:
-    trees = MeshTrees.build(vertices, faces)
-    return PlacedMeshes(trees, [0], np.asarray(offset)[None], np.eye(3)[None])
+    return standing(MeshTrees.build(vertices, faces), offset)
+
+
+def moved_on(bodies: PlacedMeshes, twists: Floats, times: Floats) -> PlacedMeshes:
+    """Return bodies after times (n,) with twists (n, 6)."""
+    turns = Rotation.from_rotvec(twists[:, 3:] * times[:, None]).as_matrix()
+    centers = bodies.centers + twists[:, :3] * times[:, None]
+    return PlacedMeshes(bodies.trees, bodies.meshes, centers, turns @ bodies.rotations)
 
 
 def verdict_of(a: PlacedMeshes, b: PlacedMeshes, exact: bool = False) -> Verdict:

@@ -16,11 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+import obb_collision as oc
 from obb_collision import Boxes
 from obb_collision.geometry.validation import orthonormal_defect
 from obb_collision.numerics.constants import ROUNDOFF
@@ -29,6 +32,7 @@ from obb_collision.typing import Floats
 from tools.cases.families import generate
 
 Arrays = tuple[Floats, Floats, Floats]
+Answer = TypeVar("Answer")
 
 #: Pairs made, judged and thrown away at a time: a million pairs need no more memory than this.
 CHUNK = 20_000
@@ -77,6 +81,24 @@ def witnesses(a: Boxes, b: Boxes) -> tuple[Floats, Floats]:
     gaps, axes, points = np.empty(len(a)), np.empty((len(a), 3)), np.empty((len(a), 3))
     witness_kernel(boxes.arrays, pairs, gaps, axes, points, 0, len(pairs))
     return gaps, axes
+
+
+def refused(reason: str, ask: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+    """Assert that a call raises ValueError with this reason."""
+    with pytest.raises(ValueError, match=reason):
+        ask(*arguments, **options)
+
+
+def by_threads(ask: Callable[[], Answer], *counts: int | None) -> list[Answer]:
+    """Return the answers that as many threads give."""
+    try:
+        answers = []
+        for count in counts:
+            oc.set_threads(count)
+            answers.append(ask())
+        return answers
+    finally:
+        oc.set_threads(None)
 
 
 def loosened(rotations: Floats, rng: np.random.Generator) -> Floats:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes fitted to points: they contain every point exactly, and they are small."""
+"""Boxes of points, of one cloud or many: contained by exact arithmetic, and as small as known."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from membership import assert_proper, holds
 from scipy.spatial.transform import Rotation
+from support import refused
 
 import obb_collision as oc
 from obb_collision.geometry.fitting import enclosing
@@ -149,7 +150,7 @@ def hard_set(rng: np.random.Generator) -> Floats:
 
 
 @EVERY_FIT
-@pytest.mark.parametrize("exact_points", [0, EXACT_POINTS])
+@each("exact_points", [0, EXACT_POINTS])
 def test_hard_sets_are_contained_by_integers_and_by_the_bound_alone(
     fit: str, exact_points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -284,18 +285,12 @@ def test_a_million_points_take_seconds(shape: str, count: int) -> None:
 
 
 def test_bad_input_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="fit must be one of 'aabb', 'covariance'"):
-        fit_points(CUBE, "tight")
-    with pytest.raises(ValueError, match="points must be finite in row 1"):
-        fit_points(np.array([[0, 0, 0], [0, np.nan, 0]]))
-    with pytest.raises(ValueError, match="points must be finite in row 0"):
-        fit_points(np.array([[0, 0, np.inf]]), "aabb")
-    with pytest.raises(ValueError, match="points must not be empty"):
-        fit_points(np.empty((0, 3)))
-    with pytest.raises(ValueError, match="points must have shape"):
-        fit_points([[0.0, 1.0]])
-    with pytest.raises(ValueError, match="points must have shape"):
-        fit_points([0.0, 1.0, 2.0])
+    refused("fit must be one of 'aabb', 'covariance'", fit_points, CUBE, "tight")
+    refused("points must be finite in row 1", fit_points, np.array([[0, 0, 0], [0, np.nan, 0]]))
+    refused("points must be finite in row 0", fit_points, np.array([[0, 0, np.inf]]), "aabb")
+    refused("points must not be empty", fit_points, np.empty((0, 3)))
+    refused("points must have shape", fit_points, [[0.0, 1.0]])
+    refused("points must have shape", fit_points, [0.0, 1.0, 2.0])
 
 
 #: Clouds that perception gives: some points in general position, and every degenerate kind.
@@ -348,18 +343,22 @@ def test_clouds_of_equal_size_come_as_one_array() -> None:
 
 def test_bad_clouds_are_refused_by_their_number() -> None:
     good = np.eye(3)
-    with pytest.raises(ValueError, match="points must not be empty in cloud 1"):
-        oc.Boxes.from_points([good, np.empty((0, 3)), good])
-    with pytest.raises(ValueError, match="points must not be empty in cloud 1"):
-        oc.Boxes.from_points(good, [0, 2, 2, 3])
-    with pytest.raises(ValueError, match="points of cloud 2 must be finite in row 1"):
-        oc.Boxes.from_points([good, good, np.array([[0, 0, 0], [0, np.nan, 0]])])
-    with pytest.raises(ValueError, match=r"points of cloud 0 must have shape \(n, 3\)"):
-        oc.Boxes.from_points(good)
-    with pytest.raises(ValueError, match="fit must be one of"):
-        oc.Boxes.from_points([good], fit="tight")
+    refused(
+        "points must not be empty in cloud 1", oc.Boxes.from_points, [good, np.empty((0, 3)), good]
+    )
+    refused("points must not be empty in cloud 1", oc.Boxes.from_points, good, [0, 2, 2, 3])
+    refused(
+        "points of cloud 2 must be finite in row 1",
+        oc.Boxes.from_points,
+        [good, good, np.array([[0, 0, 0], [0, np.nan, 0]])],
+    )
+    refused(r"points of cloud 0 must have shape \(n, 3\)", oc.Boxes.from_points, good)
+    refused("fit must be one of", oc.Boxes.from_points, [good], fit="tight")
     for offsets in ([], [0], [0, 2], [1, 3], [0, 2, 1, 3]):
-        with pytest.raises(ValueError, match="offsets must rise from 0 to the number of points, 3"):
-            oc.Boxes.from_points(good, offsets)
-    with pytest.raises(ValueError, match="offsets must be from 0 to 3 in row 1"):
-        oc.Boxes.from_points(good, [0, 4])
+        refused(
+            "offsets must rise from 0 to the number of points, 3",
+            oc.Boxes.from_points,
+            good,
+            offsets,
+        )
+    refused("offsets must be from 0 to 3 in row 1", oc.Boxes.from_points, good, [0, 4])

@@ -23,9 +23,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from membership import Box, assert_proper, corners, determinant, fractions, moved, outside
 from scipy.spatial.transform import Rotation
+from support import refused
 
 import obb_collision as oc
-from obb_collision.geometry.fitting.transform import transform_box
 from obb_collision.typing import Floats
 
 QUATERNION = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(np.any)
@@ -53,7 +53,8 @@ def rotation(seed: int) -> Floats:
 
 def transformed(box: Box, matrix: Floats) -> Box:
     """Return the moved box, after checking that it is one and contains the corners."""
-    result = transform_box(*box, matrix)
+    new = oc.OBB(*box).transformed(matrix)
+    result = new.center, new.rotation, new.half_extents
     assert_proper(result)
     assert all(gap <= 0 for gap in outside(result, moved(corners(box), matrix)))
     return result
@@ -78,39 +79,34 @@ def test_any_box_under_any_invertible_matrix_is_contained(
     transformed(box, matrix)
 
 
-def test_identity_keeps_every_bit() -> None:
-    for half in ((1.0, 2.0, 3.0), (1.0, 0.0, 0.1), (0.0, 0.0, 0.0)):
-        box = box_of(1, half)
-        for old, new in zip(box, transformed(box, np.eye(4)), strict=True):
-            assert (old == new).all()
+TURN = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+#: A matrix, and the axes and half extents of a box along the world's axes afterwards.
+EXACT: list[tuple[Floats, Floats, Floats]] = [
+    (np.eye(4), np.eye(3), np.ones(3)),
+    (affine(2.0 * np.eye(3)), np.eye(3), np.full(3, 2.0)),
+    (affine(-0.25 * np.eye(3)), np.eye(3), np.full(3, 0.25)),
+    (affine(TURN, (1.0, 1.0, 1.0)), TURN, np.ones(3)),
+    (affine(np.diag([-1.0, 1.0, 1.0])), np.eye(3), np.ones(3)),
+    (np.diag([3.0, -0.5, 7.0, 1.0]), np.eye(3), np.array([3.0, 0.5, 7.0])),
+]
 
 
-@each("scale", [2.0, 0.5, -4.0])
-def test_uniform_scale_by_powers_of_two_is_exact(scale: float) -> None:
-    box = box_of(2, (1.0, 0.1, 0.0))
-    center, axes, half = transformed(box, affine(scale * np.eye(3)))
-    assert (center == scale * box[0]).all()
-    assert (axes == box[1]).all()
-    assert (half == abs(scale) * box[2]).all()
-
-
-def test_quarter_turns_and_reflections_are_exact() -> None:
-    box = np.array([1.0, 2.0, 3.0]), np.eye(3), np.array([0.1, 0.2, 0.0])
-    turned = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
-    center, axes, half = transformed(box, affine(turned, (1.0, 1.0, 1.0)))
-    assert center.tolist() == [-1.0, 2.0, 4.0]
-    assert (axes == turned).all()
-    assert (half == box[2]).all()
-    center, _, half = transformed(box, affine(np.diag([-1.0, 1.0, 1.0])))
-    assert center.tolist() == [-1.0, 2.0, 3.0]
-    assert (half == box[2]).all()
-
-
-def test_scale_along_the_box_axes_is_exact() -> None:
-    box = np.zeros(3), np.eye(3), np.array([1.0, 2.0, 0.0])
-    _, axes, half = transformed(box, np.diag([3.0, -0.5, 7.0, 1.0]))
-    assert (axes == np.eye(3)).all()
-    assert half.tolist() == [3.0, 1.0, 0.0]
+@each("matrix, axes, scale", EXACT)
+def test_scales_quarter_turns_and_reflections_are_exact(
+    matrix: Floats, axes: Floats, scale: Floats
+) -> None:
+    for half in ([1.0, 2.0, 3.0], [1.0, 0.0, 0.1], [0.0, 0.0, 0.0]):
+        box = np.array([1.0, -2.0, 0.125]), np.eye(3), np.array(half)
+        new = transformed(box, matrix)
+        assert (new[0] == matrix[:3, :3] @ box[0] + matrix[:3, 3]).all()
+        assert (new[1] == axes).all()
+        assert (new[2] == scale * half).all()
+    turned = box_of(2, (1.0, 0.1, 0.0))
+    for size in (1.0, 2.0, -4.0):
+        new = transformed(turned, affine(size * np.eye(3)))
+        assert (new[0] == size * turned[0]).all()
+        assert (new[1] == turned[1]).all()
+        assert (new[2] == abs(size) * turned[2]).all()
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
@@ -125,7 +121,7 @@ def test_similarities_are_tight(
     size = scale * (np.array(half).sum() + 10.0) + 10.0  # the centre is rounded too
     assert new == pytest.approx(scale * np.array(half), rel=1e-14, abs=1e-14 * size)
     assert center == pytest.approx(linear @ box[0] + [5, 6, 7], abs=1e-14 * size)
-    along = (linear @ box[1] / scale).T @ axes
+    along = (linear @ box[1] / scale).T @ axes  # the axes turn with the box
     assert np.abs(along) == pytest.approx(np.eye(3), abs=1e-13)
 
 
@@ -175,36 +171,25 @@ def test_results_below_the_least_double_round_up() -> None:
     assert half.tolist() == [5e-324] * 3
 
 
-def test_obb_transformed_speaks_the_same() -> None:
-    obb = oc.OBB(*box_of(7))
-    matrix = affine(rotation(8) @ np.diag([1.0, 2.0, 3.0]))
-    new = obb.transformed(matrix)
-    expected = transform_box(obb.center, obb.rotation, obb.half_extents, matrix)
-    assert all((x == y).all() for x, y in zip((new.center, new.rotation), expected, strict=False))
-    assert (new.half_extents == expected[2]).all()
-
-
 def test_bad_matrices_are_refused_by_name() -> None:
-    box = box_of(9)
+    transform = oc.OBB(*box_of(9)).transformed
     bad_row = np.eye(4)
     bad_row[3, 0] = 1e-20
-    with pytest.raises(ValueError, match="matrix must have the last row 0 0 0 1"):
-        transform_box(*box, bad_row)
-    with pytest.raises(ValueError, match="matrix must be invertible"):
-        transform_box(*box, affine(np.array([[1.0, 2, 3], [2, 4, 6], [0, 0, 1]])))
-    with pytest.raises(ValueError, match="matrix must be finite"):
-        transform_box(*box, affine(np.full((3, 3), np.nan)))
-    with pytest.raises(ValueError, match=r"matrix must have shape \(4, 4\)"):
-        transform_box(*box, np.eye(3))
-    with pytest.raises(ValueError, match="beyond 1e"):
-        transform_box(*box, affine(1e300 * np.eye(3)))
+    refused("matrix must have the last row 0 0 0 1", transform, bad_row)
+    refused(
+        "matrix must be invertible",
+        transform,
+        affine(np.array([[1.0, 2, 3], [2, 4, 6], [0, 0, 1]])),
+    )
+    refused("matrix must be finite", transform, affine(np.full((3, 3), np.nan)))
+    refused(r"matrix must have shape \(4, 4\)", transform, np.eye(3))
+    refused("beyond 1e", transform, affine(1e300 * np.eye(3)))
 
 
 def test_exactly_singular_and_barely_invertible_are_told_apart() -> None:
     # In doubles the determinant of both is rounding: only exact arithmetic tells.
     third = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]])
-    with pytest.raises(ValueError, match="invertible"):
-        transform_box(*box_of(1), affine(third))
+    refused("invertible", oc.OBB(*box_of(1)).transformed, affine(third))
     third[2, 2] = np.nextafter(9.0, 10.0)
     assert determinant(*(fractions(c) for c in third.T)) != Fraction(0)
     transformed(box_of(1), affine(third))

@@ -27,7 +27,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from one_set import contacts
-from support import family, joined, row_of, sizes, stored
+from support import family, joined, refused, row_of, sizes, stored
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts.patch import FEATURE_TIE, KEEP
@@ -133,14 +133,12 @@ def test_deep_flat_and_needle_boxes_have_points_too(seed: int, thin: float) -> N
 
 def test_bad_input_is_refused_by_name() -> None:
     boxes = Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
-    with pytest.raises(ValueError, match="max_points must be 4 or 8, got 5"):
-        contacts(boxes, [[0, 1]], 5)
-    with pytest.raises(ValueError, match=r"pairs must be rows of 2 and 2, got \[0, 2\] in row 1"):
-        contacts(boxes, [[0, 1], [0, 2]])
-    with pytest.raises(ValueError, match=r"pairs must have shape \(m, 2\)"):
-        contacts(boxes, [0, 1])
-    with pytest.raises(ValueError, match="pairs must be whole numbers"):
-        contacts(boxes, [[0.0, 1.0]])
+    refused("max_points must be 4 or 8, got 5", contacts, boxes, [[0, 1]], 5)
+    refused(
+        r"pairs must be rows of 2 and 2, got \[0, 2\] in row 1", contacts, boxes, [[0, 1], [0, 2]]
+    )
+    refused(r"pairs must have shape \(m, 2\)", contacts, boxes, [0, 1])
+    refused("pairs must be whole numbers", contacts, boxes, [[0.0, 1.0]])
     assert len(contacts(boxes, []).counts) == 0
     assert KEEP < POINT_ACCURACY
 

@@ -16,13 +16,24 @@
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
-
 import hull_distances
 import numpy as np
 import pytest
 from beyond_bodies import beyond
-from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls, moved, pair_of
+from convex_bodies import (
+    CLOSE,
+    FAMILIES,
+    KIND_PAIRS,
+    POLYTOPES,
+    Pair,
+    corners_of,
+    family,
+    moved,
+    pair_of,
+    reach_of,
+    some,
+    world_rounding,
+)
 from convex_planes import exact_gap
 from each import each
 from scipy.spatial import ConvexHull
@@ -38,9 +49,9 @@ from obb_collision.queries.convex.distances import (
     convex_may_collide,
 )
 from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats
 
-POLYTOPES = [("hull", "hull"), ("hull", "box"), ("box", "box")]
+SOLIDS = [("hull", "hull"), ("hull", "box"), ("box", "box")]
 THIN = ["flat", "plates", "needles", "flat and parallel"]
 CURVED = [("cylinder", "cone"), ("ellipsoid", "hull"), ("capsule", "box"), ("capsule", "capsule")]
 
@@ -56,19 +67,11 @@ def overlapping(kinds: tuple[str, str], count: int) -> tuple[Pair, Floats]:
     return (some(a, deep), some(b, deep)), -found.lower[deep]
 
 
-def some(bodies: ConvexBodies, rows: Rows) -> ConvexBodies:
-    """Return some of the bodies."""
-    return ConvexBodies(
-        *(bodies.kinds[rows], bodies.sizes[rows], bodies.radii[rows], bodies.hulls),
-        *(bodies.rows[rows], bodies.centers[rows], bodies.rotations[rows]),
-    )
-
-
 def in_world(body: ConvexBodies, i: int) -> Floats:
     return corners_of(body, i) @ body.rotations[i].T + body.centers[i]
 
 
-@each("kinds", POLYTOPES)
+@each("kinds", SOLIDS)
 def test_depths_of_polytopes_are_those_of_all_faces_of_their_difference(
     kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -79,7 +82,7 @@ def test_depths_of_polytopes_are_those_of_all_faces_of_their_difference(
         assert depth == pytest.approx(truth, abs=1e-9)
 
 
-@each("kinds", [*POLYTOPES, *CURVED])
+@each("kinds", [*SOLIDS, *CURVED])
 def test_a_translation_by_the_depth_parts_bodies_and_a_shorter_one_does_not(
     kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -91,7 +94,7 @@ def test_a_translation_by_the_depth_parts_bodies_and_a_shorter_one_does_not(
         assert (convex_may_collide(a, there, rows, rows) == collide).all()
 
 
-@each("kinds", [*POLYTOPES, *CURVED])
+@each("kinds", [*SOLIDS, *CURVED])
 def test_contacts_lie_within_half_the_depth_of_both_bodies(
     kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -111,7 +114,7 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
             assert (apart <= 0.5 * depths[there] + 1e-9).all()
 
 
-@each("kinds", [*POLYTOPES, *CURVED, ("box", "cylinder"), ("cone", "ellipsoid")])
+@each("kinds", [*SOLIDS, *CURVED, ("box", "cylinder"), ("cone", "ellipsoid")])
 @each("name", ["nearly touching", "parallel", *THIN])
 def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
     name: str, kinds: tuple[str, str], pairs: int
@@ -168,11 +171,6 @@ def check_nearness(a: ConvexBodies, b: ConvexBodies, found: Contacts) -> None:
             apart = convex_distances(some(body, there), spot, few, few)[0].upper
             most = 0.5 * found.depths[there] + 1e-9 * size[there]
             assert (apart <= most + 1e-15).all()  # rounding of world coordinates
-
-
-def reach_of(body: ConvexBodies) -> Floats:
-    own = np.abs(body.sizes).sum(axis=1) + body.radii
-    return np.where(body.kinds == CORNERS, body.hulls.radii[body.rows], own)
 
 
 def test_the_contact_of_two_edges_is_theirs_where_a_face_within_has_their_normal() -> None:
@@ -262,25 +260,13 @@ def test_contacts_of_a_deep_ball_of_many_corners_lie_all_around(corners: int) ->
     assert np.linalg.norm(around, axis=1).max() > 0.9
 
 
-KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
-POLYTOPES_CONVEX_DISTANCES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
-#: Promised: how close the bounds are, relative to the size or the distance of a pair.
-CLOSE = 1e-9
-
-
 def found_of(pair: Pair) -> ConvexDistances:
     rows = np.arange(len(pair[0]))
     return convex_distances(*pair, rows, rows)[0]
 
 
-def reach(body: ConvexBodies) -> Floats:
-    corners = np.array([body.hulls.radii[row] for row in body.rows])
-    sizes = np.abs(body.sizes).sum(axis=1)
-    return np.where(body.kinds == CORNERS, corners, sizes) + body.radii
-
-
 @each("name", FAMILIES)
-@each("kinds", POLYTOPES_CONVEX_DISTANCES)
+@each("kinds", POLYTOPES)
 def test_distances_of_polytopes_are_those_of_fractions(
     name: str, kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -294,15 +280,10 @@ def test_distances_of_polytopes_are_those_of_fractions(
         radius = float(a.radii[n] + b.radii[n])
         truth = hull_distances.root(square)
         assert hull_distances.at_most(found.lower[n], square, radius)
-        size = max(truth, float(reach(a)[n] + reach(b)[n]))
+        size = max(truth, float(reach_of(a)[n] + reach_of(b)[n]))
         if truth > radius:
             assert found.lower[n] >= truth - radius - CLOSE * size
             assert found.upper[n] <= truth - radius + CLOSE * size + world_rounding((a, b))[n]
-
-
-def world_rounding(pair: Pair) -> Floats:
-    a, b = pair
-    return 1e-15 * (np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1))
 
 
 @each("name", FAMILIES)
@@ -313,7 +294,7 @@ def test_bounds_are_proved_by_the_normal_and_attained_by_the_points(
     pair = family(name, kinds, max(100, pairs // 10), 2)
     found = found_of(pair)
     assert (found.lower <= exact_gap(pair, found.normals)).all()
-    size = np.maximum(reach(pair[0]) + reach(pair[1]), found.upper)
+    size = np.maximum(reach_of(pair[0]) + reach_of(pair[1]), found.upper)
     apart = found.lower > 0.0
     width = np.maximum(found.upper, 0.0) - found.lower
     assert (width[apart] <= (CLOSE * size + world_rounding(pair))[apart]).all()
@@ -324,10 +305,3 @@ def test_bounds_are_proved_by_the_normal_and_attained_by_the_points(
     slack = 1e-13 * size + world_rounding(pair)
     for body, points in zip(pair, (found.positions_a, found.positions_b), strict=True):
         assert (beyond(body, points)[apart] <= slack[apart]).all()
-
-
-def test_hulls_are_those_of_their_corners() -> None:
-    _, corners = hulls(np.ones(3))
-    a, _ = family("random", ("hull", "hull"), 5, 0)
-    for i in range(5):
-        assert set(map(tuple, corners_of(a, i))) == set(map(tuple, corners[a.rows[i]]))

@@ -21,14 +21,23 @@ from fractions import Fraction
 import convex_bodies
 import numpy as np
 import pytest
-from convex_bodies import FAMILIES, HULLS, KINDS, family, hulls
+from convex_bodies import (
+    CLOSE,
+    FAMILIES,
+    ROUND_KINDS,
+    as_meshes,
+    family,
+    round_bodies,
+    size_with,
+    world_rounding,
+)
 from convex_bodies import moved as with_columns
 from convex_planes import exact_gap
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners
+from placed_meshes import as_drawn, bodies_of, exact_corners, standing, trees_of
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES as TRIANGLES
 from triangle_pairs import SHARE, Maker
@@ -41,19 +50,15 @@ from obb_collision.queries.convex.distances import (
     convex_distances,
     mesh_body_distances,
 )
-from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
 from obb_collision.queries.mesh_contacts.body_depths import within_bodies
 from obb_collision.queries.mesh_contacts.surfaces import hulls_of
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
-from obb_collision.typing import Floats, Integers
+from obb_collision.typing import Floats
 
-#: By how much a depth may exceed that of the hulls, relative to the size of a pair.
-CLOSE = 1e-9
-TREES = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+TREES = trees_of()
 CONVEX = MeshTrees.join(
     [MeshTrees.build(*zoo()[f"{name}{n}"]) for name in ("hull", "box", "sphere") for n in range(3)]
 )
-TRIANGLE = np.array([[0, 1, 2]])
 
 
 def sizes_of(a: PlacedMeshes, b: PlacedMeshes) -> Floats:
@@ -127,8 +132,7 @@ def test_apart_it_is_the_distance() -> None:
 
 def test_exact_arithmetic_finds_nothing_that_touches() -> None:
     """All triangles of the one against all of the other, after the push by exact numbers."""
-    names = ["box0", "star0", "cone1", "triangle", "crumbs0"]
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
+    trees = trees_of("box0", "star0", "cone1", "triangle", "crumbs0")
     a, b = bodies_of(trees, 12, 0.3, 4)
     found = oc.separations(a, b)
     deep = np.flatnonzero(found.separations < 0.0)
@@ -151,13 +155,7 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
 def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(12)
     drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]
-    count = len(drawn)
-    sides = []
-    for side in range(2):
-        trees = MeshTrees.join([MeshTrees.build(pair[side], TRIANGLE) for pair in drawn])
-        still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
-        sides.append(PlacedMeshes(trees, np.arange(count), *still))
-    a, b = sides
+    a, b = as_drawn(drawn)
     found, size = oc.separations(a, b), sizes_of(a, b)
     collide = oc.verdicts(a, b) != SEPARATE
     assert (found.separations <= 0.0)[collide].all()
@@ -181,22 +179,16 @@ def test_scaled_by_a_power_of_two_it_is_the_same(seed: int, power: int) -> None:
     found = []
     for factor in (1.0, scale):
         trees = MeshTrees.join([MeshTrees.build(factor * x, BOX_FACES) for x in (p, q)])
-        still = np.zeros((1, 3)), np.eye(3)[None]
-        found.append(
-            oc.separations(PlacedMeshes(trees, [0], *still), PlacedMeshes(trees, [1], *still))
-        )
+        found.append(oc.separations(standing(trees), standing(trees, mesh=1)))
     one, other = found
     assert other.separations[0] == pytest.approx(scale * one.separations[0], rel=1e-6)
     np.testing.assert_allclose(other.normals, one.normals, atol=1e-6)
 
 
-def boxes_at(*offsets: list[float], solid: bool = True) -> tuple[PlacedMeshes, PlacedMeshes]:
+def boxes_at(*offsets: list[float]) -> tuple[PlacedMeshes, PlacedMeshes]:
     """Return cubes from -1 to 1 in one place, and others at offsets."""
-    tree = MeshTrees.build(BOX_CORNERS, BOX_FACES, solid=solid)
-    count, turn = len(offsets), np.tile(np.eye(3), (len(offsets), 1, 1))
-    rows = np.zeros(count, np.int64)
-    a = PlacedMeshes(tree, rows, np.zeros((count, 3)), turn)
-    return a, PlacedMeshes(tree, rows, np.array(offsets), turn)
+    tree = MeshTrees.build(BOX_CORNERS, BOX_FACES)
+    return standing(tree, *np.zeros((len(offsets), 3))), standing(tree, *offsets)
 
 
 def test_cubes_that_rest_on_each_other_or_are_one() -> None:
@@ -210,9 +202,8 @@ def test_cubes_that_rest_on_each_other_or_are_one() -> None:
 def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:
     ball = MeshTrees.build(*zoo()["sphere1"])
     tree = MeshTrees.build(2.0 * BOX_CORNERS, BOX_FACES, solid=False)
-    still = np.zeros((1, 3)), np.eye(3)[None]
-    hollow = PlacedMeshes(tree, [0], *still)
-    inner = PlacedMeshes(ball, [0], [[1.6, 0, 0]], still[1])  # 0.05 past the inside of a wall
+    hollow = standing(tree)
+    inner = standing(ball, [1.6, 0, 0])  # 0.05 past the inside of a wall
     found = oc.separations(hollow, inner)
     assert -0.06 < found.separations[0] < -0.01
     assert found.normals[0, 0] < -0.9  # back inside, as that is nearer
@@ -220,9 +211,7 @@ def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:
 
 def test_one_inside_the_other() -> None:
     tree = MeshTrees.join([MeshTrees.build(size * BOX_CORNERS, BOX_FACES) for size in (2.0, 0.25)])
-    still = np.eye(3)[None]
-    outer = PlacedMeshes(tree, [0], np.zeros((1, 3)), still)
-    inner = PlacedMeshes(tree, [1], [[0.0, 0.0, 1.25]], still)
+    outer, inner = standing(tree), standing(tree, [0.0, 0.0, 1.25], mesh=1)
     for a, b, sign in ((outer, inner, 1.0), (inner, outer, -1.0)):
         found = check(a, b)
         assert found.separations[0] == pytest.approx(-1.0, abs=1e-8)
@@ -238,13 +227,12 @@ def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
     corners = np.concatenate([floor[0], wall[0]])
     room = MeshTrees.build(corners, np.concatenate([floor[1], wall[1] + len(floor[0])]))
     crate = MeshTrees.build(BOX_CORNERS, BOX_FACES)
-    still = np.eye(3)[None]
-    a = PlacedMeshes(room, [0], np.zeros((1, 3)), still)
+    a = standing(room)
     for place, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
-        b = PlacedMeshes(crate, [0], [place], still)
+        b = standing(crate, place)
         assert -oc.separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
         assert -depths_of_hulls(a, b).lower[0] > 0.5
-    b = PlacedMeshes(crate, [0], [[-3.02, 0, 0.98]], still)  # in both
+    b = standing(crate, [-3.02, 0, 0.98])  # in both
     assert 0.02 <= -oc.separations(a, b).separations[0] < 0.04
 
 
@@ -258,9 +246,6 @@ def test_radii_are_added() -> None:
     np.testing.assert_array_less(0.5, oc.clearances(a, away).upper + 1e-12)
 
 
-ROUND_KINDS = ("ellipsoid", "cylinder", "cone")
-
-
 def outer_of(normals: Floats, depths: Floats) -> Separations:
     each = np.repeat(np.arange(len(depths)), 2).reshape(-1, 2)
     return Separations(each, -depths, normals.copy(), np.zeros_like(normals))
@@ -271,11 +256,6 @@ def randoms(count: int, seed: int) -> Floats:
     return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
 
 
-def size_of(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:
-    size: Floats = meshes.trees.radii[meshes.meshes] + np.abs(body.sizes).sum(axis=1)
-    return size + np.abs(meshes.centers - body.centers).sum(axis=1)
-
-
 @each("name", FAMILIES)
 @each("kind", ROUND_KINDS)
 def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
@@ -283,17 +263,14 @@ def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
 ) -> None:
     monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
     pair = family(name, ("hull", kind), max(100, pairs // len(FAMILIES)), 15)
-    corners = hulls(np.array(FAMILIES[name][0]))[1]
-    trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in corners])
-    assert len(corners) == HULLS
-    meshes = PlacedMeshes(trees, pair[0].rows, pair[0].centers, pair[0].rotations)
-    rows, size = np.arange(len(meshes)), size_of(meshes, pair[1])
+    meshes = as_meshes(pair[0], name)
+    rows, size = np.arange(len(meshes)), size_with(meshes, pair[1])
     far = 3.0 * size  # no pair of these needs more
     found = within_bodies(
         outer_of(randoms(len(rows), 3), far), meshes, np.zeros(len(rows)), pair[1]
     )
     deep = found.separations < 0.0
-    world = 1e-15 * (np.abs(pair[0].centers).sum(axis=1) + np.abs(pair[1].centers).sum(axis=1))
+    world = world_rounding(pair)
     room = CLOSE * size + world
     lower = convex_distances(*pair, rows, rows)[0].lower
     assert (found.separations <= lower + room)[deep].all()  # no push parts them that is shorter
@@ -312,33 +289,17 @@ def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
         assert not deep.all()
 
 
-SIZES = {
-    "ellipsoid": [0.1, 0.3, 0.2, 0.1],
-    "cylinder": [0.2, 0.2, 0.0, 0.3],
-    "cone": [0.2, 0.3, 0.0, 0.3],
-}
-
-
-def round_bodies(kind: str, centers: Floats, rotations: Floats, radius: float) -> ConvexBodies:
-    count = len(centers)
-    rows: Integers = np.zeros(count, np.int64)
-    return ConvexBodies(
-        np.full(count, KINDS[kind], np.int8), np.tile(SIZES[kind], (count, 1)),
-        np.full(count, radius), NO_HULLS, rows, centers, rotations,
-    )  # fmt: skip
-
-
 @each("radius", [0.0, 0.03])
 @each("kind", ROUND_KINDS)
 def test_a_depth_parts_meshes_and_bodies_and_is_the_shortest_along_its_normal(
     kind: str, radius: float, pairs: int
 ) -> None:
     """All kinds of meshes; where they are apart, it is their distance."""
-    trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+    trees = trees_of()
     count = max(pairs // 10, 60)
     a, b = bodies_of(trees, count, 0.5, 7)
     radii, rows = np.full(count, radius), np.arange(count)
-    body = round_bodies(kind, b.centers, b.rotations, radius)
+    body = round_bodies(kind, b, radius)
     found = within_bodies(outer_of(randoms(count, 5), np.full(count, 4.0)), a, radii, body)
     near = mesh_body_distances(a, radii, body, rows, rows)[0]
     apart = near.upper > 0.0
@@ -349,9 +310,7 @@ def test_a_depth_parts_meshes_and_bodies_and_is_the_shortest_along_its_normal(
     short = 0
     for share in (1.0, 1.0 - 1e-6):
         centers = b.centers - share * np.minimum(found.separations, 0.0)[:, None] * found.normals
-        then = mesh_body_distances(
-            a, radii, round_bodies(kind, centers, b.rotations, radius), rows, rows
-        )[0]
+        then = mesh_body_distances(a, radii, with_columns(body, centers=centers), rows, rows)[0]
         if share == 1.0:
             assert (then.lower[deep] > 0.0).all()
         else:

@@ -21,8 +21,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from each import each
-from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners
+from placed_meshes import TRIANGLE, bodies_of, exact_corners, trees_of
 from triangle_distances import squared_distance, squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
@@ -34,8 +33,7 @@ from obb_collision.queries.mesh_contacts.push import way_out
 from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.verdict.verdict import SEPARATE
 
-TREES = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
-TRIANGLE = np.array([[0, 1, 2]])
+TREES = trees_of()
 #: How far a point may be from either surface, relative to the size of a pair.
 ON_SURFACE = Fraction(1, 10**12)
 
@@ -79,8 +77,7 @@ def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> Non
 
 
 def test_points_of_meshes_are_on_both_exactly() -> None:
-    names = ["box0", "star0", "cone1", "triangle", "open_sphere0"]
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
+    trees = trees_of("box0", "star0", "cone1", "triangle", "open_sphere0")
     a, b = bodies_of(trees, 16, 0.3, 4)
     found, checked = oc.contacts(a, b), 0
     crossing = np.unique(oc.triangle_pairs(a, b).pairs)

@@ -23,8 +23,9 @@ import numpy as np
 import pytest
 from each import each
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners
+from placed_meshes import TRIANGLE, as_drawn, bodies_of, exact_corners, standing, trees_of
 from scipy.spatial.transform import Rotation
+from support import refused
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
@@ -36,7 +37,6 @@ from obb_collision.queries.verdict.verdict import SEPARATE
 
 #: What the bounds may differ by, relative to the size of a pair.
 CLOSE = Fraction(1, 10**9)
-TRIANGLE = np.array([[0, 1, 2]])
 
 
 def exact_square(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int, near: float) -> Fraction:
@@ -122,22 +122,16 @@ def test_bounds_are_close_where_simplices_are_flat() -> None:
     parallel = next(make for make in FAMILIES if make.__name__ == "_parallel")
     rng = np.random.default_rng(11)
     drawn = [parallel(rng) for _ in range(2000)]
-    rows, turns = np.arange(len(drawn)), np.tile(np.eye(3), (len(drawn), 1, 1))
-    a, b = (
-        PlacedMeshes(
-            MeshTrees.join([MeshTrees.build(pair[side], TRIANGLE) for pair in drawn]),
-            *(rows, np.zeros((len(drawn), 3)), turns),
-        )
-        for side in (0, 1)
-    )
+    a, b = as_drawn(drawn)
     found = oc.clearances(a, b)
     assert (found.distances > 0.0).any()
     assert (found.upper - found.distances <= 1e-9 * (a.trees.radii + b.trees.radii)).all()
 
 
 def test_meshes_against_exact_arithmetic() -> None:
-    names = ["box0", "star0", "hull0", "cone1", "triangle", "open_sphere0", "hollow0", "crumbs0"]
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
+    trees = trees_of(
+        "box0", "star0", "hull0", "cone1", "triangle", "open_sphere0", "hollow0", "crumbs0"
+    )
     a, b = bodies_of(trees, 60, 0.9, 3)
     found, verdicts = oc.clearances(a, b), oc.verdicts(a, b)
     apart = np.flatnonzero(verdicts == SEPARATE)
@@ -165,7 +159,7 @@ def test_points_are_on_the_faces_named() -> None:
 
 def test_normals_prove_the_distance() -> None:
     """All corners of the one are beyond those of the other where meshes are convex."""
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in ("hull1", "hull2", "box1")])
+    trees = trees_of("hull1", "hull2", "box1")
     a, b = bodies_of(trees, 300, 1.5, 6)
     found = oc.clearances(a, b)
     vertices = [np.asarray(zoo()[name][0]) for name in ("hull1", "hull2", "box1")]
@@ -181,16 +175,14 @@ def test_normals_prove_the_distance() -> None:
 def test_one_inside_the_other() -> None:
     """Solids have no distance from what is in them, surfaces and cavities do."""
     box, ball = MeshTrees.from_half_extents([2.0, 2.0, 2.0]), MeshTrees.build(*zoo()["sphere2"])
-    still = [np.zeros((1, 3)), np.eye(3)[None]]
-    inner = PlacedMeshes(ball, [0], *still)
-    outer = PlacedMeshes(box, [0], *still)
+    inner, outer = standing(ball), standing(box)
     found = oc.clearances(outer, inner)
     assert found.distances[0] == found.upper[0] == 0.0
     assert found.faces.tolist() == [[-1, -1]]
     np.testing.assert_allclose(found.positions_a, found.positions_b)
     assert np.linalg.norm(found.positions_b) == pytest.approx(0.45)
     crate = MeshTrees.build(2.0 * BOX_CORNERS, BOX_FACES, solid=False)
-    hollow = oc.clearances(PlacedMeshes(crate, [0], *still), inner)
+    hollow = oc.clearances(standing(crate), inner)
     assert 1.55 <= hollow.upper[0] <= 1.56
     assert hollow.upper[0] - hollow.distances[0] < 1e-9
 
@@ -199,9 +191,7 @@ def test_radii_are_exact() -> None:
     """A capsule and a ball, as a segment and a point with a radius."""
     point = MeshTrees.build(np.zeros((3, 3)), TRIANGLE)
     segment = MeshTrees.build([[0, 0, -1], [0, 0, 1], [0, 0, 1]], TRIANGLE)
-    identity = np.eye(3)[None]
-    ball = PlacedMeshes(point, [0], [[3.0, 4.0, 0.5]], identity)
-    capsule = PlacedMeshes(segment, [0], np.zeros((1, 3)), identity)
+    ball, capsule = standing(point, [3.0, 4.0, 0.5]), standing(segment)
     found = oc.clearances(ball, capsule, radii_a=1.0, radii_b=[2.0])
     assert found.distances[0] == pytest.approx(2.0, abs=1e-11)
     np.testing.assert_allclose(found.positions_a, [[2.4, 3.2, 0.5]], atol=1e-12)
@@ -212,7 +202,7 @@ def test_radii_are_exact() -> None:
 
 
 def test_a_limit_leaves_out_what_is_farther() -> None:
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in ("star1", "torus2")])
+    trees = trees_of("star1", "torus2")
     a, b = bodies_of(trees, 60, 2.0, 8)
     pairs = np.stack([np.arange(60), np.arange(60)[::-1]], axis=1)
     every = oc.clearances(a, b, pairs)
@@ -238,9 +228,7 @@ def test_sizes_by_powers_of_two_change_nothing() -> None:
 
 
 def test_wrong_arguments() -> None:
-    bodies = PlacedMeshes(MeshTrees.build(*zoo()["box0"]), [0], np.zeros((1, 3)), np.eye(3)[None])
+    bodies = standing(MeshTrees.build(*zoo()["box0"]))
     for radius in (-1.0, math.nan, math.inf, [1.0, 2.0], "much"):
-        with pytest.raises(ValueError, match="radii_b must be"):
-            oc.clearances(bodies, bodies, radii_b=radius)
-    with pytest.raises(ValueError, match="max_distance must be"):
-        oc.clearances(bodies, bodies, max_distance=-1.0)
+        refused("radii_b must be", oc.clearances, bodies, bodies, radii_b=radius)
+    refused("max_distance must be", oc.clearances, bodies, bodies, max_distance=-1.0)

@@ -16,17 +16,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import pytest
 from each import each
 from mesh_zoo import zoo
 from numpy.typing import NDArray
-from placed_meshes import Faces, collisions, place, verdict_of
+from placed_meshes import collisions, place, standing, verdict_of, windings
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
+from support import by_threads
 from trimesh import Trimesh, creation
 
 import obb_collision as oc
@@ -35,7 +34,6 @@ from obb_collision.geometry.shapes.meshes import Hull
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.numerics.intrinsics import LANES, farthest, in_blocks
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.shapes import Cone, Cylinder
 from obb_collision.typing import Floats
@@ -76,13 +74,7 @@ def test_inside_is_told_however_rays_graze() -> None:
     mesh = creation.box((1.0, 1.0, 1.0)).subdivide().subdivide()
     cube = MeshTrees.build(mesh.vertices, mesh.faces)
     grid = np.array(np.meshgrid(*[np.linspace(-0.625, 0.625, 11)] * 3)).reshape(3, -1).T
-    speck = MeshTrees.build([[0.0, 0.0, 0.0]], [[0, 0, 0]])
-    a = PlacedMeshes(
-        cube, np.zeros(len(grid), int), np.zeros_like(grid), np.tile(np.eye(3), (len(grid), 1, 1))
-    )
-    b = PlacedMeshes(speck, np.zeros(len(grid), int), grid, np.tile(np.eye(3), (len(grid), 1, 1)))
-    expected = (np.abs(grid) <= 0.5).all(axis=1)
-    assert (collisions(a, b) == expected).all()
+    assert (points_inside(cube, grid) == (np.abs(grid) <= 0.5).all(axis=1)).all()
 
 
 def test_solid_means_watertight_as_trimesh_says() -> None:
@@ -91,22 +83,9 @@ def test_solid_means_watertight_as_trimesh_says() -> None:
         assert tree.solid[0] == Trimesh(vertices, faces).is_watertight, name
 
 
-def winds_about(vertices: Floats, faces: Faces, points: Floats) -> NDArray[np.bool_]:
-    """Whether the solid angles of all triangles sum to something (Van Oosterom, Strackee 1983)."""
-    a, b, c = (vertices[faces[:, k]][None] - points[:, None] for k in range(3))
-    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-    top = np.einsum("nij,nij->ni", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("nij,nij->ni", u, v) for u, v in ((a, b), (b, c), (c, a)))
-    angle = 2.0 * np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return np.abs(angle.sum(axis=1)) > 2.0 * np.pi
-
-
 def points_inside(trees: MeshTrees, points: Floats) -> NDArray[np.bool_]:
-    count = len(points)
-    still, zero = np.tile(np.eye(3), (count, 1, 1)), np.zeros(count, np.int64)
     speck = MeshTrees.build([[0.0, 0.0, 0.0]], [[0, 0, 0]])
-    body = PlacedMeshes(trees, zero, np.zeros((count, 3)), still)
-    return collisions(body, PlacedMeshes(speck, zero, points, still))
+    return collisions(standing(trees, *np.zeros_like(points)), standing(speck, *points))
 
 
 def test_inside_agrees_with_solid_angles() -> None:
@@ -118,7 +97,7 @@ def test_inside_agrees_with_solid_angles() -> None:
         if trees.solid[0]:
             assert trees.winding[0], name
             points = rng.uniform(-0.5, 0.5, (200, 3))
-            expected = winds_about(vertices, faces, points)
+            expected = np.abs(windings(vertices[faces], points)) > 0.5
             assert (points_inside(trees, points) == expected).all(), name
             inside += int(expected.sum())
     assert inside > 500
@@ -128,7 +107,7 @@ def test_inside_whatever_way_the_faces_point() -> None:
     vertices, faces = ZOO["bumpy1"]
     rng = np.random.default_rng(9)
     points = rng.uniform(-0.5, 0.5, (300, 3))
-    expected = winds_about(vertices, faces, points)
+    expected = np.abs(windings(vertices[faces], points)) > 0.5
     turned = np.where(rng.random((len(faces), 1)) < 0.5, faces, faces[:, ::-1])
     double_sided = np.concatenate([faces, faces[:, ::-1]])
     for variant in (turned, double_sided):
@@ -241,26 +220,12 @@ def test_flat_and_single_points() -> None:
 BODIES = 3000
 
 
-@pytest.fixture(autouse=True)
-def _restore() -> Iterator[None]:
-    yield
-    oc.set_threads(None)
-
-
-@each("number", [2, 5])
-def test_any_number_of_threads_gives_the_same(number: int) -> None:
+def test_any_number_of_threads_gives_the_same_bits() -> None:
     meshes = list(zoo().values())[:12]
     trees = oc.MeshTrees.join([oc.MeshTrees.build(*mesh) for mesh in meshes])
-    hulls = HullPool()
-    for vertices, _ in meshes:
-        hulls.append(Hulls.of(hull_mesh(Hull(vertices))[0]))
-    rng = np.random.default_rng(0)
-    places = (
-        rng.integers(0, len(meshes), 2 * BODIES),
-        rng.uniform(-0.6, 0.6, (2 * BODIES, 3)),
-        Rotation.random(2 * BODIES, rng).as_matrix(),
-    )
-    bodies, bulks = oc.PlacedMeshes(trees, *places), PlacedHulls(hulls.all, *places)
+    hulls = pool([hull_mesh(Hull(vertices))[0] for vertices, _ in meshes])
+    places = random_bodies(2 * BODIES, len(meshes), 0.6, 0)
+    bodies, bulks = oc.PlacedMeshes(trees, *places), PlacedHulls(hulls, *places)
     first, second = (
         np.arange(BODIES),
         np.arange(BODIES, 2 * BODIES),
@@ -277,19 +242,5 @@ def test_any_number_of_threads_gives_the_same(number: int) -> None:
         assert all(0.1 < (answer != 0).mean() < 0.9 for answer in answers)
         return [answer.tobytes() for answer in answers]
 
-    oc.set_threads(1)
-    alone = asked()
-    oc.set_threads(number)
-    assert asked() == alone
-
-
-@each("count", [1, 7, 8, 9, 40])
-def test_the_farthest_point_is_the_first_of_the_farthest(count: int) -> None:
-    rng = np.random.default_rng(count)
-    points = rng.integers(-2, 3, (count, 3)).astype(float)  # many are equally far
-    padding = np.full((1, 3, LANES), 9.0)  # blocks of others are not looked at
-    blocks = np.concatenate([padding, in_blocks(points), padding])
-    for direction in rng.integers(-2, 3, (100, 3)).astype(float):
-        x, y, z = direction.tolist()
-        expected = points[int((points @ direction).argmax())]
-        assert farthest(blocks, 1, len(blocks) - 1, (x, y, z)) == tuple(expected)
+    alone, *others = by_threads(asked, 1, 2, 5)
+    assert others == [alone] * 2

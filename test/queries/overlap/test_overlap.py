@@ -177,15 +177,3 @@ def test_touching_is_no_overlap() -> None:
     for offset in ([2, 0, 0], [2, 2, 0], [2, 2, 2], [2.5, 0, 0]):
         beside = oc.OBB(offset, np.eye(3), [1, 1, 1])
         assert box.overlap_volume(beside) == box.iou(beside) == 0.0
-
-
-def test_pairs_are_rows_of_both() -> None:
-    a, b = random_pairs(9, 12)
-    pairs = np.argwhere(np.ones((12, 12)))
-    expected = [a[i].overlap_volume(b[j]) for i, j in pairs]
-    np.testing.assert_array_equal(oc.overlap_volumes(a, b, pairs), expected)
-    assert len(oc.iou(a, b, [])) == 0
-    with pytest.raises(ValueError, match="a and b must have the same length"):
-        oc.iou(a, b[:3])
-    with pytest.raises(ValueError, match="pairs must be rows of 12 and 3, got \\[0, 3\\] in row 1"):
-        oc.iou(a, b[:3], [[0, 0], [0, 3]])

@@ -20,10 +20,18 @@ from fractions import Fraction
 
 import numpy as np
 from beyond_bodies import beyond
-from convex_bodies import KINDS, bodies, corners_of, moved
+from convex_bodies import KINDS, around, bodies, corners_of, moved, some
 from each import each
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners, placed_corners, windings
+from placed_meshes import (
+    bodies_of,
+    exact_corners,
+    place,
+    placed_corners,
+    standing,
+    trees_of,
+    windings,
+)
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance_of_point
@@ -42,7 +50,7 @@ NARROW, NARROW_DOUBT = 1e-6, Fraction(1, 10**9)
 
 
 def test_what_is_inside_of_solids() -> None:
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in SOLIDS])
+    trees = trees_of(*SOLIDS)
     assert trees.solid.all()
     bodies = bodies_of(trees, 12, 0.6, 41)[0]
     points = np.random.default_rng(42).uniform(-1.2, 1.2, (600, 3))
@@ -59,22 +67,19 @@ def test_what_is_inside_of_solids() -> None:
 
 
 def test_the_surface_is_inside() -> None:
-    names = [*SOLIDS, "sheet1", "open_sphere2", "triangle"]
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
+    trees = trees_of(*SOLIDS, "sheet1", "open_sphere2", "triangle")
     rng = np.random.default_rng(43)
-    for row, body in enumerate(np.arange(len(names))):
+    for body in range(len(trees)):
         turn = Rotation.random(random_state=rng).as_matrix()[None]
         bodies = PlacedMeshes(trees, [body], rng.normal(size=(1, 3)), turn)
         corners = placed_corners(bodies, 0)
         weights = rng.dirichlet([1.0, 1.0, 1.0], len(corners))
         points = np.concatenate([np.einsum("nk,nkc->nc", weights, corners), corners[:, 0]])
-        assert points_inside(bodies, points).counts[0] == len(points), names[row]
+        assert points_inside(bodies, points).counts[0] == len(points), body
 
 
 def test_a_surface_holds_only_what_is_on_it() -> None:
-    body = PlacedMeshes(
-        MeshTrees.build(*zoo()["sphere3"], solid=False), [0], np.zeros((1, 3)), np.eye(3)[None]
-    )
+    body = standing(MeshTrees.build(*zoo()["sphere3"], solid=False))
     points = np.random.default_rng(44).uniform(-0.4, 0.4, (500, 3))
     assert points_inside(body, points).counts[0] == 0
 
@@ -192,15 +197,10 @@ def test_solids_of_any_size_hold_the_same_points(power: int) -> None:
     rng = np.random.default_rng(3)
     vertices, faces = zoo()["hollow1"]
     points = rng.uniform(-0.8, 0.8, (300, 3)) * np.abs(vertices).max()
-    ones = points_inside(_solid(vertices, faces), points, 0.0).counts
+    ones = points_inside(place(vertices, faces), points, 0.0).counts
     assert 10 < ones[0] < 290
     unit = 2.0**power
-    assert (points_inside(_solid(vertices * unit, faces), points * unit, 0.0).counts == ones).all()
-
-
-def _solid(vertices: Floats, faces: np.ndarray) -> PlacedMeshes:
-    """Return a mesh at the origin."""
-    return PlacedMeshes(MeshTrees.build(vertices, faces), [0], np.zeros((1, 3)), np.eye(3)[None])
+    assert (points_inside(place(vertices * unit, faces), points * unit, 0.0).counts == ones).all()
 
 
 #: Sizes along the axes, and how thin what is thin may be.
@@ -212,35 +212,11 @@ SCALES = {
 CLOSE = 1e-9
 
 
-def around(body: ConvexBodies, reach: float = 0.0) -> Boxes:
-    """Return boxes that certainly hold bodies and what is this near to them."""
-    half = np.full((len(body), 3), 8.0 * (np.abs(body.sizes).max() + body.radii.max() + reach))
-    if body.kinds[0] == CORNERS:
-        half += body.hulls.radii.max()
-    return Boxes.trusted(body.centers, body.rotations, half)
-
-
-def one(body: ConvexBodies, i: int) -> ConvexBodies:
-    rows = np.array([i])
-    return ConvexBodies(
-        *(body.kinds[rows], body.sizes[rows], body.radii[rows], body.hulls),
-        *(body.rows[rows], body.centers[rows], body.rotations[rows]),
-    )
-
-
 def held(body: ConvexBodies, points: Floats, margin: float = 0.0) -> Mask:
     """Return (n,) which points are in one body."""
     found = points_in_bodies(around(body, margin), body, points, margin, each_point=True)
     assert found.boxes is not None
     return np.asarray(found.boxes == 0)
-
-
-def repeated(body: ConvexBodies, count: int) -> ConvexBodies:
-    rows = np.zeros(count, np.int64)
-    return ConvexBodies(
-        *(body.kinds[rows], body.sizes[rows], body.radii[rows], body.hulls),
-        *(body.rows[rows], body.centers[rows], body.rotations[rows]),
-    )
 
 
 def points_about(body: ConvexBodies, count: int, rng: np.random.Generator) -> Floats:
@@ -252,7 +228,7 @@ def points_about(body: ConvexBodies, count: int, rng: np.random.Generator) -> Fl
     for _ in range(60):  # halved until the surface is between neighbours
         middle = 0.5 * (inside + outside)
         world = middle @ body.rotations[0].T + body.centers[0]
-        is_in = beyond(repeated(body, count), world) <= 0.0
+        is_in = beyond(some(body, np.zeros(count, np.int64)), world) <= 0.0
         inside = np.where(is_in[:, None], middle, inside)
         outside = np.where(is_in[:, None], outside, middle)
     near = inside * (
@@ -270,9 +246,9 @@ def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int
     several = moved(several, centers=several.centers * rng.choice([1.0, 1e3], (8, 1)))
     decided = 0
     for i in range(8):
-        body = one(several, i)
+        body = some(several, [i])
         points = points_about(body, max(200, pairs // 40), rng)
-        far = beyond(repeated(body, len(points)), points)
+        far = beyond(some(body, np.zeros(len(points), np.int64)), points)
         size = np.abs(points - body.centers).sum(axis=1) + np.abs(body.sizes).sum() + body.radii[0]
         rounding = 1e-13 * (size + np.abs(body.centers).max())
         close = CLOSE * size if body.kinds[0] == SEGMENT else 0.0
@@ -287,7 +263,7 @@ def test_points_are_in_hulls_by_their_planes(pairs: int) -> None:
     rng = np.random.default_rng(4)
     several = bodies(CORNERS, 8, rng, np.ones(3), 0.0)
     for i in range(8):
-        body, corners = one(several, i), corners_of(several, i)
+        body, corners = some(several, [i]), corners_of(several, i)
         weights = rng.dirichlet(np.full(len(corners), 0.2), max(200, pairs // 40))
         local = (weights @ corners) * (1.0 + 10.0 ** rng.uniform(-12, 0, (len(weights), 1)))
         planes = ConvexHull(corners).equations
@@ -303,7 +279,7 @@ def test_a_margin_and_a_radius_are_a_ball_about_the_shape(kind: str) -> None:
     rng = np.random.default_rng(5)
     several = bodies(KINDS[kind], 6, rng, np.ones(3), 0.5)
     for i in range(6):
-        body = one(several, i)
+        body = some(several, [i])
         points = rng.uniform(-2, 2, (600, 3)) + body.centers
         narrow, wide = held(body, points), held(body, points, 0.4)
         padded = held(moved(body, radii=body.radii + 0.4), points)

@@ -29,7 +29,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from support import family, row_of
+from support import family, refused, row_of
 
 import obb_collision as oc
 from obb_collision import Boxes, Capsules, HalfSpaces
@@ -255,16 +255,17 @@ def test_boxes_never_miss_what_capsules_report(seed: int) -> None:
 
 def test_bad_input() -> None:
     box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
-    with pytest.raises(ValueError, match=r"starts must be finite in row 1"):
-        Capsules([[0.0, 0, 0], [0, np.nan, 0]], np.zeros((2, 3)), [1, 1])
-    with pytest.raises(ValueError, match=r"radii must not be negative in row 0"):
-        Capsules.spheres([[0, 0, 0]], [-1])
-    with pytest.raises(ValueError, match="same length"):
-        Capsules([[0, 0, 0]], [[0, 0, 0]] * 2, [1])
-    with pytest.raises(ValueError, match="same length"):
-        Capsules.spheres([[0, 0, 0]], [1, 2])
-    with pytest.raises(ValueError, match="same length"):
-        oc.verdicts(Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)
+    refused(
+        r"starts must be finite in row 1",
+        Capsules,
+        [[0.0, 0, 0], [0, np.nan, 0]],
+        np.zeros((2, 3)),
+        [1, 1],
+    )
+    refused(r"radii must not be negative in row 0", Capsules.spheres, [[0, 0, 0]], [-1])
+    refused("same length", Capsules, [[0, 0, 0]], [[0, 0, 0]] * 2, [1])
+    refused("same length", Capsules.spheres, [[0, 0, 0]], [1, 2])
+    refused("same length", oc.verdicts, Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)
 
 
 #: What isn't told from touching is this near to it, relative to the size of the pair.
@@ -311,7 +312,5 @@ def test_planes(name: str) -> None:
 
 def test_bad_half_spaces_are_refused() -> None:
     box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
-    with pytest.raises(ValueError, match="normals must not be zero in row 0"):
-        HalfSpaces([[0, 0, 0]], [[0, 0, 0]])
-    with pytest.raises(ValueError, match="same length"):
-        oc.verdicts(box, HalfSpaces([[0, 0, 0]] * 2, [[1, 0, 0]] * 2))
+    refused("normals must not be zero in row 0", HalfSpaces, [[0, 0, 0]], [[0, 0, 0]])
+    refused("same length", oc.verdicts, box, HalfSpaces([[0, 0, 0]] * 2, [[1, 0, 0]] * 2))

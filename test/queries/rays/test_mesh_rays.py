@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from each import each
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners
+from placed_meshes import TRIANGLE, bodies_of, exact_corners, standing, trees_of
 from ray_hits import first_hit
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
@@ -32,7 +32,6 @@ from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays, cast_segmen
 from obb_collision.queries.rays.rays import RayHits
 from obb_collision.typing import Floats
 
-TRIANGLE = np.array([[0, 1, 2]])
 #: By how much a ray may pass what it is said to hit, relative to the size of ray and mesh.
 DOUBT = Fraction(1, 10**12)
 
@@ -95,8 +94,7 @@ def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
 
 
 def test_meshes_against_fractions() -> None:
-    names = ["box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0"]
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name], solid=False) for name in names])
+    trees = trees_of("box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0", solid=False)
     bodies = bodies_of(trees, 12, 1.2, 31)[0]
     rng = np.random.default_rng(32)
     origins = rng.uniform(-3.0, 3.0, (40, 3))
@@ -176,9 +174,7 @@ def test_far_origins_cost_few_digits() -> None:
     corners = np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     gap = np.array([0.0, 1e-8, 0.0])
     pair = np.concatenate([corners + gap, -corners - gap])
-    body = PlacedMeshes(
-        MeshTrees.build(pair, [[0, 1, 2], [3, 4, 5]]), [0], np.zeros((1, 3)), np.eye(3)[None]
-    )
+    body = standing(MeshTrees.build(pair, [[0, 1, 2], [3, 4, 5]]))
     origins = np.array([[1e6, 0.0, 0.25], [1e6, 2e-8, 0.25], [-1e6, -2e-8, -0.25]])
     ways = np.array([[-1.0, 0, 0], [-1.0, 0, 0], [1.0, 0, 0]])
     assert cast_rays(body, origins, ways).boxes.tolist() == [-1, 0, 0]
@@ -189,7 +185,7 @@ def test_nothing_to_hit() -> None:
     none = PlacedMeshes(tree, np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
     found = cast_rays(none, [[0, 0, 0]], [[1, 0, 0]])
     assert found.boxes.tolist() == [-1]
-    one = PlacedMeshes(tree, [0], np.zeros((1, 3)), np.eye(3)[None])
+    one = standing(tree)
     assert len(cast_rays(one, np.empty((0, 3)), np.empty((0, 3))).boxes) == 0
 
 
@@ -201,7 +197,7 @@ def test_a_triangle_without_area_is_not_hit_beside_its_ends(
     """Its sides say how far its line is, not where it ends; boxes of distant ones are wide."""
     start = offset * np.array([-0.6, 0.8, -0.7])
     corners = start + np.array([[0.0, 0.0, 0.0], end, [0.0, 0.0, 0.0]])
-    body = PlacedMeshes(MeshTrees.build(corners, TRIANGLE), [0], np.zeros((1, 3)), np.eye(3)[None])
+    body = standing(MeshTrees.build(corners, TRIANGLE))
     origins = start + np.array([beside, [0.0, 0.0, 0.0]]) - [0.0, 0.0, 3.0 * offset + 3.0]
     found = cast_rays(body, origins, [[0.0, 0.0, 1.0]] * 2)
     assert found.hits.tolist() == [False, True]

@@ -22,12 +22,20 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from beyond_bodies import beyond
-from convex_bodies import KINDS, bodies, moved
+from convex_bodies import KINDS, around, bodies, moved, some
 from each import each
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners, placed_corners, windings
+from placed_meshes import (
+    TRIANGLE,
+    bodies_of,
+    exact_corners,
+    placed_corners,
+    standing,
+    trees_of,
+    windings,
+)
 from scipy.spatial.transform import Rotation
-from test_mesh_rays import TRIANGLE, aimed, fractions
+from test_mesh_rays import aimed, fractions
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker
 from trimesh.triangles import closest_point
@@ -37,7 +45,7 @@ from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points.points import points_in_bodies
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats
 
 #: By how much a ray may be early, relative to the size of the body and where it comes near.
 EARLY = Fraction(1, 10**9)
@@ -91,8 +99,7 @@ def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
 
 
 def test_rounded_meshes_against_fractions() -> None:
-    names = ["box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0"]
-    trees = MeshTrees.join([MeshTrees.build(*zoo()[name], solid=False) for name in names])
+    trees = trees_of("box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0", solid=False)
     bodies = bodies_of(trees, 12, 1.6, 31)[0]
     rng = np.random.default_rng(32)
     radii = rng.uniform(0.0, 0.1, 12)
@@ -158,7 +165,7 @@ def test_far_origins_cost_few_digits() -> None:
     corners = np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     gap = np.array([0.0, 1e-8, 0.0])
     tree = MeshTrees.build(np.concatenate([corners + gap, -corners - gap]), [[0, 1, 2], [3, 4, 5]])
-    body = PlacedMeshes(tree, [0], np.zeros((1, 3)), np.eye(3)[None])
+    body = standing(tree)
     origins = np.array([[1e6, 0.0, 0.25], [1e6, 7e-9, 0.25], [-1e6, -2e-8, -0.25]])
     ways = np.array([[-1.0, 0, 0], [-1.0, 0, 0], [1.0, 0, 0]])
     found = cast_at_padded(body, np.array([4e-9]), as_rays(origins, ways, np.inf))
@@ -169,15 +176,6 @@ COUNT, SAMPLES = 200, 400
 SCALES = {"random": [1.0, 1.0, 1.0], "plates": [1.0, 1.0, 1e-6], "needles": [1e-6, 1e-6, 1.0]}
 
 
-def around(body: ConvexBodies) -> Boxes:
-    """Return boxes that certainly hold bodies."""
-    half = np.abs(body.sizes[:, :3]) + body.radii[:, None]
-    half[:, 2] += body.sizes[:, 3]
-    if body.kinds[0] == CORNERS:
-        half += body.hulls.radii.max()
-    return Boxes.trusted(body.centers, body.rotations, half)
-
-
 def rays_at(body: ConvexBodies, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return origins and directions towards bodies, many of which pass near their edge."""
     size = np.abs(body.sizes).sum(axis=1) + body.radii + (body.kinds == CORNERS)
@@ -186,13 +184,6 @@ def rays_at(body: ConvexBodies, rng: np.random.Generator) -> tuple[Floats, Float
     aim[:, 2] += rng.uniform(-1, 1, COUNT) * body.sizes[:, 3]
     ways = np.einsum("nij,nj->ni", body.rotations, aim) + body.centers - origins
     return origins, ways / np.linalg.norm(ways, axis=1)[:, None]
-
-
-def some(body: ConvexBodies, rows: Rows) -> ConvexBodies:
-    return ConvexBodies(
-        *(body.kinds[rows], body.sizes[rows], body.radii[rows], body.hulls),
-        *(body.rows[rows], body.centers[rows], body.rotations[rows]),
-    )
 
 
 @each("name", SCALES)

@@ -17,23 +17,32 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import combinations_with_replacement
 from typing import Any
 
 import convex_bodies
 import hull_distances
 import numpy as np
 import pytest
-from convex_bodies import FAMILIES, HULLS, KINDS, corners_of, hulls, moved
+from convex_bodies import (
+    FAMILIES,
+    KIND_PAIRS,
+    POLYTOPES,
+    ROUND_KINDS,
+    as_meshes,
+    corners_of,
+    moved,
+    outward_faces,
+    round_bodies,
+    some,
+)
 from convex_planes import exact_gap
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_zoo import zoo
 from moving_bodies import moving, places_at
-from placed_meshes import bodies_of
+from placed_meshes import bodies_of, moved_on, standing, trees_of
 from scipy.optimize import linprog
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -46,8 +55,6 @@ from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 from obb_collision.queries.verdict.verdict import OVERLAP
 from obb_collision.typing import Floats, Integers
 
-KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
-POLYTOPES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
 #: Families whose sizes differ so much from their offsets that doubles have too few digits.
 TOO_FEW_DIGITS = ("tiny", "far apart")
 #: The share of pairs that may be undecided: a point beside the face of a disk that spins is.
@@ -126,9 +133,7 @@ def gaps_at(
     (p, r), (q, s) = (places_at(motion, column, times) for column in rows.T)
     here = []
     for column, centers, rotations in ((rows[:, 0], 0 * p, r), (rows[:, 1], q - p, s)):
-        columns = {key: x if key == "hulls" else x[column] for key, x in vars(bodies).items()}
-        placed = ConvexBodies(**(columns | {"centers": centers, "rotations": rotations}))
-        here.append(placed)
+        here.append(moved(some(bodies, column), centers=centers, rotations=rotations))
     doubles = [
         moved(x, centers=x.centers.astype(float), rotations=x.rotations.astype(float)) for x in here
     ]
@@ -233,14 +238,6 @@ def test_one_thread_or_many_alone_or_in_a_batch_is_the_same() -> None:
         assert np.array_equal(alone.positions, whole.positions[n : n + 1], equal_nan=True)
 
 
-ROUND_KINDS = ("ellipsoid", "cylinder", "cone")
-SIZES = {
-    "ellipsoid": [0.1, 0.3, 0.2, 0.1],
-    "cylinder": [0.2, 0.2, 0.0, 0.3],
-    "cone": [0.2, 0.3, 0.0, 0.3],
-}
-
-
 @each("name", FAMILIES)
 @each("kind", ROUND_KINDS)
 @each("way", ["straight", "turning", "fast"])
@@ -250,19 +247,9 @@ def test_a_plane_parts_a_body_beside_a_mesh_until_then_and_they_are_near_at_last
     monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
     bodies, motion, rows = moving(name, ("hull", kind), max(30, pairs // 10), 14, way)
     count = len(rows)
-    corners = hulls(np.array(FAMILIES[name][0]))[1]
-    trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in corners])
-    assert len(corners) == HULLS
-    meshes = PlacedMeshes(
-        trees, bodies.rows[:count], bodies.centers[:count], bodies.rotations[:count]
-    )
-    second = ConvexBodies(
-        bodies.kinds[count:], bodies.sizes[count:], bodies.radii[count:], NO_HULLS,
-        0 * bodies.rows[count:], bodies.centers[count:], bodies.rotations[count:],
-    )  # fmt: skip
-    found = swept_mesh_bodies(
-        meshes, bodies.radii[:count], second, motion, np.zeros(count), TOLERANCE
-    )
+    first, second = some(bodies, np.arange(count)), some(bodies, np.arange(count, 2 * count))
+    meshes, second = as_meshes(first, name), moved(second, hulls=NO_HULLS, rows=0 * second.rows)
+    found = swept_mesh_bodies(meshes, first.radii, second, motion, np.zeros(count), TOLERANCE)
     near, until = near_of(motion, rows), np.minimum(found.free_until, 1.0)
     assert np.isnan(found.times[found.undecided]).all()
     for share in (0.1, 0.5, 0.9, 0.99, 0.9999, 1.0):
@@ -288,20 +275,7 @@ def inner_mesh(kind: str, size: list[float]) -> MeshTrees:
     else:
         points = np.concatenate([ring * [1, 1, -1], [[0.0, 0.0, half]]])
     points = points * (1.0 - 1e-9)
-    hull = ConvexHull(points)
-    p, q, r = (points[hull.simplices[:, k]] for k in range(3))
-    inwards = np.einsum("ij,ij->i", np.cross(q - p, r - p), hull.equations[:, :3]) < 0.0
-    return MeshTrees.build(
-        points, np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
-    )
-
-
-def round_bodies(kind: str, at: PlacedMeshes, radius: float = 0.0) -> ConvexBodies:
-    count = len(at)
-    return ConvexBodies(
-        np.full(count, KINDS[kind], np.int8), np.tile(SIZES[kind], (count, 1)),
-        np.full(count, radius), NO_HULLS, np.zeros(count, np.int64), at.centers, at.rotations,
-    )  # fmt: skip
+    return MeshTrees.build(points, outward_faces(points))
 
 
 def swept(a: PlacedMeshes, b: ConvexBodies, twists: list[Floats], radius: float = 0.0) -> Sweeps:
@@ -316,23 +290,17 @@ def swept(a: PlacedMeshes, b: ConvexBodies, twists: list[Floats], radius: float 
     return swept_mesh_bodies(a, np.full(len(a), radius), b, motion, np.zeros(len(a)), TOLERANCE)
 
 
-def later(bodies: PlacedMeshes, twists: Floats, times: Floats) -> PlacedMeshes:
-    turns = Rotation.from_rotvec(twists[:, 3:] * times[:, None]).as_matrix()
-    centers = bodies.centers + twists[:, :3] * times[:, None]
-    return PlacedMeshes(bodies.trees, bodies.meshes, centers, turns @ bodies.rotations)
-
-
 @each("spin", [0.0, 1.0, 12.0])
 @each("kind", ROUND_KINDS)
 def test_what_is_in_the_shape_beside_a_mesh_does_not_overlap_until_then(
     kind: str, spin: float, pairs: int
 ) -> None:
     """And at last are near the shape itself; all kinds of meshes."""
-    trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+    trees = trees_of()
     count = max(pairs // 20, 60)
     a, b = bodies_of(trees, count, 0.9, 5)
     within = PlacedMeshes(
-        inner_mesh(kind, SIZES[kind]), np.zeros(count, np.int64), b.centers, b.rotations
+        inner_mesh(kind, ROUND_KINDS[kind]), np.zeros(count, np.int64), b.centers, b.rotations
     )
     rng = np.random.default_rng(6)
     twists = [rng.normal(size=(count, 6)) * rng.choice([0.0, 1.0], (count, 1)) for _ in range(2)]
@@ -340,9 +308,9 @@ def test_what_is_in_the_shape_beside_a_mesh_does_not_overlap_until_then(
     found = swept(a, round_bodies(kind, within), twists)
     until = np.minimum(found.free_until, 1.0)
     for share in (*np.linspace(0.05, 0.95, 12), 0.999, 1.0 - 1e-12):
-        x, y = (later(s, t, share * until) for s, t in zip((a, within), twists, strict=True))
+        x, y = (moved_on(s, t, share * until) for s, t in zip((a, within), twists, strict=True))
         assert (oc.verdicts(x, y)[until > 0.0] != OVERLAP).all()
-    x, y = (later(s, t, until) for s, t in zip((a, within), twists, strict=True))
+    x, y = (moved_on(s, t, until) for s, t in zip((a, within), twists, strict=True))
     rows = np.arange(count)
     gaps = mesh_body_distances(x, np.zeros(count), round_bodies(kind, y), rows, rows)[0].upper
     assert (gaps[found.hits] <= TOLERANCE * (1.0 + 1e-6)).all()
@@ -357,7 +325,7 @@ def test_a_cylinder_meets_a_wall_at_its_very_radius(angle: float) -> None:
     vertices, faces = zoo()["fine_box0"]
     face = float(np.abs(vertices[:, 0]).max())
     turn = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()[None]
-    wall = PlacedMeshes(MeshTrees.build(vertices, faces), [0], np.zeros((1, 3)), np.eye(3)[None])
+    wall = standing(MeshTrees.build(vertices, faces))
     there = PlacedMeshes(wall.trees, [0], [[2.0, 0.01, 0.02]], turn)
     for spin in (0.0, 5.0):
         twists = [np.zeros((1, 6)), np.array([[-2.0, 0, 0, 0, 0, spin]])]
@@ -370,7 +338,7 @@ def test_a_cylinder_meets_a_wall_at_its_very_radius(angle: float) -> None:
 
 def test_what_starts_inside_of_a_solid_is_hit_at_once() -> None:
     tree = MeshTrees.build(*zoo()["box0"])
-    box = PlacedMeshes(tree, [0], np.zeros((1, 3)), np.eye(3)[None])
+    box = standing(tree)
     body = round_bodies("cone", box)
     body.sizes[:] *= 0.01
     found = swept(box, body, [np.zeros((1, 6)), np.ones((1, 6))])

@@ -26,16 +26,16 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners, place
+from placed_meshes import TRIANGLE, as_drawn, bodies_of, exact_corners, moved_on, place, trees_of
 from scipy.spatial.transform import Rotation
-from triangle_pairs import FAMILIES, SHARE, Floats, Maker
+from support import refused
+from triangle_pairs import FAMILIES, SHARE, Maker
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.sweep.sweep import TOLERANCE
 from obb_collision.queries.verdict.verdict import OVERLAP
 
-TRIANGLE = np.array([[0, 1, 2]])
 #: Families whose sizes differ so much from each other or their offset that doubles have too few
 #: digits for the tolerance.
 TOO_FEW_DIGITS = ("far", "different_sizes", "degenerate")
@@ -56,13 +56,11 @@ def test_triangles_that_do_not_turn_are_apart_until_then_in_fractions(
     rng = np.random.default_rng(12)
     count = max(pairs // SHARE, 4)
     drawn = [make(rng) for _ in range(count)]
-    sides = [MeshTrees.join([MeshTrees.build(pair[k], TRIANGLE) for pair in drawn]) for k in (0, 1)]
     size = np.array([np.ptp(np.concatenate(pair), axis=0).max() for pair in drawn])[:, None]
     size[size == 0.0] = 1.0
     back = size * rng.normal(size=(count, 3)) * rng.choice([0.0, 1.0, 3.0], (count, 1))
-    rows, eyes = np.arange(count), np.tile(np.eye(3), (count, 1, 1))
-    a = PlacedMeshes(sides[0], rows, np.zeros((count, 3)), eyes)
-    b = PlacedMeshes(sides[1], rows, -back, eyes)
+    a, b = as_drawn(drawn)
+    b = PlacedMeshes(b.trees, b.meshes, -back, b.rotations)
     twists = np.zeros((count, 6))
     twists[:, :3] = back * rng.choice([0.5, 1.0, 2.0], (count, 1))
     twists[:, :3] += size * 0.1 * rng.normal(size=(count, 3)) * rng.choice([0, 1], (count, 1))
@@ -83,16 +81,10 @@ def test_triangles_that_do_not_turn_are_apart_until_then_in_fractions(
     assert found.hits.any() or count < 10, "some must hit, but a few pairs can be free by chance"
 
 
-def moved_on(bodies: PlacedMeshes, twists: Floats, times: Floats) -> PlacedMeshes:
-    turns = Rotation.from_rotvec(twists[:, 3:] * times[:, None]).as_matrix()
-    centers = bodies.centers + twists[:, :3] * times[:, None]
-    return PlacedMeshes(bodies.trees, bodies.meshes, centers, turns @ bodies.rotations)
-
-
 @each("spin", [0.0, 1.0, 12.0])
 def test_meshes_do_not_overlap_until_then_and_are_near_at_last(spin: float, pairs: int) -> None:
     """All kinds: solids, surfaces, hollow ones, one inside the other, pieces, a Moebius strip."""
-    trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+    trees = trees_of()
     count = max(pairs // 20, 60)
     a, b = bodies_of(trees, count, 1.2, 5)
     rng = np.random.default_rng(6)
@@ -183,5 +175,4 @@ def test_boxes_as_meshes_meet_when_boxes_do() -> None:
 )
 def test_what_cannot_be_used_is_refused(change: dict[str, object], reason: str) -> None:
     box = place(*zoo()["box0"])
-    with pytest.raises(ValueError, match=reason):
-        oc.sweeps(box, box, **({"duration": 1.0} | change))  # type: ignore[arg-type]
+    refused(reason, oc.sweeps, box, box, **({"duration": 1.0} | change))  # type: ignore[arg-type]

@@ -25,7 +25,7 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_set import sweep, sweep_twists
-from support import sizes
+from support import refused, sizes
 from sweep_motions import (
     CORNER_SIGNS,
     TURNING,
@@ -207,8 +207,7 @@ def test_origins_are_checked() -> None:
         ([[0, 0, np.nan], [0, 0, 0]], "origins must be finite in row 0"),
     )
     for origins, match in cases:
-        with pytest.raises(ValueError, match=match):
-            sweep_twists(boxes, [STILL, STILL], [[0, 1]], 1.0, origins=origins)
+        refused(match, sweep_twists, boxes, [STILL, STILL], [[0, 1]], 1.0, origins=origins)
 
 
 def test_an_origin_at_the_centre_is_the_default() -> None:

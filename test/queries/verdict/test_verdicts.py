@@ -17,31 +17,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import oracle
 import pytest
+from any_doubles import extents, quaternions, vectors
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import chunks, family, loosened, row_of, stored, witnesses
 
-import obb_collision as oc
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BoxArrays
-from obb_collision.queries.verdict import verdict as verdict_module
-from obb_collision.queries.verdict.blocks import BLOCK
-from obb_collision.queries.verdict.sat import box_at
-from obb_collision.queries.verdict.verdict import box_verdict
 from tools.cases.families import FAMILIES
 
 #: Promised width of what doubles leave undecided, relative to the sum of all half extents.
 UNDECIDED_WIDTH = 1e-14
 
+#: 97 of them.
 SHARED_PAIRS = json.loads((Path(__file__).parents[2] / "data" / "box_pairs.json").read_text())
 LABELS = {"separate": Verdict.SEPARATE, "touch": Verdict.TOUCHING, "overlap": Verdict.OVERLAP}
 
@@ -85,12 +79,6 @@ def test_axes_may_be_off_by_64_roundoffs(name: str, pairs: int) -> None:
     sides = family(name, max(pairs // 3, 100), seed=2)
     loose = [Boxes.trusted(s.centers, loosened(s.rotations, rng), s.half_extents) for s in sides]
     check_against_truth(loose[0], loose[1])
-
-
-numbers = st.floats(-1e300, 1e300)
-vectors = st.tuples(numbers, numbers, numbers)
-extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
-quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
@@ -197,47 +185,3 @@ def test_deeply_overlapping_boxes_overlap_at_every_angle() -> None:
     for axis in range(3):
         a, b = sweep(np.array([0.1, 0.2, 0.05]), axis, np.array([0.5, 0.375, 0.25]))
         assert (verdicts(a, b) == Verdict.OVERLAP).all()
-
-
-@pytest.fixture(autouse=True)
-def _restore() -> Iterator[None]:
-    yield
-    oc.set_threads(None)
-
-
-@njit
-def one_by_one(a: BoxArrays, b: BoxArrays, out: np.ndarray) -> None:
-    for n in range(len(out)):
-        out[n] = box_verdict(box_at(a, n), box_at(b, n))
-
-
-def pairs_of(family: str, count: int) -> tuple[oc.Boxes, oc.Boxes]:
-    a, b = FAMILIES[family](np.random.default_rng(5), count)
-    return oc.Boxes(*a), oc.Boxes(*b)
-
-
-@each("family", FAMILIES)
-def test_a_block_gives_the_verdicts_of_each_pair_alone(family: str) -> None:
-    a, b = pairs_of(family, 20 * BLOCK + 1)
-    wanted = np.empty(len(a), np.int8)
-    one_by_one(a.arrays, b.arrays, wanted)
-    for count in (1, BLOCK - 1, BLOCK, BLOCK + 1, len(a)):
-        assert (oc.verdicts(a[:count], b[:count]) == wanted[:count]).all()
-
-
-def test_answers_are_the_same_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict_module, "FEWEST_PAIRS", 10)
-    monkeypatch.setattr(verdict_module, "FEWEST_WITNESSES", 10)
-    a, b = pairs_of("ordinary scene", 500)
-    seen = set()
-    for threads in (1, 2, 3, 5):
-        oc.set_threads(threads)
-        found = oc.separations(a, b)
-        assert (found.verdicts == oc.verdicts(a, b)).all()
-        seen.add(
-            b"".join(
-                x.tobytes()
-                for x in (found.verdicts, found.separations, found.normals, found.positions)
-            )
-        )
-    assert len(seen) == 1
