@@ -21,18 +21,22 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rig import LATCHED, NAMESPACE, RELIABILITY, Rig
+from rig import LATCHED, NAMESPACE, RELIABILITY, Rig, cube
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
-from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.messages.conversions import duration_to_ros, stamp_from_ros
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.robots.validity import ROWS, VALID
 
 STATUS = "collision_status"
+CRATE, HAND = ("crate", 1), ("arm/hand", 1)
+EDGES = (0.1, 0.1, 0.1)
+BOTH = ("lift", "turn")
 
 
 def box(edge: float, place: str = "0 0 0") -> str:
@@ -127,33 +131,68 @@ class RobotRig(Rig):
         assert self.node.robots is not None
         return self.node.robots.robots[0]
 
-
-class ValidityRig(RobotRig):
-    """A rig that asks which states are valid."""
-
-    def __init__(self, given: Any = None, **options: Any) -> None:
-        super().__init__(given, **options)
-        self.questions = self.client.create_publisher(PointCloud2, "arm/states_to_check", 10)
-        self.answers: list[PointCloud2] = []
-        self.client.create_subscription(PointCloud2, "arm/state_validity", self.answers.append, 10)
-        self.pubs["questions"] = self.questions
-        self.wait_inputs()
+    @property
+    def ends(self) -> Any:
+        """What answers for the robot."""
         assert self.node.robots is not None
-        publisher = self.node.robots._publishers["arm/state_validity"]
-        self.until(publisher.get_subscription_count, "the subscription")
+        return self.node.robots.answers[0]
+
+    def put(self, place: Sequence[float], size: Sequence[float] = EDGES) -> None:
+        """Put a crate somewhere."""
+        self.send(cube(CRATE, place, size))
+        self.answer()
+
+    def move(self, velocities: Mapping[str, float] | None = None, /, **values: float) -> None:
+        """Send values of joints, and wait for the answer to them; others are zero."""
+        self.send_joints(velocities, **({"lift": 0.0, "turn": 0.0} | values))
+        self.answer()
+
+
+class AskingRig(RobotRig):
+    """A rig that asks which states are valid, and sends trajectories."""
+
+    def __init__(self, given: Mapping[str, Any] | None = None, **options: Any) -> None:
+        super().__init__(given, **options)
+        create, listen = self.client.create_publisher, self.client.create_subscription
+        self.questions = create(PointCloud2, "arm/states_to_check", 10)
+        self.wanted = create(JointTrajectory, "arm/trajectory_in", 10)
+        self.pubs |= {"questions": self.questions, "wanted": self.wanted}
+        self.answers: list[PointCloud2] = []
+        self.forwarded: list[Any] = []
+        self.said: list[Any] = []
+        listen(PointCloud2, "arm/state_validity", self.answers.append, 10)
+        listen(JointTrajectory, "arm/trajectory_out", self._take_trajectory, 10)
+        listen(DiagnosticStatus, "arm/trajectory_status", self._take_status, 10)
+        self.wait_inputs()
+        for name in ("state_validity", "trajectory_out", "trajectory_status"):
+            self.until(self.ends.publishers[name].get_subscription_count, name)
         names = [spec.name for spec in SPECS if not spec.fixed]
         self.initial = {name: self.node.get_parameter(name).value for name in names}
 
-    def ask(
-        self, states: Any, names: Sequence[str] = ("lift", "turn"), kind: str = "<f8"
-    ) -> np.ndarray:
+    def renew(self) -> None:
+        """Take everything back: parameters, objects, joints, and what was refused."""
+        values = {name: self.node.get_parameter(name).value for name in self.initial}
+        self.set(**{n: v for n, v in self.initial.items() if v != values[n]})
+        self.call(Trigger, "obb_collision/clear", Trigger.Request())
+        self.stamp = max(self.stamp, self.now())
+        self.move()
+        for topic in ("objects", "object_transform", "arm/joint_states", "arm/states_to_check"):
+            self.monitor(topic).refused.clear()
+            self.monitor(topic).doubted.clear()
+
+    def _take_trajectory(self, message: Any) -> None:
+        self.forwarded.append(message)
+
+    def _take_status(self, message: Any) -> None:
+        self.said.append(message)
+
+    def ask(self, states: Any, names: Sequence[str] = BOTH, kind: str = "<f8") -> np.ndarray:
         """Return the rows of the answer to states (n, joints)."""
         rows = np.zeros(len(states), [(name, kind) for name in names])
         for column, name in enumerate(names):
             rows[name] = np.asarray(states)[:, column]
         self.answers.clear()
-        message = cloud_to_ros(rows, self.header())
-        self.questions.publish(message)
+        self.questions.publish(cloud_to_ros(rows, self.header()))
         self.until(lambda: self.answers, "the answer")
         assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
         return cloud_from_ros(self.answers[0], ROWS.names or ())
@@ -165,14 +204,55 @@ class ValidityRig(RobotRig):
         np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == VALID)
         return list(rows["reason"].tolist())
 
-    def renew(self) -> None:
-        """Take everything back: parameters, objects, joints, and what was refused."""
-        values = {name: self.node.get_parameter(name).value for name in self.initial}
-        self.set(**{n: v for n, v in self.initial.items() if v != values[n]})
-        self.call(Trigger, "obb_collision/clear", Trigger.Request())
-        self.stamp = max(self.stamp, self.now())
-        self.send_joints(lift=0.0, turn=0.0)
-        self.answer()
-        for topic in ("objects", "object_transform", "arm/joint_states", "arm/states_to_check"):
-            self.monitor(topic).refused.clear()
-            self.monitor(topic).doubted.clear()
+    def publish(
+        self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None
+    ) -> JointTrajectory:
+        """Send points (time, positions, velocities, accelerations), and return the message."""
+        self.said.clear()
+        self.forwarded.clear()
+        message = JointTrajectory(joint_names=list(names))
+        if stamp is not None:
+            message.header = stamp
+        for time, *values in points:
+            point = JointTrajectoryPoint(time_from_start=duration_to_ros(time))
+            fields = ("positions", "velocities", "accelerations")
+            for field, given in zip(fields, values, strict=False):
+                setattr(point, field, [float(value) for value in given])
+            message.points.append(point)
+        self.wanted.publish(message)
+        return message
+
+    def go(self, *given: Any, **more: Any) -> tuple[Any, dict[str, str]]:
+        """Send points as ``publish`` does; return what is said of them, and its values by key.
+
+        What is forwarded is what was sent, and nothing else is.
+        """
+        message = self.publish(*given, **more)
+        self.until(lambda: self.said, "what is said of it")
+        status = self.said[0]
+        is_forwarded = status.level == DiagnosticStatus.OK
+        if is_forwarded:
+            self.until(lambda: self.forwarded, "the trajectory")
+        assert self.forwarded == ([message] if is_forwarded else [])
+        return status, {pair.key: pair.value for pair in status.values}
+
+    def refused_for(self, reason: str, *given: Any, **more: Any) -> dict[str, str]:
+        """Send points that are refused for a reason; return the values of the status."""
+        status, values = self.go(*given, **more)
+        assert status.level == DiagnosticStatus.ERROR
+        assert reason in status.message
+        return values
+
+    def begin(self, *given: Any, **more: Any) -> dict[str, str]:
+        """Send points that are forwarded; return the values of the status."""
+        status, values = self.go(*given, **more)
+        assert status.message == "forwarded"
+        self.said.clear()
+        self.forwarded.clear()
+        return values
+
+    def stopped(self) -> str:
+        """Wait for a stop, and return what is said of it."""
+        self.until(lambda: self.said, "what is said of the stop")
+        self.until(lambda: self.forwarded and not self.forwarded[-1].points, "the stop")
+        return str(self.said[0].message)

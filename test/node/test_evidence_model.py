@@ -574,7 +574,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         """Send a description, or with 0 a text that is none."""
         self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
         assert self.node.robots is not None
-        reader = self.node.robots.robots[0]._reader
+        reader = self.node.robots.robots[0].reader
         while reader.is_reading and reader._thread is not None:
             reader._thread.join()
         self.model.describe(edge)

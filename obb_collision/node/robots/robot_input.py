@@ -21,7 +21,6 @@ refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from threading import Lock, Thread
 
 import numpy as np
 
@@ -40,11 +39,11 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import NEVER
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
+from obb_collision.node.robots.description import DescriptionReader, RobotReading
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
-from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
 
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
@@ -54,96 +53,6 @@ ROBOT, JOINT, BASE = "robot_unknown", "joint_unknown", "base_unknown"
 """Codes of ``evidence``."""
 START = "<"
 """What XML begins with: anything else would be the name of a file."""
-
-
-ENDING = 2.0
-"""Seconds to wait at the end for the thread."""
-
-
-class RobotReading:
-    """A robot being made of its description, the meshes read in another process."""
-
-    def __init__(self, meshes: MeshReading) -> None:
-        self._meshes = meshes
-
-    def read(self, urdf: str, srdf: str | None) -> Robot:
-        """Return the robot; ValueError with the reason where there is none."""
-        try:
-            return Robot.from_urdf(urdf, srdf, self._meshes.folders, read_mesh=self._meshes.read)
-        finally:
-            self._meshes.close()
-
-    def abandon(self) -> None:
-        """Let ``read`` end soon: a mesh that is being read is none. At once, from any thread."""
-        self._meshes.abandon()
-
-
-class DescriptionReader:
-    """Makes robots in a thread, the newest description only: meshes may take minutes to read."""
-
-    def __init__(self, begin: Callable[[], RobotReading]) -> None:
-        self._begin = begin
-        self._reading: RobotReading | None = None
-        self._lock = Lock()
-        self._wanted: tuple[str, str | None] | None = None
-        self._found: Robot | str | None = None
-        self._thread: Thread | None = None
-
-    @property
-    def is_reading(self) -> bool:
-        """Whether a description is being read, or what came of it was not taken yet."""
-        with self._lock:
-            return self._thread is not None or self._found is not None
-
-    def request(self, urdf: str, srdf: str | None) -> None:
-        """Read a description, in place of one that waits or is being read."""
-        with self._lock:
-            self._wanted, self._found = (urdf, srdf), None
-            if self._reading is not None:
-                self._reading.abandon()
-            if self._thread is None:
-                thread = Thread(target=self._work, name="robot_description", daemon=True)
-                try:
-                    thread.start()
-                except RuntimeError as error:  # no memory for another one
-                    self._wanted, self._found = None, f"{INTERNAL_ERROR}: {error}"
-                else:
-                    self._thread = thread
-
-    def take(self) -> Robot | str | None:
-        """Return the robot, or why there is none, once; None where nothing is new."""
-        with self._lock:
-            found, self._found = self._found, None
-            return found
-
-    def close(self) -> None:
-        """End what is being read."""
-        with self._lock:
-            self._wanted, thread = None, self._thread
-            if self._reading is not None:
-                self._reading.abandon()
-        if thread is not None:
-            thread.join(ENDING)
-
-    def _work(self) -> None:
-        while True:
-            found: Robot | str
-            try:
-                with self._lock:
-                    wanted, self._wanted = self._wanted, None
-                    if wanted is None:
-                        self._thread = None
-                        return
-                    reading = self._reading = self._begin()
-                found = reading.read(*wanted)
-            except ValueError as error:
-                found = str(error)
-            except Exception as error:
-                found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
-            with self._lock:
-                self._reading = None
-                if self._wanted is None:
-                    self._found = found
 
 
 class RobotInput:
@@ -162,7 +71,7 @@ class RobotInput:
         self._topics = {kind: f"{self.name}/{kind}" for kind in (DESCRIPTION, JOINT_STATES)}
         self._topics[SEMANTIC] = f"{self.name}/{SEMANTIC}"
         self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
-        self._reader = DescriptionReader(begin)
+        self.reader = DescriptionReader(begin)
         self._urdf = ""
         self._srdf: str | None = None
         self._refused = ""  # why the latest description can't be used
@@ -233,7 +142,7 @@ class RobotInput:
     def _request(self) -> None:
         self._refused = ""
         if self._urdf:
-            self._reader.request(self._urdf, self._srdf)
+            self.reader.request(self._urdf, self._srdf)
 
     def take_joints(self, data: bytes) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
@@ -279,7 +188,7 @@ class RobotInput:
 
         timeout: the age (s) at which joints are stale, 0 for never.
         """
-        found = self._reader.take()
+        found = self.reader.take()
         if isinstance(found, str):
             self._refused = f"{DESCRIPTION} refused: {found}"
             self._monitors[DESCRIPTION].refuse(now, BAD_DESCRIPTION, "whole message", found)
@@ -314,7 +223,7 @@ class RobotInput:
 
     def _find_faults(self, now: int, timeout: float) -> dict[str, str]:
         """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
-        reading = f"{DESCRIPTION} being read" if self._reader.is_reading else ""
+        reading = f"{DESCRIPTION} being read" if self.reader.is_reading else ""
         fault = self._refused or reading or self._unadded
         if fault or self.links is None or self.joints is None:
             return {ROBOT: fault or f"no {DESCRIPTION}"}
@@ -458,4 +367,4 @@ class RobotInput:
 
     def close(self) -> None:
         """End what is being read."""
-        self._reader.close()
+        self.reader.close()

@@ -36,6 +36,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
+from obb_collision.node.robots.description import RobotReading
 from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import (
     BASE,
@@ -43,7 +44,6 @@ from obb_collision.node.robots.robot_input import (
     JOINT_STATES,
     SEMANTIC,
     RobotInput,
-    RobotReading,
 )
 from obb_collision.node.robots.trajectories import Trajectories
 from obb_collision.node.robots.validity import (
@@ -85,6 +85,54 @@ def robot_inputs(parameters: Parameters) -> dict[str, Input]:
     return {f"{name}/{kind}": given for name in parameters.robots for kind, given in KINDS.items()}
 
 
+class RobotAnswers:
+    """All that answers for one robot: by topics and, where moveit_msgs is installed, a service."""
+
+    def __init__(
+        self, node: Node, checked: CheckedRobot, monitors: Mapping[str, InputMonitor]
+    ) -> None:
+        self._node, self.checked = node, checked
+        name = checked.given.name
+        self.publishers = {
+            kind: self._publisher(f"{name}/{kind}", *of) for kind, of in OUTPUTS.items()
+        }
+        asked, wanted = (monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN))
+        self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY], asked)
+        ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
+        self.trajectories = Trajectories(checked, *ends, wanted)
+        self.speed = SpeedScale(checked, self.publishers[SPEED_SCALE])
+        self._service: Any = None
+        if ServiceType is not None:
+            answer = StateService(checked, asked).answer
+            self._service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
+
+    def _publisher(self, topic: str, kind: type, qos: QoSProfile) -> Publisher:
+        callbacks = PublisherEventCallbacks(use_default_callbacks=False)
+        options: dict[str, Any] = {"qos_overriding_options": overridable()}
+        return self._node.create_publisher(
+            kind, topic, copy(qos), event_callbacks=callbacks, **options
+        )
+
+    def callbacks(self) -> dict[str, Callable[[bytes], None]]:
+        """Return what takes the questions of each topic."""
+        takes = {STATES_TO_CHECK: self.validity.take, TRAJECTORY_IN: self.trajectories.take}
+        return {f"{self.checked.given.name}/{kind}": take for kind, take in takes.items()}
+
+    def notes(self) -> list[str]:
+        """Return why the robot was stopped, or is to be."""
+        halt = self.checked.given.halt
+        texts = self.trajectories.stopped, halt and f"speed_scale is 0: {halt}"
+        return [f"robot {self.checked.given.name}: {text}" for text in texts if text]
+
+    def close(self) -> None:
+        """Publish no more; again, too."""
+        while self.publishers:
+            self._node.destroy_publisher(self.publishers.popitem()[1])
+        if self._service is not None:
+            self._node.destroy_service(self._service)
+            self._service = None
+
+
 class Robots:
     """The robots that the parameters name.
 
@@ -102,59 +150,32 @@ class Robots:
         not_known: Callable[[], str],
         meshes: Callable[[], MeshReading],
     ) -> None:
-        self._node, self._parameters, self._clock = node, parameters, clock
-        self._publishers: dict[str, Publisher] = {}
-        self._services: list[Any] = []
-        self._validity: dict[str, ValidityTopics] = {}
-        self._speeds: list[SpeedScale] = []
+        self._parameters, self._clock = parameters, clock
         self._touch_links: list[tuple[str, str]] = []
-        self._trajectories: dict[str, Trajectories] = {}
         self._objects, self._frames = objects, frames
-        self.robots: list[RobotInput] = []
+        self.robots = [
+            RobotInput(base, objects, monitors, clock, lambda: RobotReading(meshes()))
+            for base in parameters.bases.values()
+        ]
         frames.robots = self.robots
-        for base in parameters.bases.values():
-            robot = RobotInput(base, objects, monitors, clock, lambda: RobotReading(meshes()))
-            self.robots.append(robot)
-            self._answer(
-                CheckedRobot(robot, objects, frames, not_known, clock, parameters), monitors
+        self.answers = [
+            RobotAnswers(
+                node,
+                CheckedRobot(robot, objects, frames, not_known, clock, parameters),
+                monitors,
             )
-
-    def _answer(self, checked: CheckedRobot, monitors: Mapping[str, InputMonitor]) -> None:
-        """Create what answers for a robot."""
-        name = checked.given.name
-        ends = {kind: self._publisher(f"{name}/{kind}", *of) for kind, of in OUTPUTS.items()}
-        topic = f"{name}/{STATES_TO_CHECK}"
-        self._validity[topic] = ValidityTopics(checked, ends[STATE_VALIDITY], monitors[topic])
-        if ServiceType is not None:
-            answer = StateService(checked, monitors[topic]).answer
-            service = self._node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
-            self._services.append(service)
-        topic = f"{name}/{TRAJECTORY_IN}"
-        out, status = ends[TRAJECTORY_OUT], ends[TRAJECTORY_STATUS]
-        self._trajectories[topic] = Trajectories(checked, out, status, monitors[topic])
-        self._speeds.append(SpeedScale(checked, ends[SPEED_SCALE]))
-
-    def _publisher(self, topic: str, kind: type, qos: QoSProfile) -> Publisher:
-        callbacks = PublisherEventCallbacks(use_default_callbacks=False)
-        options: dict[str, Any] = {"qos_overriding_options": overridable()}
-        made = self._node.create_publisher(
-            kind, topic, copy(qos), event_callbacks=callbacks, **options
-        )
-        self._publishers[topic] = made
-        return made
+            for robot in self.robots
+        ]
 
     def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per topic, those that fail being counted; bases come by another."""
-        for robot in self.robots:
+        found = {}
+        for robot, answers in zip(self.robots, self.answers, strict=True):
             inputs.bases[robot.name] = robot.take_base
-        takes = {topic: take for robot in self.robots for topic, take in robot.callbacks().items()}
-        moved = set(takes)  # all others only ask
-        takes |= {topic: validity.take for topic, validity in self._validity.items()}
-        takes |= {topic: each.take for topic, each in self._trajectories.items()}
-        return {
-            topic: inputs.guarded(topic, take, changes=topic in moved)
-            for topic, take in takes.items()
-        }
+            for takes, changes in ((robot.callbacks(), True), (answers.callbacks(), False)):
+                for topic, take in takes.items():
+                    found[topic] = inputs.guarded(topic, take, changes=changes)
+        return found
 
     def apply(self) -> bool:
         """Bring the objects in line with what came; returns whether there are other ones."""
@@ -170,21 +191,20 @@ class Robots:
     def publish(self) -> None:
         """Publish what each cycle publishes; trajectories first, for they may have to stop."""
         try:
-            for each in self._trajectories.values():
-                each.look()
+            for each in self.answers:
+                each.trajectories.look()
         finally:
-            for speed in self._speeds:
-                speed.publish()
+            for each in self.answers:
+                each.speed.publish()
 
     def rules(self) -> list[Rule]:
         """Return which links may touch."""
         touch_links = self._parameters.touch_links
-        described = [(robot.links, robot.attached) for robot in self.robots]
         return [
             rule
-            for links, attached in described
-            if links is not None
-            for rule in links.rules(attached, touch_links)
+            for robot in self.robots
+            if robot.links is not None
+            for rule in robot.links.rules(robot.attached, touch_links)
         ]
 
     def faults(self) -> Iterator[tuple[str, str, Rows]]:
@@ -207,18 +227,12 @@ class Robots:
 
     def notes(self) -> tuple[str, ...]:
         """Return what else is to be said in the status: why robots were stopped, or are to be."""
-        robots = zip(self.robots, self._trajectories.values(), strict=True)
-        return tuple(
-            f"robot {robot.name}: {text}"
-            for robot, each in robots
-            for text in (each.stopped, robot.halt and f"speed_scale is 0: {robot.halt}")
-            if text
-        )
+        return tuple(text for each in self.answers for text in each.notes())
 
     def hold(self, why: str) -> None:
         """Stop what runs or is being decided where the joints are now."""
-        for each in self._trajectories.values():
-            each.interrupt(why)
+        for each in self.answers:
+            each.trajectories.interrupt(why)
 
     def cleared(self) -> None:
         """Make anew what ``~/clear`` has removed."""
@@ -230,22 +244,18 @@ class Robots:
         """Shift times by a jump of the clock (ns)."""
         for robot in self.robots:
             robot.clock_jumped(shift)
-        for each in self._trajectories.values():
-            each.clock_jumped(shift)
+        for each in self.answers:
+            each.trajectories.clock_jumped(shift)
 
     def stop(self) -> None:
         """Stop what runs, and forward no more; also from another thread, and again."""
-        for each in self._trajectories.values():
-            each.close()
+        for each in self.answers:
+            each.trajectories.close()
 
     def close(self) -> None:
         """End what is being read, and publish no more."""
         for robot in self.robots:
             robot.close()
         self.stop()
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
-        self._publishers.clear()
-        for service in self._services:
-            self._node.destroy_service(service)
-        self._services.clear()
+        for each in self.answers:
+            each.close()

@@ -91,8 +91,8 @@ class Trajectories:
         self._checked, self._monitor = checked, monitor
         self._forward, self._status = forward, status
         self._clock, self._parameters = checked.clock, checked.parameters
-        self._running: Running | None = None
-        self._deciding: Deciding | None = None
+        self.running: Running | None = None
+        self.deciding: Deciding | None = None
         self._closed = False
         self.stopped = ""
         """Why the last one was stopped, "" if it was not."""
@@ -104,13 +104,13 @@ class Trajectories:
         """
         now = self._clock()
         self._monitor.received(now)
-        before, self._deciding = self._deciding, None
+        before, self.deciding = self.deciding, None
         if before is not None:
             self._refuse(RefusedError("superseded", "another one came before it was decided"))
         try:
             trajectory = trajectory_from_bytes(data)
             if not trajectory.points:
-                running, self._running = self._running, None
+                running, self.running = self.running, None
                 if running is not None:
                     self._forward.publish(running.hold())
                 self._forward.publish(data)
@@ -120,7 +120,7 @@ class Trajectories:
         except RefusedError as error:
             self._refuse(error)
             return
-        self._deciding = Deciding(data, trajectory, running, now)
+        self.deciding = Deciding(data, trajectory, running, now)
         self._decide()
 
     def _refuse(self, error: RefusedError) -> None:
@@ -129,7 +129,7 @@ class Trajectories:
 
     def _decide(self) -> None:
         """Check a share of the one that is not decided yet; forward it if it was the last."""
-        deciding, self._deciding = self._deciding, None  # whatever fails, it is not forwarded
+        deciding, self.deciding = self.deciding, None  # whatever fails, it is not forwarded
         if deciding is None:
             return
         try:
@@ -140,10 +140,10 @@ class Trajectories:
             self._refuse(error)
             return
         if running is None:
-            self._deciding, deciding.fresh = deciding, False
+            self.deciding, deciding.fresh = deciding, False
             return
         self._forward.publish(deciding.data)
-        self._running, self.stopped = running, ""
+        self.running, self.stopped = running, ""
         first, last = deciding.trajectory.points[0], deciding.trajectory.points[-1]
         values = {"interpolation": interpolation(first, last), "pieces": len(running.pieces.begins)}
         self._say(DiagnosticStatus.OK, "forwarded", values)
@@ -190,14 +190,14 @@ class Trajectories:
 
     def _look_after(self) -> None:
         """Check what is left of the one that runs if the scene has changed; stop it if need be."""
-        running, now = self._running, self._clock()
+        running, now = self.running, self._clock()
         if running is None:
             return
         elapsed = (now - running.begin) / NANOSECONDS
         running.advance(elapsed, self._parameters.trajectory_start_tolerance)
         left = running.pieces.finishes > running.passed
         if not left.any():
-            self._running = None
+            self.running = None
             return
         try:
             scene = self._scene_for(running)
@@ -212,21 +212,21 @@ class Trajectories:
 
     def close(self) -> None:
         """Stop what runs: nobody looks after it any more. Also from another thread, and again."""
-        self._closed, self._deciding = True, None
-        if self._running is not None:
-            self._stop(self._running, RefusedError("the node does not check any more"))
+        self._closed, self.deciding = True, None
+        if self.running is not None:
+            self._stop(self.running, RefusedError("the node does not check any more"))
 
     def interrupt(self, why: str) -> None:
         """Stop what runs, and refuse what is being decided: its joints are not known any more."""
-        deciding, self._deciding = self._deciding, None
+        deciding, self.deciding = self.deciding, None
         if deciding is not None:
             self._refuse(RefusedError("not decided", why))
-        if self._running is not None:
-            self._stop(self._running, RefusedError(why))
+        if self.running is not None:
+            self._stop(self.running, RefusedError(why))
 
     def _stop(self, running: Running, error: RefusedError) -> None:
         """Stop the robot: ``joint_trajectory_controller`` refuses trajectories without points."""
-        self._running = None
+        self.running = None
         self._forward.publish(running.hold())
         self._forward.publish(JointTrajectory(joint_names=running.names))
         self.stopped = f"trajectory stopped: {error}"
@@ -234,10 +234,10 @@ class Trajectories:
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        if self._running is not None:
-            self._running.begin += shift
-        if self._deciding is not None:
-            self._deciding.received += shift
+        if self.running is not None:
+            self.running.begin += shift
+        if self.deciding is not None:
+            self.deciding.received += shift
 
     def _planned(self, trajectory: Trajectory, now: int) -> Running:
         """Return what a trajectory would be from now on; RefusedError if it cannot be used."""

@@ -27,13 +27,11 @@ from pathlib import Path
 import numpy as np
 from node_process import kernels_of_steps
 from rig import cube
-from robot_rig import URDF, ValidityRig
+from robot_rig import URDF, AskingRig
 from std_msgs.msg import Float64
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker
 
 from obb_collision import _jit
-from obb_collision.node.messages.conversions import duration_to_ros
 
 SHAPES = (
     '<sphere radius="0.1"/>',
@@ -44,41 +42,25 @@ SHAPES = (
 MESH = "v 0 0 0\nv 0.2 0 0\nv 0 0.2 0\nv 0 0 0.2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
-def kernels() -> set[str]:
-    """Return the kernels that this process has, with their signatures."""
-    return _jit.loaded_kernels()
-
-
-def ask(rig: ValidityRig) -> None:
+def ask(rig: AskingRig) -> None:
     """Ask for everything once."""
-    rig.send_joints(lift=0.0, turn=0.0)
-    rig.answer()
-    create, listen = rig.client.create_publisher, rig.client.create_subscription
+    rig.move()
     scales: list[object] = []
-    listen(Float64, "arm/speed_scale", scales.append, 10)
+    rig.client.create_subscription(Float64, "arm/speed_scale", scales.append, 10)
     for kind in (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW):
         rig.send(cube(("crate", kind), (0.3 * kind, 0.9, 0.5), (0.2, 0.3, 0.4), type=kind))
     rig.answer()
-    rig.send_joints({"lift": 0.1, "turn": 0.5}, lift=0.1, turn=0.2)
-    rig.answer()
+    rig.move({"lift": 0.1, "turn": 0.5}, lift=0.1, turn=0.2)
     rig.until(lambda: scales, "a scale")
     states = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 2))
     for count in (0, 1, 3, 200):
         rig.ask(states[:count])
     rig.set(state_validity_distance=1.0)
     rig.ask(states)
-    said: list[object] = []
-    listen(JointTrajectory, "arm/trajectory_out", said.append, 10)
-    wanted = create(JointTrajectory, "arm/trajectory_in", 10)
-    rig.until(wanted.get_subscription_count, "trajectory_in")
-    message = JointTrajectory(joint_names=["lift", "turn"])
-    for time, lift in ((0.0, 0.1), (500.0, 0.2), (1000.0, 0.1)):
-        point = JointTrajectoryPoint(positions=[lift, 0.2], velocities=[0.0, 0.0])
-        point.time_from_start = duration_to_ros(time)
-        message.points.append(point)
     rig.set(trajectory_margin=1e-4)
-    wanted.publish(message)
-    rig.until(lambda: said or rig.refused("arm/trajectory_in"), "the trajectory")
+    still = [0.0, 0.0]
+    rig.publish([(500.0 * n, [lift, 0.2], still) for n, lift in enumerate((0.1, 0.2, 0.1))])
+    rig.until(lambda: rig.said, "the trajectory")
     rig.send(cube(("crate", 7), (1.0, 0.2, 0.6), (0.5, 0.5, 0.5)))
     rig.answer()
     rig.cycles(3)
@@ -92,12 +74,12 @@ def main(folder: str) -> None:
     )
     urdf = URDF.replace('<link name="column">', f'<link name="column">{shapes}', 1)
     loaded = kernels_of_steps()
-    with ValidityRig({"mesh_folders": [folder]}) as rig:
-        before = kernels()
+    with AskingRig({"mesh_folders": [folder]}) as rig:
+        before = _jit.loaded_kernels()
         rig.describe(urdf)
         rig.until(lambda: rig.robot.links is not None, rig.robot.fault)
         ask(rig)
-        new = sorted(kernels() - before - loaded)
+        new = sorted(_jit.loaded_kernels() - before - loaded)
     sys.stdout.write(json.dumps(new) + "\n")
 
 

@@ -33,12 +33,12 @@ def shared() -> Iterator[None]:
 
 @pytest.fixture
 def arm(shared: None) -> Any:
-    """Return a ``ValidityRig`` whose robot has been started, as good as new."""
+    """Return a ``AskingRig`` whose robot has been started, as good as new."""
     from rig import SHARED
-    from robot_rig import ValidityRig
+    from robot_rig import AskingRig
 
     if not SHARED:
-        rig = ValidityRig()
+        rig = AskingRig()
         rig.start_robot()
         SHARED.append(rig)
     SHARED[0].renew()

@@ -12,6 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """Objects attached to links: markers that are locked to the frame of a link."""
 
 from __future__ import annotations
@@ -20,72 +21,81 @@ from typing import Any
 
 import numpy as np
 import pytest
-from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
+from each import each
 from fake_frames import FakeFrames
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import cube
-from robot_rig import SRDF, URDF, ValidityRig
+from robot_rig import CRATE, EDGES, SRDF, URDF, AskingRig
 from std_msgs.msg import String
-from test_trajectories import QUARTER, TrajectoryRig
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.objects.conditions import UNPLACED
 from obb_collision.node.robots.validity import COLLIDES, NOT_KNOWN, VALID
 
-TOOL, CRATE = ("tool", 1), ("crate", 1)
-NAME, HAND = "tool/1", "arm/hand"
-EDGES = (0.1, 0.1, 0.1)
+TOOL, NAME, HAND = ("tool", 1), "tool/1", "arm/hand"
+HERE, THERE = [0.0, 0.0], [0.0, np.pi / 2]
+BEYOND = (0.0, 1.3, 0.5)
+"""Where what is held is at a turn of 90 degrees."""
+LONG = (0.5, 0.0, 0.0), (1.1, 0.1, 0.1)
+"""From the column to the end of the hand."""
 
 
 def held(
     place: Any = (1.3, 0.0, 0.0), size: Any = EDGES, frame: str = HAND, **fields: Any
 ) -> Marker:
     """Return a cube beyond the boxes of the hand, attached to it."""
-    marker = cube(TOOL, place, size, frame_locked=True, **fields)
+    marker = cube(TOOL, place, size, **({"frame_locked": True} | fields))
     marker.header.frame_id = frame
     return marker
-
-
-def quarter(rig: Any, turn: float = np.pi / 2) -> None:
-    """Turn the hand."""
-    rig.send_joints(turn=turn, lift=0.0)
-    rig.answer()
 
 
 def put(rig: Any, *markers: Marker, stamped: bool = True) -> None:
     """Send markers, and the joints after them: what is locked to a frame has no stamp."""
     rig.send(*markers, stamped=stamped)
     rig.cycles(2)
-    quarter(rig, 0.0)
+    rig.move()
 
 
-def test_it_moves_with_its_link(arm: ValidityRig) -> None:
+def at(rig: Any, place: Any) -> None:
+    """Assert where it is."""
+    np.testing.assert_allclose(rig.pose_of(TOOL)[:3], place, atol=1e-12)
+
+
+def test_it_moves_with_its_link_unless_it_is_not_locked(arm: AskingRig) -> None:
     put(arm, held())
-    np.testing.assert_allclose(arm.pose_of(TOOL)[:3], (1.3, 0.0, 0.5), atol=1e-12)
-    quarter(arm)
-    np.testing.assert_allclose(arm.pose_of(TOOL)[:3], (0.0, 1.3, 0.5), atol=1e-12)
-    arm.send_joints({"turn": 2.0, "lift": 0.5}, turn=np.pi / 2, lift=0.0)
-    arm.answer()
-    slot = arm.node.objects.table.find_named([NAME])[0]
-    twist = arm.node.objects.scene.objects.store.twists[slot]
+    at(arm, (1.3, 0.0, 0.5))
+    arm.move(turn=np.pi / 2)
+    at(arm, BEYOND)
+    arm.move({"turn": 2.0, "lift": 0.5}, turn=np.pi / 2)
+    twist = arm.node.objects.scene.objects.store.twists[arm.node.objects.table.slots[TOOL]]
     np.testing.assert_allclose(twist, (-2.6, 0.0, 0.5, 0.0, 0.0, 2.0), atol=1e-8)
+    put(arm, held(action=Marker.DELETE))
+    put(arm, held(frame_locked=False), stamped=False)
+    arm.move(turn=np.pi / 2)
+    at(arm, (1.3, 0.0, 0.5))
+    assert not len(arm.robot.attached.slots)
 
 
-def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: ValidityRig) -> None:
-    put(arm, held((0.5, 0.0, 0.0), (1.1, 0.1, 0.1)))  # from the column to the end of the hand
+def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: AskingRig) -> None:
+    put(arm, held(*LONG))
     assert arm.pairs() == {("arm/column/0", NAME)}
     arm.send(cube(CRATE, (0.0, 1.1, 0.5), EDGES))
-    quarter(arm)
-    assert (CRATE[0] + "/1", NAME) in arm.pairs()
-    assert arm.reasons([[0.0, 0.0]]) == [COLLIDES]
+    arm.move(turn=np.pi / 2)
+    assert ("crate/1", NAME) in arm.pairs()
+    assert arm.reasons([HERE]) == [COLLIDES]
     arm.set(robot_touch_links=["arm/hand: arm/col*"])
-    arm.send_joints(turn=0.0, lift=0.0)
+    arm.move()
     arm.until(lambda: not arm.pairs(), "no pair")
-    assert arm.reasons([[0.0, 0.0]]) == [VALID]
+    assert arm.reasons([HERE]) == [VALID]
+    other = held((1.35, 0.0, 0.0))
+    other.id = 2
+    put(arm, held(), other)
+    assert arm.pairs() == set(), "two that one link holds may touch"
+    assert arm.reasons([HERE]) == [VALID]
 
 
 def test_it_may_touch_the_end_effector_of_the_srdf() -> None:
@@ -93,87 +103,81 @@ def test_it_may_touch_the_end_effector_of_the_srdf() -> None:
         '<group name="gripper"><link name="column"/><link name="hand"/></group>'
         '<end_effector name="tool" parent_link="base" group="gripper"/></robot>'
     )
-    with ValidityRig() as rig:
-        rig.semantics.publish(String(data=SRDF.replace("</robot>", end)))
-        rig.until(lambda: rig.robot._srdf, "the SRDF")
+    with AskingRig() as rig:
         rig.start_robot()
-        put(rig, held((0.5, 0.0, 0.0), (1.1, 0.1, 0.1)))
+        rig.semantics.publish(String(data=SRDF.replace("</robot>", end)))
+        rig.until(lambda: rig.robot.links.robot.end_effectors, "the SRDF")
+        put(rig, held(*LONG))
         assert rig.pairs() == set()
-        assert rig.reasons([[0.0, 0.0]]) == [VALID]
+        assert rig.reasons([HERE]) == [VALID]
 
 
 @each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW])
-def test_states_are_checked_with_it_as_a_part_of_the_robot(kind: int, arm: ValidityRig) -> None:
-    arm.send(cube(CRATE, (0.0, 1.3, 0.5), EDGES), held(type=kind))
+def test_states_are_checked_with_it_as_a_part_of_the_robot(arm: AskingRig, kind: int) -> None:
+    arm.send(cube(CRATE, BEYOND, EDGES), held(type=kind))
     arm.built(TOOL, CRATE)
-    rows = arm.ask([[0.0, 0.0], [0.0, np.pi / 2], [0.0, -0.3]])
+    rows = arm.ask([HERE, THERE, [0.0, -0.3]])
     assert rows["reason"].tolist() == [VALID, COLLIDES, VALID]  # where it is now is no obstacle
     table = arm.node.objects.table
     slots = table.find_named([NAME, "crate/1"])
-    ids = list(zip(table.ns[slots].tolist(), table.id[slots].tolist(), strict=True))
-    pairs = [tuple(rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b"))]
-    assert pairs == [(*ids[0], *ids[1])]
+    ids = zip(table.ns[slots].tolist(), table.id[slots].tolist(), strict=True)
+    assert [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")] == [*sum(ids, ())]
 
 
-def test_it_can_be_exchanged_moved_and_detached(arm: ValidityRig) -> None:
-    there = [[0.0, np.pi / 2]]
-    put(arm, cube(CRATE, (0.0, 1.3, 0.5), EDGES), held())
-    assert arm.reasons(there) == [COLLIDES]
-    put(arm, held((1.5, 0.0, 0.0)))
-    assert arm.reasons(there) == [VALID]
-    put(arm, held((1.5, 0.0, 0.0), (0.5, 0.1, 0.1)))
-    assert arm.reasons(there) == [COLLIDES]
-    put(arm, held(action=Marker.DELETE))
-    assert arm.reasons(there) == [VALID]
+def test_it_can_be_exchanged_moved_and_detached(arm: AskingRig) -> None:
+    put(arm, cube(CRATE, BEYOND, EDGES))
+    for marker, reason in (
+        (held(), COLLIDES),
+        (held((1.5, 0.0, 0.0)), VALID),
+        (held((1.5, 0.0, 0.0), (0.5, 0.1, 0.1)), COLLIDES),
+        (held(action=Marker.DELETE), VALID),
+    ):
+        put(arm, marker)
+        assert arm.reasons([THERE]) == [reason]
     put(arm, held(), cube(TOOL, (0.0, -1.0, 0.5), EDGES))  # put down where the hand may be
-    assert arm.reasons([*there, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
+    assert arm.reasons([THERE, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
 
 
 def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles() -> None:
     """A pose applies the markers that came before it; a question may come right behind it."""
-    with ValidityRig({"ignored_objects": ["nobody/*"]}) as rig:
+    with AskingRig({"ignored_objects": ["nobody/*"]}) as rig:
         rig.start_robot()
         put(rig, held())
-        assert rig.node.robots is not None
-        checked = rig.node.robots._validity["arm/states_to_check"]._checked
-        assert checked.scene().attached == {NAME: HAND}
+        scene = rig.ends.checked.scene
+        assert scene().attached == {NAME: HAND}
         takes = rig.node.inputs.callbacks()
         takes["objects"](serialize_message(MarkerArray(markers=[held(action=Marker.DELETE)])))
         takes["object_transform"](serialize_message(TransformStamped(child_frame_id="nobody/1")))
-        assert checked.scene().attached == {}
+        assert scene().attached == {}
 
 
-def test_without_knowing_the_joints_it_is_grey_and_no_state_valid(arm: ValidityRig) -> None:
-    put(arm, held())
-    slot = arm.node.objects.table.find_named([NAME])[0]
-    arm.send_joints(turn=float("nan"))
-    arm.until(lambda: arm.node.objects.table.doubtful[slot], "grey")
-    assert arm.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
-    quarter(arm, 0.0)
-    assert not arm.node.objects.table.doubtful[slot]
-    assert arm.reasons([[0.0, 0.0]]) == [VALID]
-
-
-def test_it_may_come_before_its_robot() -> None:
-    with ValidityRig() as rig:
+def test_it_is_grey_without_its_joints_or_its_link_and_no_state_valid() -> None:
+    with AskingRig() as rig:
         rig.send(held())
         rig.cycles(2)
         table = rig.node.objects.table
-        assert table.unplaceable[table.find_named([NAME])[0]]
+        slot = table.slots[TOOL]
+        assert table.unplaceable[slot], "it may come before its robot"
         rig.start_robot()
-        rig.until(lambda: not table.has(UNPLACED, table.find_named([NAME])[0]), "its place")
-        assert rig.reasons([[0.0, 0.0]]) == [VALID]
+        rig.until(lambda: not table.has(UNPLACED, slot), "its place")
+        assert rig.reasons([HERE]) == [VALID]
+        rig.send_joints(turn=float("nan"))
+        rig.until(lambda: table.doubtful[slot], "grey")
+        assert rig.reasons([HERE]) == [NOT_KNOWN]
+        rig.move()
+        assert not table.doubtful[slot]
+        assert rig.reasons([HERE]) == [VALID]
         rig.describe(URDF.replace('"hand"', '"palm"'))
         rig.until(lambda: "palm" in str(rig.robot.links and rig.robot.links.rows), "the robot")
         rig.send_joints(turn=0.0, lift=0.0)
-        rig.until(lambda: table.doubtful[table.find_named([NAME])[0]], "grey: it has no such link")
-        assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
+        rig.until(lambda: table.doubtful[slot], "grey: it has no such link")
+        assert rig.reasons([HERE]) == [NOT_KNOWN]
 
 
-def test_the_frame_of_no_link_is_refused_and_states_are_not_valid(arm: ValidityRig) -> None:
+def test_the_frame_of_no_link_is_refused_and_states_are_not_valid(arm: AskingRig) -> None:
     put(arm, held(frame="arm/foot"))
     assert arm.refused("objects") == {"unknown frame": 1}
-    assert arm.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
+    assert arm.reasons([HERE]) == [NOT_KNOWN]
 
 
 @each("by_tf", [False, True])
@@ -181,38 +185,30 @@ def test_the_frame_may_be_that_of_tf(by_tf: bool) -> None:
     frames = FakeFrames()
     options = {"frames": frames, "given": {"robot_bases": [""]}} if by_tf else {}
     frames.known["base"] = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
-    with ValidityRig(**options) as rig:
+    with AskingRig(**options) as rig:
         rig.start_robot()
         put(rig, held(frame="hand"))
         height = 0.7 if by_tf else 0.5
-        np.testing.assert_allclose(rig.pose_of(TOOL)[:3], (1.3, 0.0, height), atol=1e-12)
+        at(rig, (1.3, 0.0, height))
         put(rig, cube(CRATE, (0.0, 1.3, height), EDGES))
-        assert rig.reasons([[0.0, 0.0], [0.0, np.pi / 2]]) == [VALID, COLLIDES]
-
-
-def test_a_marker_that_is_not_locked_is_an_obstacle(arm: ValidityRig) -> None:
-    marker = held()
-    marker.frame_locked = False
-    put(arm, marker, stamped=False)
-    quarter(arm)
-    np.testing.assert_allclose(arm.pose_of(TOOL)[:3], (1.3, 0.0, 0.5), atol=1e-12)
-    assert not len(arm.robot.attached.slots)
-
-
-def test_two_that_one_link_holds_may_touch(arm: ValidityRig) -> None:
-    other = held((1.35, 0.0, 0.0))
-    other.id = 2
-    put(arm, held(), other)
-    assert arm.pairs() == set()
-    assert arm.reasons([[0.0, 0.0]]) == [VALID]
+        assert rig.reasons([HERE, THERE]) == [VALID, COLLIDES]
 
 
 def test_trajectories_are_refused_and_stopped_for_what_is_attached() -> None:
-    with TrajectoryRig() as rig:
-        put(rig, cube(CRATE, (0.0, 1.3, 0.5), EDGES))
-        slow = [QUARTER[0], (1000.0, QUARTER[1][1])]
-        assert rig.go(slow)[0].message == "forwarded"
-        rig.said.clear()
-        rig.send(held())
-        assert rig.stopped().startswith(f"stopped: not free: {NAME} and crate/1")
-        assert rig.go(slow)[0].message.startswith(f"refused: not free: {NAME} and crate/1")
+    with AskingRig() as arm:
+        arm.start_robot()
+        slow = [(0.0, HERE), (1000.0, THERE)]
+        put(arm, cube(CRATE, BEYOND, EDGES))
+        arm.begin(slow)
+        arm.send(held())
+        assert arm.stopped().startswith(f"stopped: not free: {NAME} and crate/1")
+        assert arm.go(slow)[0].message.startswith(f"refused: not free: {NAME} and crate/1")
+        arm.describe(URDF.replace('"base"', '"5"'))  # what has the name of a link is not attached
+        arm.until(lambda: "5" in str(arm.robot.links and arm.robot.links.rows), "the robot")
+        put(arm, held(action=Marker.DELETE))
+        arm.begin(slow)
+        marker = cube(("arm", 5), (0.0, 0.0, 2.0), EDGES, frame_locked=True)
+        marker.header.frame_id = HAND
+        put(arm, marker)
+        text = "refused: scene not known: not attached: name must not be that of a link"
+        assert arm.go(slow)[0].message.startswith(text)

@@ -27,7 +27,7 @@ from fake_frames import FakeFrames
 from lifecycle_msgs.msg import Transition
 from objects_rig import ObjectsRig
 from rig import LATCHED, Rig, cube, pose
-from robot_rig import HERE, SRDF, URDF, RobotRig, ValidityRig, box, joint
+from robot_rig import HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -62,7 +62,7 @@ def said(rig: Rig, level: bytes, text: str = "") -> None:
     rig.until(reached, f"{level!r} {text}")
 
 
-def test_links_are_objects_that_joints_move(arm: ValidityRig) -> None:
+def test_links_are_objects_that_joints_move(arm: AskingRig) -> None:
     arm.known()
     np.testing.assert_allclose(arm.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
     arm.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
@@ -147,7 +147,7 @@ def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
         rig.known()
 
 
-def test_stale_joints_are_not_free(arm: ValidityRig) -> None:
+def test_stale_joints_are_not_free(arm: AskingRig) -> None:
     arm.known()
     arm.set(joint_timeout=0.001)
     arm.known("joint_unknown", "arm (joints with a stale state: lift, turn)")
@@ -184,7 +184,7 @@ def test_a_bad_description_is_refused_and_nothing_else_disturbed(text: str, reas
         rig.known()
 
 
-def test_velocities_of_joints_predict_collisions_of_links(arm: ValidityRig) -> None:
+def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> None:
     arm.listen("predicted_collisions", "clearances")
     arm.send(cube(CRATE, (1.0, 0.0, 1.05), (0.1, 0.1, 0.1)))
     arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0)
@@ -216,7 +216,7 @@ def test_twists_are_those_of_the_kinematics() -> None:
         np.testing.assert_allclose(twist, [-2.0, 0.0, 0.3, 0.0, 0.0, 2.0], atol=1e-8)
 
 
-def test_links_are_no_ones_but_the_robots(arm: ValidityRig) -> None:
+def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
     before = arm.pose_of(HAND)
     arm.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0)))
     arm.answer()

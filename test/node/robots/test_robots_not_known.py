@@ -32,7 +32,7 @@ from gate import Gate
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import cube, pose
-from robot_rig import STATUS, URDF, RobotRig, ValidityRig
+from robot_rig import STATUS, URDF, AskingRig, RobotRig
 from sensor_msgs.msg import JointState
 
 from obb_collision.accuracy import Accuracy
@@ -134,7 +134,7 @@ def joints(rig: RobotRig, **values: float) -> JointState:
 
 @each("what", ["stamp", "cut short", "longer"])
 def test_joints_whose_state_is_refused_are_unknown_until_one_is_accepted(
-    what: str, arm: ValidityRig
+    what: str, arm: AskingRig
 ) -> None:
     arm.known()
     message = joints(arm, lift=0.0)
@@ -151,7 +151,7 @@ def test_joints_whose_state_is_refused_are_unknown_until_one_is_accepted(
     arm.known()
 
 
-def test_joint_states_without_their_names_are_unreadable(arm: ValidityRig) -> None:
+def test_joint_states_without_their_names_are_unreadable(arm: AskingRig) -> None:
     arm.known()
     arm.joint_states.publish(serialize_message(joints(arm, lift=0.0))[:30])
     arm.known("input_unreadable", "arm/joint_states")

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,9 +28,10 @@ from each import each
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from rig import cube
-from robot_rig import SRDF, ValidityRig
+from robot_rig import CRATE, EDGES, SRDF, AskingRig
 from std_msgs.msg import String
 from test_attached_objects import TOOL, held, put
+from visualization_msgs.msg import Marker
 
 from obb_collision.node.robots.validity import (
     ROBOT_ATTACHED,
@@ -38,7 +40,6 @@ from obb_collision.node.robots.validity import (
     StateService,
 )
 
-CRATE = ("crate", 1)
 QUARTER = {"lift": 0.0, "turn": np.pi / 2}
 GROUPS = (
     '<group name="top"><link name="hand"/></group><group name="lower"><joint name="lift"/></group>'
@@ -67,19 +68,17 @@ def contact() -> Any:
     return plain(header=header, position=plain(), normal=plain())
 
 
-class ServiceRig(ValidityRig):
+class ServiceRig(AskingRig):
     """A rig that calls the service without moveit_msgs; the robot has a crate in its way."""
 
     def __init__(self) -> None:
         super().__init__()
         self.semantics.publish(String(data=SRDF.replace("</robot>", GROUPS + "</robot>")))
-        self.until(lambda: self.robot._srdf, "the SRDF")
         self.start_robot()
-        robots = self.node.robots
-        assert robots is not None
-        checked = robots._validity["arm/states_to_check"]._checked
+        self.until(lambda: self.robot.links.robot.groups, "the SRDF")
+        put(self, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
         monitor = self.monitor("arm/states_to_check")
-        self.service = StateService(checked, monitor, contact)
+        self.service = StateService(self.ends.checked, monitor, contact)
 
     def call_it(self, request: Any) -> Any:
         return self.service.answer(request, plain(valid=True, contacts=[], cost_sources=[]))
@@ -90,15 +89,15 @@ class ServiceRig(ValidityRig):
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[ServiceRig]:
-    with ServiceRig() as rig:
-        yield rig
+    with ServiceRig() as made:
+        yield made
 
 
 @pytest.fixture
 def rig(shared: ServiceRig) -> ServiceRig:
-    """Return the rig with nothing but the crate."""
-    shared.renew()
-    put(shared, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
+    """Return the rig with the robot at rest, nothing attached and nothing refused so far."""
+    put(shared, Marker(action=Marker.DELETEALL), cube(CRATE, (0.0, 1.0, 0.5), EDGES))
+    shared.monitor("arm/states_to_check").refused.clear()
     return shared
 
 
@@ -139,48 +138,30 @@ def test_what_is_attached_is_named(rig: ServiceRig) -> None:
     assert found.contact_body_2 == "crate/1"
 
 
-def spoil(request: Any, what: str) -> None:
-    """Ask for what cannot be answered."""
-    state = request.robot_state
-    joints = state.joint_state
-    if what == "unknown joint":
-        joints.name[0] = "elbow"
-    elif what == "array lengths differ":
-        joints.position.append(1.0)
-    elif what == "repeated joint":
-        joints.name[0] = joints.name[1]
-    elif what == "bad state":
-        joints.position[0] = float("nan")
-    elif what == "unknown group":
-        request.group_name = "legs"
-    elif what == "constraints":
-        request.constraints.joint_constraints.append(plain())
-    elif what == "multi_dof_joint_state":
-        state.multi_dof_joint_state.joint_names.append("world")
-    elif what == "transforms":
-        state.multi_dof_joint_state.transforms.append(plain())
-    else:
-        state.attached_collision_objects.append(plain())
+SEVERAL = "robot_state.multi_dof_joint_state"
 
 
 @each(
-    "what, reason",
+    "field, value, reason",
     [
-        ("unknown joint", "unknown joint"),
-        ("array lengths differ", "array lengths differ"),
-        ("repeated joint", "repeated joint"),
-        ("bad state", "bad state"),
-        ("unknown group", "unknown group"),
-        ("constraints", "not evaluated"),
-        ("multi_dof_joint_state", "not evaluated"),
-        ("transforms", "not evaluated"),
-        ("attached", "not evaluated"),
+        ("robot_state.joint_state.name", ["elbow", "turn"], "unknown joint"),
+        ("robot_state.joint_state.name", ["turn", "turn"], "repeated joint"),
+        ("robot_state.joint_state.position", [0.0, 0.0, 1.0], "array lengths differ"),
+        ("robot_state.joint_state.position", [float("nan"), 0.0], "bad state"),
+        ("group_name", "legs", "unknown group"),
+        ("constraints.joint_constraints", [plain()], "not evaluated"),
+        (f"{SEVERAL}.joint_names", ["world"], "not evaluated"),
+        (f"{SEVERAL}.transforms", [plain()], "not evaluated"),
+        ("robot_state.attached_collision_objects", [plain()], "not evaluated"),
     ],
 )
-def test_what_cannot_be_decided_is_not_valid(what: str, reason: str, rig: ServiceRig) -> None:
-    rig.renew()
+def test_what_cannot_be_decided_is_not_valid(
+    field: str, value: Any, reason: str, rig: ServiceRig
+) -> None:
+    rig.monitor("arm/states_to_check").refused.clear()
     request = request_of({"lift": 0.0, "turn": 0.0})
-    spoil(request, what)
+    outer, _, name = field.rpartition(".")
+    setattr(attrgetter(outer)(request) if outer else request, name, value)
     assert not rig.call_it(request).valid
     assert rig.refused("arm/states_to_check") == {reason: 1}
     assert rig.is_valid({"lift": 0.0, "turn": 0.0})

@@ -23,7 +23,7 @@ from each import each
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from rig import cube, pose
-from robot_rig import URDF, ValidityRig, box
+from robot_rig import CRATE, URDF, AskingRig, box
 from std_srvs.srv import SetBool
 
 import obb_collision as oc
@@ -38,25 +38,25 @@ from obb_collision.node.robots.validity import (
     VALID,
 )
 
-CRATE = ("crate", 1)
 
-
-def test_each_state_is_valid_or_says_why_not(arm: ValidityRig) -> None:
-    arm.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
-    arm.answer()
-    nan = float("nan")
-    states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
-    rows = arm.ask(states)
-    assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
-    keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
-    assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
-    assert np.isnan(rows["distance"]).all()
-    assert len(arm.ask(np.empty((0, 2)))) == 0
+def test_each_state_is_valid_or_says_why_not() -> None:
+    with AskingRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
+        rig.answer()
+        nan = float("nan")
+        states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
+        rows = rig.ask(states)
+        assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
+        keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
+        assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
+        assert np.isnan(rows["distance"]).all()
+        assert len(rig.ask(np.empty((0, 2)))) == 0
 
 
 def test_answers_are_those_of_the_library() -> None:
     rng = np.random.default_rng(0)
-    with ValidityRig({"state_validity_distance": 10.0}) as rig:
+    with AskingRig({"state_validity_distance": 10.0}) as rig:
         bulky = URDF.replace("</link>", f"{box(0.9)}</link>", 1)
         rig.start_robot(bulky, lift=0.4)
         scene, markers = oc.Scene(), []
@@ -77,20 +77,21 @@ def test_answers_are_those_of_the_library() -> None:
 
 
 @each("padded", ["arm/*", "arm/hand/1", "crate/*"])
-def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str, arm: ValidityRig) -> None:
-    arm.renew()
-    arm.send(cube(CRATE, (0.0, 1.2, 0.5), (0.1, 0.1, 0.1)))  # 0.05 m beyond the hand
-    arm.answer()
-    there = [[0.0, np.pi / 2]]
-    assert arm.reasons(there) == [VALID]
-    arm.set(padding_overrides=[f"{padded}: 0.06"])
-    arm.send_joints(lift=0.0, turn=np.pi / 2)
-    assert set(map(frozenset, arm.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
-    assert arm.reasons(there) == [COLLIDES]
+def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str) -> None:
+    with AskingRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (0.0, 1.2, 0.5), (0.1, 0.1, 0.1)))  # 0.05 m beyond the hand
+        rig.answer()
+        there = [[0.0, np.pi / 2]]
+        assert rig.reasons(there) == [VALID]
+        rig.set(padding_overrides=[f"{padded}: 0.06"])
+        rig.send_joints(lift=0.0, turn=np.pi / 2)
+        assert set(map(frozenset, rig.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
+        assert rig.reasons(there) == [COLLIDES]
 
 
 def test_states_are_where_the_base_is() -> None:
-    with ValidityRig({"robot_bases": ["arm: object_transform"]}) as rig:
+    with AskingRig({"robot_bases": ["arm: object_transform"]}) as rig:
         rig.describe()
         rig.send_transform("arm", pose(5.0))
         rig.until(lambda: rig.robot.joints is not None, "the robot")
@@ -112,7 +113,7 @@ def test_rules_of_objects_count_for_states() -> None:
         ({"check_only_pairs": ["arm/hand/1 crate/1"]}, COLLIDES),
         ({"allowed_within": ["*"]}, COLLIDES),
     ):
-        with ValidityRig(rules) as rig:
+        with AskingRig(rules) as rig:
             rig.start_robot()
             rig.send(cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
             rig.answer()
@@ -121,7 +122,7 @@ def test_rules_of_objects_count_for_states() -> None:
 
 def test_without_knowing_everything_no_state_is_valid() -> None:
     state = [[0.0, 0.0]]
-    with ValidityRig() as rig:
+    with AskingRig() as rig:
         assert rig.reasons(state) == [NOT_KNOWN]
         rig.describe()
         rig.until(lambda: rig.robot.joints is not None, "the robot")
@@ -149,27 +150,29 @@ def test_without_knowing_everything_no_state_is_valid() -> None:
         assert rig.reasons(state) == [NOT_KNOWN]
 
 
-def test_objects_beyond_a_region_or_refused_make_states_unknown(arm: ValidityRig) -> None:
+def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
     state = [[0.0, 0.0]]
-    arm.send(cube(CRATE, (9, 0, 0)))
-    arm.answer()
-    arm.set(region=["x: -5.0 to 5.0"])
-    arm.cycles(2)
-    assert arm.reasons(state) == [NOT_KNOWN]
-    arm.set(region=[""])
-    arm.cycles(2)
-    assert arm.reasons(state) == [VALID]
-    arm.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
-    arm.cycles(2)
-    assert arm.reasons(state) == [NOT_KNOWN]
-    arm.send(cube(CRATE, (9, 0, 0)))
-    arm.answer()
-    assert arm.reasons(state) == [VALID]
+    with AskingRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        rig.set(region=["x: -5.0 to 5.0"])
+        rig.cycles(2)
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.set(region=[""])
+        rig.cycles(2)
+        assert rig.reasons(state) == [VALID]
+        rig.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
+        rig.cycles(2)
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        assert rig.reasons(state) == [VALID]
 
 
 def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
     state = [[0.0, 0.0]]
-    with ValidityRig({"object_timeout_overrides": ["crate/*: 1000"]}) as rig:
+    with AskingRig({"object_timeout_overrides": ["crate/*: 1000"]}) as rig:
         rig.start_robot()
         rig.send(cube(CRATE, (9, 0, 0)))
         rig.answer()
@@ -180,16 +183,16 @@ def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
         assert rig.reasons(state) == [NOT_KNOWN]
 
 
-def test_more_states_than_a_cycle_may_wait_for_are_refused(
-    monkeypatch: pytest.MonkeyPatch, arm: ValidityRig
-) -> None:
-    monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
-    times = iter(range(10))
-    monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
-    reasons = arm.reasons(np.zeros((100, 2)))
-    assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
-    assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
-    monitor = arm.monitor("arm/states_to_check")
-    assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
-    arm.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
-    arm.until(lambda: "too many points" in monitor.refused, "the refusal")
+def test_more_states_than_a_cycle_may_wait_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with AskingRig() as rig:
+        rig.start_robot()
+        monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
+        times = iter(range(10))
+        monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
+        reasons = rig.reasons(np.zeros((100, 2)))
+        assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
+        assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
+        monitor = rig.monitor("arm/states_to_check")
+        assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
+        rig.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
+        rig.until(lambda: "too many points" in monitor.refused, "the refusal")

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from rclpy.serialization import serialize_message
 from rig import LATCHED, cube
-from robot_rig import URDF, RobotRig
+from robot_rig import BOTH, CRATE, URDF, AskingRig
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -39,15 +39,11 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.node.messages.conversions import (
     duration_from_ros,
-    duration_to_ros,
     stamp_to_ros,
 )
 from obb_collision.node.robots import trajectories
 
-CRATE = ("crate", 1)
 NONE = [0.0, 0.0]
-OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
-BOTH = ("lift", "turn")
 FAR = (9.0, 9.0, 9.0)
 THERE = (0.0, 1.0, 0.5)
 """Where the hand is at a turn of 90 degrees."""
@@ -56,127 +52,29 @@ NAN = float("nan")
 QUARTER = [(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])]
 
 
-class TrajectoryRig(RobotRig):
-    """A rig that sends trajectories to a robot with a crate, far away unless said."""
+class TrajectoryRig(AskingRig):
+    """A rig that sends trajectories to a robot with a crate, which is far away at first."""
 
-    def __init__(self, place: Sequence[float] = FAR, **given: Any) -> None:
-        super().__init__(given)
-        create, listen = self.client.create_publisher, self.client.create_subscription
-        self.wanted = create(JointTrajectory, "arm/trajectory_in", 10)
-        self.pubs["wanted"] = self.wanted
-        self.forwarded: list[Any] = []
-        self.said: list[Any] = []
-        listen(JointTrajectory, "arm/trajectory_out", self._take_trajectory, 10)
-        listen(DiagnosticStatus, "arm/trajectory_status", self._take_status, 10)
-        self.wait_inputs()
-        assert self.node.robots is not None
-        ends = self.node.robots._publishers
-        for name in ("arm/trajectory_out", "arm/trajectory_status"):
-            self.until(ends[name].get_subscription_count, name)
+    def __init__(self) -> None:
+        super().__init__()
         self.start_robot()
-        self.put(place)
-
-    def _take_trajectory(self, message: Any) -> None:
-        self.forwarded.append(message)
-
-    def _take_status(self, message: Any) -> None:
-        self.said.append(message)
+        self.put(FAR)
 
     def run(self, turn: float = np.pi / 2) -> None:
         """Start a trajectory that takes a thousand seconds."""
-        self.send_joints(lift=0.0, turn=0.0)
-        self.answer()
+        self.move()
         self.begin([QUARTER[0], (1000.0, [0.0, turn])])
 
     def rest(self) -> None:
         """End what runs, by an empty trajectory."""
-        self.said.clear()
-        self.forwarded.clear()
         self.publish([])
         self.stopped()
-
-    def refused_for(self, reason: str, *given: Any, **more: Any) -> dict[str, str]:
-        """Send points that are refused for a reason; return the values of the status."""
-        status, values = self.go(*given, **more)
-        assert status.level == ERROR
-        assert reason in status.message
-        return values
-
-    def begin(self, *given: Any, **more: Any) -> dict[str, str]:
-        """Send points that are forwarded; return the values of the status."""
-        status, values = self.go(*given, **more)
-        assert (status.level, status.message) == (OK, "forwarded")
-        self.said.clear()
-        self.forwarded.clear()
-        return values
 
     def forwards(self, *given: Any, **more: Any) -> dict[str, str]:
         """Send points that are forwarded, and end what runs; return the values of the status."""
         values = self.begin(*given, **more)
         self.rest()
         return values
-
-    def put(self, place: Sequence[float]) -> None:
-        """Put the crate somewhere."""
-        self.send(cube(CRATE, place, (0.1, 0.1, 0.1)))
-        self.answer()
-
-    def go(
-        self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None
-    ) -> tuple[Any, dict[str, str]]:
-        """Send points (time, positions, velocities, accelerations); return what is said of them.
-
-        What is forwarded is what was sent, and nothing else is.
-        """
-        self.said.clear()
-        self.forwarded.clear()
-        message = self.publish(points, names, stamp)
-        self.until(lambda: self.said, "what is said of it")
-        status = self.said[0]
-        if status.level == OK:
-            self.until(lambda: self.forwarded, "the trajectory")
-        expected = [message] if status.level == OK else []
-        assert self.forwarded == expected
-        return status, {pair.key: pair.value for pair in status.values}
-
-    def stopped(self) -> str:
-        """Wait for a stop, and return what is said of it."""
-        self.until(lambda: self.said, "what is said of the stop")
-        self.until(lambda: self.forwarded and not self.forwarded[-1].points, "the stop")
-        return str(self.said[0].message)
-
-    def publish(
-        self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None
-    ) -> JointTrajectory:
-        """Send points, and return the message."""
-        message = JointTrajectory(joint_names=list(names))
-        if stamp is not None:
-            message.header = stamp
-        for time, *values in points:
-            point = JointTrajectoryPoint(time_from_start=duration_to_ros(time))
-            fields = ("positions", "velocities", "accelerations")
-            for field, given in zip(fields, values, strict=False):
-                setattr(point, field, [float(value) for value in given])
-            message.points.append(point)
-        self.wanted.publish(message)
-        return message
-
-
-def test_what_cannot_be_attached_is_said() -> None:
-    with TrajectoryRig() as rig:
-        marker = cube(("arm", 5), (0.0, 0.0, 2.0), (0.1, 0.1, 0.1), frame_locked=True)
-        marker.header.frame_id = "arm/hand"
-        rig.describe(URDF.replace('"base"', '"5"'))
-        rig.until(lambda: "5" in str(rig.robot.links and rig.robot.links.rows), "the robot")
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
-        rig.forwards(QUARTER)
-        rig.send(marker)
-        rig.cycles(2)
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
-        text = "scene not known: not attached: name must not be that of a link"
-        rig.refused_for(text, QUARTER)
 
 
 def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
@@ -214,7 +112,7 @@ def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
             assert node._clear(Trigger.Request(), Trigger.Response()).success
             for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
                 rig.robot.take_joints(joints(0.1 * step))
-            node._subscribed._callbacks["arm/trajectory_in"](serialize_message(trajectory))
+            node.robots.callbacks(node.inputs)["arm/trajectory_in"](serialize_message(trajectory))
             rig.robot.take_joints(joints(1.4))
             node._run_cycle()
             node.robots.hold("a later stop")
@@ -345,8 +243,7 @@ def test_stamps_say_when_it_begins(rig: TrajectoryRig) -> None:
         *((3.0, [0.0, 1.0]), (30.0, [0.0, 1.1])),
     ]
     rig.put((np.cos(0.5), np.sin(0.5), 0.5))
-    rig.send_joints(lift=0.0, turn=0.0)
-    rig.answer()
+    rig.move()
     rig.forwards(around)
     past = stamped(rig, -10.0)
     rig.refused_for(HIT, around, stamp=past)  # joints jump to where it is by now
@@ -410,8 +307,7 @@ def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: TrajectoryRi
     rig.refused_for("scene not known", QUARTER)
     assert rig.go([])[0].message == "forwarded: a stop"  # always
     rig.run()
-    rig.send_joints(lift=0.0, turn=0.5)
-    rig.answer()
+    rig.move(turn=0.5)
     sent = rig.publish([], ["turn"])  # an empty one is a stop of what runs
     rig.until(lambda: len(rig.forwarded) == 2, "the stop")
     hold, empty = rig.forwarded
@@ -422,8 +318,7 @@ def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: TrajectoryRi
 def test_clear_stops_a_trajectory_where_the_joints_are(rig: TrajectoryRig) -> None:
     rig.known()
     rig.run()
-    rig.send_joints(lift=0.0, turn=0.3)
-    rig.answer()
+    rig.move(turn=0.3)
     rig.call(Trigger, "obb_collision/clear", Trigger.Request())
     rig.send_joints(lift=0.0, turn=1.4)
     assert rig.stopped() == "stopped: all objects were removed"
@@ -447,8 +342,7 @@ def test_a_trajectory_counts_until_the_robot_is_there_however_slow(
             rig.begin(SHORT)
             rig.cycles(3)
             continue
-        rig.send_joints(lift=0.0, turn=given)
-        rig.answer()
+        rig.move(turn=given)
     rig.put(place)
     assert rig.stopped().startswith(f"stopped: {HIT}")
 
@@ -466,12 +360,6 @@ def test_what_the_robot_has_behind_it_counts_no_more(rig: TrajectoryRig) -> None
 
 LONG = [(0.0, [0.0, 0.0], [0.0, 0.0]), (1000.0, [0.0, 2.9], [0.0, 0.0])]
 """With velocities, and a small margin, it has thousands of pieces."""
-
-
-def decider(rig: TrajectoryRig) -> Any:
-    """Return what decides trajectories of the robot."""
-    assert rig.node.robots is not None
-    return rig.node.robots._trajectories["arm/trajectory_in"]
 
 
 def test_one_with_many_pieces_is_decided_over_some_cycles(
@@ -506,46 +394,39 @@ def test_what_happens_while_it_is_decided_counts(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**12)
     with TrajectoryRig() as rig:
         rig.set(trajectory_margin=1e-6)
-        rig.said.clear()
-        rig.forwarded.clear()
         rig.publish(LONG)
-        found = decider(rig)
-        rig.until(lambda: found._deciding is not None and found._deciding.done > 2, "some shares")
+        found = rig.ends.trajectories
+        rig.until(lambda: found.deciding is not None and found.deciding.done > 2, "some shares")
         rig.put((0.0, 1.0, 9.0))  # another scene, in which it is checked from the start
-        rig.until(lambda: found._deciding.done > 2, "some shares")
+        rig.until(lambda: found.deciding.done > 2, "some shares")
         rig.put((0.99, 0.1, 0.5))
         rig.until(lambda: rig.said, "the refusal")
         assert rig.said[0].message.startswith("refused: not free: arm/hand and crate/1")
         assert not rig.forwarded
         rig.put(FAR)
-        rig.said.clear()
         rig.publish(LONG)
-        rig.until(lambda: found._deciding is not None, "the next")
+        rig.until(lambda: found.deciding is not None, "the next")
         rig.publish([])
         rig.until(lambda: len(rig.said) == 2, "a stop")
         texts = [status.message.partition(":")[0] for status in rig.said]
         assert texts == ["refused", "forwarded"]
-        assert found._deciding is None
+        assert found.deciding is None
         assert [len(message.points) for message in rig.forwarded] == [0]
-        rig.said.clear()
         rig.publish(LONG)
-        rig.until(lambda: found._deciding, "the next").received -= trajectories.DECISION_TIME
+        rig.until(lambda: found.deciding, "the next").received -= trajectories.DECISION_TIME
         rig.until(lambda: rig.said, "the refusal")
         assert rig.said[0].message.startswith("refused: not decided")
-        rig.said.clear()
         rig.publish(LONG)
-        waiting = rig.until(lambda: found._deciding, "the next")
+        waiting = rig.until(lambda: found.deciding, "the next")
         rig.send_joints(lift=0.5)
         rig.until(lambda: 0.5 in rig.robot.joints.positions, "the joints")
         waiting.done = 10_000
         rig.until(lambda: rig.said, "the refusal")
         assert "not at its start" in rig.said[0].message
-        assert found._running is None
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
-        rig.said.clear()
+        assert found.running is None
+        rig.move()
         rig.publish([(time, q[1:], w[1:]) for time, q, w in LONG], ["turn"])
-        rig.until(lambda: found._deciding, "the next")
+        rig.until(lambda: found.deciding, "the next")
         rig.send_joints(lift=0.5, turn=0.0)
         rig.until(lambda: rig.said, "the refusal")
         assert rig.said[0].message.startswith("refused: a joint that it does not name has moved")
