@@ -23,8 +23,6 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
-from hypothesis import given
-from hypothesis import strategies as st
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 from scenes import builds, random_poses
@@ -61,34 +59,6 @@ def test_a_coarse_level_never_misses_what_obb_reports(name: str) -> None:
     assert not (reported & ~spheres_may_collide(boxes, first, second)).any()
     assert not (reported & ~spheres_may_collide(boxes, second, first)).any()
     assert not (reported & ~bounds_may_collide(boxes, first, second)).any()
-
-
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    count=st.integers(0, 60),
-    size=st.sampled_from([1e-6, 1.0, 1e5]),
-    grid=st.booleans(),
-)
-def test_find_pairs_keeps_the_order_of_the_levels(
-    seed: int, count: int, size: float, grid: bool
-) -> None:
-    rng = np.random.default_rng(seed)
-    centers, extents = rng.uniform(-2.0, 2.0, (count, 3)), rng.uniform(0.0, 1.0, (count, 3))
-    rotations = Rotation.random(count, rng).as_matrix() if count else np.empty((0, 3, 3))
-    if grid:  # resting contacts
-        centers, extents = np.rint(2.0 * centers) / 2.0, np.rint(4.0 * extents) / 4.0
-        rotations = np.broadcast_to(np.eye(3), (count, 3, 3))
-    boxes = oc.Boxes(centers * size, rotations, extents * size)
-    reported = keys(oc.find_pairs(boxes))
-    for name in COARSE:
-        pairs = oc.find_pairs(boxes, accuracy=name)
-        assert pairs.tolist() == sorted(pairs.tolist())
-        assert (pairs[:, 0] < pairs[:, 1]).all()
-        assert reported <= keys(pairs)
-    i, j = np.triu_indices(count, 1)
-    meet = spheres_may_collide(boxes, i, j)
-    pairs = oc.find_pairs(boxes, accuracy="sphere")
-    assert keys(pairs) == keys(np.column_stack([i[meet], j[meet]]))
 
 
 def some_shapes(rng: np.random.Generator) -> list[Shape | oc.OBB]:

@@ -114,17 +114,27 @@ def test_bad_boxes_are_refused_all_together() -> None:
     assert scene.add_boxes([], np.empty((0, 3)), np.empty((0, 7))).tolist() == []
 
 
-def test_renewed_objects_did_not_pass_from_where_they_were() -> None:
+@each("renewed", [True, False])
+def test_what_is_renewed_or_in_place_of_another_did_not_pass_from_where_that_was(
+    renewed: bool,
+) -> None:
     scene = oc.Scene()
     scene.add("wall", oc.shapes.Box([0.1, 9, 9]))
-    cubes = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[-2, 0, 0, 0, 0, 0, 1]] * 2)
-    scene.allow("a", "b")
+    away = np.array([[2.0, 0, 0, 0, 0, 0, 1]])
+    slots = scene.add_boxes(["a", "b"], np.ones((2, 3)), [-away[0]] * 2)
+    scene.allow("[abc]", "[abc]")
     scene.set_effect("sweep", "on")
     scene.check()
-    scene.objects.renew(cubes[:1])
-    scene.move_indices(cubes, [[2, 0, 0, 0, 0, 0, 1]] * 2)
-    swept = scene.check().swept
-    assert [tuple(pair) for pair in swept.passed.pairs.tolist()] == [(0, int(cubes[1]))]
+    if renewed:
+        scene.objects.renew(slots[:1])
+        scene.move_indices(slots, np.repeat(away, 2, axis=0))
+    else:
+        scene.move("b", away[0])
+        anew = scene.objects.begin_boxes(["c"], np.ones((1, 3)), away, instead=slots[:1])
+        assert anew.tolist() == slots[:1].tolist()
+    assert scene.check().swept.passed.pairs.tolist() == [[0, slots[1]]]
+    scene.move_indices(slots[:1], -away)
+    assert scene.check().swept.passed.pairs.tolist() == [[0, slots[0]]]
 
 
 def test_boxes_that_need_no_check_are_those_that_were_checked() -> None:
@@ -164,27 +174,13 @@ def test_boxes_in_place_of_others_are_as_if_these_had_been_removed(before: int, 
     assert other.objects.begin_boxes(come, sizes, poses, instead=gone).tolist() == slots.tolist()
     other.objects.remove(gone[after:])
     assert state(one) == state(other)
-    assert other.objects.padding_overrides == one.objects.padding_overrides
-    assert other.names == one.names
+    assert [other.objects.padding_overrides, other.names] == [
+        one.objects.padding_overrides,
+        one.names,
+    ]
     for scene in (one, other):
         scene.padding = 0.05  # of those that have none of their own
     assert state(one) == state(other)
-
-
-def test_a_box_in_place_of_another_did_not_pass_from_where_that_was() -> None:
-    scene = oc.Scene()
-    scene.add("wall", oc.shapes.Box([0.1, 9, 9]))
-    slots = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[-2, 0, 0, 0, 0, 0, 1]] * 2)
-    scene.allow("*", "b")
-    scene.set_effect("sweep", "on")
-    scene.check()
-    place = np.array([[2.0, 0, 0, 0, 0, 0, 1]])
-    assert scene.objects.begin_boxes(["c"], np.ones((1, 3)), place, instead=slots[:1]).tolist() == [
-        slots[0]
-    ]
-    assert len(scene.check().swept.passed) == 0
-    scene.move_indices(slots[:1], -place)
-    assert len(scene.check().swept.passed) == 1
 
 
 def test_a_renamed_object_is_the_same_under_its_new_name() -> None:

@@ -26,20 +26,15 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.shapes import Box, Capsule, Cylinder, Hull, Mesh, Sphere
 
-ZOO = zoo()
 SHAPES = (
-    Box([0.3, 0.5, 0.8]),
-    Box([0.6, 0.6, 0.6]),
-    Sphere(0.3),
-    Capsule(0.2, 0.5),
-    Cylinder(0.3, 0.4),
-    Mesh(*ZOO["torus0"]),
+    *(Box([0.3, 0.5, 0.8]), Box([0.6, 0.6, 0.6]), Sphere(0.3), Capsule(0.2, 0.5)),
+    *(Cylinder(0.3, 0.4), Mesh(*zoo()["torus0"])),
     Hull(np.random.default_rng(3).normal(size=(12, 3)) * 0.2),
     Mesh(np.random.default_rng(4).normal(size=(9, 3)) * 0.2, np.empty((0, 3), np.int64)),
 )
+ALL_LEVELS = [level.label for level in oc.Accuracy]
 PATTERNS = ("*", "0/*", "1/*", "2/*", "0/3", "1/1", "?/1*")
 EFFECTS = ("separations", "contacts", "clearance")
 
@@ -61,24 +56,30 @@ class Twin:
             return [*places, 0.0, 0.0, 0.0, 1.0]
         return [*places, *Rotation.random(random_state=int(self.rng.integers(1 << 30))).as_quat()]
 
+    def level(self, none: float) -> str | None:
+        """Return a level at random; none: how likely there is none."""
+        return None if self.rng.random() < none else str(self.rng.choice(ALL_LEVELS[1:]))
+
     def add(self) -> None:
         taken = list(self.objects)
         if taken and self.rng.random() < 0.2:
             name = taken[self.rng.integers(len(taken))]  # in place of another
-            enabled = True
         else:
-            name, enabled = f"{self.serial % 3}/{self.serial}", True
+            name = f"{self.serial % 3}/{self.serial}"
             self.serial += 1
         padding = None if self.rng.random() < 0.7 else float(self.rng.choice([0.0, 0.01, 0.1]))
-        accuracy = None if self.rng.random() < 0.6 else str(self.rng.choice(ALL_LEVELS[1:]))
-        made: dict[str, Any] = {
-            "shape": SHAPES[self.rng.integers(len(SHAPES))], "pose": self.pose(),
-            "padding": padding, "accuracy": accuracy, "enabled": enabled,
-        }  # fmt: skip
-        self.scene.add(
-            name, made["shape"], made["pose"], padding=padding, accuracy=made["accuracy"]
-        )
-        self.objects[name] = made
+        shape, level = SHAPES[self.rng.integers(len(SHAPES))], self.level(0.6)
+        made = {"shape": shape, "pose": self.pose(), "padding": padding, "accuracy": level}
+        self.scene.add(name, **made)
+        self.objects[name] = {**made, "enabled": True}
+
+    def set_level(self, name: str, level: str | None) -> None:
+        self.scene.set_accuracy(name, level)
+        self.objects[name]["accuracy"] = level
+
+    def set_all(self, setting: str, value: Any) -> None:
+        setattr(self.scene, setting, value)
+        self.settings[setting] = value
 
     def change(self) -> None:
         """Do one thing at random."""
@@ -100,11 +101,8 @@ class Twin:
         what = self.rng.choice(kinds, p=shares)
         if what == "add" or not names:
             self.add()
-        elif what == "move":
-            self.objects[name]["pose"] = self.pose()
-            self.scene.move(name, self.objects[name]["pose"])
-        elif what == "many":
-            for some in names[:: self.rng.integers(1, 4)]:
+        elif what in ("move", "many"):
+            for some in [name] if what == "move" else names[:: self.rng.integers(1, 4)]:
                 self.objects[some]["pose"] = self.pose()
                 self.scene.move(some, self.objects[some]["pose"])
         elif what == "remove":
@@ -115,26 +113,19 @@ class Twin:
             self.scene.set_enabled(name, enabled)
             self.objects[name]["enabled"] = enabled
         elif what == "accuracy":
-            level = None if self.rng.random() < 0.4 else str(self.rng.choice(ALL_LEVELS[1:]))
-            self.scene.set_accuracy(name, level)
-            self.objects[name]["accuracy"] = level
+            self.set_level(name, self.level(0.4))
         elif what == "sphere":
             spheres = [some for some in names if self.objects[some]["accuracy"] == "sphere"]
-            name, level = (spheres[0], None) if spheres else (name, "sphere")
-            self.scene.set_accuracy(name, level)
-            self.objects[name]["accuracy"] = level
+            self.set_level(*((spheres[0], None) if spheres else (name, "sphere")))
         elif what == "all":
-            self.settings["accuracy"] = str(self.rng.choice(ALL_LEVELS))
-            self.scene.accuracy = self.settings["accuracy"]
+            self.set_all("accuracy", str(self.rng.choice(ALL_LEVELS)))
         elif what == "padding":
-            self.settings["padding"] = float(self.rng.choice([0.0, 0.02]))
-            self.scene.padding = self.settings["padding"]
-        elif what == "rule":
-            if self.rng.random() < 0.3:
-                self.scene.rules.allowed = self.scene.rules.allowed[1:]
-            else:
-                a, b = self.rng.choice(PATTERNS, 2)
-                self.scene.allow(str(a), str(b), bool(self.rng.random() < 0.6))
+            self.set_all("padding", float(self.rng.choice([0.0, 0.02])))
+        elif self.rng.random() < 0.3:
+            self.scene.rules.allowed = self.scene.rules.allowed[1:]
+        else:
+            a, b = self.rng.choice(PATTERNS, 2)
+            self.scene.allow(str(a), str(b), bool(self.rng.random() < 0.6))
 
     def anew(self) -> oc.Scene:
         """Return a scene made of what this one has now, with the same indices."""

@@ -22,8 +22,6 @@ import sys
 
 import pytest
 
-from obb_collision._threads import VARIABLE
-
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux", reason="limits of memory as Linux has them"
 )
@@ -93,7 +91,7 @@ print(failed)
 
 def test_a_change_without_memory_for_it_does_not_happen() -> None:
     command = [sys.executable, "-c", SCRIPT.replace("STEP", "10")]
-    environment = os.environ | {VARIABLE: "1"}
+    environment = os.environ | {"OBB_COLLISION_THREADS": "1"}
     found = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert found.returncode == 0, found.stderr
     assert int(found.stdout) > 5

@@ -64,6 +64,11 @@ def scene_of(given_boxes: Sequence[Any], region: Region | None, **options: Any) 
     return scene
 
 
+def cubes(*places: float, size: float = 1.0) -> list[Any]:
+    """Return boxes along the x axis."""
+    return [([size] * 3, np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in places]
+
+
 def rows(table: Any, count: int) -> list[tuple[Any, ...]]:
     """Return the rows of a dataclass of arrays, comparable also where there is NaN."""
     columns = [
@@ -155,28 +160,17 @@ def test_many_objects_that_come_move_and_go(seed: int, accuracy: str) -> None:
 
 
 def test_a_pair_belongs_to_one_region_though_its_point_is_on_the_border() -> None:
-    cubes = [([2.0, 2.0, 2.0], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (0.0, 1.0)]
-    middle = oc.Scene()
-    for n, (size, pose) in enumerate(cubes):
-        middle.add(str(n), oc.shapes.Box(size), pose)
-    border = float(meeting_bounds(middle.boxes)[0][1, 0])  # where their common part begins
+    pair = cubes(0.0, 1.0, size=2.0)
+    border = float(meeting_bounds(scene_of(pair, None).boxes)[0][1, 0])  # their common part begins
     for cut in (np.nextafter(border, -1.0), border, np.nextafter(border, 1.0)):
-        ends = [-np.inf, cut, np.inf]
-        counts = [
-            len(
-                scene_of(
-                    cubes,
-                    Region([ends[k], -np.inf, -np.inf], [ends[k + 1], np.inf, np.inf], FAR),
-                ).check()
-            )
-            for k in range(2)
-        ]
-        assert sorted(counts) == [0, 1]
+        ends, wide = [-np.inf, cut, np.inf], [np.inf, np.inf]
+        regions = [Region([ends[k], -np.inf, -np.inf], [ends[k + 1], *wide], FAR) for k in (0, 1)]
+        assert sorted(len(scene_of(pair, region).check()) for region in regions) == [0, 1]
 
 
 def test_what_stays_away_takes_no_part_and_what_comes_does() -> None:
     region = Region([-np.inf] * 3, [0.0, np.inf, np.inf], FAR)
-    scene = scene_of([([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-5, 50, 60)], region)
+    scene = scene_of(cubes(-5, 50, 60), region)
     report = scene.check()
     assert scene.objects.near.tolist() == [0]
     assert report.cycle.active.tolist()[:3] == [True, False, False]
@@ -194,11 +188,8 @@ def test_what_stays_away_takes_no_part_and_what_comes_does() -> None:
 
 
 def test_what_comes_by_its_twist_from_far_beyond_the_halo_is_predicted_once() -> None:
-    cubes = [([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-1.0, 20.0)]
-    whole = scene_of(cubes, None)
-    scenes = [
-        scene_of(cubes, region) for region in split_regions([-5] * 3, [5] * 3, (2, 1, 1), FAR)
-    ]
+    pair, regions = cubes(-1.0, 20.0), split_regions([-5] * 3, [5] * 3, (2, 1, 1), FAR)
+    whole, *scenes = [scene_of(pair, region) for region in (None, *regions)]
     for scene in (whole, *scenes):
         scene.set_twist("box/1", [-30.0, 0, 0, 0, 0, 0])
     check_union(whole, scenes)
@@ -252,30 +243,24 @@ def test_every_point_is_in_one_region_of_a_split(parts: tuple[int, int, int]) ->
     assert (np.sum([owns(region, infinite) for region in regions], axis=0) == 1).all()
 
 
-@each(
-    "given_ends, reason",
-    [
+def test_what_is_no_region_or_split_is_refused() -> None:
+    for ends, reason in (
         (([0, 0, 0], [1, 0, 1]), "minimum must be below maximum"),
         (([0, 0, np.nan], [1, 1, 1]), "minimum must be below maximum"),
         (([0, 0], [1, 1, 1]), "minimum must have shape"),
         (([np.inf] * 3, [np.inf] * 3), "minimum must be below"),
         (([0, 0, 0], [1, 1, 1], -1.0), "halo must not be negative"),
         (([0, 0, 0], [1, 1, 1], np.inf), "halo"),
-    ],
-)
-def test_what_is_no_region_is_refused(given_ends: Any, reason: str) -> None:
-    with pytest.raises(ValueError, match=reason):
-        Region(*given_ends)
-
-
-@each(
-    "parts, reason",
-    [([0, 1, 1], "parts"), ([2, 2], "three"), ([5000, 1, 1], "parts"), ([64, 64, 2], "4096")],
-)
-def test_splits_that_make_no_sense_are_refused(parts: Any, reason: str) -> None:
-    with pytest.raises(ValueError, match=reason):
-        split_regions([0, 0, 0], [1, 1, 1], parts)
-    with pytest.raises(ValueError, match="along an axis"):
-        split_regions([0, 0, 0], [0, 1, 1], [2, 1, 1])
-    with pytest.raises(ValueError, match="below maximum"):
-        split_regions([1, 0, 0], [np.nextafter(1, 2), 1, 1], [9, 1, 1])
+    ):
+        with pytest.raises(ValueError, match=reason):
+            Region(*ends)
+    for split, reason in (
+        (([0, 0, 0], [1, 1, 1], [0, 1, 1]), "parts"),
+        (([0, 0, 0], [1, 1, 1], [2, 2]), "three"),
+        (([0, 0, 0], [1, 1, 1], [5000, 1, 1]), "parts"),
+        (([0, 0, 0], [1, 1, 1], [64, 64, 2]), "4096"),
+        (([0, 0, 0], [0, 1, 1], [2, 1, 1]), "along an axis"),
+        (([1, 0, 0], [np.nextafter(1, 2), 1, 1], [9, 1, 1]), "below maximum"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            split_regions(*split)

@@ -14,6 +14,8 @@
 
 """Step after step: whichever way a check takes, it finds what a new scene does; no memory leaks."""
 
+from __future__ import annotations
+
 import gc
 import tracemalloc
 from collections.abc import Callable

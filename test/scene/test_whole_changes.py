@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A change of a scene either happens or does not, whichever line of it an interrupt comes at."""
+"""A change of a scene either happens or does not, whatever line of it fails or is interrupted."""
 
 from __future__ import annotations
 
@@ -26,9 +26,13 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+import pytest
 from each import each
+from scenes import random_poses
 
 import obb_collision as oc
+from obb_collision.scene import checker
+from obb_collision.scene.store import placed, store
 from obb_collision.shapes import Box, Capsule, Mesh, Sphere
 
 PACKAGE = str(Path(oc.__file__).parent)
@@ -209,3 +213,80 @@ def test_an_interrupted_change_has_happened_or_has_not(
         where = lines_of(partial(CHANGES[name], tried), stop)[-1]
         assert seen_later(tried) in allowed, where
         assert report.separations.tolist() == separations, where
+
+
+def interrupt(*_: Any, **__: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def two_boxes() -> oc.Scene:
+    """Return a scene of two boxes apart, which has been checked."""
+    scene = oc.Scene()
+    scene.add_boxes(["a", "b"], np.ones((2, 3)), [at(0), at(5)])
+    assert len(scene.check()) == 0
+    return scene
+
+
+def test_a_check_that_is_interrupted_loses_no_pair_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = random_poses(200, np.random.default_rng(0), 2.0)
+    scene = oc.Scene()
+    scene.add_boxes([f"box/{k}" for k in range(200)], np.full((200, 3), 0.7), poses)
+    pairs = scene.check().pairs
+    assert len(pairs) > 100
+    for k in range(200):  # so many that bounds are made anew
+        scene.add(f"far/{k}", Box([0.1, 0.1, 0.1]), [100.0 + k, 0, 0, 0, 0, 0, 1])
+
+    monkeypatch.setattr(checker, "run", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        scene.check()
+    monkeypatch.undo()
+    scene.check()
+    for k in range(200):
+        scene.move_indices([k], poses[[k]] + [1e-12, 0, 0, 0, 0, 0, 0])
+        assert scene.check().pairs.tolist() == pairs.tolist(), k
+
+
+def test_the_last_pose_of_an_object_counts_whatever_its_quaternion() -> None:
+    # of unit length, but its rotation is not orthonormal to rounding
+    loose = [0.8566620481794672, 0.0032782832822633614, 0.5158672540068304, 0.0006035819197282833]
+    poses = np.array([[5.0, 0, 0, *loose], [1.0, 0, 0, 0, 0, 0, 1]])
+    scene = oc.Scene()
+    scene.add("box", Box([1, 1, 1]))
+    for rows in ([0, 1], [1, 0], [0, 1], [1, 1], [0, 0], [1, 0]):  # some are where it is
+        scene.check()
+        scene.move_indices([0, 0], poses[rows])
+        assert scene.objects.poses_of([0])[0].tolist() == poses[rows[-1]].tolist()
+        assert scene.boxes.centers[0].tolist() == poses[rows[-1], :3].tolist()
+
+
+@each("quaternion", [(0, 0, 0, 1), (0, 0, 0, 2)])
+@pytest.mark.filterwarnings("ignore:poses .quaternion. far from unit length")
+def test_a_move_that_is_interrupted_can_be_made_again(
+    monkeypatch: pytest.MonkeyPatch, quaternion: tuple[float, ...]
+) -> None:
+    scene = two_boxes()
+    for name in ("run", "place_boxes"):
+        monkeypatch.setattr(placed, name, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        scene.move("b", [0.5, 0, 0, *quaternion])
+    monkeypatch.undo()
+    scene.move("b", [0.5, 0, 0, *quaternion])
+    assert scene.check().names() == [("a", "b")]
+
+
+def test_what_is_checked_is_kept_before_it_counts_as_checked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = two_boxes()
+    scene.move("b", at(0.5))
+    settle = store.ObjectStore.settle
+
+    def settle_and_interrupt(one: store.ObjectStore) -> None:
+        settle(one)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store.ObjectStore, "settle", settle_and_interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        scene.check()
+    monkeypatch.undo()
+    assert scene.check().names() == [("a", "b")]

@@ -153,6 +153,15 @@ def overlapping(boxes: oc.Boxes, slack: float) -> set[tuple[int, int]]:
     )
 
 
+def near_balls(boxes: oc.Boxes, slack: float) -> set[tuple[int, int]]:
+    """Return the pairs whose balls about them, a little larger, have a common point."""
+    x, y, z = (boxes.centers[:, None] - boxes.centers).T
+    a, b, c = boxes.half_extents.T
+    radii = np.hypot(np.hypot(a, b), c)
+    gaps = np.hypot(np.hypot(x, y), z) - (radii[:, None] + radii) * (1.0 + slack)
+    return keys(np.argwhere(np.triu(gaps <= slack * np.hypot(np.hypot(x, y), z), 1)))
+
+
 def keys(pairs: np.ndarray) -> set[tuple[int, int]]:
     return set(map(tuple, pairs.tolist()))
 
@@ -169,6 +178,9 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
     np.testing.assert_array_equal(pairs, brute_force(boxes).reshape(-1, 2))
     assert near.tolist() == sorted(near.tolist())
     assert overlapping(boxes, 0.0) <= keys(near) <= overlapping(boxes, 1e-13)
+    balls = oc.find_pairs(boxes, accuracy="sphere")
+    assert balls.tolist() == sorted(balls.tolist())
+    assert keys(pairs) | near_balls(boxes, 0.0) <= keys(balls) <= near_balls(boxes, 1e-11)
     for threads in (2, 3, 5) if n == 1000 else ():
         oc.set_threads(threads)
         assert oc.find_pairs(boxes).tobytes() == pairs.tobytes()

@@ -27,36 +27,24 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.scene import limit
 from obb_collision.scene.broad_phase import find_pairs as pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.shapes import Box, Cylinder, Mesh, Sphere
 
-ZOO = zoo()
 
-
-@pytest.fixture(params=["room", "no room"])
-def room(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
+def leave_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let candidates of small scenes be too many to hold, too."""
-    if request.param == "no room":
-        monkeypatch.setattr(limit, "PER_OBJECT", 0)
-        monkeypatch.setattr(limit, "PER_PAIR", 1)
-        monkeypatch.setattr(limit, "PIECE", 16)
-    return bool(request.param == "room")
+    monkeypatch.setattr(limit, "PER_OBJECT", 0)
+    monkeypatch.setattr(limit, "PER_PAIR", 1)
+    monkeypatch.setattr(limit, "PIECE", 16)
 
 
 def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     """Return piles, a loose heap, a bundle of rods that don't touch, and loners, mixed up."""
     rng = np.random.default_rng(seed)
     scene = oc.Scene(accuracy=accuracy, **settings)
-    ring = Mesh(*ZOO["torus0"])
-    shapes = [
-        Box([0.5, 0.5, 0.5]),
-        ring,
-        Sphere(0.3),
-        Cylinder(0.2, 0.6),
-    ]
+    shapes = [Box([0.5, 0.5, 0.5]), Mesh(*zoo()["torus0"]), Sphere(0.3), Cylinder(0.2, 0.6)]
     turned = [0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8)]
     for k in rng.permutation(90):
         kind, name = k % 6, f"{k % 3}/{k}"
@@ -76,11 +64,17 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     return scene
 
 
-@each("accuracy", ALL_LEVELS)
+@each("room", [True, False])
+@each("accuracy", [level.label for level in oc.Accuracy])
 @each("rules", [[], [("0/*", "1/*", True), ("*/3", "*", True)]])
 def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
-    room: bool, accuracy: str, rules: list[tuple[str, str, bool]]
+    room: bool,
+    accuracy: str,
+    rules: list[tuple[str, str, bool]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if not room:
+        leave_no_room(monkeypatch)
     scene = crowd(1, accuracy)
     scene.rules.allowed = rules
     everything = scene.check()
@@ -102,7 +96,10 @@ def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
     assert len(scene.check()) == count
 
 
-def test_changes_of_a_limited_scene(room: bool) -> None:
+@each("room", [True, False])
+def test_changes_of_a_limited_scene(room: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not room:
+        leave_no_room(monkeypatch)
     scene, twin = crowd(2, "obb", max_pairs=50), crowd(2, "obb")
     rng = np.random.default_rng(5)
     seen = set()

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The queue of a builder: order, what is done once, what is cancelled, and its bounds."""
+"""The queue of a builder, and the messages between the processes that build."""
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,13 +25,14 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import PATIENCE, outcomes, wait_built
+from each import each
 
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError
 from obb_collision.scene.building.jobs import Triangles
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.wire import Message
+from obb_collision.scene.building.wire import Message, Pipe
 
 ONE = np.ones(3)
 
@@ -173,3 +175,43 @@ def test_nothing_is_built_once_it_is_closed() -> None:
     assert set(threading.enumerate()) <= others
     with pytest.raises(BuildError, match=NO_BUILDER):
         builder.request("b", "b", Triangles(np.eye(3), ONE))
+
+
+def pipes() -> tuple[Pipe, Pipe, list[int]]:
+    (a, b), (c, d) = os.pipe(), os.pipe()
+    return Pipe(a, d), Pipe(c, b), [a, b, c, d]
+
+
+def test_messages_come_back_as_they_were() -> None:
+    near, far, descriptors = pipes()
+    message = {
+        "text": "ä\ud800\0",
+        "number": 0.1,
+        "none": None,
+        "large": np.random.default_rng(0).normal(size=(500_000, 3)),
+        "empty": np.empty((0, 3), np.int64),
+        "whole": np.arange(5, dtype=np.int8),
+        "flags": np.array([True, False]),
+    }
+    sender = threading.Thread(target=near.send, args=(message, PATIENCE))
+    sender.start()
+    got = far.receive(PATIENCE)
+    sender.join(PATIENCE)
+    assert got is not None
+    assert got.keys() == message.keys()
+    for name, value in message.items():
+        np.testing.assert_array_equal(got[name], value)
+        assert getattr(got[name], "dtype", None) == getattr(value, "dtype", None)
+    with pytest.raises(TimeoutError):
+        far.receive(0.0)
+    os.close(descriptors[3])
+    os.close(descriptors[1])
+    assert near.receive(PATIENCE) is None
+
+
+@each("data", [b"\xff" * 8, b"\2" + bytes(7) + b"no", b"\2" + bytes(7) + b"{}"])
+def test_what_is_no_message_is_an_error(data: bytes) -> None:
+    _, far, descriptors = pipes()
+    os.write(descriptors[3], data)
+    with pytest.raises(ValueError, match=r"."):
+        far.receive(PATIENCE)

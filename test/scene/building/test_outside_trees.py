@@ -12,12 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees built in another process: pairs stay on "obb" until they are there, and lose nothing."""
+"""Trees built beside a check: pairs stay on "obb" until they are there, and lose nothing."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,19 +30,19 @@ from each import each
 import obb_collision as oc
 from obb_collision import _kernel_cache
 from obb_collision.geometry.trees import pool as pools
-from obb_collision.geometry.trees.pool import mesh_tree
+from obb_collision.geometry.trees.pool import TreePool, mesh_tree
 from obb_collision.scene.building import outside
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.outside import OutsideTrees
 from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.shape_cache import PerShape
+from obb_collision.scene.building.tree_jobs import BuildJob, perform_build
 from obb_collision.scene.building.wire import Message
-from obb_collision.scene.report import Report
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
 MOST_CHECKS = 100
 """Checks after which all trees must be there: one is enough for what is built at once."""
-AWAY = (9.0, 0, 0, 0, 0, 0, 1)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +70,17 @@ def hull(seed: int = 0) -> Hull:
     return Hull(np.random.default_rng(seed).normal(size=(300, 3)))
 
 
-def settled(scene: oc.Scene, trees: OutsideTrees, builder: Builder) -> Report:
+def add_balls(scene: oc.Scene, first: Mesh, second: Mesh) -> None:
+    """Add two meshes that collide."""
+    scene.add("a", first)
+    scene.add("b", second, (0.5, 0, 0, 0, 0, 0, 1))
+
+
+def checked_on(scene: oc.Scene) -> list[oc.Accuracy]:
+    return [oc.Accuracy(level) for level in scene.check().accuracies]
+
+
+def settled(scene: oc.Scene, trees: OutsideTrees, builder: Builder) -> oc.Report:
     """Check until nothing is being built, and a check finds nothing to do; return its report."""
     for _ in range(MOST_CHECKS):
         report = scene.check()
@@ -78,7 +90,7 @@ def settled(scene: oc.Scene, trees: OutsideTrees, builder: Builder) -> Report:
     raise AssertionError("trees are built in vain")
 
 
-def results(report: Report) -> list[tuple[str, str, int, int]]:
+def results(report: oc.Report) -> list[tuple[str, str, int, int]]:
     names = report.names()
     rows = zip(names, report.verdicts.tolist(), report.accuracies.tolist(), strict=True)
     return sorted((str(a), str(b), verdict, level) for (a, b), verdict, level in rows)
@@ -103,43 +115,31 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
     assert trees.waiting
     assert results(settled(scenes[0], trees, builder)) == expected
     assert trees.waiting == len(builder) == 0
-    monkeypatch.undo()
 
 
 def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
     scene = oc.Scene()
     trees = scene.objects.build_outside(builder)
-    scene.add("a", ball())
-    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    add_balls(scene, ball(), ball(1))
+    assert checked_on(scene) == [oc.Accuracy.OBB]
     assert trees.waiting == 0, "nothing is built before it is asked for"
     scene.accuracy = "mesh"
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    assert checked_on(scene) == [oc.Accuracy.OBB]
     assert trees.waiting == 2
     assert settled(scene, trees, builder).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
-def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outside, "AT_ONCE", PATIENCE)
+def test_small_shapes_are_built_at_once_or_in_the_time_of_several_checks(
+    builder: Builder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = oc.Scene(accuracy="mesh")
     trees = scene.objects.build_outside(builder)
     scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
     scene.add("b", Box((1.0, 1.0, 1.0)))
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.MESH]
+    for seconds, level in ((0.0, oc.Accuracy.OBB), (PATIENCE, oc.Accuracy.MESH)):
+        monkeypatch.setattr(outside, "AT_ONCE", seconds)
+        assert checked_on(scene) == [level]
     assert trees.waiting == 0
-
-
-def test_many_small_shapes_are_built_in_the_time_of_several_checks(
-    builder: Builder, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(outside, "AT_ONCE", 0.0)
-    scene = oc.Scene(accuracy="mesh")
-    scene.objects.build_outside(builder)
-    scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
-    scene.add("b", Box((1.0, 1.0, 1.0)))
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
-    monkeypatch.setattr(outside, "AT_ONCE", PATIENCE)
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_what_cannot_be_built_stays_on_obb_and_is_told(
@@ -154,25 +154,22 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
     scene = oc.Scene(accuracy="mesh")
     trees = scene.objects.build_outside(builder)
     shape = ball()
-    scene.add("a", shape)
-    scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    add_balls(scene, shape, shape)
+    assert checked_on(scene) == [oc.Accuracy.OBB]
     wait_built(builder)
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    assert checked_on(scene) == [oc.Accuracy.OBB]
     assert trees.failed == {"not enough memory": 1}
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    assert checked_on(scene) == [oc.Accuracy.OBB]
     assert trees.waiting == 0, "it is not tried again at each check"
     scene.clear()
     assert not trees.failed
-    scene.add("a", shape)
-    scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
+    add_balls(scene, shape, shape)
     scene.check()
     wait_built(builder)
     scene.check()
     assert trees.failed == {"not enough memory": 1}
     monkeypatch.setattr(builder.process, "run", run)
-    scene.add("a", ball(1))
-    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    add_balls(scene, ball(1), ball(1))
     assert not trees.failed
     assert settled(scene, trees, builder).accuracies.tolist() == [oc.Accuracy.MESH]
 
@@ -180,8 +177,7 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
 def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
     scene = oc.Scene(accuracy="mesh")
     trees = scene.objects.build_outside(builder)
-    scene.add("a", ball())
-    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    add_balls(scene, ball(), ball(1))
     scene.check()
     scene.remove("a")
     assert trees.waiting == 1
@@ -205,8 +201,7 @@ def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
     monkeypatch.setattr(_kernel_cache, "places", places)
     scene = oc.Scene(accuracy="mesh")
     trees = scene.objects.build_outside(own)
-    scene.add("a", ball())
-    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    add_balls(scene, ball(), ball(1))
     assert settled(scene, trees, own).accuracies.tolist() == [oc.Accuracy.MESH]
     assert "compiling kernels" not in capfd.readouterr().err
 
@@ -235,3 +230,94 @@ def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
         assert {row[:2] for row in expected} <= {row[:2] for row in found}, "nothing is missed"
         if step % 6 == 5:
             assert results(settled(scenes[0], trees, builder)) == expected
+
+
+def per_shape_of(kind: type[TreePool] = TreePool) -> PerShape[oc.MeshTrees]:
+    made: PerShape[oc.MeshTrees] = PerShape(TreePool)
+    made.pool = kind()
+    return made
+
+
+def triangle(number: int) -> Mesh:
+    return Mesh(np.eye(3) * (1.0 + number), [[0, 1, 2]])
+
+
+def add_outside(trees: PerShape[oc.MeshTrees], number: int) -> tuple[Any, oc.MeshTrees, int]:
+    """Build a triangle, and add its tree as another thread does."""
+    job = BuildJob(triangle(number), trees)
+    pool, item, row = job.finish(perform_build(job.message()))
+    return pool, item, row
+
+
+def first_corners(trees: PerShape[oc.MeshTrees], slots: list[int]) -> list[float]:
+    """Return what the trees of slots say, read as a kernel does: by row."""
+    rows, arrays = trees.rows(np.array(slots)), trees.pool.all
+    assert (rows < len(arrays.roots)).all(), "a row beyond the arrays"
+    return [float(arrays.triangles[arrays.starts[arrays.roots[row], 0]].max()) for row in rows]
+
+
+def test_what_two_threads_add_is_all_there() -> None:
+    trees = per_shape_of()
+    entries = {number: trees.entry(number, f"shape {number}") for number in (0, 2)}
+    pool, item, row = add_outside(trees, 0)
+    trees.build(np.array([1]), triangle, None)
+    later = add_outside(trees, 2)
+    assert trees.rows(np.array([0, 1, 2])).tolist() == [-1, 1, -1]
+    assert first_corners(trees, [1]) == [2.0]
+    trees.put(entries[0], item, row)
+    assert first_corners(trees, [0, 1]) == [1.0, 2.0]
+    assert later[0] is pool is trees.pool
+    trees.put(entries[2], *later[1:])
+    assert first_corners(trees, [0, 1, 2]) == [1.0, 2.0, 3.0]
+    packed = trees.packed(trees.built)
+    trees.build(np.array([3]), triangle, None)
+    trees.drop(0)
+    trees.exchange(packed)
+    assert first_corners(trees, [1, 2, 3]) == [2.0, 3.0, 4.0]
+    assert trees.pool is not pool
+
+
+def test_a_pool_in_use_by_another_thread_is_not_waited_for() -> None:
+    class Timer:
+        def left(self) -> float:
+            return 1.0
+
+    begun, go = threading.Event(), threading.Event()
+
+    class Slow(TreePool):
+        def append(self, item: Any) -> int:
+            begun.set()
+            assert go.wait(PATIENCE)
+            return super().append(item)
+
+    trees = per_shape_of(Slow)
+    thread = threading.Thread(target=add_outside, args=(trees, 0))
+    thread.start()
+    assert begun.wait(PATIENCE)
+    trees.build(np.array([1]), triangle, Timer())
+    assert trees.rows(np.array([1])).tolist() == [-1]
+    go.set()
+    thread.join(PATIENCE)
+    trees.build(np.array([1]), triangle, Timer())
+    assert first_corners(trees, [1]) == [2.0]
+
+
+def test_a_pool_without_memory_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    pool, item, empty = TreePool(), mesh_tree(triangle(1)), np.empty
+    pool.append(mesh_tree(triangle(0)))
+    calls: list[Any] = []
+
+    def fails(*given: Any) -> Any:
+        calls.append(given)
+        if len(calls) == 5:
+            raise MemoryError
+        return empty(*given)
+
+    monkeypatch.setattr(np, "empty", fails)
+    with pytest.raises(MemoryError):
+        pool.append(item)
+    monkeypatch.undo()
+    assert pool.size == 1
+    assert pool.append(mesh_tree(triangle(2))) == 1
+    assert [len(getattr(pool.all, name)) for name in ("roots", "solid", "radii")] == [2, 2, 2]
+    assert pool.all.triangles[pool.all.starts[pool.all.roots[1], 0]].max() == 3.0

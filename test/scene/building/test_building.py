@@ -12,11 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shapes built in another process: what comes back, and what is refused with which reason."""
+"""Shapes built in another process: what comes back, what is refused, limits and deaths."""
 
 from __future__ import annotations
 
 import os
+import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,8 +29,9 @@ from builders import build
 from each import each
 
 from obb_collision.geometry.shapes.files import MeshFolders
+from obb_collision.scene.building import process
 from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.errors import BuildError
+from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
 from obb_collision.scene.building.jobs import (
     BAD_POINTS,
     TOO_MANY_TRIANGLES,
@@ -39,6 +42,7 @@ from obb_collision.scene.building.jobs import (
     Triangles,
     body_corners,
 )
+from obb_collision.scene.building.process import Limits
 from obb_collision.shapes import Hull, Mesh
 
 ONE = np.ones(3)
@@ -46,9 +50,22 @@ ONE = np.ones(3)
 
 @pytest.fixture(scope="module")
 def builder() -> Iterator[Builder]:
+    """Yield a builder whose process each test may spoil: the next one goes on from there."""
     made = Builder()
     yield made
     made.close()
+
+
+def refusal(builder: Builder, job: Job) -> BuildError:
+    with pytest.raises(BuildError) as caught:
+        build(builder, job)
+    return caught.value
+
+
+def corners(shape: Mesh | Hull) -> np.ndarray:
+    """Return the points of a hull, or the corners of the faces of a mesh (n, 3), metres."""
+    points = shape.points if isinstance(shape, Hull) else shape.vertices[shape.faces.ravel()]
+    return points * np.array(shape.scale)
 
 
 def test_what_is_built_is_what_would_be_built_here(builder: Builder, tmp_path: Path) -> None:
@@ -71,9 +88,7 @@ def test_what_is_built_is_what_would_be_built_here(builder: Builder, tmp_path: P
         assert type(shape) is type(expected)
         for got, wanted in zip(shape.local_box, expected.local_box, strict=True):
             np.testing.assert_array_equal(got, wanted)
-        np.testing.assert_array_equal(
-            shape._points() * np.array(shape.scale), expected._points() * np.array(expected.scale)
-        )
+        np.testing.assert_array_equal(corners(shape), corners(expected))
 
 
 def test_a_view_on_a_message_that_is_not_aligned_is_taken(builder: Builder) -> None:
@@ -99,10 +114,9 @@ def test_a_view_on_a_message_that_is_not_aligned_is_taken(builder: Builder) -> N
     ],
 )
 def test_refusals_have_reasons(builder: Builder, job: Job, reason: str) -> None:
-    with pytest.raises(BuildError) as caught:
-        build(builder, job)
-    assert caught.value.reason == reason
-    assert len(str(caught.value)) < 1000
+    error = refusal(builder, job)
+    assert error.reason == reason
+    assert len(str(error)) < 1000
 
 
 def test_a_file_that_has_not_changed_is_not_built_again(builder: Builder, tmp_path: Path) -> None:
@@ -134,3 +148,86 @@ def test_files_outside_the_allowed_folders_are_refused(builder: Builder, tmp_pat
     with pytest.raises(BuildError, match="12 triangles, 11 is the limit") as caught:
         build(builder, MeshFile(uri, ONE, triangles=11, folders=folders))
     assert caught.value.reason == TOO_MANY_TRIANGLES
+
+
+def test_too_little_memory_refuses_the_item_alone(builder: Builder) -> None:
+    builder.limits = Limits(memory=150 << 20)
+    points = np.random.default_rng(0).normal(size=(900_000, 3))
+    assert refusal(builder, Triangles(points, ONE)).reason == NO_MEMORY
+    assert isinstance(build(builder, Triangles(points[:30], ONE)), Mesh), "the next one is built"
+    builder.limits = Limits()
+    assert isinstance(build(builder, Triangles(points[:60_000], ONE)), Mesh), "limits may change"
+
+
+def signal_worker(builder: Builder, number: int) -> None:
+    worker = builder.process.number
+    assert worker is not None
+    os.kill(worker, number)
+
+
+def test_what_takes_too_long_is_refused_and_the_next_is_built(builder: Builder) -> None:
+    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
+    build(builder, job)
+    signal_worker(builder, signal.SIGSTOP)  # it hangs
+    builder.limits = Limits(seconds=0.2)
+    assert refusal(builder, job).reason == TOO_SLOW
+    builder.limits = Limits()
+    assert isinstance(build(builder, job), Mesh)
+
+
+def test_a_process_that_dies_is_started_again(builder: Builder) -> None:
+    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
+    build(builder, job)
+    signal_worker(builder, signal.SIGKILL)
+    assert isinstance(build(builder, job), Mesh), "killed while it had nothing to do"
+
+
+#: Ends a process with its first job, as often as ``deaths`` says.
+DOOM = """
+import os, pathlib
+from obb_collision.scene.building import worker
+count, perform = pathlib.Path({count!r}), worker.perform
+def doomed(message):
+    died = count.stat().st_size
+    if died < {deaths}:
+        count.write_text("x" * (died + 1))
+        os.kill(os.getpid(), 9)
+    return perform(message)
+worker.perform = doomed
+"""
+
+
+@each("deaths", [1, 2])
+def test_a_job_whose_process_is_killed_is_tried_once_more(
+    builder: Builder, deaths: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = tmp_path / "count"
+    count.write_text("")
+    doom = DOOM.format(count=str(count), deaths=deaths)
+    code = process.CODE.replace("main(int", f"exec({doom!r}); main(int")
+    monkeypatch.setattr(process, "CODE", code)
+    builder.process.stop()
+    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
+    if deaths == 1:
+        assert isinstance(build(builder, job), Mesh)
+    else:
+        with pytest.raises(BuildError, match="twice, it was ended by SIGKILL") as caught:
+            build(builder, job)
+        assert caught.value.reason == NO_BUILDER
+        assert isinstance(build(builder, job), Mesh), "the next one is built"
+    assert count.read_text() == "x" * deaths
+    builder.process.stop()
+
+
+def test_without_a_process_everything_is_refused(
+    builder: Builder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    builder.process.stop()
+    for executable in ("", "/no/python", "/bin/false", "/bin/cat"):
+        monkeypatch.setattr(sys, "executable", executable)
+        for _ in range(2):
+            error = refusal(builder, Triangles(np.zeros((3, 3)), ONE))
+            assert error.reason == NO_BUILDER
+            assert "it does not start" in error.detail
+    monkeypatch.undo()
+    assert isinstance(build(builder, Triangles(np.eye(3), ONE)), Mesh)
