@@ -39,7 +39,7 @@ from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.states import AHEAD, OLDER, States
 from obb_collision.node.objects.table import NEVER
 from obb_collision.robots.robot import Robot
-from obb_collision.typing import Floats, Mask, Rows
+from obb_collision.typing import Floats, Rows
 
 LENGTHS_DIFFER = "array lengths differ"
 BAD_POSITION, BAD_VELOCITY = "bad position", "bad velocity"
@@ -124,14 +124,19 @@ class Joints:
         if strange:
             monitor.doubt(now, UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
         known = np.flatnonzero(rows >= 0)
-        old = self._find_old(rows[known], stamp, now, states.order_timeout)
-        if old.any():
+        newer = (self._stamps[rows[known]] > stamp) & (stamp != 0)
+        old = newer & (now - self._received[rows[known]] <= states.order_timeout)
+        if old.any():  # received not so long ago, or their sender has restarted
             monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
             late = rows[known[old]]
             self._overdue[late] = self._received[late] + states.order_timeout // 2
             known = known[~old]
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
-        self._refuse(message, known[~finite], rows, now, monitor)
+        bad = known[~finite]
+        if len(bad):
+            self.bad[rows[bad]] = True
+            name, value = repr(shortened(message.names[bad[0]])), message.positions[bad[0]]
+            monitor.refuse(now, BAD_POSITION, name, f"{value}", count=len(bad))
         known = known[finite]
         believed = stamp <= now + states.stamp_tolerance
         if not believed:
@@ -175,20 +180,6 @@ class Joints:
         found = (positions - self._before[rows]) / np.where(known, time, 1) * NANOSECONDS
         return np.where(known & (np.abs(found) <= LARGEST_COORDINATE), found, np.nan)
 
-    def _find_old(self, rows: Rows, stamp: int, now: int, order_timeout: int) -> Mask:
-        """Return which joints have a newer value, received not so long ago."""
-        newer = (self._stamps[rows] > stamp) & (stamp != 0)
-        return np.asarray(newer & (now - self._received[rows] <= order_timeout))
-
-    def _refuse(
-        self, message: JointMessage, items: Rows, rows: Rows, now: int, monitor: InputMonitor
-    ) -> None:
-        if len(items):
-            self.bad[rows[items]] = True
-            value = message.positions[items[0]]
-            name = repr(shortened(message.names[items[0]]))
-            monitor.refuse(now, BAD_POSITION, name, f"{value}", count=len(items))
-
     def _velocities(
         self, message: JointMessage, items: Rows, now: int, monitor: InputMonitor
     ) -> Floats:
@@ -209,9 +200,17 @@ class Joints:
             monitor.refuse(now, BAD_VELOCITY, name, "position used", count)
         return np.where(bad, np.nan, found)
 
-    def row(self, name: str) -> int | None:
-        """Return the row of a joint, -1 for one that follows others, None if there is none."""
-        return self._rows.get(name, -1 if name in self._others else None)
+    def rows_of(self, names: list[str], may_follow: bool = False) -> list[int]:
+        """Return the row of each joint, -1 of those that follow others, where they may be there.
+
+        RefusedError for one that is unknown, or there twice.
+        """
+        if len(set(names)) < len(names):
+            raise RefusedError(REPEATED_JOINT)
+        for name in names:
+            if name not in self._rows and not (may_follow and name in self._others):
+                raise RefusedError(UNKNOWN_JOINT, repr(shortened(name)))
+        return [self._rows.get(name, -1) for name in names]
 
     @property
     def stamp(self) -> int:

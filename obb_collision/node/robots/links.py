@@ -159,7 +159,7 @@ class LinkObjects:
             parts = (rotate_vectors(back, twists[:, k : k + 3]) for k in (0, 3))
             table.twist[slots] = np.hstack(list(parts))
 
-    @property
+    @cached_property
     def names(self) -> dict[str, list[str]]:
         """The names of the objects, by ``ROBOT/LINK``."""
         found: dict[str, list[str]] = {}
@@ -210,9 +210,8 @@ class LinkObjects:
     @cached_property
     def _patterns(self) -> list[tuple[str, ...]]:
         """The names of the objects of each link, as patterns."""
-        found = self.names
-        names = (found.get(f"{self.name}/{link}", ()) for link in self.robot.link_names)
-        return [tuple(escape(name) for name in some) for some in names]
+        names = (self.names.get(f"{self.name}/{link}", ()) for link in self.robot.link_names)
+        return [tuple(map(escape, some)) for some in names]
 
     @cached_property
     def _link_rules(self) -> list[Rule]:

@@ -21,6 +21,7 @@ refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -68,12 +69,11 @@ class RobotInput:
     ) -> None:
         self.name, self.base = base.robot, base
         self._objects, self._clock = objects, clock
-        self._topics = {kind: f"{self.name}/{kind}" for kind in (DESCRIPTION, JOINT_STATES)}
-        self._topics[SEMANTIC] = f"{self.name}/{SEMANTIC}"
+        kinds = (DESCRIPTION, SEMANTIC, JOINT_STATES)
+        self._topics = {kind: f"{self.name}/{kind}" for kind in kinds}
         self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
         self.reader = DescriptionReader(begin)
-        self._urdf = ""
-        self._srdf: str | None = None
+        self._texts: dict[str, str] = {}  # the latest of each kind
         self._refused = ""  # why the latest description can't be used
         self._robot: Robot | None = None  # of the latest one that can be
         self._unadded = ""  # why its links could not be added
@@ -105,28 +105,16 @@ class RobotInput:
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return what takes the serialised messages of each topic."""
         return {
-            self._topics[DESCRIPTION]: self.take_description,
-            self._topics[SEMANTIC]: self.take_semantic,
+            self._topics[DESCRIPTION]: partial(self._take_text, DESCRIPTION),
+            self._topics[SEMANTIC]: partial(self._take_text, SEMANTIC),
             self._topics[JOINT_STATES]: self.take_joints,
         }
 
-    def take_description(self, data: bytes) -> None:
-        """Begin to read a URDF."""
-        text = self._text(DESCRIPTION, data)
-        if text is not None and (text != self._urdf or self._refused or self._unadded):
-            # else it is sent again
-            self._urdf = text
-            self._request()
+    def _take_text(self, kind: str, data: bytes) -> None:
+        """Begin to read a URDF, with the SRDF if there is one, unless it is only sent again.
 
-    def take_semantic(self, data: bytes) -> None:
-        """Begin to read an SRDF, with the URDF, if that is there."""
-        text = self._text(SEMANTIC, data)
-        if text is not None and (text != self._srdf or self._refused or self._unadded):
-            self._srdf = text
-            self._request()
-
-    def _text(self, kind: str, data: bytes) -> str | None:
-        """Return the text of a message, None where it is refused; then the robot is in doubt."""
+        While the last of either is refused, the robot is in doubt.
+        """
         now, monitor = self._clock(), self._monitors[kind]
         monitor.received(now)
         try:
@@ -136,13 +124,11 @@ class RobotInput:
         except RefusedError as error:
             monitor.refuse(now, error.reason, "whole message", error.detail)
             self._refused = f"{kind} refused: {error}"
-            return None
-        return text
-
-    def _request(self) -> None:
-        self._refused = ""
-        if self._urdf:
-            self.reader.request(self._urdf, self._srdf)
+            return
+        if text != self._texts.get(kind) or self._refused or self._unadded:
+            self._texts[kind], self._refused = text, ""
+            if DESCRIPTION in self._texts:
+                self.reader.request(self._texts[DESCRIPTION], self._texts.get(SEMANTIC))
 
     def take_joints(self, data: bytes) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
@@ -337,16 +323,13 @@ class RobotInput:
         if self.links is None:
             return {"links": 0}
         robot = self.links.robot
-        links, shapes = len(robot.link_names), len(self.links.keys)
-        doubts = {"odd": "; ".join(robot.doubts)} if robot.doubts else {}
-        halt = {"speed_scale is 0": self.halt} if self.halt else {}
-        return {
-            "links": links,
-            "shapes": shapes,
+        counts = {
+            "links": len(robot.link_names),
+            "shapes": len(self.links.keys),
             "joints": len(robot.joint_names),
-            **doubts,
-            **halt,
         }
+        texts = {"odd": "; ".join(robot.doubts), "speed_scale is 0": self.halt}
+        return counts | {key: text for key, text in texts.items() if text}
 
     def cleared(self, now: int) -> None:
         """Add the links again, whose joints are not known: all objects were removed."""

@@ -39,7 +39,6 @@ from obb_collision.node.robots.trajectory import (
     TOO_LONG,
     Running,
     Trajectory,
-    columns_of,
     from_here,
     trajectory_from_bytes,
     whole_point,
@@ -248,7 +247,7 @@ class Trajectories:
         tolerance = int(self._parameters.stamp_tolerance * NANOSECONDS)
         if abs(begin - now) > tolerance:
             raise RefusedError("bad stamp", f"{(begin - now) / NANOSECONDS:+.1f} s from now")
-        columns = columns_of(trajectory.names, joints.names)
+        columns = joints.rows_of(trajectory.names)
         points = [whole_point(point, columns, joints) for point in trajectory.points]
         off = np.abs(points[0].positions - joints.positions)
         since = (now - begin) / NANOSECONDS

@@ -26,7 +26,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from obb_collision.node.messages.cdr import Header, Reader
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.names import shortened
 from obb_collision.node.robots.joints import Joints
 from obb_collision.robots.kinematics.splines import Pieces, Point, distances_from
 from obb_collision.typing import Floats
@@ -93,16 +92,6 @@ def _check(point: Point, count: int, which: str) -> None:
             raise RefusedError(BAD_POINT, f"{which}: {len(given)} {what} of {count} joints")
         if not (np.abs(given) <= LARGEST_COORDINATE).all():
             raise RefusedError(BAD_POINT, f"{which}: {what} are not finite")
-
-
-def columns_of(names: list[str], joints: tuple[str, ...]) -> list[int]:
-    """Return the column of each name; RefusedError for one that is none, or is there twice."""
-    if len(set(names)) < len(names):
-        raise RefusedError("repeated joint")
-    for name in names:
-        if name not in joints:
-            raise RefusedError("unknown joint", repr(shortened(name)))
-    return [joints.index(name) for name in names]
 
 
 @dataclass

@@ -47,7 +47,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
 from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.robots.checked_robot import CheckedRobot, portions
-from obb_collision.node.robots.joints import LENGTHS_DIFFER, UNKNOWN_JOINT
+from obb_collision.node.robots.joints import LENGTHS_DIFFER
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.robot_scene import RobotScene
@@ -244,17 +244,11 @@ class StateService:
         names, positions = list(message.name), np.array(message.position, np.float64)
         if len(names) != len(positions):
             raise RefusedError(LENGTHS_DIFFER, f"{len(names)} names, {len(positions)} positions")
-        if len(set(names)) < len(names):
-            raise RefusedError("repeated joint")
         if not (np.abs(positions) <= LARGEST_COORDINATE).all():
             raise RefusedError("bad state", "not finite or too large")
+        rows = np.array(joints.rows_of(names, may_follow=True), np.int64)
         state = joints.positions.copy()
-        for name, value in zip(names, positions.tolist(), strict=True):
-            row = joints.row(name)
-            if row is None:
-                raise RefusedError(UNKNOWN_JOINT, repr(shortened(name)))
-            if row >= 0:
-                state[row] = value
+        state[rows[rows >= 0]] = positions[rows >= 0]
         return state[None]
 
     def _group(self, name: str) -> frozenset[str]:
