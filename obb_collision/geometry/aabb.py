@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""AABB: one axis-aligned box, two corners. Its questions are comparisons, so they are exact."""
+"""AABB: one axis-aligned box, two corners; and the bounds of boxes in the world.
+
+Its questions are comparisons, so they are exact.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision._jit import njit
 from obb_collision.geometry.validation import ArrayValue, as_array, check_kind, is_single
-from obb_collision.typing import Floats
+from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
+from obb_collision.numerics.error_free import two_sum_error
+from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
+from obb_collision.typing import Axes, Floats, Vector
+
+#: Signs of the corners along the box axes: on the +z face left-top, left-bottom, right-bottom,
+#: right-top; then on the -z face right-top, right-bottom, left-bottom, left-top.
+_RING = [[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]
+CORNER_SIGNS: Floats = np.array(
+    [[*xy, 1.0] for xy in _RING] + [[*xy, -1.0] for xy in reversed(_RING)]
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,17 +162,42 @@ class AABB(ArrayValue):
         return f"AABB(minimum={self.minimum.tolist()}, maximum={self.maximum.tolist()})"
 
 
-#: Signs of the corners along the box axes: on the +z face left-top, left-bottom, right-bottom,
-#: right-top; then on the -z face right-top, right-bottom, left-bottom, left-top.
-CORNER_SIGNS: Floats = np.array(
-    [
-        [-1.0, 1.0, 1.0],
-        [-1.0, -1.0, 1.0],
-        [1.0, -1.0, 1.0],
-        [1.0, 1.0, 1.0],
-        [1.0, 1.0, -1.0],
-        [1.0, -1.0, -1.0],
-        [-1.0, -1.0, -1.0],
-        [-1.0, 1.0, -1.0],
-    ]
-)
+@njit
+def world_bounds_kernel(
+    centers: Floats, rotations: Floats, half_extents: Floats, minimum: Floats, maximum: Floats
+) -> None:
+    """Write axis-aligned bounds (n, 3) that certainly contain each box."""
+    for n in range(len(centers)):
+        rows, h = rows_at(rotations, n), vector_at(half_extents, n)
+        low, high = world_bounds_of(vector_at(centers, n), rows, h)
+        for k in range(3):
+            minimum[n, k], maximum[n, k] = low[k], high[k]
+
+
+@njit
+def world_bounds_of(center: Vector, rows: Axes, half_extents: Vector) -> tuple[Vector, Vector]:
+    """Return axis-aligned bounds that certainly contain a box; rows: of its rotation matrix."""
+    x0, x1 = _bounds_along(center[0], rows[0], half_extents)
+    y0, y1 = _bounds_along(center[1], rows[1], half_extents)
+    z0, z1 = _bounds_along(center[2], rows[2], half_extents)
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+@njit
+def _bounds_along(center: float, row: Vector, half_extents: Vector) -> tuple[float, float]:
+    """Return the bounds along one axis of the world."""
+    radius = dot_abs(half_extents, row)
+    low, high = center - radius, center + radius
+    slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
+    if not (_is_plain(row[0]) & _is_plain(row[1]) & _is_plain(row[2])):
+        return low - slack, high + slack
+    return (
+        low - slack if two_sum_error(center, -radius) < 0.0 else low,
+        high + slack if two_sum_error(center, radius) > 0.0 else high,
+    )
+
+
+@njit
+def _is_plain(weight: float) -> bool:
+    """Return whether a product with it is exact."""
+    return (weight == 0.0) | (abs(weight) == 1.0)

@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision._jit import njit
-from obb_collision.geometry.aabb import AABB, CORNER_SIGNS
+from obb_collision.geometry.aabb import AABB, CORNER_SIGNS, world_bounds_kernel
 from obb_collision.geometry.poses import as_poses, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     ArrayValue,
@@ -37,10 +36,7 @@ from obb_collision.geometry.validation import (
     is_single,
     select_rows,
 )
-from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
-from obb_collision.numerics.error_free import two_sum_error
-from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
-from obb_collision.typing import Axes, Floats, Vector
+from obb_collision.typing import Floats
 from obb_collision.words import shown
 
 if TYPE_CHECKING:  # of a layer above: only its name
@@ -407,44 +403,3 @@ def add_outwards(extents: Floats, margin: Floats) -> Floats:
     back = total - extents
     error = (extents - (total - back)) + (margin - back)
     return np.where(error > 0.0, np.nextafter(total, np.inf), total)
-
-
-@njit
-def world_bounds_kernel(
-    centers: Floats, rotations: Floats, half_extents: Floats, minimum: Floats, maximum: Floats
-) -> None:
-    """Write axis-aligned bounds (n, 3) that certainly contain each box."""
-    for n in range(len(centers)):
-        rows, h = rows_at(rotations, n), vector_at(half_extents, n)
-        low, high = world_bounds_of(vector_at(centers, n), rows, h)
-        for k in range(3):
-            minimum[n, k], maximum[n, k] = low[k], high[k]
-
-
-@njit
-def world_bounds_of(center: Vector, rows: Axes, half_extents: Vector) -> tuple[Vector, Vector]:
-    """Return axis-aligned bounds that certainly contain a box; rows: of its rotation matrix."""
-    x0, x1 = _bounds_along(center[0], rows[0], half_extents)
-    y0, y1 = _bounds_along(center[1], rows[1], half_extents)
-    z0, z1 = _bounds_along(center[2], rows[2], half_extents)
-    return (x0, y0, z0), (x1, y1, z1)
-
-
-@njit
-def _bounds_along(center: float, row: Vector, half_extents: Vector) -> tuple[float, float]:
-    """Return the bounds along one axis of the world."""
-    radius = dot_abs(half_extents, row)
-    low, high = center - radius, center + radius
-    slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
-    if not (_is_plain(row[0]) & _is_plain(row[1]) & _is_plain(row[2])):
-        return low - slack, high + slack
-    return (
-        low - slack if two_sum_error(center, -radius) < 0.0 else low,
-        high + slack if two_sum_error(center, radius) > 0.0 else high,
-    )
-
-
-@njit
-def _is_plain(weight: float) -> bool:
-    """Return whether a product with it is exact."""
-    return (weight == 0.0) | (abs(weight) == 1.0)

@@ -321,7 +321,7 @@ def _read_shape(word: str, fields: Fields, files: MeshFiles) -> shapes.Shape:
     scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     if word == "box":
         x, y, z = fields["size"].numbers(3, positive=True)
-        return shapes.Box.trusted((x, y, z), scale)
+        return shapes.Box.trusted(size=(x, y, z), scale=scale)
     if word == "sphere":
         return shapes.Sphere(fields["radius"].positive(), scale)
     if word == "ellipsoid":

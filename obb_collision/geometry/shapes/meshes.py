@@ -154,10 +154,10 @@ class Hull(_Cloud):
     def fitted(cls, points: Floats, local_box: LocalBox, scale: Floats | None = None) -> Hull:
         """Return the hull of points with a given local box; nothing is checked or copied."""
         x, y, z = NO_SCALE if scale is None else scale.tolist()
-        hull = object.__new__(cls)
-        hull._store(points=points, scale=(x, y, z), fit="best", local_box=read_only(*local_box))
         points.setflags(write=False)
-        return hull
+        return cls.trusted(
+            points=points, scale=(x, y, z), fit="best", local_box=read_only(*local_box)
+        )
 
     def _points(self) -> Floats:
         return self.points

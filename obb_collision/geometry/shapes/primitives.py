@@ -24,6 +24,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +40,8 @@ LocalBox = tuple[Floats, Floats, Floats]
 #: Half extents before scaling, exactly.
 Reach = tuple[float | Fraction, float | Fraction, float | Fraction]
 """Exact, as numbers of one kind or the other."""
+
+Kind = TypeVar("Kind", bound="Shape")
 
 #: The scale that changes nothing.
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
@@ -78,6 +81,13 @@ class Shape(ABC):
     @abstractmethod
     def local_box(self) -> LocalBox:
         """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
+
+    @classmethod
+    def trusted(cls: type[Kind], **values: object) -> Kind:
+        """Return a shape of valid values by name, neither checked nor copied."""
+        shape = object.__new__(cls)
+        shape._store(**{"scale": NO_SCALE} | values)
+        return shape
 
     def _store(self, **values: object) -> None:
         for name, value in values.items():
@@ -149,13 +159,6 @@ class Box(Primitive):
         x, y, z = as_half_extents(size, "size", (3,)).tolist()
         self._store(size=(x, y, z), scale=positive_triple(scale, "scale"))
 
-    @classmethod
-    def trusted(cls, size: Triple, scale: Triple) -> Box:
-        """Return a box of valid numbers, not checked."""
-        shape = object.__new__(cls)
-        shape._store(size=size, scale=scale)
-        return shape
-
     def _reach(self) -> Reach:
         x, y, z = map(_half, self.size)
         return x, y, z
@@ -221,13 +224,6 @@ class Ellipsoid(Primitive):
     def __init__(self, radii: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
         self._store(radii=positive_triple(radii, "radii"), scale=positive_triple(scale, "scale"))
 
-    @classmethod
-    def trusted(cls, radii: Triple) -> Ellipsoid:
-        """Return an ellipsoid of valid radii, not checked."""
-        shape = object.__new__(cls)
-        shape._store(radii=radii, scale=NO_SCALE)
-        return shape
-
     def _reach(self) -> Reach:
         return self.radii
 
@@ -273,13 +269,6 @@ class Cylinder(_Turned):
     >>> oc.shapes.Cylinder(radius=0.5, length=2).local_box[2].tolist()
     [0.5, 0.5, 1.0]
     """
-
-    @classmethod
-    def trusted(cls, radius: float, length: float, scale: Triple) -> Cylinder:
-        """Return a cylinder of valid numbers, not checked."""
-        shape = object.__new__(cls)
-        shape._store(radius=radius, length=length, scale=scale)
-        return shape
 
 
 class Cone(_Turned):

@@ -281,7 +281,7 @@ def _outer_ones(points: Floats) -> Floats:
     if first is not None:
         corners = first.points[first.simplices]
         middle = first.points[first.vertices].mean(axis=0)
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = _normals(corners)
         offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - middle)
         sound = offsets != 0.0
         ways = normals[sound] / offsets[sound, None]  # a point p is inside where ways.p is below 1
@@ -332,13 +332,13 @@ def _grown(
     contains everything behind all its planes, and each plane is moved past the farthest point.
     """
     middle = vertices.mean(axis=0)
-    a, b, c = (vertices - middle)[faces].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
+    triangles = (vertices - middle)[faces]
+    normals = _normals(triangles)
     lengths = np.linalg.norm(normals, axis=1)
     if not (lengths > 0.0).all():
         return None
     normals /= lengths[:, None]
-    offsets = np.einsum("ij,ij->i", normals, a)
+    offsets = np.einsum("ij,ij->i", normals, triangles[:, 0])
     inward = offsets < 0.0
     faces[inward] = faces[inward][:, ::-1]
     normals[inward] *= -1.0

@@ -338,20 +338,14 @@ class MeshTrees:
             raise TypeError(f"trees must be several MeshTrees, got {shown(trees)}")
         if not trees:
             raise ValueError("trees must not be empty")
-        nodes = np.cumsum([0, *(len(t.nodes) for t in trees)])
-        triangles = np.cumsum([0, *(len(t.triangles) for t in trees)])
-        pieces = np.cumsum([0, *(len(t.pieces) for t in trees)])
-        shifted = [np.where(t.children < 0, -1, t.children + n) for t, n in zip(trees, nodes)]  # noqa: B905
-        joined = {
-            name: np.concatenate([getattr(t, name) for t in trees])
-            for name in TreeArrays._fields
-            if name != "piece_starts"
-        }
-        joined["children"] = np.concatenate(shifted)
-        joined["starts"] = np.concatenate([t.starts + n for t, n in zip(trees, triangles)])  # noqa: B905
-        joined["roots"] = np.concatenate([t.roots + n for t, n in zip(trees, nodes)])  # noqa: B905
-        ends = [t.piece_starts[1:] + n for t, n in zip(trees, pieces)]  # noqa: B905
-        return cls.trusted(**joined, piece_starts=np.r_[0, np.concatenate(ends)])
+        parts, sizes = [], dict.fromkeys(("nodes", "triangles", "pieces"), 0)
+        for tree in trees:
+            arrays = tree.arrays._asdict()
+            parts.append(arrays | shifted(arrays, **sizes))
+            sizes = {name: size + len(arrays[name]) for name, size in sizes.items()}
+        return cls.trusted(
+            **{name: np.concatenate([part[name] for part in parts]) for name in KINDS}
+        )
 
     def __len__(self) -> int:
         return len(self.roots)
@@ -393,14 +387,21 @@ class MeshTrees:
         return rows[(level == depth) | (leaf & (level < depth))]
 
 
+def shifted(arrays: Arrays, nodes: int, triangles: int, pieces: int) -> dict[str, NDArray[Any]]:
+    """Return the arrays that refer to rows, for trees after others with as many rows."""
+    children = arrays["children"]
+    return {
+        "children": np.where(children < 0, -1, children + nodes),
+        "starts": arrays["starts"] + triangles,
+        "roots": arrays["roots"] + nodes,
+        "piece_starts": arrays["piece_starts"][1 if triangles else 0 :] + pieces,
+    }
+
+
 #: Corners (8, 3) and outward faces (12, 3) of the box of half extents one.
 BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-BOX_FACES = np.array(
-    [
-        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
-    ]
-)  # fmt: skip
+_SIDES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+BOX_FACES = np.array(_SIDES)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
 
 
 def _radius(triangles: Floats, nodes: Floats) -> float:

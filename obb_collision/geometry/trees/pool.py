@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
+from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays, shifted
 from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.typing import Floats, Integers, Rows
 
@@ -188,13 +188,7 @@ class TreePool(Pool[MeshTrees]):
         return mesh_tree(body) if isinstance(body, Mesh) else hull_tree(body)
 
     def _moved(self, arrays: Arrays) -> Arrays:
-        used, children = self._used, arrays["children"]
-        return {
-            "children": np.where(children < 0, -1, children + used["nodes"]),
-            "starts": arrays["starts"] + used["triangles"],
-            "roots": arrays["roots"] + used["nodes"],
-            "piece_starts": arrays["piece_starts"][1 if self.size else 0 :] + used["pieces"],
-        }
+        return shifted(arrays, *(self._used[name] for name in ("nodes", "triangles", "pieces")))
 
 
 class HullTreePool(TreePool):

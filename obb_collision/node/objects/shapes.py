@@ -371,7 +371,7 @@ def _body(kind: int, size: list[float]) -> Shape | None:
     """Return the shape of a marker, None for a box: that of ``plan_shape``, but unchecked."""
     x, y, z = size
     if kind == Marker.SPHERE:
-        return Ellipsoid.trusted((0.5 * x, 0.5 * y, 0.5 * z))
+        return Ellipsoid.trusted(radii=(0.5 * x, 0.5 * y, 0.5 * z))
     if kind == Marker.CYLINDER:
-        return Cylinder.trusted(0.5, 1.0, (x, y, z))
+        return Cylinder.trusted(radius=0.5, length=1.0, scale=(x, y, z))
     return None

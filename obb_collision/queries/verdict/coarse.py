@@ -29,7 +29,8 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.boxes import BoxArrays, Boxes, world_bounds_of
+from obb_collision.geometry.aabb import world_bounds_of
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import minus, norm, rows_at, sum_abs, vector_at
 from obb_collision.typing import Floats, Integers, Mask, Vector
