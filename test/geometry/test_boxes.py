@@ -82,7 +82,7 @@ def test_a_left_handed_frame_is_the_same_box_with_determinant_one() -> None:
 def test_bad_boxes_are_refused_by_name_and_row(
     arguments: tuple[list[object], list[object], list[object]], message: str
 ) -> None:
-    refused(message, oc.Boxes, *arguments)  # type: ignore[arg-type]
+    refused(message, oc.Boxes, *arguments)
 
 
 def test_boxes_do_not_change_with_the_arrays_they_were_made_from() -> None:

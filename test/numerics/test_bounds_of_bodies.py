@@ -43,12 +43,10 @@ from oracle import Box
 from support import row_of
 
 import obb_collision as oc
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.capsules import Capsules
+from obb_collision import Boxes, Capsules, Verdict, cast_rays, points_inside
 from obb_collision.numerics.constants import CAREFUL_BOUND
 from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.points.containment import INSIDE_BOUND, contains
-from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.rays.boxes import (
     DISTANCE_SLACK,
@@ -57,8 +55,7 @@ from obb_collision.queries.rays.boxes import (
     enters_bounds,
     moved_ahead,
 )
-from obb_collision.queries.rays.rays import as_rays, cast_rays
-from obb_collision.queries.verdict.verdict import Verdict
+from obb_collision.queries.rays.rays import as_rays
 from obb_collision.typing import Floats
 
 PAIRS = 6

@@ -42,8 +42,7 @@ from oracle import Box
 from overlap_oracle import overlap_volume
 from support import family, joined, row_of, witnesses
 
-from obb_collision import clearances, contacts, verdicts
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, Verdict, clearances, contacts, overlap_volumes, verdicts
 from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
 from obb_collision.numerics.constants import (
     BOUND_SLACK,
@@ -59,9 +58,9 @@ from obb_collision.queries.verdict.coarse import (
     meeting_bounds,
     spheres_may_collide,
 )
-from obb_collision.queries.verdict.overlap import VOLUME_BOUND, overlap_volumes
+from obb_collision.queries.verdict.overlap import VOLUME_BOUND
 from obb_collision.queries.verdict.sat import best_face, box_of, enter_frame, pair_of
-from obb_collision.queries.verdict.verdict import Verdict, fast_verdict
+from obb_collision.queries.verdict.verdict import fast_verdict
 from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Mask
 from tools.cases.families import FAMILIES

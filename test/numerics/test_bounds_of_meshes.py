@@ -43,9 +43,9 @@ from scipy.spatial.transform import Rotation
 from support import row_of
 
 import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_points
 from obb_collision.geometry.trees.build import WIDENING
-from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.convex.distance import CONVEX_ROUNDING
@@ -54,7 +54,6 @@ from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_ma
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
 from obb_collision.queries.meshes.placed import (
     POINT_BOUND,
-    PlacedMeshes,
     back_of,
     box_gap,
     faces_gap,

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, localcontext
 from fractions import Fraction
 
 import numpy as np
@@ -26,18 +25,18 @@ from error_bounds import (
     Vector,
     check_flips,
     check_ratios,
-    cross,
     difference,
     dot,
     exact,
     exact_gaps,
     norm,
+    turn,
 )
 from one_set import sweep
 from support import joined, row_of
 from sweep_oracle import ExactMotion
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.numerics.constants import CAREFUL_BOUND, TIME_ROUNDING
 from obb_collision.numerics.vec3 import columns, vector
 from obb_collision.queries.sweep.bounds import (
@@ -106,27 +105,11 @@ def test_offsets(record_property: Record) -> None:
     check_ratios(record_property, ratios)
 
 
-def exactly_turned(rotation: np.ndarray, turn: np.ndarray, time: float) -> list[Vector]:
+def exactly_turned(rotation: np.ndarray, way: np.ndarray, time: float) -> list[Vector]:
     """Return the columns of a rotation turned by ``time`` times a rotation vector, to 50 digits."""
-    spin = exact(turn)
-    angle = norm(spin)
-    with localcontext() as context:
-        context.prec = 80
-        x = Decimal((angle * Fraction(time)).numerator) / (angle * Fraction(time)).denominator
-        sine, cosine, term = Decimal(0), Decimal(0), Decimal(1)
-        for k in range(200):  # their series: angles up to 30 lose 13 digits of 80
-            part = (sine, cosine)[k % 2 == 0] + (term if k % 4 < 2 else -term)
-            sine, cosine = (sine, part) if k % 2 == 0 else (part, cosine)
-            term = term * x / (k + 1)
-        s, c = Fraction(sine), Fraction(cosine)
-    u = [v / angle for v in spin]
-    turned = []
-    for column in rotation.T:
-        p = exact(column)
-        crossed = cross(u, p)
-        along = dot(u, p)
-        turned.append([c * p[k] + s * crossed[k] + (1 - c) * along * u[k] for k in range(3)])
-    return turned
+    spin = exact(way)
+    rows = turn(spin, norm(spin) * Fraction(time))
+    return [[dot(row, exact(column)) for row in rows] for column in rotation.T]
 
 
 def random_turns() -> list[tuple[np.ndarray, np.ndarray, float]]:
@@ -140,10 +123,10 @@ def random_turns() -> list[tuple[np.ndarray, np.ndarray, float]]:
 
 def test_rotations_at_a_time(record_property: Record) -> None:
     ratios = []
-    for rotation, turn, time in random_turns():
-        found = rotated(columns(rotation), vector(turn), time)
-        bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(turn)) * Fraction(time)
-        for column, expected in zip(found, exactly_turned(rotation, turn, time), strict=True):
+    for rotation, way, time in random_turns():
+        found = rotated(columns(rotation), vector(way), time)
+        bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(way)) * Fraction(time)
+        for column, expected in zip(found, exactly_turned(rotation, way, time), strict=True):
             ratios.append(norm(difference(exact(column), expected)) / bound)
     check_ratios(record_property, ratios)
 
@@ -151,12 +134,12 @@ def test_rotations_at_a_time(record_property: Record) -> None:
 def test_corners_of_turned_boxes(record_property: Record) -> None:
     ratios, corners = [], np.empty((CORNER_ROWS, 3))
     half = np.array([0.4, 0.7, 1.1])
-    for rotation, turn, time in random_turns():
-        found = rotated(columns(rotation), vector(turn), time)
-        fill_corners(found, vector(half), (0.0, 0.0, 0.0), vector(turn), corners)
-        expected_columns = exactly_turned(rotation, turn, time)
+    for rotation, way, time in random_turns():
+        found = rotated(columns(rotation), vector(way), time)
+        fill_corners(found, vector(half), (0.0, 0.0, 0.0), vector(way), corners)
+        expected_columns = exactly_turned(rotation, way, time)
         reach = norm(exact(half))
-        bound = Fraction(CORNER_SLACK) + Fraction(ANGLE_SLACK) * norm(exact(turn)) * Fraction(time)
+        bound = Fraction(CORNER_SLACK) + Fraction(ANGLE_SLACK) * norm(exact(way)) * Fraction(time)
         for n in range(8):
             sides = [h if n >> k & 1 else -h for k, h in enumerate(exact(half))]
             expected = [dot(sides, row) for row in zip(*expected_columns, strict=True)]

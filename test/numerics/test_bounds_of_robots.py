@@ -20,7 +20,19 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
-from error_bounds import Record, Vector, check_ratios, difference, dot, exact, norm, root
+from error_bounds import (
+    Record,
+    Rows,
+    Vector,
+    check_ratios,
+    difference,
+    dot,
+    exact,
+    norm,
+    root,
+    rounded,
+    turn,
+)
 
 import obb_collision as oc
 from obb_collision.numerics.vec3 import vector_at
@@ -34,42 +46,7 @@ from obb_collision.robots.checks.arrays import (
 from obb_collision.robots.checks.model import Model
 from obb_collision.typing import Floats
 
-Rows = list[Vector]
-#: Bits that are kept of fractions, which grow without end otherwise.
-BITS = 200
 BOX = (0.2, 0.1, 0.3)
-
-
-def rounded(value: Fraction) -> Fraction:
-    return Fraction(round(value * 2**BITS), 2**BITS)
-
-
-def sine_and_cosine(angle: Fraction) -> tuple[Fraction, Fraction]:
-    """Return both by their series, halved until that is short."""
-    halvings = 12
-    x, term = angle / 2**halvings, Fraction(1)
-    sums = [Fraction(0), Fraction(0)]
-    for n in range(24):
-        sums[n % 2] += (-1) ** (n // 2) * term
-        term = rounded(term * x / (n + 1))
-    cosine, sine = sums
-    for _ in range(halvings):
-        sine, cosine = rounded(2 * sine * cosine), rounded(cosine * cosine - sine * sine)
-    return sine, cosine
-
-
-def turn(axis: Vector, angle: float) -> Rows:
-    """Return the rows of the rotation by an angle about an axis, by the formula of Rodrigues."""
-    length = norm(axis)
-    x, y, z = (each / length for each in axis)
-    s, c = sine_and_cosine(Fraction(angle))
-    nil = Fraction(0)
-    cross = [[nil, -z, y], [z, nil, -x], [-y, x, nil]]
-    along = [[a * b for b in (x, y, z)] for a in (x, y, z)]
-    return [
-        [rounded((1 - c) * along[i][j] + s * cross[i][j] + (c if i == j else 0)) for j in range(3)]
-        for i in range(3)
-    ]
 
 
 def product(a: Rows, b: Rows) -> Rows:
@@ -116,12 +93,12 @@ def exact_corners(joints: list[Joint], state: list[float]) -> list[Vector]:
         xyz, axis = exact(joint.xyz), exact(joint.axis)
         place = [p + step for p, step in zip(place, applied(rows, xyz), strict=True)]
         for angle, unit in zip(joint.rpy[::-1].tolist(), reversed(units), strict=True):
-            rows = product(rows, turn(unit, angle))
+            rows = product(rows, turn(unit, Fraction(angle)))
         if joint.kind == "prismatic":
             way = [Fraction(value) * each / norm(axis) for each in axis]
             place = [p + step for p, step in zip(place, applied(rows, way), strict=True)]
         else:
-            rows = product(rows, turn(axis, value))
+            rows = product(rows, turn(axis, Fraction(value)))
     return [
         [p + step for p, step in zip(place, applied(rows, corner), strict=True)]
         for corner in corners_of_box()

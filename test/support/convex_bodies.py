@@ -21,7 +21,7 @@ from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -38,7 +38,7 @@ from obb_collision.queries.convex.support import (
     SEGMENT,
     ConvexBodies,
 )
-from obb_collision.typing import Floats, Integers, Rows
+from obb_collision.typing import Floats, Integers
 
 #: Corners per hull, and how many hulls there are.
 CORNERS_EACH, HULLS = 10, 16
@@ -92,9 +92,10 @@ def bodies(
     )  # fmt: skip
 
 
-def some(body: ConvexBodies, rows: Rows) -> ConvexBodies:
+def some(body: ConvexBodies, rows: ArrayLike) -> ConvexBodies:
     """Return some of the bodies, or one several times."""
-    return ConvexBodies(**{k: x if k == "hulls" else x[rows] for k, x in vars(body).items()})
+    picked = np.asarray(rows)
+    return ConvexBodies(**{k: x if k == "hulls" else x[picked] for k, x in vars(body).items()})
 
 
 def around(body: ConvexBodies, reach: float = 0.0) -> Boxes:
@@ -160,7 +161,7 @@ def corners_of(body: ConvexBodies, i: int) -> Floats:
     return np.array([[0.0, 0.0, body.sizes[i, 3]], [0.0, 0.0, -body.sizes[i, 3]]])
 
 
-def moved(body: ConvexBodies, **changes: NDArray[Any]) -> ConvexBodies:
+def moved(body: ConvexBodies, **changes: NDArray[Any] | Hulls) -> ConvexBodies:
     """Return bodies with other arrays."""
     return ConvexBodies(**(vars(body) | changes))
 

@@ -37,6 +37,9 @@ from tools.cases.families import FAMILIES
 
 U = Fraction(1, 2**53)
 Vector = list[Fraction]
+Rows = list[Vector]
+#: Bits that are kept of fractions.
+BITS = 200
 
 
 #: The fixture ``record_property``.
@@ -145,6 +148,39 @@ def exact_gaps(a: Box, b: Box) -> list[Fraction]:
     return [
         pair.gap(axis) * unit / root(Fraction(sum(x * x for x in axis)))
         for axis in pair.candidate_axes()
+    ]
+
+
+def rounded(value: Fraction) -> Fraction:
+    """Return a fraction of few bits: they grow without end otherwise."""
+    return Fraction(round(value * 2**BITS), 2**BITS)
+
+
+def sine_and_cosine(angle: Fraction) -> tuple[Fraction, Fraction]:
+    """Return both by their series, halved until that is short."""
+    halvings = 12
+    x, term = angle / 2**halvings, Fraction(1)
+    sums = [Fraction(0), Fraction(0)]
+    for n in range(24):
+        sums[n % 2] += (-1) ** (n // 2) * term
+        term = rounded(term * x / (n + 1))
+    cosine, sine = sums
+    for _ in range(halvings):
+        sine, cosine = rounded(2 * sine * cosine), rounded(cosine * cosine - sine * sine)
+    return sine, cosine
+
+
+def turn(axis: Vector, angle: Fraction) -> Rows:
+    """Return the rows of the rotation by an angle about an axis, by the formula of Rodrigues."""
+    length = norm(axis)
+    x, y, z = (each / length for each in axis)
+    s, c = sine_and_cosine(angle)
+    nil = Fraction(0)
+    cross = [[nil, -z, y], [z, nil, -x], [-y, x, nil]]
+    along = [[a * b for b in (x, y, z)] for a in (x, y, z)]
+    return [
+        [rounded((1 - c) * along[i][j] + s * cross[i][j] + (c if i == j else 0)) for j in range(3)]
+        for i in range(3)
     ]
 
 

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -80,7 +81,7 @@ def standing(trees: MeshTrees, *centers: ArrayLike, mesh: int = 0) -> PlacedMesh
     return PlacedMeshes(trees, np.full(count, mesh), places, np.tile(np.eye(3), (count, 1, 1)))
 
 
-def as_drawn(pairs: list[tuple[Floats, Floats]]) -> list[PlacedMeshes]:
+def as_drawn(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> list[PlacedMeshes]:
     """Return pairs of triangles as two sets of meshes, where they are."""
     count = len(pairs)
     still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))

@@ -32,9 +32,10 @@ from each import each
 from support import refused
 from trimesh.visual.material import SimpleMaterial
 
+from obb_collision import load_scene
 from obb_collision.geometry.shapes import files as mesh_files
-from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.scene_files import SceneFileError, load_scene
+from obb_collision.scene_files import SceneFileError
+from obb_collision.shapes import Mesh
 
 OBJ = "mtllib {mtl}\no part\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n"
 

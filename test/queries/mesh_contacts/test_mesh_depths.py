@@ -43,7 +43,7 @@ from triangle_pairs import FAMILIES as TRIANGLES
 from triangle_pairs import SHARE, Maker
 
 import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.convex.distances import (
     ConvexDistances,
@@ -52,7 +52,7 @@ from obb_collision.queries.convex.distances import (
 )
 from obb_collision.queries.mesh_contacts.body_depths import within_bodies
 from obb_collision.queries.mesh_contacts.surfaces import hulls_of
-from obb_collision.queries.verdict.verdict import SEPARATE, Separations
+from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.typing import Floats
 
 TREES = trees_of()
@@ -80,12 +80,12 @@ def parted(b: PlacedMeshes, found: Separations, share: Floats | float = 1.0) -> 
 def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
     """Assert what is promised of all pairs."""
     found, outer, size = oc.separations(a, b), depths_of_hulls(a, b), sizes_of(a, b)
-    collide = oc.verdicts(a, b) != SEPARATE
+    collide = oc.verdicts(a, b) != Verdict.SEPARATE
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
     assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
-    assert (oc.verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
+    assert (oc.verdicts(a, parted(b, found), exact=True) == Verdict.SEPARATE).all()
     return found
 
 
@@ -105,7 +105,7 @@ def test_none_is_shorter_along_the_same_normal() -> None:
     deep = (found.separations < -1e-3 * size) & (faces >= 0)
     assert deep.sum() > 60
     for share in np.linspace(0.0, 1.0 - 1e-4, 12):
-        collide = oc.verdicts(a, parted(b, found, share)) != SEPARATE
+        collide = oc.verdicts(a, parted(b, found, share)) != Verdict.SEPARATE
         # a body may be within a solid on the way, as where the push passes a cavity
         assert collide[deep].all()
 
@@ -157,7 +157,7 @@ def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]
     a, b = as_drawn(drawn)
     found, size = oc.separations(a, b), sizes_of(a, b)
-    collide = oc.verdicts(a, b) != SEPARATE
+    collide = oc.verdicts(a, b) != Verdict.SEPARATE
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
@@ -196,7 +196,7 @@ def test_cubes_that_rest_on_each_other_or_are_one() -> None:
     found = oc.separations(a, b)
     np.testing.assert_allclose(found.separations, [0, -0.25, -0.1, -2, 0], atol=1e-8)
     np.testing.assert_allclose(found.normals[:3], [[0, 0, 1], [0, 0, 1], [0, 0, -1]], atol=1e-9)
-    assert (oc.verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
+    assert (oc.verdicts(a, parted(b, found), exact=True) == Verdict.SEPARATE).all()
 
 
 def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:

@@ -26,12 +26,11 @@ from triangle_distances import squared_distance, squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.convex.contacts import FlatFrame, frame_of
 from obb_collision.queries.mesh_contacts.push import way_out
 from obb_collision.queries.meshes.triangles import Triangle
-from obb_collision.queries.verdict.verdict import SEPARATE
 
 TREES = trees_of()
 #: How far a point may be from either surface, relative to the size of a pair.
@@ -63,7 +62,7 @@ def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> Non
         sides.append(PlacedMeshes(trees, np.arange(count), *still))
     a, b = sides
     found = oc.contacts(a, b, max_points=8)
-    collide = oc.verdicts(a, b) != SEPARATE
+    collide = oc.verdicts(a, b) != Verdict.SEPARATE
     assert (found.counts[collide] >= 1).all()
     for n in np.flatnonzero(collide).tolist():
         (p,), (q,) = exact_corners(a, n), exact_corners(b, n)

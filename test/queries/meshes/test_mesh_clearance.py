@@ -30,10 +30,9 @@ from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.meshes.mesh_clearance import MeshClearances
-from obb_collision.queries.verdict.verdict import SEPARATE
 
 #: What the bounds may differ by, relative to the size of a pair.
 CLOSE = Fraction(1, 10**9)
@@ -108,7 +107,7 @@ def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
     for n in range(count):
         (p,), (q,) = exact_corners(bodies[0], n), exact_corners(bodies[1], n)
         square, size = squared_distance(p, q), size_of(bodies[0], n, bodies[1], n)
-        if verdicts[n] == SEPARATE:
+        if verdicts[n] == Verdict.SEPARATE:
             check(found, n, square, size)
             check(back, n, square, size)
             assert found.upper[n] > 0.0
@@ -134,10 +133,10 @@ def test_meshes_against_exact_arithmetic() -> None:
     )
     a, b = bodies_of(trees, 60, 0.9, 3)
     found, verdicts = oc.clearances(a, b), oc.verdicts(a, b)
-    apart = np.flatnonzero(verdicts == SEPARATE)
+    apart = np.flatnonzero(verdicts == Verdict.SEPARATE)
     assert 20 < len(apart) < 58
-    np.testing.assert_array_equal(found.distances > 0.0, verdicts == SEPARATE)
-    np.testing.assert_array_equal(found.upper > 0.0, verdicts == SEPARATE)
+    np.testing.assert_array_equal(found.distances > 0.0, verdicts == Verdict.SEPARATE)
+    np.testing.assert_array_equal(found.upper > 0.0, verdicts == Verdict.SEPARATE)
     for n in apart[:5]:
         square = exact_square(a, n, b, n, found.upper[n])
         check(found, n, square, size_of(a, n, b, n))

@@ -32,10 +32,10 @@ from scipy.spatial.transform import Rotation
 from support import family, refused, row_of
 
 import obb_collision as oc
-from obb_collision import Boxes, Capsules, HalfSpaces
+from obb_collision import Boxes, Capsules, HalfSpaces, Verdict
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 
+SEPARATE, TOUCHING, OVERLAP = Verdict
 #: What isn't told from touching is this near to it, relative to the size of the pair.
 DOUBT = 2.0**-44
 #: Lengths of a scene, and those whose squares leave the range of doubles.
@@ -209,7 +209,14 @@ def test_a_sphere_is_decided_by_its_centre_and_radius() -> None:
     centers = np.array([[2, 0, 0], [2, 0, 0], [2, 0, 0], [0.5, 0, 0], [4, 5, 1], [0, 0, 0]])
     spheres = Capsules.spheres(centers, [1, 0.5, 1.5, 0.25, 5, 0])
     found, near = oc.separations(spheres, box), oc.clearances(spheres, box)
-    assert found.verdicts.tolist() == [TOUCHING, SEPARATE, OVERLAP, OVERLAP, TOUCHING, OVERLAP]
+    assert found.verdicts.tolist() == [
+        TOUCHING,
+        SEPARATE,
+        OVERLAP,
+        OVERLAP,
+        TOUCHING,
+        OVERLAP,
+    ]
     assert found.separations.tolist() == [0.0, 0.5, -0.5, -0.75, 0.0, -1.0]
     assert found.normals[:4].tolist() == [[-1, 0, 0]] * 4
     np.testing.assert_allclose(found.normals[4], [-0.6, -0.8, 0], atol=1e-15)

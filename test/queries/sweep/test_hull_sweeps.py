@@ -46,13 +46,12 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.queries.convex.distances import convex_distances, mesh_body_distances
 from obb_collision.queries.convex.support import BOX, NO_HULLS, ConvexBodies
 from obb_collision.queries.sweep.convex import MAX_STEPS, BodyMotion, convex_sweeps
 from obb_collision.queries.sweep.meshes import swept_mesh_bodies
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
-from obb_collision.queries.verdict.verdict import OVERLAP
 from obb_collision.typing import Floats, Integers
 
 #: Families whose sizes differ so much from their offsets that doubles have too few digits.
@@ -309,7 +308,7 @@ def test_what_is_in_the_shape_beside_a_mesh_does_not_overlap_until_then(
     until = np.minimum(found.free_until, 1.0)
     for share in (*np.linspace(0.05, 0.95, 12), 0.999, 1.0 - 1e-12):
         x, y = (moved_on(s, t, share * until) for s, t in zip((a, within), twists, strict=True))
-        assert (oc.verdicts(x, y)[until > 0.0] != OVERLAP).all()
+        assert (oc.verdicts(x, y)[until > 0.0] != Verdict.OVERLAP).all()
     x, y = (moved_on(s, t, until) for s, t in zip((a, within), twists, strict=True))
     rows = np.arange(count)
     gaps = mesh_body_distances(x, np.zeros(count), round_bodies(kind, y), rows, rows)[0].upper

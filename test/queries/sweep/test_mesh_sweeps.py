@@ -32,9 +32,8 @@ from support import refused
 from triangle_pairs import FAMILIES, SHARE, Maker
 
 import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.queries.sweep.sweep import TOLERANCE
-from obb_collision.queries.verdict.verdict import OVERLAP
 
 #: Families whose sizes differ so much from each other or their offset that doubles have too few
 #: digits for the tolerance.
@@ -95,7 +94,7 @@ def test_meshes_do_not_overlap_until_then_and_are_near_at_last(spin: float, pair
     for share in (*np.linspace(0.05, 0.95, 12), 0.999, 1.0 - 1e-12):
         x, y = (moved_on(s, t, share * until) for s, t in zip((a, b), twists, strict=True))
         verdicts = oc.verdicts(x, y)
-        assert (verdicts[until > 0.0] != OVERLAP).all()
+        assert (verdicts[until > 0.0] != Verdict.OVERLAP).all()
     x, y = (moved_on(s, t, until) for s, t in zip((a, b), twists, strict=True))
     gaps = oc.clearances(x, y).upper
     for n in np.flatnonzero(found.hits).tolist():
@@ -175,4 +174,4 @@ def test_boxes_as_meshes_meet_when_boxes_do() -> None:
 )
 def test_what_cannot_be_used_is_refused(change: dict[str, object], reason: str) -> None:
     box = place(*zoo()["box0"])
-    refused(reason, oc.sweeps, box, box, **({"duration": 1.0} | change))  # type: ignore[arg-type]
+    refused(reason, oc.sweeps, box, box, **({"duration": 1.0} | change))
