@@ -11,13 +11,12 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-
 """Goals of the step, the node and the first start, measured in one run: what is met, and what not.
 
-Ours uses as many threads as there are cores, MuJoCo, coal and python-fcl one each, and MuJoCo makes
-contacts where we may compute less: the tables beside say what each does. All take turns on the
-same poses; what is compared are medians of at least 20 steps.
+Ours uses as many threads as there are cores, MuJoCo, coal and python-fcl one each, and MuJoCo
+makes contacts where we may compute less: the tables beside say what each does. All take turns on
+the same poses; what is compared are medians of at least 20 steps. Starts have an empty kernel
+cache: seconds until the node is ready, and until all is compiled.
 
     python -m tools.goals [--json FILE] [--markdown PAGE]
 """
@@ -25,9 +24,14 @@ same poses; what is compared are medians of at least 20 steps.
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -72,6 +76,7 @@ from obb_collision.benchmarks.tables import (
 from obb_collision.benchmarks.timing import Show, progress
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.scene.scene import Scene
+from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, possible_steps
 
 #: About how long all goals take, for the bar (s).
 SECONDS = 480.0
@@ -274,8 +279,6 @@ class Goals:
 
     def starts(self) -> Iterator[Goal]:
         """Measure what an empty cache costs."""
-        from tools.starts import measure_starts
-
         for what, wanted, seconds in measure_starts(self._show):
             yield below(what, wanted, seconds, "s")
 
@@ -337,6 +340,64 @@ def main(arguments: Sequence[str] | None = None) -> int:
             blocks["node"] = as_markdown(node_table(run.node_rows))
         write_into(options.markdown, blocks)
     return 0
+
+
+#: Seconds: the default node, the same once more, what is switched on late, and everything by two
+#: processes.
+STARTED, WARM, LATE, EVERYTHING = 12.0, 2.0, 12.0, 60.0
+#: How a program compiles steps, as the node does beside its cycles.
+COMPILE = "from obb_collision.warm_up.processes import compile_steps; import sys; "
+COMPILE += "progress = compile_steps(sys.argv[1:]); sys.exit(bool(progress.failed))"
+READY = "ready: "
+#: What every node needs.
+DEFAULT = [BOXES, MESSAGES, "effect separations"]
+
+
+def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, float]]:
+    """Yield what, the seconds wanted, and those it took."""
+    with TemporaryDirectory() as folder:
+        home = Path(folder)
+        show("empty cache: default start")
+        if find_spec("rclpy"):
+            yield "default node ready", STARTED, _node(home / "default")
+            yield "default node ready, kernels cached", WARM, _node(home / "default")
+        else:
+            seconds = _run(home / "default", "-c", COMPILE, BOXES, "effect separations")
+            yield "kernels of a default scene", STARTED, seconds
+        for step in NODE_STEPS:
+            if step not in DEFAULT and step in possible_steps():
+                show(f"empty cache: {step}")
+                shutil.copytree(home / "default", home / step)
+                yield f"{step} switched on late", LATE, _run(home / step, "-c", COMPILE, step)
+        show("empty cache: everything")
+        seconds = _run(home / "all", "-m", "obb_collision.warm_up.command", "--quiet")
+        yield "everything by obb_collision warm-up", EVERYTHING, seconds
+
+
+def _command(cache: Path, *words: str) -> dict[str, Any]:
+    """Return what starts Python with a cache of kernels and our package."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    return {"args": [sys.executable, *words], "env": environment, "cwd": Path(__file__).parents[1]}
+
+
+def _run(cache: Path, *words: str) -> float:
+    """Return the seconds that a program takes."""
+    start = perf_counter()
+    subprocess.run(**_command(cache, *words), check=True, capture_output=True)
+    return perf_counter() - start
+
+
+def _node(cache: Path) -> float:
+    """Return the seconds from the start of a node until it says that it is ready."""
+    start, code = perf_counter(), "from obb_collision.commands import node; node()"
+    output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(**_command(cache, "-c", code), **output) as process:
+        try:
+            if any(READY in line for line in process.stdout or ()):
+                return perf_counter() - start
+        finally:
+            process.kill()
+    raise RuntimeError("the node ended before it was ready")
 
 
 if __name__ == "__main__":

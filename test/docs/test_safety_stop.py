@@ -38,7 +38,7 @@ from rclpy.parameter import Parameter
 from rig import DOMAIN, NAMESPACE, Client, cube
 from visualization_msgs.msg import Marker
 
-from tools.middleware import for_killed_processes
+from tools.fuzz.process import for_killed_processes
 
 PAGE = ROOT / "docs" / "tutorials" / "mobile_robot_safety_stop.md"
 WITHOUT_DEADLINES = """

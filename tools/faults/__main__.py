@@ -25,7 +25,7 @@ from typing import NamedTuple
 from obb_collision.cli import Parser, interruptible, new_file, option
 from tools.faults import processes, resources
 from tools.faults.bench import Bench, FaultError
-from tools.middleware import for_killed_processes
+from tools.fuzz.process import for_killed_processes
 
 
 class Fault(NamedTuple):

@@ -37,11 +37,10 @@ from obb_collision.node.robots.robot_input import JOINT_STATES
 from tools.fuzz.cases import CASES, Stream
 from tools.fuzz.client import STARTING, Client, FoundError
 from tools.fuzz.files import READERS, mutated_scene
-from tools.fuzz.process import Canary, Child
+from tools.fuzz.process import Canary, Child, for_large_messages
 from tools.fuzz.report import Result
 from tools.fuzz.robot import ARGUMENTS, LATCHED, ROBOT
 from tools.fuzz.session import Session
-from tools.middleware import for_large_messages
 
 LARGEST_DOMAIN = 100
 PROGRESS = 5.0

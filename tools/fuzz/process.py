@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The node in a process of its own, and a process that shows when the machine stood still."""
+"""The node in a process of its own, a process that shows stalls, and the set-up of Fast DDS."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -183,3 +183,67 @@ class Canary:
         """End the process."""
         self._process.kill()
         self._process.communicate()
+
+
+HEARTBEAT = """<data_writer profile_name="writer" is_default_profile="true">
+<times><heartbeatPeriod><sec>0</sec><nanosec>20000000</nanosec></heartbeatPeriod></times>
+<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy></data_writer>
+<data_reader profile_name="reader" is_default_profile="true">
+<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy></data_reader>"""
+"""What is lost is sent again after a heartbeat only: by default up to 3 seconds later. And Fast DDS
+keeps by default for each place in a queue the memory of its largest message: bounded, but as much
+as a leak of a node would be."""
+NO_SHARED_MEMORY = """<transport_descriptors><transport_descriptor>
+<transport_id>loopback</transport_id><type>UDPv4</type>
+<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+</transport_descriptor></transport_descriptors>
+<participant profile_name="participant" is_default_profile="true"><rtps>
+<userTransports><transport_id>loopback</transport_id></userTransports>
+<useBuiltinTransports>false</useBuiltinTransports></rtps></participant>"""
+"""A process that is killed while it writes to a queue in shared memory leaves it locked, and others
+wait up to a second for each such queue; see ``docs/faults.md``. This sends by UDP."""
+PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
+{}
+</profiles></dds>
+"""
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+"""By UDP a message of 28 MB takes the middleware up to a minute on a busy machine, and what is
+behind it waits: that is no fault of a node. LARGE_DATA sends by TCP."""
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+"""With LOCALHOST the layer of ROS chooses transports itself, shared memory among them."""
+
+
+@contextmanager
+def for_large_messages(folder: Path) -> Iterator[None]:
+    """Set up participants that this process and its children make meanwhile: see the constants."""
+    with _set_up(folder, HEARTBEAT, {TRANSPORTS: os.environ.get(TRANSPORTS, "LARGE_DATA")}):
+        yield
+
+
+@contextmanager
+def for_killed_processes(folder: Path) -> Iterator[None]:
+    """Set up the first participant of this process, and those of its children, alike."""
+    with _set_up(folder, f"{NO_SHARED_MEMORY}\n{HEARTBEAT}", {RANGE: "SYSTEM_DEFAULT"}):
+        yield
+
+
+@contextmanager
+def _set_up(folder: Path, profiles: str, more: dict[str, str]) -> Iterator[None]:
+    profile = folder / "middleware.xml"
+    profile.write_text(PROFILE.format(profiles))
+    ours = {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
+        "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
+        **more,
+    }
+    before = {name: os.environ.get(name) for name in ours}
+    os.environ.update(ours)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
