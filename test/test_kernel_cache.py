@@ -31,10 +31,12 @@ from typing import Any
 import pytest
 from processes import PATIENCE
 
-from obb_collision import _jit, _kernel_cache, _numba
+import obb_collision._jit as jit
+import obb_collision._kernel_cache as kernel_cache
+import obb_collision._numba as numba_parts
 from obb_collision._kernel_cache import Compiled, compiled
 
-PACKAGE = Path(_kernel_cache.__file__).resolve().parent
+PACKAGE = Path(kernel_cache.__file__).resolve().parent
 EXAMPLE = """
 from obb_collision._jit import njit
 
@@ -124,15 +126,15 @@ def test_another_processor_is_another_file(copied: Path) -> None:
 
 def forget_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave those of a test out of those of the package."""
-    monkeypatch.setattr(_jit, "kernels", [])
-    monkeypatch.setattr(_jit, "caches", [])
+    monkeypatch.setattr(jit, "kernels", [])
+    monkeypatch.setattr(jit, "caches", [])
 
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of an empty cache that this process uses."""
     folder = tmp_path / "obb_collision"
-    monkeypatch.setattr(_kernel_cache, "places", [folder])
+    monkeypatch.setattr(kernel_cache, "places", [folder])
     forget_kernels(monkeypatch)
     return folder
 
@@ -146,14 +148,14 @@ def use_example() -> list[str]:
 
 def test_folders_that_nobody_used_for_long_are_removed(home: Path) -> None:
     ages = {"example.gone-1": 91, "example.other-1": 89}
-    ages |= {f"example.kernel-{k}": k for k in range(2 * _kernel_cache.KEPT_FOLDERS)}
+    ages |= {f"example.kernel-{k}": k for k in range(2 * kernel_cache.KEPT_FOLDERS)}
     for name, days in ages.items():
         (home / name).mkdir(parents=True)
         os.utime(home / name, (0.0, time.time() - 86400.0 * days - 60.0))
     assert use_example() == NAMES
     left = {path.name for path in home.iterdir()} & ages.keys()
     # the one in use is one of those kept
-    kept = {f"example.kernel-{k}" for k in range(_kernel_cache.KEPT_FOLDERS - 1)}
+    kept = {f"example.kernel-{k}" for k in range(kernel_cache.KEPT_FOLDERS - 1)}
     assert left == {"example.other-1"} | kept
 
 
@@ -214,11 +216,11 @@ def test_a_second_use_compiles_and_writes_nothing(home: Path) -> None:
 
 def test_what_only_loads_compiles_nothing(home: Path) -> None:
     before = len(compiled.names)
-    with _kernel_cache.only_loading(), pytest.raises(_kernel_cache.KernelMissingError):
+    with kernel_cache.only_loading(), pytest.raises(kernel_cache.KernelMissingError):
         use_example()
     assert compiled.names[before:] == []
     assert use_example() == NAMES
-    with _kernel_cache.only_loading():
+    with kernel_cache.only_loading():
         assert use_example() == []
 
 
@@ -241,11 +243,11 @@ def test_a_folder_that_is_a_file_is_said_and_stops_nothing(
 ) -> None:
     (tmp_path / "file").write_text("")
     folder = tmp_path / "file" / "obb_collision"
-    monkeypatch.setattr(_kernel_cache, "places", [folder])
-    monkeypatch.setattr(_kernel_cache, "unsaved", [])
+    monkeypatch.setattr(kernel_cache, "places", [folder])
+    monkeypatch.setattr(kernel_cache, "unsaved", [])
     forget_kernels(monkeypatch)
     assert use_example() == NAMES
-    assert _kernel_cache.unsaved == NAMES
+    assert kernel_cache.unsaved == NAMES
     assert f"kernels can't be kept in {folder}: Not a directory" in caplog.text
 
 
@@ -286,7 +288,7 @@ def test_private_folders_are_removed_once_their_processes_are_gone(
     link = tmp_path / f"obb_collision-kernels-{gone.pid}-link"
     link.symlink_to(elsewhere)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    _kernel_cache.drop_left_places()
+    kernel_cache.drop_left_places()
     assert {*tmp_path.iterdir()} == {alive, other, elsewhere, link}
 
 
@@ -354,9 +356,9 @@ def test_without_an_inner_part_of_numba_kernels_are_compiled_all_the_same(
         def hide(of: object, name: str, *default: object) -> Any:
             return None if name == "get_call_template" else getattr(of, name, *default)
 
-        monkeypatch.setattr(_numba, "getattr", hide, raising=False)
+        monkeypatch.setattr(numba_parts, "getattr", hide, raising=False)
     else:
-        monkeypatch.setattr(_numba, hidden, None)
+        monkeypatch.setattr(numba_parts, hidden, None)
     use_example()
     assert bool(kernels(home)) == (hidden != "CompileResult")
-    assert bool(_kernel_cache.why_not_kept()) == (hidden == "CompileResult")
+    assert bool(kernel_cache.why_not_kept()) == (hidden == "CompileResult")

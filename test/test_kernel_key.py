@@ -22,8 +22,8 @@ import numba
 import pytest
 from each import each
 
-from obb_collision import _jit, _kernel_key
-from obb_collision._kernel_key import fields_of, kernel_key
+import obb_collision._jit as jit
+from obb_collision._kernel_key import FLAGS, config, fields_of, kernel_key
 from obb_collision.warm_up.steps import possible_steps, task_of
 
 KERNEL = """
@@ -53,8 +53,8 @@ def kernel(x):
 @pytest.fixture(autouse=True)
 def _own_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave those of a test out of those of the package."""
-    monkeypatch.setattr(_jit, "kernels", [*_jit.kernels])
-    monkeypatch.setattr(_jit, "caches", [*_jit.caches])
+    monkeypatch.setattr(jit, "kernels", [*jit.kernels])
+    monkeypatch.setattr(jit, "caches", [*jit.caches])
 
 
 def key_of(source: str) -> str:
@@ -85,10 +85,10 @@ def test_the_key_has_what_a_kernel_depends_on(
     assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
 
 
-@each("flag", _kernel_key.FLAGS)
+@each("flag", FLAGS)
 def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = key_of(KERNEL)
-    monkeypatch.setattr(_kernel_key.config, flag, "another", raising=False)
+    monkeypatch.setattr(config, flag, "another", raising=False)
     assert key_of(KERNEL) != before
 
 
@@ -100,8 +100,8 @@ def test_what_a_key_cannot_be_made_of_is_refused(monkeypatch: pytest.MonkeyPatch
 def test_every_kernel_has_a_key_of_its_own() -> None:
     for step in possible_steps():
         task_of(step)  # imports its kernels
-    keys = {kernel_key(kernel) for kernel in _jit.kernels}
-    assert len(keys) == len(_jit.kernels) > 250
+    keys = {kernel_key(kernel) for kernel in jit.kernels}
+    assert len(keys) == len(jit.kernels) > 250
 
 
 def test_fields_in_another_order_are_another_signature() -> None:

@@ -28,9 +28,8 @@ import pytest
 from each import each
 
 import obb_collision as oc
-from obb_collision import _threads
 from obb_collision._kernel_cache import KernelMissingError, only_loading
-from obb_collision._threads import ranges, run, run_parts
+from obb_collision._threads import VARIABLE, ranges, run, run_parts
 
 NUMBERS = (1, 2, 3, 5)
 
@@ -152,16 +151,16 @@ def test_a_bad_number_is_refused(number: int) -> None:
 
 @pytest.mark.parametrize("text", ["0", "two", "1.5", "-1", "9" * 30])
 def test_a_bad_variable_is_named(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
-    monkeypatch.setenv(_threads.VARIABLE, text)
+    monkeypatch.setenv(VARIABLE, text)
     with pytest.raises(ValueError, match="OBB_COLLISION_THREADS must be a whole number from 1"):
         oc.set_threads(None)
 
 
 def test_the_variable_sets_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(_threads.VARIABLE, "3")
+    monkeypatch.setenv(VARIABLE, "3")
     oc.set_threads(None)
     assert oc.threads() == 3
-    monkeypatch.delenv(_threads.VARIABLE)
+    monkeypatch.delenv(VARIABLE)
     oc.set_threads(None)
     assert 1 <= oc.threads() <= (os.cpu_count() or 1)
 

@@ -45,7 +45,7 @@ class PairDistances(NamedTuple):
     vectors: Floats  #: (m, 3, 3) the closest points of both, and the direction
 
 
-class MeshPairs(NamedTuple):
+class LinkMeshPairs(NamedTuple):
     """Some pairs as meshes: row k of a against row k of b, each with a radius about it."""
 
     rows: Rows  #: (k,) of the pairs
@@ -101,7 +101,7 @@ def set_mesh_distances(
         found.lower[each.rows[overlap]] = np.minimum(found.lower[each.rows[overlap]], 0.0)
 
 
-def _set_depths(sides: MeshPairs, k: Rows, found: PairDistances) -> None:
+def _set_depths(sides: LinkMeshPairs, k: Rows, found: PairDistances) -> None:
     """Write the depths of meshes in rows k of sides that overlap, and where they are."""
     rows = sides.rows[k]
     vectors = found.vectors[rows]
@@ -118,7 +118,7 @@ def _set_depths(sides: MeshPairs, k: Rows, found: PairDistances) -> None:
     found.vectors[rows, 2] = deep.normals
 
 
-def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[MeshPairs]:
+def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[LinkMeshPairs]:
     """Yield those of pairs (m, 2) that have a mesh, in their states."""
     if len(pairs) == 0:
         return
@@ -139,4 +139,4 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
             b, radii = own.placed(tree, states[rows], j[rows]), own.radii[j[rows]]
         slack = bodies.reaches[i[rows]] + bodies.reaches[j[rows]]
         slack += np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1)
-        yield MeshPairs(rows, a, own.radii[i[rows]], b, radii, LINK_PLACING * slack)
+        yield LinkMeshPairs(rows, a, own.radii[i[rows]], b, radii, LINK_PLACING * slack)
