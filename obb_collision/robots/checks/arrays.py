@@ -41,8 +41,13 @@ from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATI
 from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask, Rows, Vector
 
+if TYPE_CHECKING:
+    from obb_collision.robots.robot import Robot
+
 #: Distance within which bodies count as colliding, relative to the lengths of their chains.
 LINK_PLACING = 2**14 * ROUNDOFF
+#: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
+OPPOSITE = 1e-6
 
 
 class LinkBodies(NamedTuple):
@@ -185,13 +190,6 @@ def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> BoxAt:
         for k in range(3):
             axes[i, k, 0], axes[i, k, 1], axes[i, k, 2] = x[k], y[k], z[k]
     return box_at(BoxArrays(placed.centers, axes, bodies.half_extents), i)
-
-
-if TYPE_CHECKING:
-    from obb_collision.robots.robot import Robot
-
-#: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
-OPPOSITE = 1e-6
 
 
 def one_tree(robots: Sequence[Robot], bases: Floats) -> Tree:

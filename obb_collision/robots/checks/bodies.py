@@ -93,21 +93,9 @@ def placed_body(
     sphere = (float(np.linalg.norm(corners - box[0], axis=1).max()) + radius) * RADIUS_GROWTH
     farthest = float(np.abs(corners).sum(axis=1).max())
     reach, blocks = chain + farthest + radius, in_blocks(corners)
-    return LinkBodies(
-        frames=np.array([frame]),
-        centers=box[0][None],
-        rotations=box[1][None],
-        half_extents=box[2][None],
-        spheres=np.array([sphere]),
-        inner=np.zeros(1),
-        boxes=np.zeros(1, np.bool_),
-        rounds=np.array([radius]),
-        radii=np.array([farthest]),
-        reaches=np.array([reach]),
-        excess=np.array([beyond]),
-        blocks=blocks,
-        starts=np.array([0, len(blocks)]),
-    )
+    values = frame, *box, sphere, 0.0, False, radius, farthest, reach, beyond
+    arrays = (np.array([value]) for value in values)
+    return LinkBodies(*arrays, blocks=blocks, starts=np.array([0, len(blocks)]))
 
 
 def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: int) -> LinkBodies:

@@ -60,6 +60,19 @@ GROWTH = 1.0 + 1e-9
 FEWEST_DISTANCES, FEWEST_PAIRS = 8, 32
 
 
+class DistanceQuestion(NamedTuple):
+    """States (n, joints) whose least distances up to a limit are asked for.
+
+    boxes: whether bodies are their boxes, or hulls; given: whether only the pairs that are there.
+    """
+
+    checked: Checked
+    boxes: bool
+    given: bool
+    states: Floats
+    limit: float
+
+
 class NearestPairs(NamedTuple):
     """The nearest pair of each state."""
 
@@ -80,52 +93,30 @@ class DistanceState(NamedTuple):
 
 @njit
 def distances_kernel(
-    checked: Checked,
-    boxes: bool,
-    given: bool,
-    states: Floats,
-    limit: float,
-    nearest: NearestPairs,
-    start: int,
-    stop: int,
+    question: DistanceQuestion, nearest: NearestPairs, start: int, stop: int
 ) -> None:
-    """Write the least signed distance of each state up to a limit, negative where bodies collide.
-
-    boxes: whether bodies are their boxes, or hulls; given: whether only the pairs that are there.
-    """
-    bodies, placed = checked.bodies, new_placed(checked)
-    lower, spheres = np.empty(1 if given else len(placed.grown)), bodies.spheres.copy()
+    """Write the least signed distance of each state, negative where bodies collide."""
+    bodies, placed, boxes = question.checked.bodies, new_placed(question.checked), question.boxes
+    lower, spheres = np.empty(1 if question.given else len(placed.grown)), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
         spheres[i] = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
     room = DistanceState(placed, _cores(bodies, boxes), room_for_depth(), spheres, lower)
-    _fill_distances(checked, boxes, given, states, limit, nearest, room, start, stop)
+    _fill_distances(question, nearest, room, start, stop)
 
 
 @njit(inline=True, refcount=False)
 def _fill_distances(
-    checked: Checked,
-    boxes: bool,
-    given: bool,
-    states: Floats,
-    limit: float,
-    nearest: NearestPairs,
-    room: DistanceState,
-    start: int,
-    stop: int,
+    question: DistanceQuestion, nearest: NearestPairs, room: DistanceState, start: int, stop: int
 ) -> None:
-    bodies, tests, placed, cores, lower = (
-        checked.bodies,
-        checked.tests,
-        room.placed,
-        room.cores,
-        room.lower,
-    )
+    checked, boxes, given = question.checked, question.boxes, question.given
+    bodies, tests, placed = checked.bodies, checked.tests, room.placed
+    cores, lower = room.cores, room.lower
     bounds, pairs, vectors = nearest.bounds, nearest.pairs, nearest.vectors
     for n in range(start, stop):
-        place_state(checked, states, n, placed)
+        place_state(checked, question.states, n, placed)
         for i in range(tests.first):
             _place_core(bodies, placed, i, cores, boxes)
-        best = limit
+        best = question.limit
         if not given:
             _bound_all(bodies, tests, placed, room.spheres, lower)
             bounds[n, 0] = bounds[n, 1] = np.inf
@@ -224,7 +215,8 @@ def hull_distances(
     """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row."""
     count = len(pairs)
     found = NearestPairs(np.empty((count, 2)), pairs.copy(), np.empty((count, 3, 3)))
-    run(distances_kernel, count, FEWEST_PAIRS, checked, False, True, states, limit, found)
+    question = DistanceQuestion(checked, False, True, states, limit)
+    run(distances_kernel, count, FEWEST_PAIRS, question, found)
     return PairDistances(found.bounds[:, 0], found.bounds[:, 1], found.vectors)
 
 
@@ -241,7 +233,8 @@ def least_distances(
         np.empty((count, 2)), np.empty((count, 2), np.int64), np.full((count, 3, 3), np.nan)
     )
     boxes = accuracy < Accuracy.HULL
-    run(distances_kernel, count, FEWEST_DISTANCES, checked, boxes, False, states, limit, found)
+    question = DistanceQuestion(checked, bool(boxes), False, states, limit)
+    run(distances_kernel, count, FEWEST_DISTANCES, question, found)
     if accuracy == Accuracy.MESH:
         _decide_meshes(prepared, checked, states, limit, found)
     if not boxes:  # of the shapes, not of the prisms around them

@@ -281,14 +281,8 @@ def _examined(
 
     FREE, COLLIDING (itself) or OPEN, and the candidate that is the reason.
     """
-    starts, ends, state, placed, bodies = (
-        motions.starts,
-        motions.ends,
-        room.state,
-        room.placed,
-        checked.bodies,
-    )
-    near, speeds = room.near, room.speeds
+    starts, ends, bodies = motions.starts, motions.ends, checked.bodies
+    state, placed, near, speeds = room.state, room.placed, room.near, room.speeds
     for k in range(state.shape[1]):
         state[0, k] = starts[n, k] + time * (ends[n, k] - starts[n, k])
     for i in range(near.bodies.shape[1]):

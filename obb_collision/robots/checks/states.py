@@ -67,6 +67,19 @@ SPHERE, AABB, HULL = (int(level) for level in (Accuracy.SPHERE, Accuracy.AABB, A
 FEWEST_STATES = 64
 
 
+class StateQuestion(NamedTuple):
+    """States (n, joints) in which bodies are looked for that may collide on a level.
+
+    near: distances within which they count as colliding; first: only the first pair of each state.
+    """
+
+    checked: Checked
+    level: int
+    states: Floats
+    near: PairValues
+    first: bool
+
+
 class Found(NamedTuple):
     """Pairs of bodies (m, 2), those of state n up to row ``ends[n]``, and their numbers (n,)."""
 
@@ -215,36 +228,21 @@ def _hulls_apart(
 
 
 @njit
-def pairs_kernel(
-    checked: Checked,
-    level: int,
-    states: Floats,
-    near: PairValues,
-    first: bool,
-    found: Found,
-    start: int,
-    stop: int,
-) -> None:
+def pairs_kernel(question: StateQuestion, found: Found, start: int, stop: int) -> None:
     """Write the pairs of bodies that may collide in each state; without room, their numbers.
 
-    first: only the first of each state. States whose number is 0 are left out if there is room.
+    States whose number is 0 are left out if there is room.
     """
-    _fill_pairs(checked, level, states, near, first, found, new_placed(checked), start, stop)
+    _fill_pairs(question, found, new_placed(question.checked), start, stop)
 
 
 @njit(inline=True, refcount=False)
 def _fill_pairs(
-    checked: Checked,
-    level: int,
-    states: Floats,
-    near: PairValues,
-    first: bool,
-    found: Found,
-    placed: Placed,
-    start: int,
-    stop: int,
+    question: StateQuestion, found: Found, placed: Placed, start: int, stop: int
 ) -> None:
-    counts, ends, pairs, bodies = found.counts, found.ends, found.pairs, checked.bodies
+    checked, level, states = question.checked, question.level, question.states
+    near, first, bodies = question.near, question.first, checked.bodies
+    counts, ends, pairs = found.counts, found.ends, found.pairs
     for n in range(start, stop):
         if len(pairs) and counts[n] == 0:
             continue
@@ -268,8 +266,8 @@ def first_pairs(prepared: Prepared, accuracy: Accuracy, states: Floats) -> Integ
     count = len(states)
     ends, pairs = np.arange(1, count + 1), np.empty((count, 2), np.int64)
     pairs.fill(-1)
-    check = prepared.checked, int(accuracy), states, prepared.touching, True
-    run(pairs_kernel, count, FEWEST_STATES, *check, Found(ends, ends, pairs))
+    question = StateQuestion(prepared.checked, int(accuracy), states, prepared.touching, True)
+    run(pairs_kernel, count, FEWEST_STATES, question, Found(ends, ends, pairs))
     return pairs
 
 
@@ -282,10 +280,10 @@ def all_pairs(
     """
     counts = np.zeros(len(states), np.int64)
     found = Found(counts, counts, np.empty((0, 2), np.int64))
-    check = pairs_kernel, len(states), FEWEST_STATES, checked, int(accuracy), states, near, False
-    run(*check, found)
+    question = StateQuestion(checked, int(accuracy), states, near, False)
+    run(pairs_kernel, len(states), FEWEST_STATES, question, found)
     found = Found(counts, np.cumsum(counts), np.empty((int(counts.sum()), 2), np.int64))
-    run(*check, found)
+    run(pairs_kernel, len(states), FEWEST_STATES, question, found)
     return np.repeat(np.arange(len(states)), counts), found.pairs
 
 
