@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numba
@@ -51,10 +52,12 @@ def kernel(x):
 
 
 @pytest.fixture(autouse=True)
-def _own_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+def _own_kernels() -> Iterator[None]:
     """Leave those of a test out of those of the package."""
-    monkeypatch.setattr(jit, "kernels", [*jit.kernels])
-    monkeypatch.setattr(jit, "caches", [*jit.caches])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jit, "kernels", [*jit.kernels])
+        patch.setattr(jit, "caches", [*jit.caches])
+        yield
 
 
 def key_of(source: str) -> str:
@@ -78,9 +81,7 @@ def key_of(source: str) -> str:
         ("    x: float\n    y: float", "    y: float\n    x: float", False),
     ],
 )
-def test_the_key_has_what_a_kernel_depends_on(
-    before: str, after: str, same: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_key_has_what_a_kernel_depends_on(before: str, after: str, same: bool) -> None:
     assert before in KERNEL
     assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
 
@@ -92,7 +93,7 @@ def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.Monkey
     assert key_of(KERNEL) != before
 
 
-def test_what_a_key_cannot_be_made_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_key_cannot_be_made_of_is_refused() -> None:
     with pytest.raises(TypeError, match="depends on a dict"):
         key_of(KERNEL.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
 
