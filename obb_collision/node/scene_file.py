@@ -93,7 +93,7 @@ class SceneFile:
         """Return the rules of what may touch."""
         return [
             (first, second, rule.allowed)
-            for rule in self._scene.rules.allowed
+            for rule in self._scene.allowed
             for first, second in product(
                 self._patterns([rule.first]), self._patterns([rule.second])
             )

@@ -41,10 +41,9 @@ from obb_collision.scene.broad_phase.find_pairs import (
 )
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.few import FEW, few_pairs
 from obb_collision.scene.findings import Findings, Layout
 from obb_collision.scene.limit import find_limited, most_candidates
-from obb_collision.scene.merging import merge_keys, merge_pairs
+from obb_collision.scene.pair_updates import FEW, few_pairs, merge_keys, merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
 from obb_collision.scene.store.allowed import PairRules

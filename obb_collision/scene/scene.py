@@ -39,8 +39,7 @@ from obb_collision.scene.checks import Checks
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.named_objects import NamedObjects
 from obb_collision.scene.objects import check_padding, local_boxes
-from obb_collision.scene.questions import any_collides, body_in, colliding_with
-from obb_collision.scene.ray_questions import cast_at_objects
+from obb_collision.scene.questions import any_collides, body_in, cast_at_objects, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import PairRules

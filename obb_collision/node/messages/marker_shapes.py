@@ -46,7 +46,6 @@ from obb_collision.geometry.fitting.enclosing import enclose_points
 from obb_collision.geometry.shapes.files import shortened
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, SMALLEST_MEANT
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import (
     CUBE_CORNERS,
     UNREADABLE,
@@ -57,6 +56,7 @@ from obb_collision.scene.building.jobs import (
     body_corners,
     perform,
 )
+from obb_collision.scene.building.wire import BuildError
 from obb_collision.typing import Floats
 
 Signature = tuple[Any, ...]

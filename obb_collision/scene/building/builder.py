@@ -23,9 +23,9 @@ from itertools import count
 from threading import Condition, Thread
 from typing import Any
 
-from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError
 from obb_collision.scene.building.jobs import Job
 from obb_collision.scene.building.process import Limits, WorkerProcess
+from obb_collision.scene.building.wire import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError
 
 #: Jobs that may wait, whatever their size.
 MOST_WAITING = 20_000

@@ -25,8 +25,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from obb_collision import _kernel_cache
-from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
-from obb_collision.scene.building.wire import Message, Pipe
+from obb_collision.scene.building.wire import (
+    NO_BUILDER,
+    NO_MEMORY,
+    TOO_SLOW,
+    BuildError,
+    Message,
+    Pipe,
+)
 
 #: Seconds that the process may take to begin: it takes 1 idle, 4 where it compiles.
 STARTING = 60.0

@@ -32,6 +32,22 @@ from typing import Any
 
 import numpy as np
 
+BAD_SHAPE = "bad shape"
+NO_MEMORY = "not enough memory"
+TOO_SLOW = "building took too long"
+NO_BUILDER = "shape builder failed"
+TOO_MANY = "too many shapes waiting"
+
+
+class BuildError(ValueError):
+    """``reason`` is a short fixed phrase, one of the above or a job's own; ``detail`` says more."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        super().__init__(f"{reason}: {detail}" if detail else reason)
+        self.reason = reason
+        self.detail = detail
+
+
 #: Values of JSON, and arrays of numbers.
 Message = dict[str, Any]
 

@@ -24,9 +24,8 @@ from pathlib import Path
 import numpy as np
 
 from obb_collision import _kernel_cache
-from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, BuildError
 from obb_collision.scene.building.jobs import perform
-from obb_collision.scene.building.wire import Message, Pipe
+from obb_collision.scene.building.wire import NO_BUILDER, NO_MEMORY, BuildError, Message, Pipe
 from obb_collision.shapes import Hull
 
 #: Seconds beyond the time of a job after which the process ends itself.

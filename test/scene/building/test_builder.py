@@ -29,10 +29,16 @@ from each import each
 
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building.builder import Builder, Outcome
-from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError
 from obb_collision.scene.building.jobs import Triangles
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.wire import Message, Pipe
+from obb_collision.scene.building.wire import (
+    NO_BUILDER,
+    NO_MEMORY,
+    TOO_MANY,
+    BuildError,
+    Message,
+    Pipe,
+)
 
 ONE = np.ones(3)
 

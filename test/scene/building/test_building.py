@@ -31,7 +31,6 @@ from each import each
 from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.scene.building import process
 from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
 from obb_collision.scene.building.jobs import (
     BAD_POINTS,
     TOO_MANY_TRIANGLES,
@@ -43,6 +42,7 @@ from obb_collision.scene.building.jobs import (
     body_corners,
 )
 from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.wire import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
 from obb_collision.shapes import Hull, Mesh
 
 ONE = np.ones(3)

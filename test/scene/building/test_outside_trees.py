@@ -33,12 +33,11 @@ from obb_collision.geometry.trees import pool as pools
 from obb_collision.geometry.trees.pool import TreePool, mesh_tree
 from obb_collision.scene.building import outside
 from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.errors import BuildError
+from obb_collision.scene.building.jobs import BuildJob, perform_build
 from obb_collision.scene.building.outside import OutsideTrees
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.shape_cache import PerShape
-from obb_collision.scene.building.tree_jobs import BuildJob, perform_build
-from obb_collision.scene.building.wire import Message
+from obb_collision.scene.building.wire import BuildError, Message
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
 MOST_CHECKS = 100
