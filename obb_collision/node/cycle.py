@@ -128,7 +128,7 @@ class SetAside:
         return None
 
 
-class Cycle:
+class CycleRunner:
     """Runs cycles, and measures their durations.
 
     collect: reads the queued messages; returns their maximum waiting time (s).

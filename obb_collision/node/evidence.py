@@ -25,7 +25,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-from obb_collision.node.cycle import Cycle
+from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import (
     MAX_NAMED,
     RADIUS,
@@ -60,7 +60,7 @@ class Evidence:
         self,
         parameters: Parameters,
         objects: Objects,
-        cycle: Cycle,
+        cycle: CycleRunner,
         inputs: Mapping[str, InputMonitor],
         unknown: UnknownObjects,
         robots: Robots | None,

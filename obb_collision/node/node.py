@@ -37,7 +37,7 @@ from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import reporting
-from obb_collision.node.cycle import Cycle
+from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.evidence import Evidence
@@ -272,7 +272,7 @@ class CollisionNode(ManagedNode):
         """Create the check, and what calls it."""
         self._settings = SceneParameters(self.parameters, self.objects, self._warm, self._effects)
         self._settings.allowed = self._allowed = allowed
-        self.cycle = Cycle(
+        self.cycle = CycleRunner(
             self.parameters,
             self.objects,
             self._obstacles,

@@ -27,7 +27,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.cycle import Cycle
+from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
 from obb_collision.node.diagnostics.monitors import (
     NANOSECONDS_F,
@@ -297,7 +297,7 @@ class Reporting:
         monitors: dict[str, InputMonitor],
         subscriptions: Subscriptions,
         objects: Objects,
-        cycle: Cycle,
+        cycle: CycleRunner,
         outputs: Outputs,
         now: Callable[[], int],
         robots: Sequence[RobotInput] = (),

@@ -382,6 +382,16 @@ class Rig(Client):
         return self.node._monitors[topic]
 
     @property
+    def subscribed(self) -> Any:
+        """Subscriptions of the node."""
+        return self.node._subscribed
+
+    @property
+    def obstacles(self) -> Any:
+        """Obstacle points of the node."""
+        return self.node._obstacles
+
+    @property
     def frames(self) -> Any:
         """Frames that the node looks transforms up in."""
         return self.node._frames

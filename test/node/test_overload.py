@@ -83,7 +83,7 @@ def test_of_messages_that_take_long_no_more_than_one_delays_a_cycle(
         rig.send_states(["a/2"], [pose(9.0 + step)])
     taken = []
     for _ in range(4):
-        rig.node._subscribed.drain()
+        rig.subscribed.drain()
         taken.append(monitor.messages)
     assert taken == [1, 2, 3, 3]
 

@@ -62,11 +62,6 @@ def stamp_from_ros(stamp: Time) -> int:
     return seconds * NANOSECONDS + rest
 
 
-def duration_from_ros(duration: Duration) -> int:
-    """Nanoseconds of a Duration; it may be negative."""
-    return int(duration.sec) * NANOSECONDS + int(duration.nanosec)
-
-
 def stamp_to_ros(nanoseconds: int) -> Time:
     """Time message of whole nanoseconds."""
     seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
@@ -82,12 +77,6 @@ def duration_to_ros(seconds: float) -> Duration:
 def name_from_key(key: Key) -> str:
     """Return the object's name, ``ns/id``; an empty namespace gives ``/id``."""
     return f"{key[0]}/{key[1]}"
-
-
-def pose_from_ros(pose: Pose) -> Floats:
-    """(7,) array of a Pose."""
-    p, q = pose.position, pose.orientation
-    return np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
 
 
 def pose_to_ros(pose: Sequence[float] | Floats) -> Pose:

@@ -204,7 +204,7 @@ def test_overload_is_said_with_the_age_of_the_newest_state(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, seconds: int
 ) -> None:
     rig.listen("/diagnostics")
-    subscribed = rig.node._subscribed
+    subscribed = rig.subscribed
     taken = subscribed.take_wait
     monkeypatch.setattr(subscribed, "take_wait", lambda: (wait := taken()) and wait + seconds)
     stamp = stamp_to_ros(rig.now() - 3 * SECOND)
@@ -228,7 +228,7 @@ def test_no_message_has_no_delay(rig: Rig) -> None:
     rig.send(cube(A1))
     rig.answer()
     rig.cycles(1)
-    assert rig.node._subscribed.take_wait() == 0.0
+    assert rig.subscribed.take_wait() == 0.0
     rig.listen("/diagnostics")
     rig.next("/diagnostics")
     assert "longest delay (s)" not in rig.status(": cycle")
@@ -242,11 +242,10 @@ def test_all_that_waits_is_taken_before_one_cycle() -> None:
             rig.send_transform("a/1", pose(x + 0.5))
         sent = rig.stamp
         total = rig.node.cycle.monitor.total
-        monitors = rig.node._monitors
-        rig.until(lambda: monitors["objects"].messages > 0, "the first message")
+        rig.until(lambda: rig.monitor("objects").messages > 0, "the first message")
         rig.node._collect()
-        assert monitors["objects"].messages == 30
-        assert monitors["object_transform"].messages == 30
+        assert rig.monitor("objects").messages == 30
+        assert rig.monitor("object_transform").messages == 30
         assert rig.node.cycle.monitor.total == total
         table = rig.node.objects.table
         assert table.stamp[table.slots[A1]] == sent

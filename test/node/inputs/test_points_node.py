@@ -112,7 +112,7 @@ def test_a_cloud_waits_for_its_frame_and_no_longer_than_the_timeout() -> None:
 
 def latest(rig: Rig) -> int:
     """Stamp of the cloud that waits to be looked at."""
-    waiting = rig.node._obstacles.waiting.clouds
+    waiting = rig.obstacles.waiting.clouds
     return waiting[-1].stamp if waiting else 0
 
 

@@ -297,7 +297,7 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
         rig.until(lambda: "points_inside" in rig.last, "points_inside")
         frames.spans["lidar"] = 0, rig.stamp
         stamps: list[int] = []
-        obstacles = rig.node._obstacles
+        obstacles = rig.obstacles
         for x in (0.0, 0.4, 9.0):
             rig.send_points([[x, 0, 0]], "lidar")
             stamps.append(rig.stamp)
@@ -311,7 +311,7 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
 
 def test_clouds_that_wait_are_bounded() -> None:
     with Rig(KnownUntil(), transform_timeout=30.0) as rig:
-        obstacles = rig.node._obstacles
+        obstacles = rig.obstacles
         rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
         for number in range(100):
             header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")

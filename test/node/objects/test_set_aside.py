@@ -27,6 +27,7 @@ from each import each
 from objects_rig import START, ObjectsRig
 from rig import Rig, color, cube, pose, sync
 
+from obb_collision import find_pairs
 from obb_collision.node import namespace_number
 from obb_collision.node.cycle import MAX_TRIES, RETRY_PERIOD, SetAside
 from obb_collision.node.diagnostics.answer import UNKNOWN, Reason, objects_answer
@@ -35,10 +36,9 @@ from obb_collision.node.objects.conditions import ASIDE
 from obb_collision.node.objects.states import State
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene import checker
-from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import clearance, contacts, points
-from obb_collision.scene.scene import Scene
+from obb_collision.scene.objects import SceneObjects
 
 A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
 
@@ -204,14 +204,14 @@ def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
 
 
 def in_placing(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
-    place = Scene.place
+    place = SceneObjects.place
 
     def fail(scene: Any, slots: Any, poses: Any) -> None:
         if bad() in slots:
             raise UnforeseenError("by the test")
         place(scene, slots, poses)
 
-    patch.setattr(Scene, "place", fail)
+    patch.setattr(SceneObjects, "place", fail)
     return "placing objects"
 
 

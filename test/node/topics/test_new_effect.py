@@ -114,10 +114,9 @@ print(json.dumps({
 """
 
 
-@pytest.fixture(scope="module")
-def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def test_an_effect_is_one_file_and_one_entry(tmp_path: Path) -> None:
     """Run a program with a copy of the package that has one more effect."""
-    folder = tmp_path_factory.mktemp("with_heights")
+    folder = tmp_path
     package = folder / "obb_collision"
     ignored = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(obb_collision.__file__).parent, package, ignore=ignored)
@@ -132,21 +131,11 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    assert result["package"].startswith(str(folder))
-    return result
-
-
-def test_a_check_computes_it_and_the_report_has_it(seen: dict[str, Any]) -> None:
+    seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert seen["package"].startswith(str(folder))
     assert (seen["pairs"], seen["heights"]) == ([[0, 1]], [0.25])
-
-
-def test_the_node_publishes_it_and_the_reader_names_it(seen: dict[str, Any]) -> None:
     assert seen["named"] == [["a/1", "a/2", -0.25]]
     assert seen["states"] == ["auto, computed"]
-
-
-def test_it_has_parameters_and_is_made_ready_as_the_others(seen: dict[str, Any]) -> None:
     parameters = seen["parameters"]
     assert parameters["effects.heights"] == (
         "How far one object is above the other: the topic object_heights."
