@@ -14,7 +14,8 @@
 
 """Input that makes no sense is refused at the edge: a ValueError that names the argument.
 
-Never a boolean answer for NaN: every public way in is tried with every kind of nonsense.
+Never a boolean answer for NaN: every public way in is tried with every kind of nonsense. Names from
+outside can be printed, sent and matched, and values in messages are short.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import obb_collision as oc
+from obb_collision.words import MAX_NAME, MAX_SHOWN, check_name, printable, shown
 
 ROWS = 5
 SINGULAR = {"centers": "center", "rotations": "rotation", "half_extents": "half_extents"}
@@ -142,3 +144,55 @@ def test_a_refused_change_leaves_the_box_as_it_was() -> None:
     with pytest.raises(ValueError, match="half_extents"):
         box.set(np.zeros(3), np.eye(3), [1.0, np.nan, 1.0])
     assert box == oc.OBB([1.0, 2.0, 3.0], np.eye(3), [1.0, 2.0, 3.0])
+
+
+BAD_NAMES = ["", "\ud800/1", "a\x00b", "a\nb", "\x1b[31m", "a\u2028b", "a\x85", "x" * 10**6]
+
+
+class Sulky:
+    """Can't be shown."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no")
+
+
+@each("name", [*BAD_NAMES, None, 3, b"a", ["a"]])
+def test_what_is_no_name_is_refused_in_one_printable_line(name: Any) -> None:
+    with pytest.raises(ValueError, match=r"^name must ") as error:
+        check_name(name, "name")
+    assert str(error.value).isprintable()
+    assert len(str(error.value)) < 200
+
+
+@each("name", ["a", "gripper/1", "Ünïcode 物 🎲", "/5", " ", "x" * MAX_NAME])
+def test_other_names_stay_as_they_are(name: str) -> None:
+    assert check_name(name, "name") == name
+
+
+@each("name", BAD_NAMES)
+def test_no_scene_has_an_object_of_such_a_name(name: str) -> None:
+    scene = oc.Scene()
+    with pytest.raises(ValueError, match=r"^name must "):
+        scene.add(name, oc.shapes.Box([1, 1, 1]))
+    assert len(scene) == 0
+
+
+@each("value", [
+        "x" * 10**6, "\ud800", 10**5000, dict.fromkeys(range(99), "a" * 99), np.zeros((99, 99)),
+        [[["\n"] * 99] * 99] * 99, Sulky(), None, b"\x00" * 999,
+    ])  # fmt: skip
+def test_values_are_shown_in_a_short_line(value: Any) -> None:
+    text = shown(value)
+    assert 0 < len(text) <= MAX_SHOWN
+    assert text.isprintable()
+    text.encode()
+
+
+def test_values_of_just_the_length_that_is_shown_are_whole() -> None:
+    value = ["x" * 36, "x" * 36]
+    assert (len(repr(value)), shown(value)) == (MAX_SHOWN, repr(value))
+    assert shown(["x" * 36, "x" * 37]) == repr(value)[:-3] + "..."
+
+
+def test_what_cannot_be_printed_is_escaped() -> None:
+    assert printable("a\nb\x00\ud800 é") == "a\\nb\\x00\\ud800 é"

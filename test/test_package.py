@@ -115,3 +115,31 @@ def test_ubuntus_versions_are_allowed() -> None:
         found, least = ([int(part) for part in one[name].split(".")] for one in (ubuntu, bounds))
         assert found >= least, name
     assert {"numpy", "scipy", "numba"} <= set(ubuntu)
+
+
+ROOT = Path(__file__).parent.parent
+SOURCES = sorted(
+    [ROOT / "setup.py"]
+    + [
+        path
+        for folder in ("launch", "obb_collision", "test")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
+)
+#: The comment block of this file: copyright, licence, where it is.
+HEADER = Path(__file__).read_text(encoding="utf-8").partition("\n\n")[0] + "\n\n"
+
+
+def test_the_header_is_that_of_the_apache_license() -> None:
+    first, _, rest = HEADER.partition("\n")
+    assert first == "# Copyright 2026 The obb_collision developers"
+    wanted = (ROOT / "LICENSE").read_text(encoding="utf-8").partition("Licensed under the Apache")
+    text = " ".join(line.removeprefix("#").strip() for line in rest.splitlines()).split()
+    assert text == ("Licensed under the Apache" + wanted[2]).split()
+
+
+def test_source_files_begin_with_copyright_and_licence() -> None:
+    contents = {path: path.read_text(encoding="utf-8") for path in SOURCES}
+    assert len(contents) > 500
+    without = [path for path, text in contents.items() if text and not text.startswith(HEADER)]
+    assert without == []
