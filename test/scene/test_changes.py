@@ -218,24 +218,6 @@ def test_a_report_is_of_its_check_whatever_changes_before_it_is_read(
         assert_same(report, anew, (*EFFECTS, "points"))
 
 
-@each("once", ["remove", "disable", "accuracy"])
-def test_spheres_leave_nothing_behind(once: str) -> None:
-    scene = oc.Scene(accuracy="aabb")
-    for k in range(80):
-        scene.add(f"rod/{k}", Box([2.0, 0.1, 0.1]), [0.0, 0.3 * k, 0.0, 0.0, 0.0, 0.0, 1.0])
-    scene.add("ball", Sphere(0.1), [50.0, 0, 0, 0, 0, 0, 1], accuracy="sphere")
-    scene.check()
-    if once == "remove":
-        scene.remove("ball")
-    elif once == "disable":
-        scene.set_enabled("ball", False)
-    else:
-        scene.set_accuracy("ball", "obb")
-    scene.check()
-    scene.move("rod/3", [0.01, 0.9, 0.0, 0.0, 0.0, 0.0, 1.0])
-    assert scene.check().names() == []
-
-
 def test_a_box_of_another_size_beside_a_mesh_is_not_what_it_was() -> None:
     scene, unit = oc.Scene(accuracy="mesh"), np.ones((1, 3))
     scene.add("ring", SHAPES[5])

@@ -39,7 +39,7 @@ def found(report: oc.Report) -> Distances:
     return dict(zip(map(tuple, near.pairs.tolist()), near.distances.tolist(), strict=True))
 
 
-@each("limit", [0.0, 0.05, 1.0, 100.0])
+@each("limit", [0.0, 0.0625, 1.0, 100.0])
 def test_all_pairs_within_the_limit_are_there_and_no_others(limit: float) -> None:
     scene = filled_scene(40)
     scene.set_effect("clearance", max_distance=limit)
@@ -47,6 +47,12 @@ def test_all_pairs_within_the_limit_are_there_and_no_others(limit: float) -> Non
     assert {tuple(pair) for pair in report.pairs.tolist()} <= set(expected)
     scene.move_indices(scene.indices, random_poses(40, np.random.default_rng(1), 2.0))
     assert found(report) == expected  # of the check, though read later
+    scene = oc.Scene()
+    for k in range(3):
+        scene.add(f"{k}", oc.shapes.Box([1, 1, 1]), [(1.0 + limit) * k, 0, 0, 0, 0, 0, 1])
+    scene.set_effect("clearance", max_distance=limit)
+    near = scene.check().clearances
+    assert near.pairs[near.distances == limit].tolist() == [[0, 1], [1, 2]]
 
 
 def test_pairs_of_callers_only_and_not_allowed_ones() -> None:

@@ -106,18 +106,25 @@ def allocated(call: Callable[[], object]) -> int:
 
 
 def test_boxes_are_copied_only_for_reports_in_use_and_only_where_many_move() -> None:
-    scene = row_of_cubes(2000)
+    scene, rows = row_of_cubes(2000), np.arange(2000)
     copy = 2000 * 12 * 8  # centres and rotations
-    frames = [scene.objects.poses_of(scene.indices) + at(0.125 * k, w=0.0) for k in range(6)]
-    rows = np.arange(2000)
-    scene.move_indices(rows, frames[0])  # what the first time allocates for good
-    report = scene.check()
-    assert allocated(lambda: scene.move_indices(rows[:1], frames[1][:1])) < copy / 4
-    assert allocated(lambda: scene.move_indices(rows, frames[2])) >= copy
-    assert len(report.depths) == len(report) == 1999
-    del report
-    scene.check()
-    assert allocated(lambda: scene.move_indices(rows, frames[3])) < copy
+    frames = [scene.objects.poses_of(rows) + at(0.125 * k, w=0.0) for k in range(6)]
+    for _ in range(2):  # the first time something is allocated for good
+        scene.move_indices(rows, frames[0])
+        report = scene.check()
+        one = allocated(lambda: scene.move_indices(rows[:1], frames[1][:1]))
+        everything = allocated(lambda: scene.move_indices(rows, frames[2]))
+        later = scene.check()
+        scene.move_indices(rows[::2], frames[4][::2])
+        for k, frame in enumerate((frames[4], frames[2])):
+            assert scene.boxes.centers[k::2].tolist() == frame[k::2, :3].tolist()
+        assert np.allclose(later.depths, 0.25)
+        assert len(report.depths) == len(report) == 1999
+        del report, later
+        scene.check()
+        unused = allocated(lambda: scene.move_indices(rows, frames[3]))
+    assert one < copy / 4
+    assert everything >= copy > unused
 
 
 def test_for_reports_in_use_what_few_objects_were_is_noted() -> None:

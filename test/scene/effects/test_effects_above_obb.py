@@ -119,11 +119,13 @@ def some_shapes() -> list[Shape]:
 SHAPES = some_shapes()
 
 
-def some_scene(accuracy: str, padding: float = 0.0, spread: float = 0.6) -> oc.Scene:
+def some_scene(
+    accuracy: str, padding: float = 0.0, spread: float = 0.6, order: int = 1
+) -> oc.Scene:
     rng = np.random.default_rng(1)
     scene = oc.Scene(accuracy=accuracy, padding=padding)
     scene.set_effect("clearance", max_distance=10.0)
-    for number, shape in enumerate(SHAPES):
+    for number, shape in enumerate(SHAPES[::order]):
         turn = Rotation.random(1, rng).as_quat()[0]
         scene.add(str(number), shape, [*rng.uniform(-spread, spread, 3), *turn])
     return scene
@@ -183,10 +185,11 @@ def test_padding_is_a_ball_about_shapes(level: str) -> None:
     assert Accuracy[level.upper()] in report.accuracies
 
 
-def test_points_of_a_distance_at_mesh_are_that_far_apart() -> None:
-    report = some_scene("mesh", spread=1.0).check("clearance")
-    found = report.clearances
-    apart = (found.pairs[:, 0] < len(MESHES)) & (found.distances > 0.0)
+@each("order", [1, -1])
+def test_points_of_a_distance_at_mesh_are_that_far_apart(order: int) -> None:
+    report = some_scene("mesh", spread=1.0, order=order).check("clearance")
+    found, whole = report.clearances, [isinstance(shape, Mesh) for shape in SHAPES[::order]]
+    apart = np.array(whole)[found.pairs].any(axis=1) & (found.distances > 0.0)
     assert 30 < apart.sum() < len(found.pairs)
     ways = (found.positions_b - found.positions_a)[apart]
     np.testing.assert_allclose(np.linalg.norm(ways, axis=1), found.distances[apart], atol=1e-9)

@@ -40,10 +40,10 @@ class World:
     levels (m,): the last level that reports a pair; noise: of the times; spikes: share of the
     calls in which somebody else has the processor for 3 ms; slow: how many times as long all takes;
     shared: seconds that the first call of a cycle takes, call: seconds that each call for pairs
-    does.
+    does; after: seconds that a cycle takes after its pairs.
     """
 
-    shared, call, slow = 0.0, 0.0, 1.0
+    shared, call, slow, after = 0.0, 0.0, 1.0, 5e-4
 
     def __init__(
         self, count: int, noise: float = 0.0, spikes: float = 0.0, seconds: float = BUDGET
@@ -93,7 +93,7 @@ class World:
         self.spend(1e-3)
         wanted, waiting = np.full(count, asked, np.int8), np.zeros(count, np.bool_)
         refine(self, wanted, waiting, levels, verdicts, budget)
-        self.spend(5e-4)
+        self.spend(self.after)
         self.budget.finish()
         assert ((verdicts != SEPARATE) == (self.levels >= levels)).all()
         assert (levels <= asked).all()
@@ -174,15 +174,19 @@ def test_the_cap_falls_at_once_and_rises_after_a_while() -> None:
     assert world.budget.cap == MESH
 
 
-def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones() -> None:
-    world = World(45)
+@each("count, after", [(45, 5e-4), (30, 3e-3)])
+def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones(
+    count: int, after: float
+) -> None:
+    world = World(count)
+    world.after = after
     assert all_on(world.cycles(20), MESH) == 1.0
     world.costs[MESH] *= 3.0
     first = world.cycle()
     assert world.budget.used <= BUDGET
     left = np.flatnonzero(first == OBB)
     assert left[0] > 0
-    assert left.tolist() == list(range(left[0], 45))
+    assert left.tolist() == list(range(left[0], count))
     assert world.budget.cap == MESH  # one cycle may be an accident
     world.cycles(10)
     assert world.budget.cap == HULL
