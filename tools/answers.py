@@ -79,10 +79,8 @@ def of_boxes() -> Iterator[tuple[str, object]]:
     for name in FAMILIES:
         a, b = (oc.Boxes(*arrays) for arrays in generate(name, PAIRS, 5))
         ends = [
-            oc.Boxes(
-                boxes.centers + rng.normal(0, 0.3, (PAIRS, 3)), boxes.rotations, boxes.half_extents
-            )
-            for boxes in (a, b)
+            oc.Boxes(x.centers + rng.normal(0, 0.3, (PAIRS, 3)), x.rotations, x.half_extents)
+            for x in (a, b)
         ]
         moving = oc.MovingBoxes(a, ends[0]), oc.MovingBoxes(b, ends[1])
         yield f"{name} verdicts", oc.verdicts(a, b)

@@ -79,20 +79,13 @@ def pair_sets(corpus: Corpus, count: int, hard: int, seed: int) -> list[Set]:
     throw = Crowd(corpus, count, seed).throw()
     boxes = throw.boxes
     far = Boxes(boxes.centers + FAR, boxes.rotations, boxes.half_extents)
-    sides = [generate(name, hard, seed) for name in FAMILIES]
-    a, b = (
-        Boxes(*map(np.concatenate, zip(*side, strict=True))) for side in zip(*sides, strict=True)
-    )
-    both = Boxes.trusted(
-        np.concatenate([a.centers, b.centers]),
-        np.concatenate([a.rotations, b.rotations]),
-        np.concatenate([a.half_extents, b.half_extents]),
-    )
-    rows = np.arange(len(a))
+    first, second = zip(*(generate(name, hard, seed) for name in FAMILIES), strict=True)
+    both = Boxes(*map(np.concatenate, zip(*first, *second, strict=True)))
+    rows = np.arange(len(both) // 2)
     return [
         Set("a scene", boxes, throw.first, throw.second),
         Set("100 km off", far, throw.first, throw.second),
-        Set("hard pairs", both, rows, rows + len(a)),
+        Set("hard pairs", both, rows, rows + len(rows)),
     ]
 
 

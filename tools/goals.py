@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Goals of the step, the node and the first start, measured in one run: what is met, and what not.
 
 Ours uses as many threads as there are cores, MuJoCo, coal and python-fcl one each, and MuJoCo
@@ -342,13 +343,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-#: Seconds: the default node, the same once more, what is switched on late, and everything by two
-#: processes.
+#: Seconds: the default node, the same once more, what is switched on late, and everything.
 STARTED, WARM, LATE, EVERYTHING = 12.0, 2.0, 12.0, 60.0
 #: How a program compiles steps, as the node does beside its cycles.
 COMPILE = "from obb_collision.warm_up.processes import compile_steps; import sys; "
 COMPILE += "progress = compile_steps(sys.argv[1:]); sys.exit(bool(progress.failed))"
-READY = "ready: "
 #: What every node needs.
 DEFAULT = [BOXES, MESSAGES, "effect separations"]
 
@@ -393,7 +392,7 @@ def _node(cache: Path) -> float:
     output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(**_command(cache, "-c", code), **output) as process:
         try:
-            if any(READY in line for line in process.stdout or ()):
+            if any("ready: " in line for line in process.stdout or ()):
                 return perf_counter() - start
         finally:
             process.kill()

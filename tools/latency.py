@@ -268,14 +268,8 @@ def main(args: Sequence[str] | None = None) -> int:
         prog="python -m tools.latency",
         description=__doc__.splitlines()[0] if __doc__ else None,
     )
-    parser.add_argument(
-        "--objects",
-        type=whole(1, 20000),
-        nargs="+",
-        default=SIZES,
-        metavar="N",
-        help="numbers of moving boxes",
-    )
+    given = {"nargs": "+", "default": SIZES, "metavar": "N", "help": "numbers of moving boxes"}
+    parser.add_argument("--objects", type=whole(1, 20000), **given)  # type: ignore[arg-type]
     option(parser, "--new", whole(1, 20000), OTHERS, "boxes with other ids in every frame")
     option(parser, "--seconds", real(0.1, 86400.0), 5.0, "duration of each measurement")
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")

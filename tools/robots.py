@@ -271,12 +271,8 @@ def save_plot(rows: Sequence[Row], path: Path) -> None:
     places = {world: n for n, world in enumerate(dict.fromkeys(row["world"] for row in rows))}
     for name in names:
         some = [row for row in rows if row["checker"] == name]
-        axes.plot(
-            [places[row["world"]] for row in some],
-            [row["states_per_second"] for row in some],
-            "o-",
-            label=name,
-        )
+        x, y = zip(*((places[row["world"]], row["states_per_second"]) for row in some), strict=True)
+        axes.plot(x, y, "o-", label=name)
     axes.set_xticks(list(places.values()), list(places), rotation=30, ha="right")
     axes.set_yscale("log")
     axes.set_ylabel("states per second, one core")

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Counts wrong answers per family of box pairs: this library, a textbook test, installed peers.
 
 The truth is the library's integer arithmetic for *every* pair (`verdicts` uses it for undecided

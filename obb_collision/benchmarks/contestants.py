@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Contestants of the full step, this library and its peers, and the scenes that they get.
 
 Each is built once from half extents and first poses, because a tree is only as good as the poses

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Costs of effects beside the step without, and their errors by accuracy.
 
 Costs (``obb_collision speed --effects``): the scenes that come with the package move as their

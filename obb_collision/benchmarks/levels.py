@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The levels of accuracy on bodies thrown into a room, and peers on the same pairs.
 
 A level is used as in a ``Scene``: those above ``obb`` decide only the pairs that ``obb`` reports.

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The user's side: subscribes to a node's topics and stores the latest message of each, by name.
 
 A narrator per topic makes the lines that the demo prints: ``update`` takes a message's named rows

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Runs the demo: the node, a publisher and a listener in one process, topics in between.
 
 The publisher is the robot's side: the scene's objects, their motion and the lidar's points.

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The content of a scene file, as values: objects, groups, allowed pairs, accuracy, effects, lidar.
 
 The simulated lidar, for demos and measurements of the effect ``points``: its rays hit the floor (z

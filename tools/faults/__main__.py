@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The list of faults, how one is tried, and the console script ``python -m tools.faults``."""
 
 from __future__ import annotations

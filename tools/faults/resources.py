@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Faults of resources: descriptors, memory, the cache of compiled kernels, and time."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The parts of an attack in one process, or a share of each in several.
 
 Files are read by a process that is watched, and some are given to a node at its start.

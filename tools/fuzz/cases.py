@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The messages of an attack by number, and hostile cases that chance would not make.
 
 A message is a function of the seed and of its number alone, so that a number from a report is

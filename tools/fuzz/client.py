@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The client of an attacked node: publishers, what it receives, hostile requests to services.
 
 After a request to a service everything is set back as it was.

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Files for a node: meshes, descriptions of robots and scenes, good ones and mutants.
 
 ``python -m tools.fuzz.files`` reads mutated scenes or robots in a process of its own.

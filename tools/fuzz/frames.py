@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The node's process of an attack, with stand-ins for tf2 and vision_msgs where not installed.
 
 That for tf2 stores what it is given, as tf2 would not: what is no number comes to the node's own

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Valid messages for every input of the node, of random content: what mutations start from.
 
 Those of vision_msgs, which is not on PyPI, are look-alikes. They have what mutations need of a

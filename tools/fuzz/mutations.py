@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Hostile values in the fields of a message, and damage to its bytes or those of a file."""
 
 from __future__ import annotations

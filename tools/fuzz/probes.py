@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Good items among hostile ones in the same messages, and which pairs of them collide.
 
 A probe is a set of boxes with ids of its own. They arrive by markers, or are put in place by one of

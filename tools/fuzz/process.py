@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The node in a process of its own, a process that shows stalls, and the set-up of Fast DDS."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Results of an attack: what was sent and seen, growth of the node, and what of it is a fault."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Messages on the topics of a robot, good and bad, and states whose answers are verified."""
 
 from __future__ import annotations

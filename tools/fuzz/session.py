@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """One attack: hostile messages in batches, and after each batch a probe that must be answered.
 
 The longest time between two answers of the node is read from the times at which it published them,

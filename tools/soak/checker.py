@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Compares answers of the node with the truth, whichever changes of a step they have.
 
 The truth: all pairs, by the corners of both boxes on 15 axes. It shares no code and no formula

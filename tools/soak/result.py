@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Result of a run: what was sent and checked, what the node's process holds (Linux), what held."""
 
 from __future__ import annotations

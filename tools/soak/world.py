@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The scene, the changes of each step, and their messages: the same for the same seed.
 
 A step has at most one change per input. Each body is changed by one input at most, and each input

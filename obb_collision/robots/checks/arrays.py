@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Arrays for kernels: one tree of several robots, bodies, and their places in one state.
 
 Error analysis, with u = 2^-53: a chain of k joints moves a point by at most 24 k u L from where

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Bodies of shapes in the frames of links, and of the objects of a scene, which do not move.
 
 They are convex bodies for kernels, and meshes. All that robots take from the inside of a scene is
