@@ -174,6 +174,21 @@ def test_the_cap_falls_at_once_and_rises_after_a_while() -> None:
     assert world.budget.cap == MESH
 
 
+def test_a_level_that_does_not_last_is_waited_for_twice_as_long_as_before() -> None:
+    world, waits = World(1000), []
+    world.cycles(SETTLING)
+    for _ in range(4):
+        world.costs[MESH], before = 2e-6, len(world.caps)
+        while world.budget.cap < MESH:
+            world.cycle()
+        waits.append(len(world.caps) - before)
+        world.costs[MESH] = 1e-4
+        while world.budget.cap == MESH:
+            world.cycle()
+    assert WAIT <= waits[0] < 2 * WAIT
+    assert all(wait >= 2**n * WAIT for n, wait in enumerate(waits))
+
+
 @each("count, after", [(45, 5e-4), (30, 3e-3)])
 def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones(
     count: int, after: float
