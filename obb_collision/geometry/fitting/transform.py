@@ -29,10 +29,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision.geometry.fitting.candidates import complete_frame
 from obb_collision.geometry.fitting.enclosing import ExactFrame
-from obb_collision.geometry.validation import (
-    as_array,
-    orthonormal_defect,
-)
+from obb_collision.geometry.validation import as_array, orthonormal_defect
 from obb_collision.numerics.constants import (
     FLAT,
     MAX_MAGNITUDE,

@@ -306,8 +306,7 @@ KINDS = {
     "far away": lambda p: p + 1e7,
 }
 CLOUDS = st.lists(
-    st.tuples(st.sampled_from(sorted(KINDS)), st.integers(1, 40), st.integers(0, 10**6)),
-    max_size=5,
+    st.tuples(st.sampled_from(sorted(KINDS)), st.integers(1, 40), st.integers(0, 10**6)), max_size=5
 )
 
 

@@ -50,16 +50,7 @@ from obb_collision.geometry.trees.pool import (
     hull_tree,
     mesh_tree,
 )
-from obb_collision.shapes import (
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Mesh,
-    Shape,
-    Sphere,
-)
+from obb_collision.shapes import Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 from obb_collision.typing import Floats
 
 ZOO = zoo()

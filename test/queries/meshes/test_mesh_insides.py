@@ -225,10 +225,7 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
     hulls = pool([hull_mesh(Hull(vertices))[0] for vertices, _ in meshes])
     places = random_bodies(2 * BODIES, len(meshes), 0.6, 0)
     bodies, bulks = oc.PlacedMeshes(trees, *places), PlacedHulls(hulls, *places)
-    first, second = (
-        np.arange(BODIES),
-        np.arange(BODIES, 2 * BODIES),
-    )
+    first, second = (np.arange(BODIES), np.arange(BODIES, 2 * BODIES))
     pairs = np.column_stack([first, second])
 
     def asked() -> list[bytes]:

@@ -76,11 +76,7 @@ def test_volumes_are_those_of_rational_arithmetic(
 
 def grid_box(rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
     """Return a box whose corners are eighths, its axes those of space in some order."""
-    return (
-        rng.integers(-16, 17, 3) / 8.0,
-        EXACTLY[rng.integers(2)],
-        rng.integers(1, 17, 3) / 8.0,
-    )
+    return (rng.integers(-16, 17, 3) / 8.0, EXACTLY[rng.integers(2)], rng.integers(1, 17, 3) / 8.0)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -209,14 +209,7 @@ def test_a_sphere_is_decided_by_its_centre_and_radius() -> None:
     centers = np.array([[2, 0, 0], [2, 0, 0], [2, 0, 0], [0.5, 0, 0], [4, 5, 1], [0, 0, 0]])
     spheres = Capsules.spheres(centers, [1, 0.5, 1.5, 0.25, 5, 0])
     found, near = oc.separations(spheres, box), oc.clearances(spheres, box)
-    assert found.verdicts.tolist() == [
-        TOUCHING,
-        SEPARATE,
-        OVERLAP,
-        OVERLAP,
-        TOUCHING,
-        OVERLAP,
-    ]
+    assert found.verdicts.tolist() == [TOUCHING, SEPARATE, OVERLAP, OVERLAP, TOUCHING, OVERLAP]
     assert found.separations.tolist() == [0.0, 0.5, -0.5, -0.75, 0.0, -1.0]
     assert found.normals[:4].tolist() == [[-1, 0, 0]] * 4
     np.testing.assert_allclose(found.normals[4], [-0.6, -0.8, 0], atol=1e-15)
