@@ -110,20 +110,22 @@ class RobotRig(Rig):
         self.send_joints(None, **({"lift": 0.0, "turn": 0.0} | values))
         self.answer()
 
-    def known(self, reason: str = "", who: str = "") -> DiagnosticStatus:
-        """Wait until the status has a reason, "" for free, and who; return it."""
-        if STATUS not in self.subscriptions:
-            self.listen(STATUS)
+    def says(self, level: bytes, text: str = "", **wanted: str) -> DiagnosticStatus:
+        """Wait until the status has a level, a text in its message, and values; return it."""
+        self.listen(STATUS)
 
         def reached() -> Any:
             status = self.last[STATUS].status[0] if STATUS in self.last else DiagnosticStatus()
             values = {pair.key: pair.value for pair in status.values}
-            level = UNKNOWN if reason else FREE
-            found = status.level == level and values.get("reason") == reason
-            return found and who in values["who"] and status
+            found = status.level == level and text in status.message
+            return found and wanted.items() <= values.items() and status
 
-        found: DiagnosticStatus = self.until(reached, f"{reason or 'free'} {who}")
+        found: DiagnosticStatus = self.until(reached, f"{level!r} {text} {wanted}")
         return found
+
+    def known(self, reason: str = "", who: str = "") -> DiagnosticStatus:
+        """Wait until the status has a reason, "" for free, and names who; return it."""
+        return self.says(UNKNOWN if reason else FREE, who, reason=reason)
 
     @property
     def robot(self) -> Any:

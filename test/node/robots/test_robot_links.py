@@ -22,12 +22,11 @@ from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
-from diagnostic_msgs.msg import DiagnosticStatus
 from fake_frames import FakeFrames
 from lifecycle_msgs.msg import Transition
 from objects_rig import ObjectsRig
 from rig import LATCHED, Rig, cube, pose
-from robot_rig import HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
+from robot_rig import CRATE, EDGES, HAND, HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -40,36 +39,20 @@ from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.robots.links import AttachedObjects, LinkObjects
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 
-STATUS = "collision_status"
-CRATE = ("crate", 1)
-HAND = ("arm/hand", 1)
-
 
 def pairs(rig: Rig) -> set[tuple[str, ...]]:
     """Return the names of the pairs in the answer to the last state, each sorted."""
     return {tuple(sorted(pair)) for pair in rig.pairs()}
 
 
-def said(rig: Rig, level: bytes, text: str = "") -> None:
-    """Wait until the status has a level, and a text in its message."""
-    if STATUS not in rig.subscriptions:
-        rig.listen(STATUS)
-
-    def reached() -> bool:
-        status: DiagnosticStatus | None = rig.last[STATUS].status[0] if STATUS in rig.last else None
-        return status is not None and status.level == level and text in status.message
-
-    rig.until(reached, f"{level!r} {text}")
-
-
 def test_links_are_objects_that_joints_move(arm: AskingRig) -> None:
     arm.known()
     np.testing.assert_allclose(arm.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
-    arm.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
+    arm.send(cube(CRATE, (0.0, 1.0, 0.7), EDGES))
     assert pairs(arm) == set()
     arm.send_joints(lift=0.2, turn=np.pi / 2)
     assert pairs(arm) == {("arm/hand/1", "crate/1")}
-    said(arm, COLLIDING)
+    arm.says(COLLIDING)
     arm.send_joints(turn=0.0)  # the other joint stays where it was
     assert pairs(arm) == set()
     np.testing.assert_allclose(arm.pose_of(HAND), pose(1.0, 0.0, 0.7), atol=1e-12)
@@ -97,8 +80,7 @@ def test_a_base_is_fixed_by_a_frame_or_by_a_topic() -> None:
         rig.send_joints(lift=0.0, turn=0.0)
         rig.known("base_unknown", "arm (no base by object_transform)")
         rig.send_transform("arm", pose(5.0))
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
+        rig.move()
         rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(6.0, 0.0, 0.5), atol=1e-12)
         rig.send_transform("arm", pose(7.0))
@@ -115,8 +97,7 @@ def test_a_base_by_tf_is_not_known_without_its_transform(base: list[str]) -> Non
         rig.send_joints(lift=0.0, turn=0.0)
         rig.known("base_unknown", "arm (")
         frames.known["base"] = pose(3.0)
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
+        rig.move()
         rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(4.0, 0.0, 0.5), atol=1e-12)
 
@@ -141,8 +122,7 @@ def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
         rig.send_joints(lift=0.0)
         rig.known()
         assert not table.doubtful.any()
-        rig.send_joints(lift=0.0, turn=0.0, tail=1.0)
-        rig.answer()
+        rig.move(turn=0.0, tail=1.0)
         assert dict(rig.monitor("arm/joint_states").doubted) == {"unknown joint": 1}
         rig.known()
 
@@ -158,35 +138,9 @@ def test_stale_joints_are_not_free(arm: AskingRig) -> None:
     arm.known()
 
 
-@each(
-    "text, reason",
-    [
-        (URDF.replace('upper="3"', 'upper="-5"', 1), "exceeds its upper"),
-        (URDF.replace("<robot", "<!DOCTYPE robot [<!ENTITY a 'a'>]><robot", 1), "document type"),
-        ("/etc/hostname", "no XML"),
-        ("<robot", "urdf:1"),
-        (URDF.replace('<box size="0.1 0.1 0.1"/>', '<mesh filename="/etc/passwd"/>'), "mesh"),
-    ],
-)
-def test_a_bad_description_is_refused_and_nothing_else_disturbed(text: str, reason: str) -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (1.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
-        assert pairs(rig) == {("arm/hand/1", "crate/1")}
-        rig.describe(text)
-        said(rig, COLLIDING, "arm (robot_description refused")
-        assert reason in rig.last[STATUS].status[0].message
-        rig.send(cube(CRATE, (9.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
-        assert pairs(rig) == set()
-        rig.known("robot_unknown", reason)
-        assert rig.refused("arm/robot_description") == {"bad description": 1}
-        rig.start_robot()
-        rig.known()
-
-
 def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> None:
     arm.listen("predicted_collisions", "clearances")
-    arm.send(cube(CRATE, (1.0, 0.0, 1.05), (0.1, 0.1, 0.1)))
+    arm.send(cube(CRATE, (1.0, 0.0, 1.05), EDGES))
     arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0)
     arm.answer()
 
