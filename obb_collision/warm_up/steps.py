@@ -41,7 +41,6 @@ from obb_collision.queries.convex.distances import (
 )
 from obb_collision.queries.mesh_contacts.surfaces import within
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
 from obb_collision.queries.verdict.verdict import Separations
@@ -310,7 +309,7 @@ def _pair_queries() -> None:
 
 
 def _other_queries() -> None:
-    """Run the queries of rays, planes, points, capsules and triangles."""
+    """Run the queries of rays, planes, points and capsules."""
     boxes, zeros = batch(), np.zeros((4, 3))
     oc.cast_rays(boxes, zeros, zeros + 1.0)
     oc.cast_segments(boxes, zeros, zeros + 1.0)
@@ -319,8 +318,6 @@ def _other_queries() -> None:
     capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
     for other in (capsules, boxes):
         oc.separations(capsules, other)
-    corners = np.array(TETRAHEDRON)[np.array(TETRAHEDRON_FACES)]
-    triangle_verdicts(corners, corners, exact=True)
 
 
 def _mesh_queries() -> None:
@@ -462,7 +459,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     CONVEX_PAIRS: _convex_pairs,
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
-    "queries of rays, planes, points, capsules, triangles": _other_queries,
+    "queries of rays, planes, points, capsules": _other_queries,
     "queries of meshes": _mesh_queries,
     "fits": _fits,
     ROBOTS: _robots,

@@ -28,7 +28,6 @@ from scipy.spatial.transform import Rotation
 from support import refused, row_of
 
 import obb_collision as oc
-from obb_collision.geometry import poses as module
 from obb_collision.geometry.poses import (
     BLOCK,
     IDENTITY_POSE,
@@ -240,11 +239,10 @@ def some_poses(count: int) -> Floats:
 
 
 @each("count", [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 20_000])
-def test_blocks_give_what_numpy_does(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_give_what_numpy_does(count: int) -> None:
     poses = some_poses(count)
     unit = as_quaternions(poses[:, 3:], "quaternions", (None, 4))
     rotations = matrices_from_quaternions(unit)
-    monkeypatch.setattr(module, "FEWEST_POSES", 100)
     for threads in (1, 3):
         oc.set_threads(threads)
         positions, found = as_poses(poses)

@@ -59,7 +59,7 @@ SLOW = 1e-9
 TIME_SLACK = 1e-5
 
 
-@njit
+@njit(refcount=False)
 def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack: np.ndarray) -> int:
     """Return INSIDE or OUTSIDE of a closed mesh where certain, else UNKNOWN.
 
@@ -78,7 +78,7 @@ def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack:
     return UNKNOWN
 
 
-@njit
+@njit(refcount=False)
 def _direction(nodes: Floats, root: int, k: int) -> Vector:
     """Return a direction in no special position, or behind these one out of the box of a mesh."""
     n = k - len(DIRECTIONS)
@@ -93,7 +93,7 @@ def _direction(nodes: Floats, root: int, k: int) -> Vector:
     )
 
 
-@njit
+@njit(refcount=False)
 def outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
     """Return whether the point is certainly not in the box of a node."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
@@ -105,7 +105,7 @@ def outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
     return False
 
 
-@njit
+@njit(refcount=False)
 def _count_crossings(
     trees: TreeArrays,
     root: int,
@@ -142,7 +142,7 @@ def _count_crossings(
     return False, crossings
 
 
-@njit
+@njit(refcount=False)
 def entry(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> float:
     """Return a time before the ray from p along w can enter the box of a node; inf: never."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
@@ -167,7 +167,7 @@ def entry(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> float:
     return enter * (1.0 - TIME_SLACK)
 
 
-@njit
+@njit(refcount=False)
 def _stays_out(nodes: Floats, n: int, d: Vector, w: Vector, slack: float, latest: float) -> bool:
     """Return whether a ray from d, seen from the centre, is out of a slab until it leaves others.
 
@@ -183,7 +183,7 @@ def _stays_out(nodes: Floats, n: int, d: Vector, w: Vector, slack: float, latest
     return False
 
 
-@njit
+@njit(refcount=False)
 def _crosses(triangles: Floats, n: int, p: Vector, w: Vector, error: float, unit: float) -> int:
     """Return 1 or -1 if the ray certainly leaves or enters by a triangle, 0 if it misses it."""
     a = scaled(minus(corner(triangles, n, 0), p), unit)

@@ -53,11 +53,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from obb_collision._jit import njit
-from obb_collision.geometry.validation import as_array, check_lengths
 from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.error_free import (
     Pair,
@@ -437,35 +433,3 @@ def _candidate_axes(p: list[Exact], q: list[Exact]) -> Iterator[Exact]:
         yield from (axis for axis in (exact_cross(edges[0], unit) for unit in UNIT) if any(axis))
     else:
         yield from UNIT
-
-
-#: A place that changes nothing.
-STILL = Place((0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-
-
-def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArray[np.int8]:
-    """Return the verdict of each triangle of a (n, 3, 3) with the same row of b, (n,) int8.
-
-    Rows of a triangle are its corners, metres. With ``exact=True`` TOUCHING means touching
-    exactly, and never wrong. Raises ValueError for other shapes, lengths that differ, and
-    numbers that are not finite.
-    """
-    first = as_array(a, "a", (None, 3, 3)).reshape(-1, 9)
-    second = as_array(b, "b", (None, 3, 3)).reshape(-1, 9)
-    check_lengths(a=first, b=second)
-    result = np.empty(len(first), np.int8)
-    _verdict_kernel(first, second, result)
-    if exact:
-        still = np.zeros(3), np.eye(3)
-        for n in np.flatnonzero(result == TOUCHING):
-            result[n] = exact_triangle_verdict(first[n], still, second[n], still)
-    return result
-
-
-@njit
-def _verdict_kernel(a: Floats, b: Floats, out: np.ndarray) -> None:
-    """Write the verdict of each row of a and b (n, 9)."""
-    for n in range(len(a)):
-        p, q = triangle_at(a, n), triangle_at(b, n)
-        verdict = classify_by_signs(p, q, 0.0)
-        out[n] = classify_by_axes(p, STILL, q, STILL) if verdict == UNDECIDED else verdict

@@ -59,7 +59,7 @@ from obb_collision.typing import Axes, Vector
 DISTANCE_ROUNDING = 2.0**-48
 
 
-@njit
+@njit(refcount=False)
 def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, stack: np.ndarray) -> bool:
     """Return whether a point is inside body i, or not certainly farther from it than a margin."""
     trees, body = bodies.trees, body_at(bodies, i)
@@ -76,7 +76,7 @@ def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, stack: np.n
     return _surface_within(trees, trees.roots[body.mesh], p, reach, unit, stack)
 
 
-@njit
+@njit(refcount=False)
 def _surface_within(
     trees: TreeArrays, root: int, p: Vector, reach: float, unit: float, stack: np.ndarray
 ) -> bool:
@@ -109,7 +109,7 @@ def _surface_within(
     return False
 
 
-@njit
+@njit(refcount=False)
 def _box_apart(trees: TreeArrays, n: int, p: Vector, reach: float, unit: float) -> bool:
     """Return whether the box of a node is farther from a point than ``reach``."""
     center, axes, half = node_at(trees.nodes, n)

@@ -248,6 +248,7 @@ def points_kernel(
     or (0,), the lowest box of each point.
     """
     whole, (cells, items, frames, numbers), records = zones
+    meshes, radii, convex = inner
     found, squares, labels = out
     ignored = 0
     labelled = len(labels) > 0
@@ -268,7 +269,7 @@ def points_kernel(
                 dx, dy, dz = x - records[b, 0], y - records[b, 1], z - records[b, 2]
                 if not _inside(records, b, dx, dy, dz, margin):
                     continue
-                if not _holds(inner.meshes, inner.radii, inner.convex, b, (x, y, z), margin, stack):
+                if not _holds(meshes, radii, convex, b, (x, y, z), margin, stack):
                     continue
                 scale = records[b, SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz
@@ -287,7 +288,7 @@ def points_kernel(
     return ignored
 
 
-@njit
+@njit(refcount=False)
 def _holds(
     meshes: Meshes | None, radii: Floats, convex: Cores | None, b: int, point: Vector,
     margin: float, stack: np.ndarray,
@@ -300,7 +301,7 @@ def _holds(
     return True
 
 
-@njit
+@njit(refcount=False)
 def _inside(records: Floats, b: int, dx: float, dy: float, dz: float, margin: float) -> bool:
     """Return whether the point at this offset from the centre of box b counts as inside."""
     x = abs(records[b, 3] * dx + records[b, 6] * dy + records[b, 9] * dz) - records[b, 12]

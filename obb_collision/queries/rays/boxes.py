@@ -174,7 +174,7 @@ class RayTree(NamedTuple):
     entries: Floats  #: (STACK,) where the ray enters them
 
 
-@njit
+@njit(refcount=False)
 def hit_box(ray: Ray, box: BoxAt) -> tuple[float, int]:
     """Return the distance at which a ray hits a box, infinity if not within reach, and the axis.
 
@@ -195,7 +195,7 @@ def hit_box(ray: Ray, box: BoxAt) -> tuple[float, int]:
     return min(enter, ray.reach), axis
 
 
-@njit
+@njit(refcount=False)
 def enters_bounds(limits: Floats, node: int, ray: Ray, reach: float) -> float:
     """Return a distance before a ray can enter the bounds of a node, infinity if it can't."""
     enter, leave = 0.0, reach
@@ -249,7 +249,7 @@ def rays_kernel(
         write_hit(out, n, ray, box, distance, normal)
 
 
-@njit
+@njit(refcount=False)
 def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
     """Return the normal of the face entered, zero for none; across: the axis across it."""
     side = 0.0
@@ -258,7 +258,7 @@ def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
     return side * across[0] + 0.0, side * across[1] + 0.0, side * across[2] + 0.0
 
 
-@njit
+@njit(refcount=False)
 def _nearest(ray: Ray, boxes: BoxArrays, tree: RayTree) -> tuple[int, float, int]:
     """Return the nearest box, its distance and the axis of its face; -1, infinity, -1 for none."""
     box, best, axis = -1, np.inf, -1
@@ -274,7 +274,7 @@ def _nearest(ray: Ray, boxes: BoxArrays, tree: RayTree) -> tuple[int, float, int
     return box, best, axis
 
 
-@njit
+@njit(refcount=False)
 def start_walk(ray: Ray, tree: RayTree) -> int:
     """Put the root on the stack if the ray enters its bounds; return how many nodes are there."""
     enter = enters_bounds(tree.limits, 0, ray, ray.reach)
@@ -284,7 +284,7 @@ def start_walk(ray: Ray, tree: RayTree) -> int:
     return 1
 
 
-@njit(inline=True)
+@njit(inline=True, refcount=False)
 def next_leaf(ray: Ray, best: float, tree: RayTree, depth: int) -> tuple[int, int]:
     """Return the next leaf that the ray may enter before ``best``, -1 for none, and the depth."""
     limits, nodes, _, stack, entries = tree
@@ -317,7 +317,7 @@ def next_leaf(ray: Ray, best: float, tree: RayTree, depth: int) -> tuple[int, in
 AHEAD_BOUND = 16 * ROUNDOFF
 
 
-@njit
+@njit(refcount=False)
 def moved_ahead(ray: Ray, center: Vector, reach: float) -> tuple[Vector, float, float]:
     """Return a point of a ray seen from a centre, how far ahead it is, and by how much it is off.
 

