@@ -44,7 +44,7 @@ from obb_collision.words import shown
 
 @dataclass(frozen=True)
 class Cost:
-    """What one effect took: pairs (or points) it ran on, seconds, and what failed."""
+    """Cost of one effect: pairs (or points) it ran on, seconds, and what failed."""
 
     count: int
     seconds: float
@@ -115,17 +115,17 @@ class Report:
 
     @property
     def behind(self) -> bool:
-        """Whether pairs were decided on a lower level than they ask for, until more is built."""
+        """True if pairs were decided on a lower level than they ask for, until more is built."""
         return self._found.behind
 
     @property
     def truncated(self) -> bool:
-        """Whether pairs are left out."""
+        """True if pairs are left out."""
         return self._found.total is not None
 
     @property
     def total(self) -> int:
-        """How many pairs collide; at least, where ``truncated``."""
+        """Number of pairs that collide; at least, where ``truncated``."""
         return len(self) if self._found.total is None else self._found.total
 
     @cached_property
@@ -143,7 +143,7 @@ class Report:
 
     @property
     def results(self) -> dict[str, Any]:
-        """What the effects computed so far gave, by name."""
+        """Results of the effects computed so far, by name."""
         return {name: outcome.result for name, outcome in self._found.outcomes.items()}
 
     def result(self, effect: str) -> Any:
@@ -283,7 +283,7 @@ class Report:
 
     @property
     def points_inside(self) -> PointsInside:
-        """Which of ``Scene.obstacle_points`` lie inside which objects."""
+        """The ``Scene.obstacle_points`` inside of objects."""
         return self.result("points")
 
     @property

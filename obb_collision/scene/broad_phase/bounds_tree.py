@@ -75,7 +75,7 @@ class BoundsTree(NamedTuple):
 
     @property
     def leaves(self) -> int:
-        """How many blocks of boxes there are."""
+        """Number of blocks of boxes."""
         return int(self.starts[1])
 
 

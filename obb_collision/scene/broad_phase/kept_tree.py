@@ -47,7 +47,7 @@ class KeptTree:
 
     @property
     def size(self) -> int:
-        """How many rows it was made of."""
+        """Number of rows it was made of."""
         return len(self._places)
 
     def update(self, rows: Rows) -> bool:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What can be built: a job is sent as a message, done in another process, and finished here.
+"""Jobs of building: each is sent as a message, done in another process, and finished here.
 
 ``message`` and ``finish`` run in the thread that talks to the other process; ``perform`` runs in
 that process. What both sides have already is not sent back.

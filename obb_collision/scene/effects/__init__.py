@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is computed beside the pairs, one file per effect: its ``EFFECT``."""
+"""Effects, computed beside the pairs, one file each: its ``EFFECT``."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an effect is: something computed on top of the pairs, only where it is called for.
+"""The interface of effects: results computed beside the pairs, only where they are asked for.
 
 An effect sees one check of a scene (``Cycle``) and its ``Setting``, and gives a result: arrays with
 a row per pair or per object, of the type that the query returns. It depends neither on other
@@ -47,7 +47,7 @@ from obb_collision.words import shown
 R = TypeVar("R")
 """A dataclass of arrays with one row per pair."""
 ByLevel: TypeAlias = "Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Pairs, Setting], R]]"
-"""What computes the rows of pairs (k, 2) on a level above OBB: as many rows, all columns."""
+"""Functions that compute the rows of pairs (k, 2) on a level above OBB: as many rows, all columns."""
 #: The level of boxes, as arrays of levels have it.
 OBB = np.int8(Accuracy.OBB)
 
@@ -67,7 +67,7 @@ class Option(NamedTuple):
     description: str
     choices: tuple[float, ...] | tuple[str, ...] = ()
     reaches: bool = False
-    """Whether it is a distance (m) beyond objects at which others matter."""
+    """True for a distance (m) beyond objects at which others matter."""
 
     def checked(self, name: str, value: Any) -> float | str:
         """Return the value if it can be used; ValueError naming it otherwise."""
@@ -96,7 +96,7 @@ ACCURACY_OPTION = Option(
 
 @dataclass(frozen=True)
 class Setting:
-    """How an effect is set: its mode, the objects selected for it (patterns), its options."""
+    """Setting of an effect: its mode, the objects selected for it (patterns), its options."""
 
     mode: str = "auto"
     objects: tuple[str, ...] = ("*",)
@@ -123,7 +123,7 @@ class Before(NamedTuple):
     enabled: Mask
     born: Rows
     pairs: Pairs
-    """What collided, in a region the pairs that it owned."""
+    """Pairs that collided, in a region the pairs that it owned."""
     poses: Floats | None
     """Of the objects; None unless a region has effects above OBB."""
 
@@ -161,15 +161,15 @@ class Cycle:
     region: Region | None = None
     """Whose pairs, and objects, count; None for all."""
     spheres: bool = False
-    """Whether bounds hold spheres, too, wherever their overlap matters."""
+    """True if bounds hold spheres, too, wherever their overlap matters."""
     limit: int | None = None
     """The most pairs that an effect with pairs of its own looks at, None for all."""
     notes: list[str] = field(default_factory=list)
-    """What an effect could not do at all; each becomes one of its failures."""
+    """Tasks that an effect could not do at all; each becomes one of its failures."""
     names: Sequence[str | None] = ()
     """Of the objects, by slot."""
     shapes: PlacedShapes | None = None
-    """What stands for objects above OBB; None where every effect speaks of boxes."""
+    """Shapes that stand for objects above OBB; None where every effect speaks of boxes."""
 
     def levels(self, pairs: Pairs, setting: Setting, highest: Accuracy) -> Levels | None:
         """Return the level (m,) that an effect on pairs (m, 2) is computed on; None: all on OBB.
@@ -236,7 +236,7 @@ class Cycle:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an effect gave: its result, how many pairs (or points) it ran on, and what failed.
+    """Outcome of an effect: its result, how many pairs (or points) it ran on, and what failed.
 
     rows (k,): which rows of ``Report.pairs`` the rows of the result are, None where they are
     others; values: the options they were computed with.
@@ -268,10 +268,10 @@ class Effect(Protocol):
 
     name: str
     description: str
-    """What it gives, as the beginning of a sentence."""
+    """Its result, as the beginning of a sentence."""
     options: Mapping[str, Option]
     lazy: bool
-    """Whether it can still be computed after the check, when the scene may have moved on."""
+    """True if it can still be computed after the check, when the scene may have moved on."""
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute it for one check."""

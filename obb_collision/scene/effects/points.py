@@ -133,5 +133,5 @@ BY_LEVEL: Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Rows], tuple[Shapes, 
     Accuracy.HULL: _hulls,
     Accuracy.MESH: _meshes,
 }
-"""What stands for objects above OBB, and radii about it."""
+"""Shapes that stand for objects above OBB, and radii about it."""
 EFFECT: Effect = PointsEffect()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the effects of a scene are set, and which of its objects are selected for each."""
+"""Settings of the effects of a scene, and the objects selected for each."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class EffectSettings:
 
     @property
     def above_obb(self) -> bool:
-        """Whether an effect that is not off is to be computed above OBB, whatever decides pairs."""
+        """True if an effect that is not off is to be computed above OBB, whatever decides pairs."""
         return self._above_obb
 
     def wanted(self, asked: Iterable[str] | str) -> Sequence[str]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How deep pairs are on HULL and MESH, for the effects that say so."""
+"""Penetration depth on HULL and MESH, for the effects that report it."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the effect ``sweep`` gives above OBB: the sweeps of shapes, from where those of boxes end.
+"""The effect ``sweep`` above OBB: the sweeps of shapes, from where those of boxes end.
 
 A shape is in its box and moves with it, so a pair of boxes that does not touch is done, and no
 impact at a finer level is before that at a coarser one.
@@ -43,7 +43,7 @@ from obb_collision.typing import Floats, Mask, Rows
 
 
 class Ride(NamedTuple):
-    """How the boxes of slots (n,) move, and what is fixed to them with them."""
+    """Motion of the boxes of slots (n,), and what is fixed to them with them."""
 
     slots: Rows  #: sorted
     moving: MovingBoxes

@@ -112,7 +112,7 @@ class PlacedShapes:
         self._trees: tuple[MeshTrees, Rows] | None = None  # and the row of each slot among them
         self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
         self.depths: tuple[Pairs, Separations] | None = None
-        """What an effect found on MESH, for others of the same pairs."""
+        """Depths that an effect found on MESH, for others of the same pairs."""
 
     def _take_hulls(self) -> None:
         """Take the hulls there are now, with their rows: both change when a pool is exchanged."""
