@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Findings of a check, and the properties of objects that it needs and moves do not change."""
+"""Findings of a check, and what it needs to know of objects that moves do not change."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class RegionMerger:
 
     @property
     def repeated(self) -> int:
-        """Number of rows that more than one region had, and were left out: their regions overlap."""
+        """Number of rows left out as more than one region had them: these regions overlap."""
         return self._repeated
 
     def mark_alive(self, region: str, objects: int, now: float) -> None:

@@ -47,7 +47,7 @@ from obb_collision.words import shown
 R = TypeVar("R")
 """A dataclass of arrays with one row per pair."""
 ByLevel: TypeAlias = "Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Pairs, Setting], R]]"
-"""Functions that compute the rows of pairs (k, 2) on a level above OBB: as many rows, all columns."""
+"""Functions that compute rows of pairs (k, 2) on a level above OBB: as many rows, all columns."""
 #: The level of boxes, as arrays of levels have it.
 OBB = np.int8(Accuracy.OBB)
 
