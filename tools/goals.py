@@ -255,7 +255,7 @@ class Goals:
 
     def per_pair(self) -> Iterator[Goal]:
         """Measure hulls and meshes per pair, on meshes that trimesh makes."""
-        plan = contest.StepPlan(2_000, 20_000, 2_000, PAIR_SECONDS)
+        plan = contest.ContestPlan(2_000, 20_000, 2_000, PAIR_SECONDS)
         made = generated_corpus(self._plan.seed)
         price = contest.measure(made, plan, self._plan.seed, self._show)
         found = {row.name: row for row in price.rows}
@@ -389,7 +389,7 @@ def _run(cache: Path, *words: str) -> float:
 def _node(cache: Path) -> float:
     """Return the seconds from the start of a node until it says that it is ready."""
     start, code = perf_counter(), "from obb_collision.commands import node; node()"
-    output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    output: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(**_command(cache, "-c", code), **output) as process:
         try:
             if any("ready: " in line for line in process.stdout or ()):

@@ -62,7 +62,12 @@ def numbers_after(words: str, output: str) -> list[int]:
 @pytest.mark.slow  # a part of an attack is run below, and a long one by .ci/full
 def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     messages, raw, scenes, robots = 300, 100, 10, 100
-    sizes = {"--messages": messages, "--raw": raw, "--scenes": scenes, "--robots": robots}
+    sizes: dict[str, float] = {
+        "--messages": messages,
+        "--raw": raw,
+        "--scenes": scenes,
+        "--robots": robots,
+    }
     sizes |= {"--robot-share": 0.5, "--processes": 2}
     code = run(*(word for name, size in sizes.items() for word in (name, str(size))))
     output = capfd.readouterr().out

@@ -87,13 +87,13 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, dic
     centers = rng.uniform(-spread, spread, (2, pairs, 3))
     rotations = [Rotation.random(pairs, random_state=rng).as_matrix() for _ in range(2)]
     shapes = [Mesh(mesh.vertices, mesh.faces) for mesh in (first, second)]
-    bodies = [
+    a, b = (
         PlacedMeshes(
             MeshTrees.build(shape.vertices, shape.faces, solid=False),
             np.zeros(pairs, np.int64), center, rotation,
         )
         for shape, center, rotation in zip(shapes, centers, rotations, strict=True)
-    ]  # fmt: skip
+    )  # fmt: skip
     places, rows = (centers.reshape(-1, 3), np.concatenate(rotations)), np.arange(2 * pairs)
     both = np.column_stack([rows[:pairs], rows[pairs:]])
     query = Query(rows // pairs, *places, *both.T)
@@ -101,12 +101,12 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, dic
     peers = {peer.module: peer for peer in MESH_PEERS if peer.shape == "mesh"}
     names = installed()
     with on_threads(1):
-        hits, found = mesh_collisions(*bodies), oc.clearances(*bodies)
+        hits, found = mesh_collisions(a, b), oc.clearances(a, b)
         asked = {name: peers[name].load(shapes)(query) for name in names}
-        verdicts = _figures(lambda: mesh_collisions(*bodies), asked)
+        verdicts = _figures(lambda: mesh_collisions(a, b), asked)
         modules = {name: importlib.import_module(name) for name in names}
         measured = {name: DISTANCES[name](modules[name], placed) for name in names}
-        distances = _figures(lambda: oc.clearances(*bodies), measured)
+        distances = _figures(lambda: oc.clearances(a, b), measured)
         for name in names:
             verdicts[f"{name}_differ"] = int((hits != asked[name]()).sum())
             off = np.abs(measured[name]() - found.upper)[~hits]
