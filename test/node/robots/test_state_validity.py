@@ -22,6 +22,7 @@ from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
+from fake_frames import FakeFrames
 from rig import cube, pose
 from robot_rig import CRATE, URDF, AskingRig, box
 from std_srvs.srv import SetBool
@@ -91,7 +92,9 @@ def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str) -> Non
 
 
 def test_states_are_where_the_base_is() -> None:
-    with AskingRig({"robot_bases": ["arm: object_transform"]}) as rig:
+    frames = FakeFrames()
+    frames.known["odom"] = pose(2.0)
+    with AskingRig({"robot_bases": ["arm: object_transform"]}, frames=frames) as rig:
         rig.describe()
         rig.send_transform("arm", pose(5.0))
         rig.until(lambda: rig.robot.joints is not None, "the robot")
@@ -102,6 +105,9 @@ def test_states_are_where_the_base_is() -> None:
         rig.send_transform("arm", pose(9.0))
         rig.answer()
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, VALID]
+        rig.send_transform("arm", pose(3.0), "odom")
+        rig.answer()
+        assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, COLLIDES]
 
 
 def test_rules_of_objects_count_for_states() -> None:
