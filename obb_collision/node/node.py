@@ -36,6 +36,7 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.node import reporting
 from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import CODES, Reason
@@ -132,7 +133,8 @@ class CollisionNode(ManagedNode):
         self._make_outputs()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         levels = [(n, m) for n in switched_on for m in effect_levels(self.parameters, n)]
-        robots = [ROBOTS] if self.parameters.robots else []
+        # links are on "hull" by default, as boxes around them collide far too often
+        robots: list[Thing] = [ROBOTS, Accuracy.HULL] if self.parameters.robots else []
         needed: list[Thing] = [*requested_levels(self.parameters), *switched_on, *levels, *robots]
         self._warm.start(needed, self._report_start)
         if ending() or not self.context.ok():
@@ -345,7 +347,7 @@ class CollisionNode(ManagedNode):
     def _read_scene_file(self) -> SceneFile | None:
         """Read the scene file, if there is one, and take its settings as parameters."""
         if not self.parameters.scene_file:
-            if self.parameters.robots:  # boxes around links collide far too often
+            if self.parameters.robots:
                 self.parameters.override_defaults({"accuracy": "hull"})
             return None
         meshes = mesh_reading(self.parameters)
