@@ -575,8 +575,8 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
         assert self.node.robots is not None
         reader = self.node.robots.robots[0].reader
-        while reader.is_reading and reader._thread is not None:
-            reader._thread.join()
+        while reader.is_reading and reader.thread is not None:
+            reader.thread.join()
         self.model.describe(edge)
         self.tick(0.0503)
 
