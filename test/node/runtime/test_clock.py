@@ -62,18 +62,29 @@ class Times:
         return self.jumps
 
 
-@each("jump", [-3600 * SECOND, -SECOND, SECOND, 56 * 365 * 86400 * SECOND])
-def test_steps_of_the_systems_clock_are_found(jump: int) -> None:
-    times = Times()
-    assert times.step(SECOND, SECOND) == []
-    assert times.step(jump + SECOND, SECOND) == [jump]
-    assert times.step(SECOND, SECOND) == []
+YEARS = 56 * 365 * 86400
+BACK, FURTHER = START // SECOND, 7
+"""Seconds that the time falls back without a message of /clock, and of the first one."""
 
 
-def test_a_clock_that_is_slewed_does_not_jump() -> None:
-    times = Times()
-    for _ in range(1000):
-        assert times.step(SECOND + SECOND // 2000, SECOND) == []
+@each(
+    "steps",
+    [
+        # of each step: whether the time is simulated, how far it moves, how long it takes, the jump
+        *([(0, 1, 1, 0), (0, n + 1, 1, n), (0, 1, 1, 0)] for n in (-3600, -1, 1, YEARS)),
+        [(0, 1.0005, 1, 0)] * 1000,  # slewed
+        [(1, 50, 1, 0), (1, 0, 9, 0), (1, -20, 1, -20)],  # as fast as it likes, paused, and back
+        [(1, -BACK, 1, -BACK - 1), (1, 0, 1, 0), (1, FURTHER, 1, FURTHER), (0, 2, 1, 1)],
+    ],
+)
+def test_jumps_are_steps_of_the_systems_clock_and_of_a_simulation_those_back(
+    steps: list[tuple[int, float, int, int]],
+) -> None:
+    times = Times(simulated=len(steps) == 3 and steps[0][0] == 1)
+    for simulated, moved, elapsed, jump in steps:
+        times.simulated = bool(simulated)
+        found = times.step(int(moved * SECOND), elapsed * SECOND)
+        assert found == [jump * SECOND] * (jump != 0)
 
 
 def test_a_look_that_is_held_up_decides_nothing() -> None:
@@ -84,23 +95,6 @@ def test_a_look_that_is_held_up_decides_nothing() -> None:
     steady = times.steady
     times.time = START + steady
     assert times.step(0, 0) == []
-
-
-def test_a_simulation_may_go_forward_as_it_likes_and_jumps_when_it_goes_back() -> None:
-    times = Times(simulated=True)
-    assert times.step(50 * SECOND, SECOND) == []
-    assert times.step(0, 9 * SECOND) == [], "paused"
-    assert times.step(-20 * SECOND, SECOND) == [-20 * SECOND]
-
-
-def test_time_that_comes_from_elsewhere_is_a_jump_until_there_is_a_first_clock() -> None:
-    times = Times()
-    times.simulated = True
-    assert times.step(-START, SECOND) == [-START - SECOND]
-    assert times.step(0, SECOND) == []
-    assert times.step(7 * SECOND, SECOND) == [7 * SECOND], "the first message of /clock"
-    times.simulated = False
-    assert times.step(SECOND + SECOND, SECOND) == [SECOND]
 
 
 def test_the_steady_clock_does_not_go_back() -> None:

@@ -101,19 +101,6 @@ def test_a_message_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.Mon
     assert rig.pairs() == {("a/1", "a/2")}
 
 
-def test_a_cycle_that_fails_is_followed_by_the_next(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene = rig.node.objects.scene
-    with monkeypatch.context() as patch:
-        patch.setattr(type(scene), "check", failing(scene.check, lambda *_: True))
-        rig.until(lambda: rig.node.guard.counts["cycle"] >= 3, "failed cycles")
-        assert rig.node.cycle.failed
-    rig.send(cube(A), cube(B, (0.5, 0, 0)))
-    assert rig.pairs() == {("a/1", "a/2")}
-    assert not rig.node.cycle.failed
-
-
 def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rig.listen("contacts")
     rig.send(cube(A), cube(B, (0.5, 0, 0)))
