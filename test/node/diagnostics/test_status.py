@@ -236,7 +236,7 @@ def test_the_nodes_clock_may_pause_or_jump(times: tuple[int, ...]) -> None:
     assert made.said[1:] == ["/objects: refused bad scale: 3"]
 
 
-def test_another_reason_soon_after_a_warning_is_told() -> None:
+def test_each_reason_is_told_at_once_everything_with_no_period_and_reasons_are_bounded() -> None:
     made = Monitored()
     made.monitor.refuse(0, "bad scale")
     made.monitor.refuse(0, "unknown frame", "a/1")
@@ -245,23 +245,16 @@ def test_another_reason_soon_after_a_warning_is_told() -> None:
         "/objects: refused unknown frame: 1; last: a/1",
         "/objects: doubtful stamp from the future: 1; last: a/2",
     ]
-
-
-def test_with_no_period_everything_is_told() -> None:
-    made = Monitored()
     made.monitor.limit.period = 0.0
-    for _ in range(3):
+    for number in range(3):
         made.monitor.refuse(0, "bad scale")
-    assert len(made.said) == 3
-
-
-def test_reasons_are_bounded() -> None:
-    made = Monitored()
+        assert len(made.said) == 4 + number
+    bounded = Monitored()
     for number in range(1000):
-        made.monitor.refuse(0, f"reason {number}")
-    assert len(made.monitor.refused) <= 65
-    assert made.monitor.refused.total() == 1000
-    assert len(made.said) <= 65
+        bounded.monitor.refuse(0, f"reason {number}")
+    assert len(bounded.monitor.refused) <= 65
+    assert bounded.monitor.refused.total() == 1000
+    assert len(bounded.said) <= 65
 
 
 def test_by_topics_a_message_of_bad_markers_is_one_warning(

@@ -32,6 +32,7 @@ from obb_collision.node.messages.conversions import namespace_table, stamp_from_
 from obb_collision.node.outputs import events as outputs_events
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+BEGIN, APART = ("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2")
 
 
 class Listener:
@@ -71,12 +72,17 @@ class Listener:
         self.rig.client.destroy_subscription(self.end)
 
 
-def listening(rig: Rig) -> Listener:
-    return Listener(rig)
+@pytest.fixture
+def events(rig: Rig) -> Listener:
+    """Return a listener to a node in which two cubes collide, their begin said already."""
+    made = Listener(rig)
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
+    made.until([BEGIN])
+    return made
 
 
 def test_each_pair_begins_and_ends_once(rig: Rig) -> None:
-    events = listening(rig)
+    events = Listener(rig)
     rig.send(cube(A1), cube(A2, (0.75, 0, 0)), cube(B1, (5, 0, 0)))
     rig.answer()
     rig.send(cube(A2, (0.5, 0, 0)))
@@ -85,7 +91,7 @@ def test_each_pair_begins_and_ends_once(rig: Rig) -> None:
     rig.answer()
     rig.send(cube(A2, (5.5, 0, 0)))
     last = rig.answer()
-    events.until([("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2"), ("begin", "a/2", "b/1")])
+    events.until([BEGIN, APART, ("begin", "a/2", "b/1")])
     begin, end, other = events.rows()
     assert (begin.depth, end.depth, other.depth) == (0.25, 0.5, 0.5)
     assert (begin.duration, other.duration) == (0.0, 0.0)
@@ -96,35 +102,28 @@ def test_each_pair_begins_and_ends_once(rig: Rig) -> None:
 
 
 def test_a_late_subscriber_gets_what_lasts_and_others_no_event_twice(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, events: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(outputs_events, "PERIOD", 1e6)
-    events = listening(rig)
-    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
-    events.until([("begin", "a/1", "a/2")])
     late = Listener(rig)
     assert late.lasting() == {("a/1", "a/2")}
     assert late.changes() == []
     rig.send(Marker(ns="a", id=2, action=Marker.DELETE))
     late.until([("end: removed", "a/1", "a/2")])
-    events.until([("begin", "a/1", "a/2"), ("end: removed", "a/1", "a/2")])
+    events.until([BEGIN, ("end: removed", "a/1", "a/2")])
 
 
-def test_what_lasts_comes_again_and_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_lasts_comes_again_and_again(
+    rig: Rig, events: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(outputs_events, "PERIOD", 0.05)
-    events = listening(rig)
-    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
-    events.until([("begin", "a/1", "a/2")])
     for _ in range(3):
         events.messages.clear()
         rig.until(lambda: events.messages, "another message")
         assert events.lasting() == {("a/1", "a/2")}
 
 
-def test_without_a_subscriber_nothing_is_counted(rig: Rig) -> None:
-    events = listening(rig)
-    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
-    events.until([("begin", "a/1", "a/2")])
+def test_without_a_subscriber_nothing_is_counted(rig: Rig, events: Listener) -> None:
     events.close()
     rig.until(lambda: rig.publisher("events").get_subscription_count() == 0, "nobody")
     rig.cycles(2)
@@ -135,7 +134,7 @@ def test_without_a_subscriber_nothing_is_counted(rig: Rig) -> None:
 
 
 def test_an_end_says_why(rig: Rig) -> None:
-    events = listening(rig)
+    events = Listener(rig)
     rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (0.25, 0, 0)))
     pairs = [("a/1", "a/2"), ("a/1", "b/1"), ("a/2", "b/1")]
     expected = [("begin", *pair) for pair in pairs]
@@ -148,34 +147,28 @@ def test_an_end_says_why(rig: Rig) -> None:
     events.until(expected)
 
 
-def test_an_object_that_is_replaced_at_once_ends_nothing(rig: Rig) -> None:
-    events = listening(rig)
-    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
-    events.until([("begin", "a/1", "a/2")])
+def test_an_object_that_is_replaced_at_once_ends_nothing(rig: Rig, events: Listener) -> None:
     rig.send(Marker(ns="a", id=2, action=Marker.DELETE), cube(A2, (0.75, 0, 0)))
     rig.answer()
     rig.send(cube(A2, (5.0, 0, 0)))
-    events.until([("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2")])
+    events.until([BEGIN, APART])
 
 
-def test_a_pause_of_the_checks_begins_and_ends_nothing(rig: Rig) -> None:
-    events = listening(rig)
-    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
-    events.until([("begin", "a/1", "a/2")])
+def test_a_pause_of_the_checks_begins_and_ends_nothing(rig: Rig, events: Listener) -> None:
     name = f"{rig.node.get_fully_qualified_name()}/enable"
     rig.call(SetBool, name, SetBool.Request(data=False))
     rig.send(cube(A2, (5.0, 0, 0)))
     rig.cycles(3)
     assert len(events.changes()) == 1
     rig.call(SetBool, name, SetBool.Request(data=True))
-    events.until([("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2")])
+    events.until([BEGIN, APART])
 
 
 def test_distances_keep_a_pair_at_the_border_from_chattering(rig: Rig) -> None:
     rig.set(
         **{"effects.events_begin_distance": 0.0625, "effects.events_clear_distance": 0.0625},
     )
-    events = listening(rig)
+    events = Listener(rig)
     rig.send(cube(A1), cube(A2, (5.0, 0, 0)))
     rig.answer()
     raw = []
@@ -184,21 +177,21 @@ def test_distances_keep_a_pair_at_the_border_from_chattering(rig: Rig) -> None:
         rig.send(cube(A2, (1.0 - depth, 0, 0)))
         raw.append(len(rig.pairs()))
     assert raw == [1, 0, 1, 0, 1, 0, 1, 0, 1], "collisions are certified as ever"
-    events.until([("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2")])
+    events.until([BEGIN, APART])
     assert events.rows()[0].depth == 0.125
     rig.set(**{"effects.events_begin_distance": 0.0})
-    events.until([("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2"), ("begin", "a/1", "a/2")])
+    events.until([BEGIN, APART, BEGIN])
 
 
 def test_times_keep_a_pair_from_chattering(rig: Rig) -> None:
     rig.set(**{"effects.events_clear_time": 3600.0})
-    events = listening(rig)
+    events = Listener(rig)
     for x in (0.5, 5.0, 0.5, 5.0):
         rig.send(cube(A1), cube(A2, (x, 0, 0)))
         rig.answer()
-    events.until([("begin", "a/1", "a/2")])
+    events.until([BEGIN])
     rig.set(**{"effects.events_clear_time": 0.0, "effects.events_begin_time": 3600.0})
-    events.until([("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2")])
+    events.until([BEGIN, APART])
     rig.send(cube(A2, (0.5, 0, 0)))
     rig.answer()
     rig.cycles(3)
@@ -206,18 +199,18 @@ def test_times_keep_a_pair_from_chattering(rig: Rig) -> None:
     rig.node._outputs.events.pairs.clock_jumped(-3600 * 10**9)  # an hour later
     events.until(
         [
-            ("begin", "a/1", "a/2"),
-            ("end: apart", "a/1", "a/2"),
-            ("begin", "a/1", "a/2"),
+            BEGIN,
+            APART,
+            BEGIN,
         ]
     )
 
 
 def test_a_pair_that_another_region_answers_for_is_not_said_to_be_apart() -> None:
     with Rig(region=["x: -inf to 5.0"]) as rig:
-        events = listening(rig)
+        events = Listener(rig)
         rig.send(cube(A1, (4.0, 0, 0)), cube(A2, (4.5, 0, 0)))
-        events.until([("begin", "a/1", "a/2")])
+        events.until([BEGIN])
         rig.send(cube(A1, (5.75, 0, 0)), cube(A2, (6.0, 0, 0)))  # they begin at 5.25 and 5.5
         rig.answer()
-        events.until([("begin", "a/1", "a/2"), ("end: not checked", "a/1", "a/2")])
+        events.until([BEGIN, ("end: not checked", "a/1", "a/2")])
