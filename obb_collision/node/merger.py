@@ -279,7 +279,3 @@ def main(args: Sequence[str] | None = None) -> int:
         farewell=lambda node: node.say_farewell(),
         caught=lambda node, error: node.guard.caught("executor", error),
     )
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

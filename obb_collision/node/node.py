@@ -19,11 +19,6 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # first of all: the imports take a second
-    from obb_collision.node.runtime.environment import end_at_once_on_signals
-
-    end_at_once_on_signals()
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -555,7 +550,3 @@ def main(args: Sequence[str] | None = None) -> int:
         farewell=lambda node: node.say_farewell(),
         caught=lambda node, error: node.guard.caught("executor", error),
     )
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

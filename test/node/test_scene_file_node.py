@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +52,20 @@ objects:
   - {name: lid, shape: box, size: [1, 1, 1], position: [0, 0, 0.5], accuracy: aabb}
   - {name: floor, shape: box, size: [9, 9, 1], position: [0, 0, -1.25], padding: 0.0}
 """
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[CollisionNode]:
+    """Yield a node that has ROS arguments."""
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    given = ["--ros-args", *arguments]
+    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=given)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 @pytest.fixture
@@ -96,17 +112,10 @@ def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) 
 
 @each("name", READY)
 def test_ready_scenes_start_by_name(name: str) -> None:
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    overrides = ["--ros-args", "-p", f"scene_file:={name}"]
-    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=overrides)
-    try:
+    with started("-p", f"scene_file:={name}") as node:
         assert len(node.objects.table) == len(load_scene(name).objects)
         node.cycle.run(1)
         assert node.cycle.report is not None
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
 
 
 def test_a_scene_file_that_cannot_be_used_ends_the_node_with_file_and_line(
@@ -138,23 +147,11 @@ def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
 
 
 def test_the_parameter_file_of_the_package_starts_a_node_with_the_defaults() -> None:
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    file = str(ROOT / "config" / "obb_collision.yaml")
-    arguments = ["--ros-args", "--params-file", file]
-    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=arguments)
-    try:
+    with started("--params-file", str(ROOT / "config" / "obb_collision.yaml")) as node:
         assert node.parameters.accuracy_overrides == []
         assert node.parameters.mode("contacts") == "auto"
-        assert node.parameters.setting("sweep") == {
-            "objects": ["*"],
-            "horizon": 1.0,
-            "tolerance": 1e-4,
-            "accuracy": "pairs",
-        }
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
+        defaults = {"objects": ["*"], "horizon": 1.0, "tolerance": 1e-4, "accuracy": "pairs"}
+        assert node.parameters.setting("sweep") == defaults
 
 
 def test_unquoted_words_and_empty_lists_of_yaml_are_understood(tmp_path: Path) -> None:
@@ -163,15 +160,8 @@ def test_unquoted_words_and_empty_lists_of_yaml_are_understood(tmp_path: Path) -
         "/**:\n  ros__parameters:\n    accuracy_overrides: []\n    effects:\n"
         "      contacts: off\n      clearance: on\n      contacts_objects: []\n"
     )
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    arguments = ["--ros-args", "--params-file", str(file), "-p", "effects.sweep:=off"]
-    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=arguments)
-    try:
+    with started("--params-file", str(file), "-p", "effects.sweep:=off") as node:
         modes = [node.parameters.mode(name) for name in ("contacts", "clearance", "sweep")]
         assert modes == ["off", "on", "off"]
         assert node.parameters.accuracy_overrides == []
         assert node.parameters.setting("contacts")["objects"] == []
-    finally:
-        node.destroy_node()
-        context.try_shutdown()

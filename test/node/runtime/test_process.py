@@ -130,7 +130,7 @@ STARTS = {
     "numba": SCRIPT,
     "rclpy.context": SCRIPT,
     "argparse": ("-m", "obb_collision.commands"),
-    "rclpy": ("-m", "obb_collision.node.node"),
+    "rclpy": SCRIPT,
 }
 """How a node is started, by a module that is imported on the way."""
 

@@ -251,7 +251,8 @@ def test_two_processes_find_what_one_node_finds_also_while_one_restarts() -> Non
 
 
 STATUS = TOPICS["collision_status"]
-COMMAND = ("-m", "obb_collision.node.merger", "--ros-args", "-r", f"__ns:={NAMESPACE}/merged")
+SCRIPT = "from obb_collision.commands import merge; raise SystemExit(merge())"
+COMMAND = ("-c", SCRIPT, "--ros-args", "-r", f"__ns:={NAMESPACE}/merged")
 ARGUMENTS = ("-p", f"regions:=['{NAMESPACE}/west']", "-p", "timeout:=0.5")
 
 
