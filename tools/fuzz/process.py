@@ -42,7 +42,7 @@ class Usage(NamedTuple):
     threads: int
 
 
-NODE = "obb_collision.node.node"
+NODE = "obb_collision.commands"
 ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": str(2**20)}
 """Blocks of a MiB and more are returned to the system. By default glibc keeps ever larger ones, up
 to 32 MB: memory grows in steps where large messages come, which would hide what is lost."""
