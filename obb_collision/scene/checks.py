@@ -140,9 +140,16 @@ class Checks:
             raise RuntimeError("the scene has changed since this check, whose effects are all off")
         active = store.active.copy()
         return Cycle(
-            *(store.snapshot(), active, found.pairs, found.verdicts),
-            *(self.checker.pair_filter, found.old, last.outcomes_before),
-            *(self.obstacle_points, store, self._before),
+            snapshot=store.snapshot(),
+            active=active,
+            pairs=found.pairs,
+            verdicts=found.verdicts,
+            pair_filter=self.checker.pair_filter,
+            old=found.old,
+            last=last.outcomes_before,
+            obstacle_points=self.obstacle_points,
+            store=store,
+            before=self._before,
             enabled=active if self.region is None else store.enabled.copy(),
             region=self.region,
             spheres=self.region is not None and needs_spheres(store),
@@ -155,7 +162,5 @@ class Checks:
         """Return the shapes for effects above OBB; None where each speaks of boxes."""
         if self.checker.plain and not self.effects.above_obb:
             return None
-        return PlacedShapes(
-            *(self._objects.store, self._objects.cache, found.pairs, found.accuracies, found.cap),
-            *(self.exact, found.total is None),
-        )
+        objects, pairs = self._objects, (found.pairs, found.accuracies, found.cap)
+        return PlacedShapes(objects.store, objects.cache, *pairs, self.exact, found.total is None)

@@ -72,7 +72,7 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
     place = np.zeros(3, np.int64)
     both = a.arrays, others.arrays
     while True:
-        other, verdict = _first_kernel(low, high, *tree, *both, b is None, place)
+        other, verdict = _first_kernel(low, high, tree, *both, b is None, place)
         if other < 0:
             return False, int(place[2])
         if verdict == OVERLAP or not exact:
@@ -83,8 +83,7 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
 
 @njit
 def _first_kernel(
-    own_minimum: Floats, own_maximum: Floats,
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
+    own_minimum: Floats, own_maximum: Floats, tree: BoundsTree,
     a: BoxArrays, b: BoxArrays, same: bool, place: np.ndarray,
 ) -> tuple[int, int]:  # fmt: skip
     """Return the next row of b that collides with the row ``place[0]`` of a, and the verdict.
@@ -92,12 +91,12 @@ def _first_kernel(
     -1 for no more. place (3,): the row of a, how many rows of b have been tested for it, how many
     pairs in all; it is where to go on. same: both sets are one, of which each pair is tested once.
     """
-    column = np.empty(len(order), np.int64)
+    column = np.empty(len(tree.order), np.int64)
     while place[0] < len(own_minimum):
         row = place[0]
         low, high = vector_at(own_minimum, row), vector_at(own_maximum, row)
         least = row + 1 if same else 0
-        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, least, column)
+        reached = overlapping(tree, low, high, least, column)
         box = box_at(a, row)
         for other in column[place[1] : reached]:
             place[1] += 1

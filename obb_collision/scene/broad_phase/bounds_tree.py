@@ -32,7 +32,7 @@ from obb_collision._jit import njit
 from obb_collision.numerics.intrinsics import fetch_row
 from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
 from obb_collision.scene.broad_phase.morton import morton_order_shared
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Vector
 
 #: Levels of blocks: enough for 8^21 boxes.
 LEVELS = 21
@@ -134,11 +134,9 @@ def _merge(nodes: Floats, block: int, parent: int, lane: int) -> None:
 
 
 @njit
-def move_kernel(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    places: np.ndarray,
-) -> None:  # fmt: skip
+def move_kernel(tree: BoundsTree, places: np.ndarray) -> None:
     """Write the bounds of places in the order anew, and what they make of the blocks above."""
+    minimum, maximum, order, nodes, starts = tree
     for place in places:
         block, lane = place >> LANE_BITS, place & (LANES - 1)
         for k in range(3):
@@ -150,16 +148,13 @@ def move_kernel(
 
 
 @njit(inline=True)
-def overlapping(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    low: tuple[float, float, float], high: tuple[float, float, float], least: int, out: np.ndarray,
-) -> int:  # fmt: skip
+def overlapping(tree: BoundsTree, low: Vector, high: Vector, least: int, out: np.ndarray) -> int:
     """Write rows from ``least`` on whose bounds overlap low to high; return their number.
 
     In the order of the tree, as many as there is room for in ``out``.
     """
-    levels = np.empty(STACK, np.int64)
-    waiting = np.empty(STACK, np.int64)
+    order, nodes, starts = tree.order, tree.nodes, tree.starts
+    levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     levels[0], waiting[0] = len(starts) - 2, 0
     depth, found = 1, 0
     while depth > 0:

@@ -23,6 +23,7 @@ n^2 / 2 pairs to report, unless there is a limit (see ``limit``).
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def find_some_candidates(tree: BoundsTree, most: int, each: Each | None = None) 
     """
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return _self_overlaps(*tree[2:], most, pairs, start, stop)
+        return _self_overlaps(tree, most, pairs, start, stop)
 
     return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, each)
 
@@ -98,7 +99,7 @@ def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | 
     wanted[rows] = True
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return row_overlaps(*tree, rows, wanted, most, pairs, start, stop)
+        return row_overlaps(tree, rows, wanted, most, pairs, start, stop)
 
     return _collect(search, len(rows), FEWEST_ROWS, 4 * ROOM_PER_ROW, most)
 
@@ -115,7 +116,7 @@ def find_candidates_between(
     tree = BoundsTree.build(other_minimum, other_maximum)
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return _overlaps_between(minimum, maximum, *tree, pairs, start, stop)
+        return _overlaps_between(minimum, maximum, tree, pairs, start, stop)
 
     pairs = _collect(search, len(minimum), FEWEST_ROWS, 2 * ROOM_PER_ROW, UNLIMITED)
     assert pairs is not None
@@ -156,20 +157,28 @@ def _collect(
     return chunks[0] if len(chunks) == 1 else np.concatenate(chunks or [NO_PAIRS])
 
 
+class Room(NamedTuple):
+    """Room for the search of one leaf's pairs."""
+
+    levels: Rows  #: (STACK,) of the blocks to visit ...
+    waiting: Rows  #: (STACK,) ... and their numbers
+    near: Rows  #: (NEAR, 3) a leaf, which boxes of the searched one overlap it, which of it that
+    hits: Rows  #: (NEAR * LANES, 3) a box of the searched leaf, a leaf, which boxes of it
+
+
 @njit
 def _self_overlaps(
-    order: np.ndarray, nodes: Floats, starts: np.ndarray, most: int, pairs: np.ndarray,
-    start: int, stop: int,
-) -> tuple[int, int]:  # fmt: skip
+    tree: BoundsTree, most: int, pairs: np.ndarray, start: int, stop: int
+) -> tuple[int, int]:
     """Write the overlapping pairs of leaves ``start`` to ``stop``, each with those from it on.
 
     Ends soon after ``most`` are found. See ``Search``.
     """
     levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     near, hits = np.empty((NEAR, 3), np.int64), np.empty((NEAR * LANES, 3), np.int64)
-    found = 0
+    room, found = Room(levels, waiting, near, hits), 0
     for leaf in range(start, stop):
-        more = _leaf_overlaps(order, nodes, starts, leaf, levels, waiting, near, hits, pairs, found)
+        more = _leaf_overlaps(tree, leaf, room, pairs, found)
         if more < 0:
             return found, leaf
         found = more
@@ -178,16 +187,15 @@ def _self_overlaps(
     return found, stop
 
 
-@njit
-def _leaf_overlaps(
-    order: np.ndarray, nodes: Floats, starts: np.ndarray, leaf: int, levels: np.ndarray,
-    waiting: np.ndarray, near: np.ndarray, hits: np.ndarray, pairs: np.ndarray, found: int,
-) -> int:  # fmt: skip
+@njit(refcount=False)
+def _leaf_overlaps(tree: BoundsTree, leaf: int, room: Room, pairs: np.ndarray, found: int) -> int:
     """Append the pairs of a leaf with those from it on; return the new number, -1 for no room.
 
-    near, hits: room. Leaves that overlap it are found first, then boxes, then pairs, all of a kind
+    Leaves that overlap it are found first, then boxes, then pairs, all of a kind
     together: so a processor guesses well what comes next, and memory is asked for in time.
     """
+    nodes, starts = tree.nodes, tree.starts
+    levels, waiting, near = room.levels, room.waiting, room.near
     x0, y0, z0, x1, y1, z1 = _leaf_bounds(nodes, starts, leaf)
     levels[0], waiting[0] = len(starts) - 2, 0
     depth, count = 1, 0
@@ -199,7 +207,7 @@ def _leaf_overlaps(
                 child = near[k, 0]
                 near[k, 1] = overlaps(nodes, leaf, *_leaf_bounds(nodes, starts, child))
                 near[k, 2] = overlaps(nodes, child, x0, y0, z0, x1, y1, z1)
-            found = _box_overlaps(order, nodes, leaf, near, count, hits, pairs, found)
+            found = _box_overlaps(tree, leaf, room, count, pairs, found)
             count = 0
             if depth == 0 or found < 0:
                 return found
@@ -222,7 +230,7 @@ def _leaf_overlaps(
                 count += 1
 
 
-@njit
+@njit(refcount=False)
 def _leaf_bounds(
     nodes: Floats, starts: np.ndarray, leaf: int
 ) -> tuple[float, float, float, float, float, float]:
@@ -236,15 +244,12 @@ def _leaf_bounds(
     )  # fmt: skip
 
 
-@njit
+@njit(refcount=False)
 def _box_overlaps(
-    order: np.ndarray, nodes: Floats, leaf: int, near: np.ndarray, count: int, hits: np.ndarray,
-    pairs: np.ndarray, found: int,
-) -> int:  # fmt: skip
-    """Append the pairs of a leaf with ``count`` others, or itself; return as ``_leaf_overlaps``.
-
-    near (k, 3): the other leaf, which boxes of the first overlap it, and which of it the first.
-    """
+    tree: BoundsTree, leaf: int, room: Room, count: int, pairs: np.ndarray, found: int
+) -> int:
+    """Append the pairs of a leaf with ``count`` near ones; return as ``_leaf_overlaps``."""
+    order, nodes, near, hits = tree.order, tree.nodes, room.near, room.hits
     number = 0
     for k in range(count):
         other, bits, keep = near[k, 0], near[k, 1], near[k, 2]
@@ -253,10 +258,9 @@ def _box_overlaps(
         while bits != 0:
             i = lowest(bits)
             bits &= bits - 1
-            mask = keep & overlaps(
-                *(nodes, other, nodes[leaf, 0, i], nodes[leaf, 1, i], nodes[leaf, 2, i]),
-                *(nodes[leaf, 3, i], nodes[leaf, 4, i], nodes[leaf, 5, i]),
-            )
+            x0, y0, z0 = nodes[leaf, 0, i], nodes[leaf, 1, i], nodes[leaf, 2, i]
+            x1, y1, z1 = nodes[leaf, 3, i], nodes[leaf, 4, i], nodes[leaf, 5, i]
+            mask = keep & overlaps(nodes, other, x0, y0, z0, x1, y1, z1)
             if other == leaf:
                 mask = (mask >> (i + 1)) << (i + 1)
             hits[number, 0], hits[number, 1], hits[number, 2] = i, other, mask
@@ -275,20 +279,23 @@ def _box_overlaps(
 
 @njit
 def row_overlaps(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    rows: np.ndarray, wanted: np.ndarray, most: int, pairs: np.ndarray, start: int, stop: int,
+    tree: BoundsTree, rows: np.ndarray, wanted: np.ndarray, most: int, pairs: np.ndarray,
+    start: int, stop: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the pairs of wanted rows with all others; between two wanted ones only once.
 
     Ends soon after ``most`` are found. See ``Search``. Many rows go down the tree together, level
     by level: so memory is asked for in time.
     """
-    here = np.empty((starts[1] + NEAR * LANES, 2), np.int64)  # of one row there is room for all
+    order = tree.order
+    here = np.empty(
+        (tree.starts[1] + NEAR * LANES, 2), np.int64
+    )  # of one row there is room for all
     there = np.empty_like(here)
     found, first, batch = 0, start, TOGETHER
     while first < stop:
         last = min(first + batch, stop)
-        count = _leaves_of(minimum, maximum, nodes, starts, rows, first, last, here, there)
+        count = _leaves_of(tree, rows, first, last, here, there)
         if count < 0:
             batch = 1
             continue
@@ -303,7 +310,7 @@ def row_overlaps(
             if found + LANES > len(pairs):
                 return row_found, number
             i = rows[number]
-            mask = _overlaps_row(nodes, leaf, minimum, maximum, i)
+            mask = _overlaps_row(tree, leaf, i)
             while mask != 0:
                 j = order[LANES * leaf + lowest(mask)]
                 mask &= mask - 1
@@ -316,15 +323,15 @@ def row_overlaps(
     return found, stop
 
 
-@njit
+@njit(refcount=False)
 def _leaves_of(
-    minimum: Floats, maximum: Floats, nodes: Floats, starts: np.ndarray, rows: np.ndarray,
-    first: int, last: int, here: np.ndarray, there: np.ndarray,
-) -> int:  # fmt: skip
+    tree: BoundsTree, rows: np.ndarray, first: int, last: int, here: np.ndarray, there: np.ndarray
+) -> int:
     """Write the leaves that may hold what overlaps ``rows[first:last]``: number of row, and leaf.
 
     In the order of the rows; returns how many, -1 for no room. there: as large.
     """
+    nodes, starts = tree.nodes, tree.starts
     count = last - first
     for k in range(count):
         here[k, 0], here[k, 1] = first + k, 0
@@ -332,7 +339,7 @@ def _leaves_of(
         reached = 0
         for k in range(count):
             number, block = here[k, 0], here[k, 1]
-            mask = _overlaps_row(nodes, starts[level] + block, minimum, maximum, rows[number])
+            mask = _overlaps_row(tree, starts[level] + block, rows[number])
             if reached + LANES > len(there):
                 return -1
             while mask != 0:
@@ -348,27 +355,24 @@ def _leaves_of(
     return count
 
 
-@njit
-def _overlaps_row(nodes: Floats, block: int, minimum: Floats, maximum: Floats, row: int) -> int:
+@njit(refcount=False)
+def _overlaps_row(tree: BoundsTree, block: int, row: int) -> int:
     """Return which bounds of a block overlap those of a row, a bit for each."""
-    return overlaps(
-        *(nodes, block, minimum[row, 0], minimum[row, 1], minimum[row, 2]),
-        *(maximum[row, 0], maximum[row, 1], maximum[row, 2]),
-    )
+    x0, y0, z0 = vector_at(tree.minimum, row)
+    x1, y1, z1 = vector_at(tree.maximum, row)
+    return overlaps(tree.nodes, block, x0, y0, z0, x1, y1, z1)
 
 
 @njit
 def _overlaps_between(
-    own_minimum: Floats, own_maximum: Floats,
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    pairs: np.ndarray, start: int, stop: int,
-) -> tuple[int, int]:  # fmt: skip
+    minimum: Floats, maximum: Floats, tree: BoundsTree, pairs: np.ndarray, start: int, stop: int
+) -> tuple[int, int]:
     """Write the pairs of ``find_candidates_between`` of rows of the first set. See ``Search``."""
-    column = np.empty(len(order), np.int64)
+    column = np.empty(len(tree.order), np.int64)
     found = 0
     for row in range(start, stop):
-        low, high = vector_at(own_minimum, row), vector_at(own_maximum, row)
-        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, 0, column)
+        low, high = vector_at(minimum, row), vector_at(maximum, row)
+        reached = overlapping(tree, low, high, 0, column)
         if found + reached > len(pairs):
             return found, row
         for k in range(reached):

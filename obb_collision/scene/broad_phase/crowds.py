@@ -29,7 +29,7 @@ from obb_collision.numerics.sorting import bits_of, sort_numbers
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Rows
 
 #: Partners of an object looked at first, where one that collides is enough ...
 FIRST_PARTNERS = 8
@@ -47,7 +47,7 @@ def ordered_candidates(tree: BoundsTree, room: int) -> Iterator[tuple[Pairs, int
     column, spare = np.empty((2, count), np.int64)
     row = 0
     while row < count:
-        found, row = _rows_kernel(*tree, row, column, spare, pairs)
+        found, row = _rows_kernel(tree, row, column, spare, pairs)
         yield pairs[:found].copy(), row
 
 
@@ -58,20 +58,19 @@ def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> 
     """
     pairs = np.empty((len(rows) * most, 2), np.int64)
     counts = np.empty(len(rows), np.int64)
-    found = _partners_kernel(*tree, rows, least, skip, most, pairs, counts)
+    found = _partners_kernel(tree, rows, least, skip, most, pairs, counts)
     return pairs[:found], counts
 
 
 @njit
 def _rows_kernel(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    row: int, column: np.ndarray, spare: np.ndarray, pairs: np.ndarray,
-) -> tuple[int, int]:  # fmt: skip
+    tree: BoundsTree, row: int, column: np.ndarray, spare: np.ndarray, pairs: np.ndarray
+) -> tuple[int, int]:
     """Write the pairs of rows from ``row`` on while they fit; return their number and the next."""
-    found, bits = 0, bits_of(len(order))
-    while row < len(order):
-        low, high = vector_at(minimum, row), vector_at(maximum, row)
-        more = overlapping(minimum, maximum, order, nodes, starts, low, high, row + 1, column)
+    found, bits = 0, bits_of(len(tree.order))
+    while row < len(tree.order):
+        low, high = vector_at(tree.minimum, row), vector_at(tree.maximum, row)
+        more = overlapping(tree, low, high, row + 1, column)
         if found + more > len(pairs):
             return found, row
         sort_numbers(column[:more], spare[:more], 0, bits)
@@ -84,15 +83,15 @@ def _rows_kernel(
 
 @njit
 def _partners_kernel(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    rows: np.ndarray, least: int, skip: int, most: int, pairs: np.ndarray, counts: np.ndarray,
+    tree: BoundsTree, rows: np.ndarray, least: int, skip: int, most: int,
+    pairs: np.ndarray, counts: np.ndarray,
 ) -> int:  # fmt: skip
     column = np.empty(skip + most + 1, np.int64)  # with the row itself
     found = 0
     for n in range(len(rows)):
         row = rows[n]
-        low, high = vector_at(minimum, row), vector_at(maximum, row)
-        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, least, column)
+        low, high = vector_at(tree.minimum, row), vector_at(tree.maximum, row)
+        reached = overlapping(tree, low, high, least, column)
         others = 0
         for k in range(reached):
             if column[k] != row and others < skip + most:

@@ -55,7 +55,7 @@ class KeptTree:
         self._left -= len(rows)
         if self._left < 0.0:
             return False
-        move_kernel(*self._tree, self._places[rows])
+        move_kernel(self._tree, self._places[rows])
         return True
 
     def pairs_of(self, rows: Rows, most: int) -> Pairs | None:
@@ -73,9 +73,8 @@ class KeptTree:
         if self._left < 0.0:
             return None
         pairs = np.empty((4 * ROOM_PER_ROW * len(slots) + LANES**2, 2), np.int64)
-        found = _changes_kernel(
-            slots, changed, active, boxes.arrays, *self._tree, self._places, pairs
-        )
+        given = slots, changed, active, boxes.arrays
+        found = _changes_kernel(*given, self._tree, self._places, pairs)
         if found < 0:  # no room
             return find_some_candidates_of(self._tree, slots[active[slots]], UNLIMITED)
         return pairs[:found]
@@ -84,8 +83,7 @@ class KeptTree:
 @njit
 def _changes_kernel(
     slots: np.ndarray, changed: np.ndarray, active: np.ndarray, boxes: BoxArrays,
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats,
-    starts: np.ndarray, places: np.ndarray, pairs: np.ndarray,
+    tree: BoundsTree, places: np.ndarray, pairs: np.ndarray,
 ) -> int:  # fmt: skip
     """Bound slots, write that to the tree, and write their pairs; return how many, -1: no room."""
     rows = np.empty_like(slots)
@@ -99,10 +97,8 @@ def _changes_kernel(
             count += 1
         else:
             for k in range(3):
-                minimum[slot, k], maximum[slot, k] = np.inf, -np.inf
-    bounds_kernel(boxes, rows, minimum, maximum, 0, count)
-    move_kernel(minimum, maximum, order, nodes, starts, moved)
-    found, reached = row_overlaps(
-        minimum, maximum, order, nodes, starts, rows, changed, UNLIMITED, pairs, 0, count
-    )
+                tree.minimum[slot, k], tree.maximum[slot, k] = np.inf, -np.inf
+    bounds_kernel(boxes, rows, tree.minimum, tree.maximum, 0, count)
+    move_kernel(tree, moved)
+    found, reached = row_overlaps(tree, rows, changed, UNLIMITED, pairs, 0, count)
     return found if reached == count else -1

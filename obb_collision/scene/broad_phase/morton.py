@@ -50,6 +50,8 @@ CELL = 8
 SHORTEST = 1e-280
 #: The last cell along an axis.
 LAST = 2.0**AXIS_BITS - 1.0
+#: Where cells begin along x, y and z, and how many there are per metre.
+Cells = tuple[float, float, float, float]
 
 
 @njit
@@ -119,9 +121,9 @@ def _sort_cells(
     side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
     if len(rows) < 2 or not SHORTEST <= side < np.inf:
         return False
-    bits, scale = code_bits(len(rows), row_bits), LAST / side
+    bits, cells = code_bits(len(rows), row_bits), (low[0], low[1], low[2], LAST / side)
     for n in range(len(rows)):
-        code = _code(minimum, maximum, rows[n], low[0], low[1], low[2], scale)
+        code = _code(minimum, maximum, rows[n], cells)
         rows[n] |= code >> (BITS - bits) << row_bits
     sort_numbers(rows, spare, row_bits, row_bits + bits)
     _part(rows, rows, spare, row_bits)
@@ -136,10 +138,9 @@ def code_bits(count: int, row_bits: int) -> int:
 
 
 @njit
-def _code(
-    minimum: Floats, maximum: Floats, row: int, x: float, y: float, z: float, scale: float
-) -> int:
-    """Return the number of a row's cell along the curve; x, y, z: where cells begin."""
+def _code(minimum: Floats, maximum: Floats, row: int, cells: Cells) -> int:
+    """Return the number of a row's cell along the curve."""
+    x, y, z, scale = cells
     code = 0
     for k, low in enumerate((x, y, z)):
         middle = 0.5 * minimum[row, k] + 0.5 * maximum[row, k]
@@ -178,14 +179,12 @@ def morton_order_shared(
         if ends[:, 6].all() and SHORTEST <= side < np.inf:
             row_bits = int(count).bit_length()
             bits = int(code_bits(count, row_bits))
-            where = *low.tolist(), LAST / side
-            run(
-                *(_code_kernel, count, FEWEST_NUMBERS, minimum, maximum, *where),
-                *(bits, row_bits, order),
-            )
+            where = (*low.tolist(), LAST / side)
+            given = minimum, maximum, where, bits, row_bits, order
+            run(_code_kernel, count, FEWEST_NUMBERS, *given)
             starts = deal(order, spare, row_bits + bits)
-            given = minimum, maximum, order, spare, starts, bits, row_bits
-            run_buckets(lambda first, last: _bucket_kernel(*given, first, last), starts)
+            sort = minimum, maximum, order, spare, starts, bits, row_bits
+            run_buckets(lambda first, last: _bucket_kernel(*sort, first, last), starts)
             return
     morton_order(minimum, maximum, order, spare)
 
@@ -208,12 +207,12 @@ def _extent_kernel(
 
 @njit
 def _code_kernel(
-    minimum: Floats, maximum: Floats, x: float, y: float, z: float, scale: float, bits: int,
-    row_bits: int, numbers: np.ndarray, start: int, stop: int,
+    minimum: Floats, maximum: Floats, cells: Cells, bits: int, row_bits: int, numbers: np.ndarray,
+    start: int, stop: int,
 ) -> None:  # fmt: skip
     """Write rows ``start`` to ``stop``, each with its code before it."""
     for n in range(start, stop):
-        code = _code(minimum, maximum, n, x, y, z, scale)
+        code = _code(minimum, maximum, n, cells)
         numbers[n] = n | (code >> (BITS - bits) << row_bits)
 
 
