@@ -61,6 +61,7 @@ MAX_WAITING_BYTES = 64 << 20
 MAX_WAITING_MESSAGES = 1000
 MAX_TRIES = 3
 """States of an object that are tried where the last one can't be built."""
+DELETIONS = Marker.DELETE, Marker.DELETEALL
 NO_NUMBER = -(1 << 40)
 """In place of the number of a namespace that is not in the table; no namespace has it."""
 
@@ -121,7 +122,8 @@ class MarkerInput:
             is_read |= part is not None
             if part is not None and len(part):
                 found.insert(0, (part, at))
-                if _deletes_all(part):
+                deletes = part.integers[:, ACTION] == Marker.DELETEALL
+                if (deletes & (part.integers[:, NS + 1] == 0)).any():
                     break
         return found
 
@@ -153,11 +155,6 @@ class MarkerInput:
         return self._guard.run("input objects", run, "whole message")
 
 
-def _deletes_all(scanned: Scanned) -> bool:
-    deletes = scanned.integers[:, ACTION] == Marker.DELETEALL
-    return bool((deletes & (scanned.integers[:, NS + 1] == 0)).any())
-
-
 class MarkerUpdate:
     """Applies the outcome of markers at a time (ns): objects are removed, added or changed."""
 
@@ -181,8 +178,7 @@ class MarkerUpdate:
         faults = find_faults(markers, objects.placement.frame_index)
         outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance)
         mine = self._without_owned(outcome)
-        slots = self._remove(mine)
-        there = np.flatnonzero(mine.winner >= 0)
+        slots, there = self._remove(mine), np.flatnonzero(mine.winner >= 0)
         there = there[np.argsort(mine.winner[there])]
         self._add(mine.winner[there], slots[there], outcome.previous)
         for row in mine.bad[mine.bad >= 0].tolist():
@@ -197,7 +193,7 @@ class MarkerUpdate:
         self._refuse(np.flatnonzero(outcome.late), RefusedError(OLDER))
         new = (self._markers.action == Marker.ADD) & (faults.number == GOOD) & ~outcome.late
         new[outcome.winner[outcome.winner >= 0]] = False
-        self._objects.states.superseded["objects"] += int(np.count_nonzero(new))
+        self._objects.states.superseded["objects"] += int(new.sum())
 
     def _refuse(self, rows: Rows, error: RefusedError, marks: bool = False) -> None:
         """Count refused markers; marks: their objects have not the shapes that were sent last."""
@@ -247,8 +243,7 @@ class MarkerUpdate:
         What is deleted and comes again as it was, in the fixed frame, stays in its place.
         """
         markers, objects, table = self._markers, self._objects, self._table
-        added, deletes = markers.action == Marker.ADD, markers.action == Marker.DELETE
-        added &= ~np.isin(markers.type, ANNOTATIONS)
+        added = (markers.action == Marker.ADD) & ~np.isin(markers.type, ANNOTATIONS)
         everything = markers.ns.of[markers.action == Marker.DELETEALL]
         was_something = not objects.is_empty or bool(objects.unplaceable) or added.any()
         doomed, removed = self._deleted_by_all(everything), outcome.remover >= 0
@@ -256,7 +251,7 @@ class MarkerUpdate:
         doomed[slots[removed & (slots >= 0)]] = True
         deleted = [markers.key(row) for row in outcome.first[removed].tolist()]
         for key in deleted if objects.unplaceable else ():
-            objects.shapes.unplaceable.delete(key)
+            self._shapes.unplaceable.delete(key)
         again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
         again = again[doomed[slots[again]]]
         if len(again):
@@ -265,8 +260,8 @@ class MarkerUpdate:
         gone = np.flatnonzero(doomed & table.live)
         self._unknown.deleted((*deleted, *table.keys(gone)), self._now)
         objects.shapes.remove(gone)
-        says_so = was_something and (len(everything) or deletes.any())
-        if says_so or any(not markers.ns.texts[index] for index in everything.tolist()):
+        of_all = any(not markers.ns.texts[index] for index in everything.tolist())
+        if of_all or (was_something and np.isin(markers.action, DELETIONS).any()):
             objects.declare_empty()
         objects.shapes.readd(slots[again])
         return np.where((slots >= 0) & table.has(LIVE, slots), slots, -1)
@@ -328,8 +323,7 @@ class MarkerUpdate:
         for _ in range(MAX_TRIES):
             if self._each(np.array([row]), self._put):
                 break
-            row = int(previous[row])
-            if row < 0:
+            if (row := int(previous[row])) < 0:
                 return
         if row != last:
             self._mark(last, "")  # what it has is not the last
@@ -375,9 +369,22 @@ class MarkerUpdate:
         self._store(rows, np.array([slot]))
 
     def _plan(self, row: int) -> ShapePlan:
-        """Return how to get the shape of a marker; RefusedError where it has none."""
+        """Return how to get the shape of a marker; RefusedError where it has none.
+
+        Of copies: a view would hold the whole message in memory.
+        """
         if row not in self._plans:
-            self._plans[row] = plan_shape(_shape(self._markers, row))
+            markers = self._markers
+            part, at = markers.parts[markers.part[row]], int(markers.row[row])
+            given = MarkerShape(
+                int(markers.type[row]),
+                markers.scales[row].copy(),
+                part.points(at).copy(),
+                part.text(at, MESH).decode(errors="replace"),
+                part.text(at, FILE).decode(errors="replace"),
+                bytes(part.content(at)),
+            )
+            self._plans[row] = plan_shape(given)
         return self._plans[row]
 
     def _store(self, rows: Rows, slots: Rows) -> None:
@@ -391,16 +398,3 @@ class MarkerUpdate:
         locked = markers.locked[rows]
         if locked.any():
             states.lock(slots[locked])
-
-
-def _shape(markers: Batch, row: int) -> MarkerShape:
-    """Return the shape of a marker as a copy: a view would hold the whole message in memory."""
-    part, at = markers.parts[markers.part[row]], int(markers.row[row])
-    return MarkerShape(
-        int(markers.type[row]),
-        markers.scales[row].copy(),
-        part.points(at).copy(),
-        part.text(at, MESH).decode(errors="replace"),
-        part.text(at, FILE).decode(errors="replace"),
-        bytes(part.content(at)),
-    )
