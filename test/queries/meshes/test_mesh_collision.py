@@ -85,7 +85,8 @@ def test_trees_lose_no_pair_of_triangles() -> None:
         met = oc.triangle_pairs(a, b)
         corners = [v[f] + p.centers[0] for (v, f), p in ((ZOO[name], a), (ZOO[other], b))]
         i, j = (k.ravel() for k in np.indices((len(corners[0]), len(corners[1]))))
-        brute = triangle_verdicts(corners[0][i], corners[1][j]) == Verdict.OVERLAP
+        met_alone = oc.verdicts(triangles(corners[0], i), triangles(corners[1], j))
+        brute = met_alone == Verdict.OVERLAP
         expected = set(zip(i[brute].tolist(), j[brute].tolist(), strict=True))
         found = met.faces[met.verdicts == Verdict.OVERLAP]
         assert {(s, t) for s, t in found.tolist()} == expected
@@ -207,15 +208,18 @@ def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
 SEVERAL = 120
 
 
+def triangles(corners: ArrayLike, rows: ArrayLike | None = None) -> PlacedMeshes:
+    """Return triangles (n, 3, 3), or rows of them, each a mesh by itself."""
+    trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in np.asarray(corners)])
+    rows = np.arange(len(trees)) if rows is None else np.asarray(rows)
+    return PlacedMeshes(
+        trees, rows, np.zeros((len(rows), 3)), np.tile(np.eye(3), (len(rows), 1, 1))
+    )
+
+
 def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArray[np.int8]:
-    """Return the verdict of each triangle of a (n, 3, 3), a mesh by itself, with that of b."""
-    sides = []
-    for corners in map(np.asarray, (a, b)):
-        trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in corners])
-        count = len(corners)
-        still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
-        sides.append(PlacedMeshes(trees, np.arange(count), *still))
-    return oc.verdicts(*sides, exact=exact)
+    """Return the verdict of each triangle of a (n, 3, 3) with that of b."""
+    return oc.verdicts(triangles(a), triangles(b), exact=exact)
 
 
 def _pairs(maker: Maker, count: int) -> Pair:
