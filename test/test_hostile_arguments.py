@@ -163,12 +163,11 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         add = changed(lambda made, given, make=make: made.add("d", make(given), accuracy="mesh"))  # type: ignore[misc]
         yield name, add, {"value": value}
     for option, (effect, value) in OPTIONS.items():
-        setting = changed(
-            lambda made, given, effect=effect, option=option: made.set_effect(  # type: ignore[misc]
-                effect, **{option: given}
-            )
-        )
-        yield option, setting, {"value": value}
+
+        def setting(made: oc.Scene, given: Any, effect: str = effect, option: str = option) -> None:
+            made.set_effect(effect, **{option: given})
+
+        yield option, changed(setting), {"value": value}
     for name, value in vars(trees()).items():
         if name != "arrays":
             yield from tree_calls(name, value)
