@@ -150,13 +150,11 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         if name.endswith(" ="):  # a property of a scene
             (value,) = good.values()
             path = name.removeprefix("Scene.").removesuffix(" =")
-            yield (
-                name,
-                changed(lambda made, given, path=path: assign(made, path, given)),
-                {  # type: ignore[misc]
-                    "value": value
-                },
-            )
+
+            def put(made: oc.Scene, given: Any, path: str = path) -> None:
+                assign(made, path, given)
+
+            yield name, changed(put), {"value": value}
         else:
             yield name, checked(function), good
     for name, (make, value) in SHAPES.items():
