@@ -26,7 +26,7 @@ from obb_collision.queries.mesh_contacts.surfaces import NO_AXIS, patches_of, wi
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Setting, take_rows
-from obb_collision.scene.refinement.placed_shapes import PlacedShapes, RoundSides, Sides
+from obb_collision.scene.refinement.placed_shapes import MeshSides, PlacedShapes, RoundSides
 from obb_collision.typing import Floats
 
 
@@ -84,17 +84,17 @@ def triangle_contacts(
     return result
 
 
-def _write(table: Separations, some: Sides | RoundSides, found: Separations) -> None:
+def _write(table: Separations, some: MeshSides | RoundSides, found: Separations) -> None:
     """Write the rows of a table that some sides have."""
     table.separations[some.rows], table.positions[some.rows] = found.separations, found.positions
     table.normals[some.rows] = _sign(some) * found.normals
 
 
-def _sign(some: Sides | RoundSides) -> Floats:
+def _sign(some: MeshSides | RoundSides) -> Floats:
     return np.where(some.turned, -1.0, 1.0)[:, None]
 
 
-def _seen_from(table: Separations, some: Sides | RoundSides) -> Separations:
+def _seen_from(table: Separations, some: MeshSides | RoundSides) -> Separations:
     """Return the rows of a table that some sides have, by their own rows and from their a to b."""
     each = np.repeat(np.arange(len(some.rows)), 2).reshape(-1, 2)
     normals = _sign(some) * table.normals[some.rows]

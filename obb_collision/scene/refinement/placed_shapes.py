@@ -59,7 +59,7 @@ class BodyDistances(NamedTuple):
     found: ConvexDistances
 
 
-class Sides(NamedTuple):
+class MeshSides(NamedTuple):
     """Meshes of some pairs: row k of a and row k of b, each with a radius about it."""
 
     rows: Rows  #: (k,) of the pairs
@@ -212,7 +212,7 @@ class PlacedShapes:
         some = RoundSides(rows, turned, ends, *self.meshes(boxes, ends[:, 0]), bodies)
         return np.flatnonzero(~curved.any(axis=1)), some
 
-    def sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[Sides]:
+    def sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[MeshSides]:
         """Yield the meshes of pairs (m, 2) of slots with a mesh on at least one side."""
         turned = self.kinds[pairs[:, 0]] == ROUND
         ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
@@ -221,7 +221,7 @@ class PlacedShapes:
             if len(rows):
                 a, radii_a = self.meshes(boxes, ends[rows, 0])
                 b, radii_b = self.meshes(boxes, ends[rows, 1])
-                yield Sides(rows, turned[rows], a, radii_a, b, radii_b)
+                yield MeshSides(rows, turned[rows], a, radii_a, b, radii_b)
 
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
         """Return the trees of slots (k,) where they are, and their radii (k,).
