@@ -23,6 +23,7 @@ processor divides several at once, 7 ns a pose where one at a time takes 24. The
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -274,42 +275,33 @@ def fill_quaternions(matrices: Floats, out: Floats) -> None:
         out[n, 0], out[n, 1], out[n, 2], out[n, 3] = x / norm, y / norm, z / norm, w / norm
 
 
-@njit
-def place_boxes(
-    positions: Floats,
-    rotations: Floats,
-    local_centers: Floats,
-    local_rotations: Floats,
-    rows: np.ndarray,
-    out_centers: Floats,
-    out_rotations: Floats,
-) -> None:
-    """Move local boxes to the world: row ``rows[n]`` of the outputs gets pose n applied.
+class FrameArrays(NamedTuple):
+    """FrameArrays for kernels: centers (n, 3) and rotations (n, 3, 3)."""
 
-    positions (m, 3), rotations (m, 3, 3): the poses of the objects; the local boxes and the
-    outputs are indexed by row, (.., 3) and (.., 3, 3).
-    """
+    centers: Floats
+    rotations: Floats
+
+
+@njit
+def place_boxes(poses: FrameArrays, local: FrameArrays, rows: np.ndarray, out: FrameArrays) -> None:
+    """Move local boxes to the world: row ``rows[n]`` of ``out`` gets pose n applied to its own."""
     for n in range(len(rows)):
-        place_box(
-            vector_at(positions, n), rows_at(rotations, n), local_centers, local_rotations, rows[n],
-            out_centers, out_rotations,
-        )  # fmt: skip
+        place_box(vector_at(poses.centers, n), rows_at(poses.rotations, n), local, rows[n], out)
 
 
 @njit
 def place_box(
-    position: Vector, rotation: Axes, local_centers: Floats, local_rotations: Floats, row: int,
-    out_centers: Floats, out_rotations: Floats,
-) -> None:  # fmt: skip
+    position: Vector, rotation: Axes, local: FrameArrays, row: int, out: FrameArrays
+) -> None:
     """Move the local box of a row to the world; rotation: the rows of the pose's matrix."""
-    center = vector_at(local_centers, row)
-    x, y, z = axes_of(local_rotations, row)
+    center = vector_at(local.centers, row)
+    x, y, z = axes_of(local.rotations, row)
     for i in range(3):
         across = rotation[i]
-        out_centers[row, i] = position[i] + _sum_of_products(across, center)
-        out_rotations[row, i, 0] = _sum_of_products(across, x)
-        out_rotations[row, i, 1] = _sum_of_products(across, y)
-        out_rotations[row, i, 2] = _sum_of_products(across, z)
+        out.centers[row, i] = position[i] + _sum_of_products(across, center)
+        out.rotations[row, i, 0] = _sum_of_products(across, x)
+        out.rotations[row, i, 1] = _sum_of_products(across, y)
+        out.rotations[row, i, 2] = _sum_of_products(across, z)
 
 
 @njit

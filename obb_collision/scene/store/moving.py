@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.poses import BLOCK, ROWS, matrix_in, place_box, turn_block
+from obb_collision.geometry.poses import BLOCK, ROWS, FrameArrays, matrix_in, place_box, turn_block
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
 
@@ -62,10 +62,16 @@ def find_moves(
 
 @njit
 def write_moves(
-    rows: np.ndarray, new: Floats, which: np.ndarray, poses: Floats, local_centers: Floats,
-    local_rotations: Floats, centers: Floats, rotations: Floats, changed: np.ndarray,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    rows: np.ndarray,
+    new: Floats,
+    which: np.ndarray,
+    poses: Floats,
+    local: FrameArrays,
+    placed: FrameArrays,
+    changed: np.ndarray,
+    start: int,
+    stop: int,
+) -> None:
     """Give rows the new poses that ``which[start:stop]`` names, and place their boxes."""
     block = np.empty((ROWS, BLOCK))
     for first in range(start, stop, BLOCK):
@@ -82,4 +88,4 @@ def write_moves(
             changed[row] = True
             position = new[number, 0], new[number, 1], new[number, 2]
             rotation = matrix_in(block, n)
-            place_box(position, rotation, local_centers, local_rotations, row, centers, rotations)
+            place_box(position, rotation, local, row, placed)

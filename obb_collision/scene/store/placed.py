@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes, add_outwards
-from obb_collision.geometry.poses import as_poses, place_boxes
+from obb_collision.geometry.poses import FrameArrays, as_poses, place_boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.moving import UNUSUAL, find_moves, write_moves
@@ -142,13 +142,11 @@ class PlacedBoxes:
             everything = ascending and len(which) == np.count_nonzero(self.used)
             self._detach(rows if everything else rows[which], everything)
         self.touched = True
-        arguments = (
-            *(rows, new, which, self.poses, self.local_centers, self.local_rotations),
-            *(self.centers, self.rotations, self.changed),
-        )
+        local = FrameArrays(self.local_centers, self.local_rotations)
+        out = FrameArrays(self.centers, self.rotations)
         # a row that is there twice is written by one thread, so that its last pose counts
         least = LEAST_MOVES if ascending else len(which)
-        run(write_moves, len(which), least, *arguments)
+        run(write_moves, len(which), least, rows, new, which, self.poses, local, out, self.changed)
 
     @completed
     def write(self, rows: Rows, columns: Mapping[str, Any]) -> None:
@@ -242,8 +240,8 @@ def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[
     positions, matrices = as_poses(poses, name)
     local_centers, local_rotations, _ = local_boxes
     centers, rotations = np.empty_like(positions), np.empty_like(matrices)
-    rows = np.arange(len(poses))
-    place_boxes(positions, matrices, local_centers, local_rotations, rows, centers, rotations)
+    local, out = FrameArrays(local_centers, local_rotations), FrameArrays(centers, rotations)
+    place_boxes(FrameArrays(positions, matrices), local, np.arange(len(poses)), out)
     return {
         "poses": poses, "local_centers": local_centers, "local_rotations": local_rotations,
         "centers": centers, "rotations": rotations,
