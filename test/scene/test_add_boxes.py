@@ -85,9 +85,10 @@ def test_other_shapes_come_with_their_boxes() -> None:
         if kind is None:
             body, trusted = oc.shapes.Box(size), None
         elif kind is kinds_of_shapes.Ellipsoid:
-            body, trusted = kind(0.5 * size), kind.trusted((0.5 * x, 0.5 * y, 0.5 * z))
+            body, trusted = kind(0.5 * size), kind.trusted(radii=(0.5 * x, 0.5 * y, 0.5 * z))
         else:
-            body, trusted = kind(0.5, 1.0, size), kind.trusted(0.5, 1.0, (x, y, z))
+            body = kind(0.5, 1.0, size)
+            trusted = kind.trusted(radius=0.5, length=1.0, scale=(x, y, z))
         assert trusted is None or trusted == body
         one.add(name, body, pose)
         bodies.append(trusted)
