@@ -186,5 +186,9 @@ def test_it_stops_each_time_within_what_the_page_says(tmp_path: Path, client: Cl
             node.kill()
             stops(SILENCE, "no c")
             vehicles.remove(second)
+        client.listen("collision_status")
         with collision_node(tmp_path):  # which knows nothing: it is sent the objects again
             drives()
+            (status,) = client.next("collision_status").status
+    values = {pair.key: pair.value for pair in status.values}
+    assert (status.level, values["objects"]) == (status.OK, "2")
