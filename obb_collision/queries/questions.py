@@ -108,9 +108,14 @@ def _named(kinds: Any, name: str) -> list[Any]:
 
 
 def verdicts(
-    a: Body, b: Body | HalfSpaces, pairs: ArrayLike | None = None, *, exact: bool = False,
-    effort: int | None = None, depth: int | None = None,
-) -> Verdicts:  # fmt: skip
+    a: Body,
+    b: Body | HalfSpaces,
+    pairs: ArrayLike | None = None,
+    *,
+    exact: bool = False,
+    effort: int | None = None,
+    depth: int | None = None,
+) -> Verdicts:
     """Return whether bodies collide, with certainty.
 
     Parameters
@@ -162,17 +167,25 @@ def verdicts(
 
 @overload
 def separations(
-    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None = None, *,
-    radii_a: ArrayLike | None = None, radii_b: ArrayLike | None = None,
-) -> Separations: ...  # fmt: skip
+    a: PlacedMeshes,
+    b: PlacedMeshes,
+    pairs: ArrayLike | None = None,
+    *,
+    radii_a: ArrayLike | None = None,
+    radii_b: ArrayLike | None = None,
+) -> Separations: ...
 @overload
 def separations(
     a: Boxes | Capsules, b: Boxes | Capsules | HalfSpaces, pairs: ArrayLike | None = None
 ) -> CertifiedSeparations: ...
 def separations(
-    a: Body, b: Body | HalfSpaces, pairs: ArrayLike | None = None, *,
-    radii_a: ArrayLike | None = None, radii_b: ArrayLike | None = None,
-) -> Separations:  # fmt: skip
+    a: Body,
+    b: Body | HalfSpaces,
+    pairs: ArrayLike | None = None,
+    *,
+    radii_a: ArrayLike | None = None,
+    radii_b: ArrayLike | None = None,
+) -> Separations:
     """Return how far apart bodies are or how deep they overlap, along which direction.
 
     Of boxes that is the largest gap along an axis; of capsules the distance or the depth, right to
@@ -220,9 +233,14 @@ def separations(
 
 
 def contacts(
-    a: Boxes | PlacedMeshes, b: Boxes | PlacedMeshes, pairs: ArrayLike | None = None, *,
-    max_points: int = 4, radii_a: ArrayLike | None = None, radii_b: ArrayLike | None = None,
-) -> Contacts:  # fmt: skip
+    a: Boxes | PlacedMeshes,
+    b: Boxes | PlacedMeshes,
+    pairs: ArrayLike | None = None,
+    *,
+    max_points: int = 4,
+    radii_a: ArrayLike | None = None,
+    radii_b: ArrayLike | None = None,
+) -> Contacts:
     """Return where bodies touch: normal, depth, and a few points that stand for the patch.
 
     Every pair of boxes that is not certainly separate has a point at least, touching ones included.
@@ -276,19 +294,31 @@ def contacts(
 
 @overload
 def clearances(
-    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None = None, *,
+    a: PlacedMeshes,
+    b: PlacedMeshes,
+    pairs: ArrayLike | None = None,
+    *,
     max_distance: float = np.inf,
-    radii_a: ArrayLike | None = None, radii_b: ArrayLike | None = None,
-) -> MeshClearances: ...  # fmt: skip
+    radii_a: ArrayLike | None = None,
+    radii_b: ArrayLike | None = None,
+) -> MeshClearances: ...
 @overload
 def clearances(
-    a: Boxes | Capsules, b: Boxes | Capsules, pairs: ArrayLike | None = None, *,
+    a: Boxes | Capsules,
+    b: Boxes | Capsules,
+    pairs: ArrayLike | None = None,
+    *,
     max_distance: float = np.inf,
-) -> Clearances: ...  # fmt: skip
+) -> Clearances: ...
 def clearances(
-    a: Body, b: Body, pairs: ArrayLike | None = None, *, max_distance: float = np.inf,
-    radii_a: ArrayLike | None = None, radii_b: ArrayLike | None = None,
-) -> Clearances:  # fmt: skip
+    a: Body,
+    b: Body,
+    pairs: ArrayLike | None = None,
+    *,
+    max_distance: float = np.inf,
+    radii_a: ArrayLike | None = None,
+    radii_b: ArrayLike | None = None,
+) -> Clearances:
     """Return how far apart bodies are, and the closest points.
 
     Parameters

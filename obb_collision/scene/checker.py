@@ -260,9 +260,13 @@ class Checker:
         return tree.pairs_of_changes(slots, store.changed, store.active, store.all_boxes())
 
     def _decide(
-        self, candidates: Pairs, exact: bool, budget: Budget | None,
-        waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
-    ) -> tuple[Found, bool]:  # fmt: skip
+        self,
+        candidates: Pairs,
+        exact: bool,
+        budget: Budget | None,
+        waiting: Found = NONE,
+        highest: Accuracy = Accuracy.MESH,
+    ) -> tuple[Found, bool]:
         store = self._store
         candidates = self._counted(candidates)
         if self._layout.plain:

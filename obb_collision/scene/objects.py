@@ -85,11 +85,15 @@ class SceneObjects:
         return self.put(names, box[2], placed(box, poses), levels, instead=instead)
 
     def put(
-        self, names: Sequence[str], half_extents: Floats, columns: dict[str, Any],
+        self,
+        names: Sequence[str],
+        half_extents: Floats,
+        columns: dict[str, Any],
         levels: Sequence[Accuracy | None] | None,
         shapes: Sequence[Shape | OBB | None] | None = None,
-        padding: float | None = None, instead: NDArray[np.int64] = NO_ROWS,
-    ) -> NDArray[np.int64]:  # fmt: skip
+        padding: float | None = None,
+        instead: NDArray[np.int64] = NO_ROWS,
+    ) -> NDArray[np.int64]:
         """Add objects, or replace those of their names; all or, on an error, none.
 
         half_extents (n, 3): of their local boxes; columns: of their places. shapes: None for boxes.

@@ -73,10 +73,13 @@ def few_pairs(
 def _overlap(minimum: Floats, maximum: Floats, i: int, j: int) -> bool:
     """Return whether bounds i and j have a common point."""
     return (
-        (minimum[i, 0] <= maximum[j, 0]) & (minimum[j, 0] <= maximum[i, 0])
-        & (minimum[i, 1] <= maximum[j, 1]) & (minimum[j, 1] <= maximum[i, 1])
-        & (minimum[i, 2] <= maximum[j, 2]) & (minimum[j, 2] <= maximum[i, 2])
-    )  # fmt: skip
+        (minimum[i, 0] <= maximum[j, 0])
+        & (minimum[j, 0] <= maximum[i, 0])
+        & (minimum[i, 1] <= maximum[j, 1])
+        & (minimum[j, 1] <= maximum[i, 1])
+        & (minimum[i, 2] <= maximum[j, 2])
+        & (minimum[j, 2] <= maximum[i, 2])
+    )
 
 
 #: The level of pairs that come as keys.

@@ -364,9 +364,14 @@ NO_AXIS = -1
 
 
 def convex_contacts(
-    a: ConvexBodies, b: ConvexBodies, pairs: Integers, i: Integers, j: Integers, max_points: int,
+    a: ConvexBodies,
+    b: ConvexBodies,
+    pairs: Integers,
+    i: Integers,
+    j: Integers,
+    max_points: int,
     distances: ConvexDistances,
-) -> Contacts:  # fmt: skip
+) -> Contacts:
     """Return the contacts of bodies ``i[n]`` of a and ``j[n]`` of b; pairs (m, 2): their names.
 
     distances: of these pairs, without a limit.

@@ -96,9 +96,14 @@ def mesh_clearances(
 
 
 def clearances_of(
-    a: PlacedMeshes, radii_a: Floats, b: PlacedMeshes, radii_b: Floats, i: Integers, j: Integers,
+    a: PlacedMeshes,
+    radii_a: Floats,
+    b: PlacedMeshes,
+    radii_b: Floats,
+    i: Integers,
+    j: Integers,
     limit: float,
-) -> tuple[MeshClearances, Mask]:  # fmt: skip
+) -> tuple[MeshClearances, Mask]:
     """Return the clearances of pairs i (m,) of a and j (m,) of b, and which are within a limit.
 
     Rows of the others are not written to.
@@ -145,9 +150,14 @@ def clearance_kernel(
 
 @njit(refcount=False)
 def _clearance_range(
-    pairs: RowPairs, radii: Radii, limit: float, out: ClearanceArrays,
-    room: TreeRoom, start: int, stop: int,
-) -> None:  # fmt: skip
+    pairs: RowPairs,
+    radii: Radii,
+    limit: float,
+    out: ClearanceArrays,
+    room: TreeRoom,
+    start: int,
+    stop: int,
+) -> None:
     near, bounds, vectors, faces = out
     for row in range(start, stop):
         bodies = mesh_pair_at(pairs, row)

@@ -336,9 +336,13 @@ def _separated(p: Six) -> bool:
     if _gap(n, p) or _gap(m, p):
         return True
     edges = (
-        p[1], subtract_vectors(p[2], p[1]), p[2],
-        subtract_vectors(p[4], p[3]), subtract_vectors(p[5], p[4]), subtract_vectors(p[3], p[5]),
-    )  # fmt: skip
+        p[1],
+        subtract_vectors(p[2], p[1]),
+        p[2],
+        subtract_vectors(p[4], p[3]),
+        subtract_vectors(p[5], p[4]),
+        subtract_vectors(p[3], p[5]),
+    )
     for i in range(3):
         for j in range(3):
             if _gap(wide_cross(edges[i], edges[3 + j]), p):

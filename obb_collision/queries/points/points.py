@@ -204,9 +204,13 @@ def _zones(boxes: Boxes, margin: float, points: int) -> Zones:
 
 
 def _merged(
-    boxes: Boxes, cloud: NDArray[np.floating], found: Integers, squares: Floats, ignored: int,
+    boxes: Boxes,
+    cloud: NDArray[np.floating],
+    found: Integers,
+    squares: Floats,
+    ignored: int,
     labels: NDArray[np.int32] | None,
-) -> PointsInside:  # fmt: skip
+) -> PointsInside:
     """Return the result of all parts of the cloud: (parts, 3, n) and (parts, n)."""
     counts = found[:, 0].sum(axis=0)
     first, nearest = np.full((2, len(boxes)), -1)
@@ -237,9 +241,13 @@ def lengths_kernel(offsets: Floats, rows: np.ndarray, out: Floats) -> None:
 
 @njit
 def points_kernel(
-    points: Floats, first: int, zones: Zones, margin: float, inner: Inner,
+    points: Floats,
+    first: int,
+    zones: Zones,
+    margin: float,
+    inner: Inner,
     out: tuple[np.ndarray, Floats, np.ndarray],
-) -> int:  # fmt: skip
+) -> int:
     """Write what boxes, or what is in them, hold of points (m, 3), of which the first has a number.
 
     Return how many are not finite.
@@ -257,9 +265,13 @@ def points_kernel(
         n, label = first + row, -1
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if (
-            (x >= whole[0]) & (y >= whole[1]) & (z >= whole[2])
-            & (x <= whole[3]) & (y <= whole[4]) & (z <= whole[5])
-        ):  # fmt: skip
+            (x >= whole[0])
+            & (y >= whole[1])
+            & (z >= whole[2])
+            & (x <= whole[3])
+            & (y <= whole[4])
+            & (z <= whole[5])
+        ):
             cell = 0
             while cells[cell, GRID] >= 0:
                 cell = find_cell(frames, numbers, cells[cell, GRID], x, y, z)
@@ -290,9 +302,14 @@ def points_kernel(
 
 @njit(refcount=False)
 def _holds(
-    meshes: Meshes | None, radii: Floats, convex: Cores | None, b: int, point: Vector,
-    margin: float, stack: np.ndarray,
-) -> bool:  # fmt: skip
+    meshes: Meshes | None,
+    radii: Floats,
+    convex: Cores | None,
+    b: int,
+    point: Vector,
+    margin: float,
+    stack: np.ndarray,
+) -> bool:
     """Return whether what is in box b holds a point; arguments that are None compile nothing."""
     if meshes is not None:
         return body_holds(meshes, b, point, margin + radii[b], stack)

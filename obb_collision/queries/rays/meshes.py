@@ -119,9 +119,13 @@ def work_room() -> Work:
 
 @njit
 def mesh_rays_kernel(
-    rays: Rays, padded: tuple[Meshes, Floats], nodes: TreeNodes, out: HitArrays,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    rays: Rays,
+    padded: tuple[Meshes, Floats],
+    nodes: TreeNodes,
+    out: HitArrays,
+    start: int,
+    stop: int,
+) -> None:
     """Write what rays ``start`` to ``stop`` hit of meshes, with radii (n,) or (0,) for none."""
     bodies, radii = padded
     tree, work = ray_tree(nodes), work_room()

@@ -227,9 +227,12 @@ def _cast(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
 
 
 def _hits(
-    kernel: Callable[..., None], rays: Rays, targets: tuple[Any, ...], boxes: Boxes,
+    kernel: Callable[..., None],
+    rays: Rays,
+    targets: tuple[Any, ...],
+    boxes: Boxes,
     faces: bool = False,
-) -> RayHits:  # fmt: skip
+) -> RayHits:
     """Return what rays hit of targets, which are in boxes."""
     nodes, count = build_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
     bodies, numbers = np.empty((2, count), np.int64)

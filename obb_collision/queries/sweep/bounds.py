@@ -298,9 +298,14 @@ def fill_corners(axes: Axes, extents: Vector, arm: Vector, turn: Vector, out: Fl
 
 @njit
 def free_slice(
-    first: Vector, last: Vector, a: Floats, angle_a: float, b: Floats, angle_b: float,
+    first: Vector,
+    last: Vector,
+    a: Floats,
+    angle_a: float,
+    b: Floats,
+    angle_b: float,
     blur: float,
-) -> bool:  # fmt: skip
+) -> bool:
     """Return whether two boxes are certainly apart during a slice of time.
 
     first, last: offset of the origins from a to b at its two ends; a, b: corners in its middle;

@@ -171,9 +171,14 @@ def swept_meshes(
 
 @njit
 def _mesh_kernel(
-    bodies: MeshSides, motion: BodyMotion, begin: Floats, tolerance: float, out: SweepArrays,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    bodies: MeshSides,
+    motion: BodyMotion,
+    begin: Floats,
+    tolerance: float,
+    out: SweepArrays,
+    start: int,
+    stop: int,
+) -> None:
     _mesh_range(bodies, motion, begin, tolerance, out, tree_room(1), start, stop)
 
 
@@ -256,9 +261,14 @@ def swept_mesh_bodies(
 
 @njit
 def _body_kernel(
-    bodies: tuple[Meshes, Floats, Cores], motion: BodyMotion, begin: Floats, tolerance: float,
-    out: SweepArrays, start: int, stop: int,
-) -> None:  # fmt: skip
+    bodies: tuple[Meshes, Floats, Cores],
+    motion: BodyMotion,
+    begin: Floats,
+    tolerance: float,
+    out: SweepArrays,
+    start: int,
+    stop: int,
+) -> None:
     a, radii, b = bodies
     trees, count, room = a.trees, len(begin), core_room()
     for row in range(start, stop):

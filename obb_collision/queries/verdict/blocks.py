@@ -133,9 +133,14 @@ PLACE, SETTLED, GOING = 39, 42, 43
 
 @njit
 def witness_kernel(
-    boxes: BoxArrays, pairs: np.ndarray, gaps: Floats, axes: Floats, points: Floats,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    boxes: BoxArrays,
+    pairs: np.ndarray,
+    gaps: Floats,
+    axes: Floats,
+    points: Floats,
+    start: int,
+    stop: int,
+) -> None:
     """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of some pairs of (m, 2)."""
     block = np.empty((ALL_ROWS, BLOCK))
     columns = np.empty(BLOCK, np.int64)

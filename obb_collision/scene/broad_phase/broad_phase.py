@@ -239,9 +239,13 @@ def _leaf_bounds(
     if node == len(nodes):
         return -np.inf, -np.inf, -np.inf, np.inf, np.inf, np.inf
     return (
-        nodes[node, 0, lane], nodes[node, 1, lane], nodes[node, 2, lane],
-        nodes[node, 3, lane], nodes[node, 4, lane], nodes[node, 5, lane],
-    )  # fmt: skip
+        nodes[node, 0, lane],
+        nodes[node, 1, lane],
+        nodes[node, 2, lane],
+        nodes[node, 3, lane],
+        nodes[node, 4, lane],
+        nodes[node, 5, lane],
+    )
 
 
 @njit(refcount=False)

@@ -88,9 +88,13 @@ class OutsideTrees:
         return Counter(error.reason for error in self._failed.values())
 
     def build(
-        self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape],
-        body_of: Callable[[int], Body], budget: TimeLeft | None,
-    ) -> None:  # fmt: skip
+        self,
+        per_shape: PerShape[Any],
+        slots: Rows,
+        shapes: Mapping[int, Shape],
+        body_of: Callable[[int], Body],
+        budget: TimeLeft | None,
+    ) -> None:
         """Request what is large, and build the rest while there is time."""
         rest = []
         for slot in slots[per_shape.rows(slots) < 0].tolist():

@@ -121,9 +121,12 @@ def triangle_clearances(
 
 
 def _fill(
-    table: Clearances, rows: Rows, turned: Mask, distances: Floats,
+    table: Clearances,
+    rows: Rows,
+    turned: Mask,
+    distances: Floats,
     found: MeshClearances | ConvexDistances,
-) -> None:  # fmt: skip
+) -> None:
     """Write rows (k,) of a table; turned (k,): where a was the second of the pair."""
     x, y, n, back = found.positions_a, found.positions_b, found.normals, turned[:, None]
     table.distances[rows] = distances

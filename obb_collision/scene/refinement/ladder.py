@@ -69,9 +69,12 @@ def pair_levels(store: ObjectStore, first: Rows, second: Rows) -> Levels:
 
 
 def levels_of(
-    accuracies: NDArray[np.int8], kinds: NDArray[np.int8], paddings: Floats, first: Rows,
+    accuracies: NDArray[np.int8],
+    kinds: NDArray[np.int8],
+    paddings: Floats,
+    first: Rows,
     second: Rows,
-) -> Levels:  # fmt: skip
+) -> Levels:
     """Return the same of arrays by slot."""
     levels = np.empty(len(first), np.int8)
     _levels_kernel(accuracies, kinds, paddings, first, second, levels)
@@ -80,9 +83,13 @@ def levels_of(
 
 @njit
 def _levels_kernel(
-    accuracies: np.ndarray, kinds: np.ndarray, paddings: Floats, first: np.ndarray,
-    second: np.ndarray, levels: np.ndarray,
-) -> None:  # fmt: skip
+    accuracies: np.ndarray,
+    kinds: np.ndarray,
+    paddings: Floats,
+    first: np.ndarray,
+    second: np.ndarray,
+    levels: np.ndarray,
+) -> None:
     for n in range(len(levels)):
         i, j = first[n], second[n]
         level = min(accuracies[i], accuracies[j])

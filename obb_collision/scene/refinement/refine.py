@@ -60,9 +60,13 @@ class Job(Protocol):
 
 
 def refine(
-    job: Job, asked: Levels, waiting: NDArray[np.bool_], levels: Levels, verdicts: Verdicts,
+    job: Job,
+    asked: Levels,
+    waiting: NDArray[np.bool_],
+    levels: Levels,
+    verdicts: Verdicts,
     budget: Budget | None,
-) -> None:  # fmt: skip
+) -> None:
     """Decide pairs that OBB doesn't separate on the levels they ask for, or as the budget has it.
 
     asked (m,): above OBB; waiting (m,): see above; levels, verdicts (m,): as known, updated.

@@ -243,19 +243,24 @@ def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[
     local, out = FrameArrays(local_centers, local_rotations), FrameArrays(centers, rotations)
     place_boxes(FrameArrays(positions, matrices), local, np.arange(len(poses)), out)
     return {
-        "poses": poses, "local_centers": local_centers, "local_rotations": local_rotations,
-        "centers": centers, "rotations": rotations,
-    }  # fmt: skip
+        "poses": poses,
+        "local_centers": local_centers,
+        "local_rotations": local_rotations,
+        "centers": centers,
+        "rotations": rotations,
+    }
 
 
 def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -> dict[str, Floats]:
     """Return the columns of sizes of n slots."""
     paddings = add_outwards(own_paddings, growths)
     return {
-        "local_half_extents": local_half_extents, "own_paddings": own_paddings,
-        "growths": growths, "paddings": paddings,
+        "local_half_extents": local_half_extents,
+        "own_paddings": own_paddings,
+        "growths": growths,
+        "paddings": paddings,
         "half_extents": add_outwards(local_half_extents, paddings[:, None]),
-    }  # fmt: skip
+    }
 
 
 def doubled(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -139,9 +139,13 @@ class ObjectStore(PlacedBoxes):
 
     @completed
     def put(
-        self, rows: Rows, columns: Mapping[str, Any], new: Rows, names: Sequence[str],
+        self,
+        rows: Rows,
+        columns: Mapping[str, Any],
+        new: Rows,
+        names: Sequence[str],
         gone: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write columns of slots, of which new ones get names; all are enabled.
 
         names: of ``new``, which no other object has. gone: of the objects that had such slots.
