@@ -118,20 +118,20 @@ class CollisionNode(ManagedNode):
         autostart = self.parameters.autostart
         self._scene_file = self._read_scene_file() if autostart else None
         fixed_frame = self.parameters.fixed_frame
-        self._frames = frames if frames is not None else make_frames(self, fixed_frame)
+        self.frames = frames if frames is not None else make_frames(self, fixed_frame)
         logger = self.get_logger()
         for package, reason in unusable.items():
             logger.warning(
                 f"{package} is installed and cannot be used, as if it were not: {reason}"
             )
-        self._warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
+        self.warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
         self._make_outputs()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         levels = [(n, m) for n in switched_on for m in effect_levels(self.parameters, n)]
         # links are on "hull" by default, as boxes around them collide far too often
         robots: list[Thing] = [ROBOTS, Accuracy.HULL] if self.parameters.robots else []
         needed: list[Thing] = [*requested_levels(self.parameters), *switched_on, *levels, *robots]
-        self._warm.start(needed, self._report_start)
+        self.warm.start(needed, self._report_start)
         if ending() or not self.context.ok():
             raise ExternalShutdownException
         self._warm_up_time = perf_counter() - start
@@ -143,12 +143,12 @@ class CollisionNode(ManagedNode):
 
     def _make_outputs(self) -> None:
         """Create the outputs; the status is published from now on."""
-        self._outputs = Outputs(self, self.parameters, self.guard, self._warm)
-        self._effects = self._outputs.effects
+        self.outputs = Outputs(self, self.parameters, self.guard, self.warm)
+        self.effects = self.outputs.effects
         self.status = CollisionStatus(
             f"{self.get_fully_qualified_name().lstrip('/')}: collision",
-            self._outputs.publishers,
-            self._effects,
+            self.outputs.publishers,
+            self.effects,
             self.parameters,
             self._read_clock,
             self.guard,
@@ -171,7 +171,7 @@ class CollisionNode(ManagedNode):
         scene_file, self._scene_file = self._scene_file or self._read_scene_file(), None
         self._make_inputs()
         self._make_cycle([] if scene_file is None else scene_file.allowed())
-        self._outputs.publish_namespaces(self.objects.table.namespaces)
+        self.outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
         if scene_file is not None:
             self._add_objects(scene_file)
@@ -179,10 +179,10 @@ class CollisionNode(ManagedNode):
         self._begin()
         self.get_logger().info(
             f"ready: fixed frame '{self.parameters.fixed_frame}', "
-            f"frames by {self._frames.description}; "
+            f"frames by {self.frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
             f"{version('numba')}, kernels ready in {self._warm_up_time:.1f} s; "
-            f"in: {_topic_names(self._subscribed.open)}; out: {_topic_names(self._outputs.ends)}"
+            f"in: {_topic_names(self.subscribed.open)}; out: {_topic_names(self.outputs.ends)}"
         )
 
     def activate(self) -> None:
@@ -202,12 +202,12 @@ class CollisionNode(ManagedNode):
         self._configured.close()
         self.parameters.on_change = lambda: None
         self.parameters.restore_defaults()
-        self._outputs.withdraw(self._read_clock())
+        self.outputs.withdraw(self._read_clock())
 
     def finish(self) -> None:
         """Say that nothing will be known any more, and end all processes."""
         self.status.close()
-        self._warm.close()
+        self.warm.close()
         self.get_logger().info("finalized")
 
     def _make_inputs(self) -> None:
@@ -219,34 +219,34 @@ class CollisionNode(ManagedNode):
             **robot_inputs(self.parameters),
         }
         warn = self.get_logger().warning
-        self._monitors = {
+        self.monitors = {
             topic: InputMonitor(topic, warn, steady=self._steady) for topic in self._topics
         }
         names = self.parameters.robots
-        self._link_frames = LinkFrames(self._frames, fixed_frame, names)
-        frames = self._link_frames if names else self._frames
+        self._link_frames = LinkFrames(self.frames, fixed_frame, names)
+        frames = self._link_frames if names else self.frames
         self.objects = Objects(fixed_frame, frames, self.guard)
         self._configured.callback(self.objects.close)
         self.inputs = Inputs(
             self.objects,
-            self._monitors,
-            self._now,
+            self.monitors,
+            self.now,
             self._wants_twists,
             self.guard,
-            self._frames,
+            self.frames,
         )
-        self._obstacles = Obstacles(
+        self.obstacles = Obstacles(
             self.objects.scene,
-            self._frames,
+            self.frames,
             fixed_frame,
-            self._monitors["points"],
-            self._now,
+            self.monitors["points"],
+            self.now,
             self.guard,
         )
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
         self.robots = self._make_robots()
-        self._subscribed = self._make_subscriptions()
-        self._configured.callback(self._subscribed.close)
+        self.subscribed = self._make_subscriptions()
+        self._configured.callback(self.subscribed.close)
 
     def _make_robots(self) -> Robots | None:
         """Return the robots, None without any: then they cost nothing."""
@@ -257,8 +257,8 @@ class CollisionNode(ManagedNode):
             self.parameters,
             self.objects,
             self._link_frames,
-            self._monitors,
-            self._now,
+            self.monitors,
+            self.now,
             lambda: self.evidence.not_known(),
             lambda: mesh_reading(self.parameters),
         )
@@ -267,20 +267,20 @@ class CollisionNode(ManagedNode):
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
-        self._settings = SceneParameters(self.parameters, self.objects, self._warm, self._effects)
-        self._settings.allowed = self._allowed = allowed
+        self.settings = SceneParameters(self.parameters, self.objects, self.warm, self.effects)
+        self.settings.allowed = self._allowed = allowed
         self.cycle = CycleRunner(
             self.parameters,
             self.objects,
-            self._obstacles,
-            self._settings,
-            self._effects,
-            self._outputs,
+            self.obstacles,
+            self.settings,
+            self.effects,
+            self.outputs,
             self.guard,
-            self._collect,
+            self.collect,
         )
         topics = [topic for topic, kind in self._topics.items() if not kind.is_query]
-        inputs = {topic: self._monitors[topic] for topic in topics}
+        inputs = {topic: self.monitors[topic] for topic in topics}
         self.evidence = Evidence(
             self.parameters,
             self.objects,
@@ -288,14 +288,14 @@ class CollisionNode(ManagedNode):
             inputs,
             self.inputs.unknown,
             self.robots,
-            self._now,
+            self.now,
             self._steady,
         )
-        self._schedule = Schedule(self, self.parameters, self._run_cycle)
+        self._schedule = Schedule(self, self.parameters, self.run_cycle)
         self._configured.callback(self._schedule.close)
 
     def _add_objects(self, scene_file: SceneFile) -> None:
-        refused = scene_file.add_to(self.objects, self._now())
+        refused = scene_file.add_to(self.objects, self.now())
         if refused:
             count = len(refused)
             self.get_logger().warning(
@@ -304,19 +304,19 @@ class CollisionNode(ManagedNode):
 
     def _begin(self) -> None:
         """Subscribe, offer the services, and watch: clock, parameters, cycles, diagnostics."""
-        self._reporting = reporting.Reporting(
+        self.reporting = reporting.Reporting(
             self,
-            self._monitors,
-            self._subscribed,
+            self.monitors,
+            self.subscribed,
             self.objects,
             self.cycle,
-            self._outputs,
-            self._now,
+            self.outputs,
+            self.now,
             () if self.robots is None else self.robots.robots,
         )
         timer = self.create_timer(
             reporting.PERIOD,
-            lambda: self.guard.run("diagnostics", self._reporting.publish),
+            lambda: self.guard.run("diagnostics", self.reporting.publish),
             clock=self._schedule.clock,
         )
         self._configured.callback(self.destroy_timer, timer)
@@ -337,7 +337,7 @@ class CollisionNode(ManagedNode):
         )
         self._configured.callback(self._jump.unregister)
         for topic in self._topics:
-            self._subscribed.keep(topic, self._is_wanted(topic))
+            self.subscribed.keep(topic, self._is_wanted(topic))
 
     def _read_scene_file(self) -> SceneFile | None:
         """Read the scene file, if there is one, and take its settings as parameters."""
@@ -363,33 +363,33 @@ class CollisionNode(ManagedNode):
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        points = self.inputs.guarded("points", self._obstacles.take, changes=False)
+        points = self.inputs.guarded("points", self.obstacles.take, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         if self.robots is not None:
             callbacks |= self.robots.callbacks(self.inputs)
         latched = ("objects",) if self.parameters.latched_objects else ()
-        return Subscriptions(self, callbacks, self._monitors, self._arrived, latched, self._topics)
+        return Subscriptions(self, callbacks, self.monitors, self._arrived, latched, self._topics)
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message that requires one."""
         if self._topics[topic].is_query:
             return
-        if topic != "points" or self._effects.is_requested("points"):
+        if topic != "points" or self.effects.is_requested("points"):
             self._schedule.arrived()
 
-    def _collect(self) -> float:
+    def collect(self) -> float:
         """Read and apply the queued messages; returns their maximum waiting time (s).
 
         Parameters first: a message sent after a change is interpreted by the new values.
         """
         self._parameters_changed.settle()
-        self.guard.run("inputs", self._subscribed.drain)  # what is lost marks its input
+        self.guard.run("inputs", self.subscribed.drain)  # what is lost marks its input
         self._change("input objects", self.inputs.markers.apply)
         for each in self.inputs.sets:
             self._change(f"input {each.source.topic}", each.apply)
         if self.robots is not None:
             self._change("input robots", self._apply_robots)
-        return self._subscribed.take_wait()
+        return self.subscribed.take_wait()
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
         """Change objects; after an error nobody foresaw they may be others than what was sent."""
@@ -399,7 +399,7 @@ class CollisionNode(ManagedNode):
     def _apply_robots(self) -> None:
         assert self.robots is not None
         if self.robots.apply():
-            self._settings.allow([*self._allowed, *self.robots.rules()])
+            self.settings.allow([*self._allowed, *self.robots.rules()])
 
     def _wants_twists(self) -> bool:
         """Return whether anything depends on how objects move."""
@@ -415,20 +415,20 @@ class CollisionNode(ManagedNode):
     def _apply_parameters(self) -> None:
         """Apply the parameters to all parts."""
         parameters, objects = self.parameters, self.objects
-        self._settings.apply()
+        self.settings.apply()
         apply_limits(parameters, objects)
-        self._obstacles.waiting.timeout = parameters.transform_timeout
+        self.obstacles.waiting.timeout = parameters.transform_timeout
         for each in self.inputs.sets:
             each.waiting.timeout = parameters.transform_timeout
             each.max_points = parameters.max_cloud_points
-        self._obstacles.stamp_tolerance = objects.states.stamp_tolerance
-        self._obstacles.max_points = parameters.max_cloud_points
-        self._subscribed.keep("points", self._is_wanted("points"))
+        self.obstacles.stamp_tolerance = objects.states.stamp_tolerance
+        self.obstacles.max_points = parameters.max_cloud_points
+        self.subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
-            self._obstacles.forget()
+            self.obstacles.forget()
         ignored = Groups(parameters.groups).all_meant(parameters.ignored_objects)
         self.inputs.unknown.ignored = Overrides([(name, True) for name in ignored])
-        for monitor in self._monitors.values():
+        for monitor in self.monitors.values():
             monitor.limit.period = parameters.warn_period
         self._schedule.apply()
         self.status.update(self.status.answer)
@@ -436,7 +436,7 @@ class CollisionNode(ManagedNode):
     def _read_clock(self) -> int:
         return int(self.get_clock().now().nanoseconds)
 
-    def _now(self) -> int:
+    def now(self) -> int:
         """Time of the node's clock (ns), after the effects of a jump are applied."""
         return self._time.now()
 
@@ -446,10 +446,11 @@ class CollisionNode(ManagedNode):
 
     def _look_at_clock(self, jump: TimeJump) -> None:
         """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
-        self._now()
+        self.now()
 
-    def _run_cycle(self) -> None:
-        self.cycle.run(self._now())
+    def run_cycle(self) -> None:
+        """Check what has arrived, and publish the report and the status."""
+        self.cycle.run(self.now())
         self._count_notes()
         if self.robots is not None:
             self.guard.run("output robots", self.robots.publish)
@@ -462,20 +463,20 @@ class CollisionNode(ManagedNode):
 
     def _count_notes(self) -> None:
         """Count items that were refused, doubted or replaced after they had been stored."""
-        now = self._now()
+        now = self.now()
         superseded = self.objects.states.superseded
         for topic, number in superseded.items():
-            self._monitors[topic].superseded += number
+            self.monitors[topic].superseded += number
         superseded.clear()
         for note in self.objects.notices.take():
-            monitor = self._monitors[note.topic]
+            monitor = self.monitors[note.topic]
             count = monitor.refuse if note.is_refused else monitor.doubt
             count(now, note.reason, note.item, note.detail, note.total)
 
     def _pause(self) -> None:
         """Take back what is said about collisions, until the next check."""
         self.cycle.forget()
-        self.guard.run("output markers", lambda: self._outputs.withdraw(self._now()))
+        self.guard.run("output markers", lambda: self.outputs.withdraw(self.now()))
         self.guard.run("output collision_status", self._update_status)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -485,9 +486,9 @@ class CollisionNode(ManagedNode):
             self.inputs.markers.apply()  # what came before has come before
             for each in self.inputs.sets:
                 each.waiting.clouds.clear()
-            self.inputs.unknown.deleted(self.objects.table.slots, self._now())
+            self.inputs.unknown.deleted(self.objects.table.slots, self.now())
             count = self.objects.clear()
-            for monitor in self._monitors.values():
+            for monitor in self.monitors.values():
                 monitor.unreadable = ""
             if self.robots is not None:
                 self.robots.cleared()
@@ -515,8 +516,8 @@ class CollisionNode(ManagedNode):
         robots = () if self.robots is None else (self.robots,)
         for each in (  # one that fails leaves none of the others in the old time
             *(self.inputs.markers, self.inputs.unknown, *self.inputs.sets),
-            *(self.objects, self._obstacles, *robots, self._outputs.events.pairs),
-            *self._monitors.values(),
+            *(self.objects, self.obstacles, *robots, self.outputs.events.pairs),
+            *self.monitors.values(),
         ):
             self._change("clock jump", partial(each.clock_jumped, shift))
 

@@ -344,7 +344,7 @@ class Rig(Client):
         """Take objects away, but not robots, and what was counted: one node serves many cases."""
         if self.node.robots is None:
             self.node.objects.clear()
-        for topic in self.pubs.keys() & self.node._monitors.keys():
+        for topic in self.pubs.keys() & self.node.monitors.keys():
             monitor = self.monitor(topic)
             monitor.refused.clear()
             monitor.doubted.clear()
@@ -375,30 +375,30 @@ class Rig(Client):
 
     def now(self) -> int:
         """Return the time of the node (ns)."""
-        return self.node._now()
+        return self.node.now()
 
     def monitor(self, topic: str) -> InputMonitor:
         """Return what the node has counted of an input."""
-        return self.node._monitors[topic]
+        return self.node.monitors[topic]
 
     @property
     def subscribed(self) -> Any:
         """Subscriptions of the node."""
-        return self.node._subscribed
+        return self.node.subscribed
 
     @property
     def obstacles(self) -> Any:
         """Obstacle points of the node."""
-        return self.node._obstacles
+        return self.node.obstacles
 
     @property
     def frames(self) -> Any:
         """Frames that the node looks transforms up in."""
-        return self.node._frames
+        return self.node.frames
 
     def publisher(self, output: str) -> Any:
         """Return the publisher of an output of the node."""
-        return self.node._outputs.publishers[output]
+        return self.node.outputs.publishers[output]
 
     def refused(self, topic: str) -> dict[str, int]:
         """Refused items of an input so far, by reason."""

@@ -226,7 +226,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.builder: Any = Builder()
         shapes: Any = self.node.objects.shapes
         shapes.builder = shapes.requests._builder = self.builder
-        self.take = self.node._subscribed._callbacks
+        self.take = self.node.subscribed._callbacks
         self.world.advance(100.0)
         self.world.frames.until = round(self.world.now * SECOND)
         self.node.trigger_activate()
@@ -270,7 +270,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def cycle(self, fails: str = "", waited: bool = False) -> None:
         """Let the node run a cycle, and compare what it says with what is known."""
         self.model.now, self.model.steady = self.world.now, self.world.steady
-        self.node._run_cycle()
+        self.node.run_cycle()
         self.model.cycle(self.given, fails, waited)
         self.compare()
         assert bool(self.node.evidence.not_known()) == bool(self.model.codes(self.given))
@@ -344,10 +344,10 @@ class EvidenceMachine(RuleBasedStateMachine):
         """Set the clock to another time; forwards a simulation goes as fast as it likes."""
         markers, fails = self.node.inputs.markers, fails and by < 0.0
         self.apply()  # a stamp that waits would order those that come after it
-        self.node._now()
+        self.node.now()
         with patch.object(markers, "clock_jumped", fail if fails else markers.clock_jumped):
             self.world.advance(by, 0.0)
-            self.node._now()
+            self.node.now()
         if by < 0.0:
             self.model.jump(by)
         self.model.now = self.world.now
@@ -367,7 +367,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def overload(self) -> None:
         """Let a message wait for longer than a cycle may take."""
         self.world.advance(0.0503)
-        with patch.object(self.node._subscribed, "take_wait", lambda: 2.0 * CYCLE_LIMIT):
+        with patch.object(self.node.subscribed, "take_wait", lambda: 2.0 * CYCLE_LIMIT):
             self.cycle(waited=True)
 
     @rule(shift=st.booleans())

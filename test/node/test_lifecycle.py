@@ -251,11 +251,11 @@ def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
 ) -> None:
     with managed(expect_empty=True) as rig:
         # the thread that loads and compiles
-        monkeypatch.setattr(rig.node._warm, "_work", lambda: None)
+        monkeypatch.setattr(rig.node.warm, "_work", lambda: None)
         rig.set(accuracy="mesh")
         for transition in (CONFIGURE, ACTIVATE):
             assert rig.change(transition)
-        assert rig.node._settings.waiting, "pairs are on obb meanwhile"
+        assert rig.node.settings.waiting, "pairs are on obb meanwhile"
         said(rig, FREE, "free", False)
 
 
@@ -327,7 +327,7 @@ def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.Mo
         def fail(*_: object) -> None:
             raise KeyError("broken")
 
-        monkeypatch.setattr(rig.node._outputs, "withdraw", fail)
+        monkeypatch.setattr(rig.node.outputs, "withdraw", fail)
         monkeypatch.setattr(rig.node, "deactivate", fail)
         assert not rig.change(DEACTIVATE)
         assert rig.state() == "finalized"

@@ -223,14 +223,14 @@ def test_a_storm_of_parameters_is_taken_over_in_few_calls(monkeypatch: pytest.Mo
     monkeypatch.setattr(schedule, "STORM_PERIOD", 3600.0)  # longer than any machine takes for it
     with Rig() as rig:
         applied = 0
-        apply = rig.node._settings.apply
+        apply = rig.node.settings.apply
 
         def counted() -> None:
             nonlocal applied
             applied += 1
             apply()
 
-        rig.node._settings.apply = counted  # type: ignore[method-assign]
+        rig.node.settings.apply = counted  # type: ignore[method-assign]
         storm_of_parameters(rig)
         assert applied <= 1
         rig.send(cube(("a", 5), (0.9 * 5, 0.0, 0.0)))

@@ -89,8 +89,8 @@ def test_overrides_are_named_by_the_full_topic_of_a_node_in_a_namespace() -> Non
     given |= overrides(f"{NAMESPACE}/contacts.publisher", durability="transient_local")
     given |= overrides("/diagnostics.publisher", depth=2)
     with Rig(given=given, deaf=True) as rig:
-        objects = rig.node._subscribed.open["objects"].qos_profile
-        ends = {topic: end.qos_profile for topic, end in rig.node._outputs.ends.items()}
+        objects = rig.node.subscribed.open["objects"].qos_profile
+        ends = {topic: end.qos_profile for topic, end in rig.node.outputs.ends.items()}
         assert (objects.depth, objects.reliability) == (7, BEST_EFFORT)
         assert (ends["collisions"].depth, ends["collisions"].reliability) == (3, BEST_EFFORT)
         assert ends["contacts"].durability == LATCHING
@@ -161,8 +161,8 @@ def test_objects_latched_before_a_node_was_configured_are_received() -> None:
 def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
     declared = set(rig.node._parameters)
     ends = [
-        *((end.topic_name, "subscription") for end in rig.node._subscribed.open.values()),
-        *((end.topic_name, "publisher") for end in rig.node._outputs.ends.values()),
+        *((end.topic_name, "subscription") for end in rig.node.subscribed.open.values()),
+        *((end.topic_name, "publisher") for end in rig.node.outputs.ends.values()),
     ]
     assert {name for name, kind in ends if kind == "subscription"} == {
         f"{NAMESPACE}/{topic}" for topic in INPUTS
@@ -187,7 +187,7 @@ def test_overrides_in_a_parameter_file_are_those_that_the_node_declares(tmp_path
     read = parameter_dict_from_yaml_file(str(file), use_wildcard=True)
     assert list(read) == list(overrides(f"{NAMESPACE}/points.subscription", reliability="reliable"))
     with Rig(given={name: message.value.string_value for name, message in read.items()}) as rig:
-        assert rig.node._subscribed.open["points"].qos_profile.reliability == RELIABLY
+        assert rig.node.subscribed.open["points"].qos_profile.reliability == RELIABLY
 
 
 @each(

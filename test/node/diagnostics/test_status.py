@@ -112,7 +112,7 @@ def test_a_listener_with_incompatible_qos_or_type_is_reported(
         other.create_subscription(Bool, "clearances", lambda message: None, 1)
         wrong = {"contacts", "clearances"}
         rig.until(lambda: wrong <= set(rig.status(": qos")), "mismatches")
-    assert rig.node._effects.of_cycle().isdisjoint({"contacts", "clearance"})
+    assert rig.node.effects.of_cycle().isdisjoint({"contacts", "clearance"})
     errors = capfd.readouterr().err
     assert "DURABILITY" in errors
     # the name of a node may become known later than its topics
@@ -275,7 +275,7 @@ def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:
     rig.send_transform("a/1", pose(1.0))
     rig.answer()
     node = rig.node
-    node._reporting.publish()  # as every second while nobody subscribes
+    node.reporting.publish()  # as every second while nobody subscribes
     rig.listen("/diagnostics")
     status = rig.status("input objects")
     assert float(status["rate (Hz)"]) == 0.0

@@ -208,7 +208,7 @@ def test_only_the_newest_of_the_sets_that_wait_is_applied() -> None:
             rig.send_boxes([number], in_row(0))
         monitor = rig.monitor(TOPIC)
         rig.until(lambda: monitor.messages == 6, "all sets")
-        rig.node._run_cycle()
+        rig.node.run_cycle()
         assert keys(rig) == {("boxes", 4)}
         assert monitor.superseded == 4
         rig.listen("/diagnostics")

@@ -243,7 +243,7 @@ def test_all_that_waits_is_taken_before_one_cycle() -> None:
         sent = rig.stamp
         total = rig.node.cycle.monitor.total
         rig.until(lambda: rig.monitor("objects").messages > 0, "the first message")
-        rig.node._collect()
+        rig.node.collect()
         assert rig.monitor("objects").messages == 30
         assert rig.monitor("object_transform").messages == 30
         assert rig.node.cycle.monitor.total == total

@@ -236,7 +236,7 @@ def test_the_table_is_written_as_rclpy_would(count: int) -> None:
 def test_a_large_table_is_not_sent_at_every_cycle(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now, out = [1e6], rig.node._outputs
+    now, out = [1e6], rig.node.outputs
     sent: list[bytes] = []
     monkeypatch.setattr("obb_collision.node.outputs.outputs.perf_counter", lambda: now[0])
     monkeypatch.setattr(out, "namespaces", SimpleNamespace(publish=sent.append))

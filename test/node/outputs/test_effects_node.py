@@ -114,7 +114,7 @@ def of(calls: Counter[str], effect: str) -> int:
 
 def settled(scene: Scene, calls: Counter[str]) -> Counter[str]:
     """Return what some more steps call, once what was asked for is ready."""
-    warm = scene.rig.node._warm
+    warm = scene.rig.node.warm
     scene.rig.until(lambda: warm._asked.keys() <= warm._ready, "kernels")
     scene.step()
     calls.clear()
@@ -126,7 +126,7 @@ def test_what_nobody_subscribes_to_costs_no_call(calls: Counter[str]) -> None:
     with Rig(deaf=True) as rig:
         counted = settled(Scene(rig), calls)
         assert counted == Counter()
-        assert rig.node._warm._asked == {}, "nothing was even made ready"
+        assert rig.node.warm._asked == {}, "nothing was even made ready"
         assert len(rig.node.cycle.report or ()) == 1, "but what collides is known"
         assert rig.node.cycle.report is not None
         assert rig.node.cycle.report.costs == {}
@@ -148,7 +148,7 @@ def test_a_subscription_starts_an_effect_and_its_end_stops_it(
         assert others == ({"separations", "collisions"} - {effect} if described else set())
         assert bool(calls["build cloud"]) == (effect == "points")
         rig.ignore(topic)
-        called = rig.node._effects.is_requested
+        called = rig.node.effects.is_requested
         rig.until(lambda: not called(effect), "unsubscribed")
         assert settled(scene, calls) == Counter()
 
@@ -164,7 +164,7 @@ def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
         settled(scene, calls)
         assert of(calls, effect) == 0, "off, though somebody subscribes"
         rig.ignore(*topics)
-        rig.until(lambda: not rig.node._effects.of_cycle(), "unsubscribed")
+        rig.until(lambda: not rig.node.effects.of_cycle(), "unsubscribed")
         assert settled(scene, calls) == Counter()
         assert all(result.successful for result in rig.set(**{f"effects.{effect}": "on"}))
         settled(scene, calls)
@@ -232,7 +232,7 @@ def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(reporting, "cycle_status", noted)
     with Rig(deaf=True) as rig:
-        publish = rig.node._reporting.publish
+        publish = rig.node.reporting.publish
         publish()
         assert built == []
         rig.listen("/diagnostics")

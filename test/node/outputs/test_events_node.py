@@ -127,7 +127,7 @@ def test_without_a_subscriber_nothing_is_counted(rig: Rig, events: Listener) -> 
     events.close()
     rig.until(lambda: rig.publisher("events").get_subscription_count() == 0, "nobody")
     rig.cycles(2)
-    assert len(rig.node._outputs.events.pairs.lasting(0)) == 0
+    assert len(rig.node.outputs.events.pairs.lasting(0)) == 0
     again = Listener(rig)
     assert again.lasting() == {("a/1", "a/2")}
     assert again.changes() == []
@@ -196,7 +196,7 @@ def test_times_keep_a_pair_from_chattering(rig: Rig) -> None:
     rig.answer()
     rig.cycles(3)
     assert len(events.changes()) == 2
-    rig.node._outputs.events.pairs.clock_jumped(-3600 * 10**9)  # an hour later
+    rig.node.outputs.events.pairs.clock_jumped(-3600 * 10**9)  # an hour later
     events.until(
         [
             BEGIN,

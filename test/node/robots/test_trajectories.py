@@ -113,7 +113,7 @@ def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
                 rig.robot.take_joints(joints(0.1 * step))
             node.robots.callbacks(node.inputs)["arm/trajectory_in"](serialize_message(trajectory))
             rig.robot.take_joints(joints(1.4))
-            node._run_cycle()
+            node.run_cycle()
             node.robots.hold("a later stop")
             rig.until(lambda: len(rig.said) == 2, "what is said")
             rig.stopped()

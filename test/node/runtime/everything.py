@@ -164,7 +164,7 @@ def switch_effect(rig: Everything, effect: str) -> Iterator[str]:
 
 def waiting_effects(rig: Everything) -> set[str]:
     """Return the effects that wait for kernels of a level."""
-    effects = rig.node._effects
+    effects = rig.node.effects
     return effects.on_boxes.keys() & effects.of_cycle()
 
 
@@ -185,7 +185,7 @@ def switch_everything(rig: Everything) -> Iterator[str]:
     for level in (*ALL_LEVELS, *reversed(ALL_LEVELS)):
         rig.set(accuracy=level)
         rig.cycles(5)
-        rig.until(lambda: not rig.node._settings.waiting, level)
+        rig.until(lambda: not rig.node.settings.waiting, level)
         rig.until(lambda: not waiting_effects(rig), f"effects on {level}")
         yield f"accuracy {level}"
         rig.move()

@@ -105,7 +105,7 @@ def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.Monke
     rig.listen("contacts")
     rig.send(cube(A), cube(B, (0.5, 0, 0)))
     rig.next("contacts")
-    outputs = rig.node._outputs
+    outputs = rig.node.outputs
     monkeypatch.setattr(
         outputs, "_publish_cloud", failing(outputs._publish_cloud, lambda name, *_: True)
     )
@@ -186,7 +186,7 @@ def test_a_queue_that_cannot_be_read_is_unknown_hides_no_other_and_is_opened_aga
     rig.listen("collision_status")
     rig.send(cube(A), cube(B, (3, 0, 0)))
     rig.answer()
-    subscribed = rig.node._subscribed
+    subscribed = rig.node.subscribed
     drain, topic, before = subscribed._drain, "object_states", subscribed.open["object_states"]
 
     def fail_once(name: str, subscription: Any) -> None:
