@@ -208,7 +208,7 @@ class CycleRunner:
         if self._settings.waiting:
             self._settings.apply_accuracy()
         if not self.paused:
-            stages.update(self._check(now))
+            stages.update(self.run_stages(now))
             if waited:
                 took = perf_counter() - start
                 self.delay = waited + took
@@ -218,7 +218,7 @@ class CycleRunner:
             self._outputs.publish_namespaces(self._objects.table.namespaces)
         self.monitor.add(stages, 1.0 / self._parameters.rate)
 
-    def _check(self, now: int) -> dict[str, float]:
+    def run_stages(self, now: int) -> dict[str, float]:
         """Check and publish; returns the seconds of each stage and of each effect computed."""
         times = [perf_counter()]
         effects = self._effects.of_cycle()

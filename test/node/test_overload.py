@@ -54,14 +54,14 @@ def test_the_first_cycle_after_a_flood_has_the_newest_state(topic: str, rig: Rig
         else:
             rig.send_poses([2], [place])
     cycle, seen = rig.node.cycle, list[int]()
-    run = cycle._check
+    run = cycle.run_stages
 
     def record(now: int) -> dict[str, float]:
         result = run(now)
         seen.append(rig.node.objects.newest_stamp(now))
         return result
 
-    cycle._check = record  # type: ignore[method-assign]
+    cycle.run_stages = record  # type: ignore[method-assign]
     rig.until(lambda: rig.stamp in seen, "the newest state")
     assert seen.index(rig.stamp) <= 1, "no cycle for states between, but one that began before"
     assert rig.pairs() == {("a/1", "a/2")}
@@ -92,7 +92,7 @@ def test_states_that_come_in_a_long_cycle_are_answered_by_the_next(rig: Rig) -> 
     rig.send(cube(A1), cube(A2, (9, 0, 0)))
     rig.answer()
     cycle, sent = rig.node.cycle, list[int]()
-    run, stamps = cycle._check, list[int]()
+    run, stamps = cycle.run_stages, list[int]()
 
     def flood_and_run(now: int) -> dict[str, float]:
         if not sent:  # as if this cycle took as long as these take to come
@@ -103,7 +103,7 @@ def test_states_that_come_in_a_long_cycle_are_answered_by_the_next(rig: Rig) -> 
         stamps.append(rig.node.objects.newest_stamp(now))
         return result
 
-    cycle._check = flood_and_run  # type: ignore[method-assign]
+    cycle.run_stages = flood_and_run  # type: ignore[method-assign]
     rig.until(lambda: len(stamps) >= 3, "cycles")
     assert stamps[0] < sent[0]
     assert sent[0] in stamps[1:3], "one cycle later, or two where they had not all come yet"

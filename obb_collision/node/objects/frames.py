@@ -92,13 +92,13 @@ class TfFrames:
 
     def __init__(self, node: Node, fixed_frame: str) -> None:
         self._fixed_frame = fixed_frame
-        self._buffer: Any = tf2_ros.Buffer(node=node)
-        self._listener: Any = tf2_ros.TransformListener(self._buffer, node, spin_thread=False)
+        self.buffer: Any = tf2_ros.Buffer(node=node)
+        self._listener: Any = tf2_ros.TransformListener(self.buffer, node, spin_thread=False)
 
     def lookup(self, frame: str, stamp: int) -> Floats:
         """Pose of ``frame`` from the tf2 buffer, without waiting."""
         try:
-            found = self._buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
+            found = self.buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
         except tf2_ros.TransformException as error:
             raise RefusedError(reason_from_tf2(error, tf2_ros), str(error)) from error
         return transform_from_ros(found.transform)

@@ -90,7 +90,7 @@ def set_transform(rig: Rig, x: float, stamp: int) -> None:
 
 def give(rig: Rig, transform: TransformStamped) -> None:
     """Give the node a transform, as tf2's listener does."""
-    rig.frames._buffer.set_transform(transform, "test")
+    rig.frames.buffer.set_transform(transform, "test")
 
 
 def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
@@ -183,14 +183,14 @@ def test_with_tf2_no_look_up_waits_and_each_is_made_once_per_cycle(
     tf2_ros: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with Rig(tf2=True, transform_timeout=30.0) as rig:
-        look_up, asked = rig.frames._buffer.lookup_transform, list[tuple[str, int]]()
+        look_up, asked = rig.frames.buffer.lookup_transform, list[tuple[str, int]]()
 
         def record(target: str, source: str, time: Any, *timeout: Any) -> Any:
             assert timeout == (), "by default none"
             asked.append((source, rig.node.cycle.monitor.total))
             return look_up(target, source, time)
 
-        monkeypatch.setattr(rig.frames._buffer, "lookup_transform", record)
+        monkeypatch.setattr(rig.frames.buffer, "lookup_transform", record)
         far = [in_frame(cube(("far", number)), f"frame_{number % 3}") for number in range(30)]
         rig.send(cube(A1), cube(A2, (9, 0, 0)), *far)
         rig.until(lambda: len({cycle for _, cycle in asked}) > 5, "look-ups in vain")
