@@ -96,6 +96,29 @@ def rig() -> Iterator[Any]:
         yield made
 
 
+@pytest.fixture(scope="module")
+def one_robot() -> Iterator[None]:
+    """End the rig that the tests of a file share with the file."""
+    yield
+    from rig import end_shared
+
+    end_shared()
+
+
+@pytest.fixture
+def arm(one_robot: None) -> Any:
+    """Return the ``robot_rig.AskingRig`` that the tests of a file share, as good as new."""
+    from rig import SHARED
+    from robot_rig import AskingRig
+
+    if not SHARED:
+        rig = AskingRig()
+        rig.start_robot()
+        SHARED.append(rig)
+    SHARED[0].renew()
+    return SHARED[0]
+
+
 @pytest.fixture(autouse=bool(config.BOUNDSCHECK))
 def within_bounds() -> Iterator[None]:
     """Let a test fail in which a kernel was out of bounds, whoever caught it."""

@@ -430,6 +430,7 @@ def test_a_level_is_a_name_a_number_or_itself() -> None:
         "sphere": 0, "aabb": 1, "obb": 3, "hull": 5, "mesh": 6
     }  # fmt: skip
     for level in oc.Accuracy:
-        for value in (level.label, int(level), level):
+        values: tuple[Any, ...] = level.label, int(level), level
+        for value in values:
             assert oc.Scene(accuracy=value).accuracy == level
     assert set(EFFECTS) == {"separations", "contacts", "clearance", "sweep", "points"}

@@ -168,8 +168,8 @@ class Checker:
         if exact or self.pair_filter is not None or self.region is not None:
             kept = self._own(pairs)
             if exact:
-                boxes = store.all_boxes()
-                decide_exactly(boxes, pairs[:, 0], boxes, pairs[:, 1], verdicts)
+                stored = store.all_boxes()
+                decide_exactly(stored, pairs[:, 0], stored, pairs[:, 1], verdicts)
                 kept &= verdicts != SEPARATE
             if self.pair_filter is not None:
                 kept &= self.pair_filter(*pairs.T)

@@ -361,7 +361,7 @@ class NamedObjects(NotCopied):
 
     @accuracy.setter
     def accuracy(self, value: Accuracy | str) -> None:
-        self._objects.accuracy = value  # type: ignore[assignment]
+        self._objects.accuracy = value
 
     def __len__(self) -> int:
         return len(self._objects.store)

@@ -173,11 +173,17 @@ class AskingRig(RobotRig):
 
     def renew(self) -> None:
         """Take everything back: parameters, objects, joints, and what was refused."""
+        trajectories = self.ends.trajectories
+        was_running = trajectories.running is not None
+        self.said.clear()
+        self.forwarded.clear()
         values = {name: self.node.get_parameter(name).value for name in self.initial}
         self.set(**{n: v for n, v in self.initial.items() if v != values[n]})
         self.call(Trigger, "obb_collision/clear", Trigger.Request())
         self.stamp = max(self.stamp, self.now())
         self.move()
+        if was_running and trajectories.stopped:
+            self.stopped()  # or it would come amid what is sent next
         for topic in ("objects", "object_transform", "arm/joint_states", "arm/states_to_check"):
             self.monitor(topic).refused.clear()
             self.monitor(topic).doubted.clear()

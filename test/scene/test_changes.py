@@ -69,7 +69,12 @@ class Twin:
             self.serial += 1
         padding = None if self.rng.random() < 0.7 else float(self.rng.choice([0.0, 0.01, 0.1]))
         shape, level = SHAPES[self.rng.integers(len(SHAPES))], self.level(0.6)
-        made = {"shape": shape, "pose": self.pose(), "padding": padding, "accuracy": level}
+        made: dict[str, Any] = {
+            "shape": shape,
+            "pose": self.pose(),
+            "padding": padding,
+            "accuracy": level,
+        }
         self.scene.add(name, **made)
         self.objects[name] = {**made, "enabled": True}
 

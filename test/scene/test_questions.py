@@ -63,7 +63,8 @@ def test_any_collision_is_what_a_check_finds(accuracy: str) -> None:
 
 def test_the_first_pair_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     tested: list[int] = []
-    decide = questions.decide_pairs
+    given: Any = questions
+    decide = given.decide_pairs
 
     def counted(store: Any, cache: Any, pairs: Any, *rest: Any) -> Any:
         tested.append(len(pairs))

@@ -219,7 +219,7 @@ REFUSED: list[tuple[Callable[[oc.Scene], Any], type[Exception], str]] = [
     (lambda s: s.move_indices([0, 1], [IDENTITY]), ValueError, "one row per object"),
     (lambda s: s.move("box/0", [0] * 7), ValueError, "zero quaternion"),
     (lambda s: s.move("box/0", [np.nan] * 7), ValueError, "finite"),
-    (lambda s: s.move(["box/0", "box/1"], [IDENTITY, [0] * 7]), ValueError, "quaternion.*1"),
+    (lambda s: s.move(["box/0", "box/1"], [IDENTITY, [0.0] * 7]), ValueError, "quaternion.*1"),
     (lambda s: s.move(["box/0", "box/1"], [IDENTITY, [1e301] * 7]), ValueError, "1e.300.*1"),
     (lambda s: s.add("new", BOX, [0] * 7), ValueError, "zero quaternion"),
     (lambda s: s.add("new", BOX, padding=-1.0), ValueError, "padding"),

@@ -236,6 +236,7 @@ def _hits(
     """Return what rays hit of targets, which are in boxes."""
     nodes, count = build_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
     bodies, numbers = np.empty((2, count), np.int64)
-    out = HitArrays(bodies, np.empty(count), *np.empty((2, count, 3)), numbers)
+    points, normals = np.empty((2, count, 3))
+    out = HitArrays(bodies, np.empty(count), points, normals, numbers)
     run(kernel, count, FEWEST_RAYS, rays, targets, nodes, out)
     return RayHits(*out[:4], numbers if faces else None)

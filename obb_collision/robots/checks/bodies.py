@@ -96,7 +96,7 @@ def placed_body(
     reach, blocks = chain + farthest + radius, in_blocks(corners)
     values = frame, *box, sphere, 0.0, False, radius, farthest, reach, beyond
     arrays = (np.array([value]) for value in values)
-    return LinkBodies(*arrays, blocks, np.array([0, len(blocks)]))
+    return LinkBodies._make([*arrays, blocks, np.array([0, len(blocks)])])
 
 
 def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: int) -> LinkBodies:

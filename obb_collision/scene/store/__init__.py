@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Contents of a scene: names, poses, world boxes, and rules about pairs by name."""
+"""Contents of a scene: names, poses, world boxes, rules about pairs by name."""

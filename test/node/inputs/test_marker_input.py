@@ -87,7 +87,8 @@ def test_no_add_and_no_delete_of_a_backlog_is_lost(rig: Rig) -> None:
 
 def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     messages: list[int] = []
-    gather = marker_input.gather
+    given: Any = marker_input
+    gather = given.gather
 
     def count(parts: Any, *more: Any) -> Any:
         messages.append(len(parts))

@@ -183,7 +183,7 @@ def test_the_frame_of_no_link_is_refused_and_states_are_not_valid(arm: AskingRig
 @each("by_tf", [False, True])
 def test_the_frame_may_be_that_of_tf(by_tf: bool) -> None:
     frames = FakeFrames()
-    options = {"frames": frames, "given": {"robot_bases": [""]}} if by_tf else {}
+    options: dict[str, Any] = {"frames": frames, "given": {"robot_bases": [""]}} if by_tf else {}
     frames.known["base"] = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
     with AskingRig(**options) as rig:
         rig.start_robot()

@@ -94,12 +94,13 @@ def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
 
 
 def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running() -> None:
-    def joints(turn: float) -> bytes:
-        message = JointState(header=rig.header(), name=list(BOTH), position=[0.0, turn])
-        message.velocity = NONE
-        return bytes(serialize_message(message))
-
     with TrajectoryRig() as rig:
+
+        def joints(turn: float) -> bytes:
+            message = JointState(header=rig.header(), name=list(BOTH), position=[0.0, turn])
+            message.velocity = NONE
+            return bytes(serialize_message(message))
+
         rig.known()
         node = rig.node
         assert node.robots is not None
