@@ -31,7 +31,7 @@ from obb_collision.scene import checker
 
 #: Steps of which the memory is measured, several times: what grows does so each time, which caches
 #: that fill and other threads do not.
-STEPS, TIMES = 200, 3
+STEPS, TIMES = 200, 6
 COLUMNS = ("pairs", "verdicts", "accuracies", "separations", "normals", "positions")
 
 
@@ -168,13 +168,14 @@ def test_memory_does_not_grow_with_the_steps(
     count: int, share: float, effects: tuple[str, ...]
 ) -> None:
     run = steps_of(count, share, effects)
-    run(600)  # what the first steps allocate for good, and the free lists of the interpreter
+    run(40)  # what the first steps allocate for good
     gc.collect()
     tracemalloc.start()
     try:
         sizes = []
-        for steps in (20, *[STEPS] * TIMES):
-            run(steps)
+        run(5 * STEPS)  # replaces what was there before it was traced
+        for _ in range(1 + TIMES):
+            run(STEPS)
             gc.collect()
             sizes.append(tracemalloc.get_traced_memory()[0])
     finally:
