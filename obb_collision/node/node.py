@@ -60,7 +60,6 @@ from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
-from obb_collision.node.self_test.service import SelfTestService
 from obb_collision.node.settings import (
     SceneParameters,
     apply_limits,
@@ -113,8 +112,6 @@ class CollisionNode(ManagedNode):
         refuse_bad_clocks(self)
         self.rare = RareServices(self)
         self._configured = ExitStack()
-        full_name = self.get_fully_qualified_name().lstrip("/")
-        self._self_test = SelfTestService(self, full_name, self.guard)
         autostart = self.parameters.autostart
         self._scene_file = self._read_scene_file() if autostart else None
         fixed_frame = self.parameters.fixed_frame
@@ -532,7 +529,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "_self_test", "_warm", "_configured", "rare"):
+        for name in ("status", "warm", "_configured", "rare"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()
