@@ -63,7 +63,7 @@ class MeshReading:
         if self._limits is None:
             return Mesh.from_file(path, scale)
         job = MeshFile(str(path), np.array(scale), None, self._largest, self._triangles)
-        built = job.finish(self._process.run(job.message(), self._limits))
+        built = job.finish(self._process.run(job.task(), self._limits))
         assert built is not None  # for no version of it is known
         return built[0]
 

@@ -20,9 +20,8 @@ import threading
 
 from rig import PATIENCE, Rig
 
-from obb_collision.scene.building.jobs import perform
+from obb_collision.scene.building.jobs import Task, perform
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.wire import Message
 
 
 class Gate:
@@ -39,10 +38,10 @@ class Gate:
         builder = objects._tree_builder if trees else objects.shapes.builder
         builder.process.run = self.run  # type: ignore[method-assign]
 
-    def run(self, message: Message, limits: Limits) -> Message:
+    def run(self, task: Task, limits: Limits) -> object:
         assert self.opened.wait(PATIENCE)
-        self.jobs.append(message["job"])
-        return perform(message)
+        self.jobs.append(task[0].__name__)
+        return perform(task)
 
     def open(self) -> None:
         self.opened.set()

@@ -71,7 +71,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.scene.building.builder import Outcome
-from obb_collision.scene.building.wire import BuildError
+from obb_collision.scene.building.jobs import BuildError
 from obb_collision.shapes import Box
 
 SECOND = 1_000_000_000

@@ -21,7 +21,6 @@ from typing import Any
 
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.jobs import Job
-from obb_collision.scene.building.wire import Message
 
 PATIENCE = 120.0
 """Seconds that building may take on a loaded machine."""
@@ -35,11 +34,11 @@ class Turn:
     def __init__(self) -> None:
         self.came = threading.Event()
 
-    def message(self) -> None:
+    def task(self) -> None:
         """Be done here, by ``finish``."""
         self.came.set()
 
-    def finish(self, reply: Message) -> None:
+    def finish(self, result: None) -> None:
         """Return nothing."""
 
 

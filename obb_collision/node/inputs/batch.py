@@ -56,7 +56,7 @@ from obb_collision.node.messages.marker_scan import (
 from obb_collision.node.messages.names import MAX_FRAMES, check_name, shortened
 from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, PRIMITIVES
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.scene.building.wire import NO_MEMORY
+from obb_collision.scene.building.jobs import NO_MEMORY
 from obb_collision.typing import Floats, Mask, Rows
 
 GOOD = -1

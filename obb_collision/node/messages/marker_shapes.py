@@ -50,13 +50,13 @@ from obb_collision.scene.building.jobs import (
     CUBE_CORNERS,
     UNREADABLE,
     Bodies,
+    BuildError,
     Job,
     MeshFile,
     Triangles,
     body_corners,
     perform,
 )
-from obb_collision.scene.building.wire import BuildError
 from obb_collision.typing import Floats
 
 Signature = tuple[Any, ...]
@@ -283,7 +283,7 @@ def shape_from_ros(marker: Marker) -> shapes.Shape:
         assert plan.shape is not None
         return plan.shape
     try:
-        built = plan.job.finish(perform(plan.job.message() or {}))
+        built = plan.job.finish(perform(plan.job.task()))
     except BuildError as error:
         raise RefusedError(error.reason, error.detail) from error
     return built[0] if isinstance(built, tuple) else built

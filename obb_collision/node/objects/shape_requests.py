@@ -39,8 +39,14 @@ from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
 from obb_collision.scene.building.builder import Builder, Outcome
-from obb_collision.scene.building.jobs import TOO_MANY_TRIANGLES, Bodies, Job, MeshFile, Triangles
-from obb_collision.scene.building.wire import BuildError
+from obb_collision.scene.building.jobs import (
+    TOO_MANY_TRIANGLES,
+    Bodies,
+    BuildError,
+    Job,
+    MeshFile,
+    Triangles,
+)
 from obb_collision.shapes import Shape
 
 CHECK_PERIOD = 1.0

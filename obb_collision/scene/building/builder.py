@@ -16,16 +16,19 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Hashable
-from dataclasses import dataclass, field
-from itertools import count
+from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import Any
 
-from obb_collision.scene.building.jobs import Job
+from obb_collision.scene.building.jobs import (
+    NO_BUILDER,
+    NO_MEMORY,
+    TOO_MANY,
+    BuildError,
+    Job,
+)
 from obb_collision.scene.building.process import Limits, WorkerProcess
-from obb_collision.scene.building.wire import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError
 
 #: Jobs that may wait, whatever their size.
 MOST_WAITING = 20_000
@@ -34,9 +37,7 @@ MOST_WAITING = 20_000
 @dataclass
 class _Entry:
     job: Job
-    place: int
-    serial: int
-    keys: set[Hashable] = field(default_factory=set)
+    keys: set[Hashable]
 
 
 @dataclass
@@ -51,7 +52,7 @@ class Outcome:
 
 
 class Builder:
-    """Builds what keys request; of several requests of a key the last one is valid.
+    """Builds what keys request, in order; of several requests of a key the last one is valid.
 
     Jobs of equal signatures are done once. A job that has begun is finished even if its keys have
     requested something else by then: its outcome is newer than what they have. No method waits.
@@ -63,13 +64,11 @@ class Builder:
         self.process = process or WorkerProcess()
         """Where jobs are done."""
         self._changed = Condition()
-        self._waiting: dict[Hashable, _Entry] = {}
-        self._order: list[tuple[int, int, Hashable]] = []
+        self._wanted: dict[Hashable, Hashable] = {}  # signatures by key, in the order of requests
+        self._waiting: dict[Hashable, _Entry] = {}  # by signature
         self._running: tuple[Hashable, _Entry] | None = None
-        self._wanted: dict[Hashable, Hashable] = {}
         self._done: list[Outcome] = []
         self._size = 0
-        self._places, self._serials = count(), count()
         self._closed = False
         self._thread: Thread | None = None
 
@@ -77,53 +76,54 @@ class Builder:
         return len(self._wanted)
 
     def request(self, key: Hashable, signature: Hashable, job: Job) -> None:
-        """Request a job; what the key requested before is cancelled.
+        """Request a job, in the place of what the key requested before, which is cancelled.
 
         Raises BuildError where too much waits already, or nothing can be built.
         """
         with self._changed:
             if self._wanted.get(key) == signature:
                 return
-            place = self._leave(key)
+            self._leave(key)
             running = self._running
+            entry = self._waiting.get(signature)
             if running is not None and running[0] == signature:
-                running[1].keys.add(key)
-            else:
-                self._enter(key, signature, job, next(self._places) if place is None else place)
+                entry = running[1]
+            elif entry is None:
+                try:
+                    entry = self._entered(signature, job)
+                except BuildError:
+                    self._wanted.pop(key, None)
+                    raise
+            entry.keys.add(key)
             self._wanted[key] = signature
-
-    def _enter(self, key: Hashable, signature: Hashable, job: Job, place: int) -> None:
-        entry = self._waiting.get(signature)
-        if entry is None:
-            size = self._size + job.size
-            if len(self._waiting) >= MOST_WAITING or size > self.limits.waiting:
-                megabytes, most = size >> 20, self.limits.waiting >> 20
-                detail = f"{len(self._waiting)} of {megabytes} MB; {MOST_WAITING} of {most} MB"
-                raise BuildError(TOO_MANY, f"{detail} is the limit")
-            self._start()
-            entry = self._waiting[signature] = _Entry(job, place, next(self._serials))
-            self._size = size
-            heapq.heappush(self._order, (place, entry.serial, signature))
             self._changed.notify()
-        entry.keys.add(key)
 
-    def _leave(self, key: Hashable) -> int | None:
-        """Take a key from what waits; return the place that became free, if any."""
-        signature = self._wanted.pop(key, None)
+    def _entered(self, signature: Hashable, job: Job) -> _Entry:
+        size = self._size + job.size
+        if len(self._waiting) >= MOST_WAITING or size > self.limits.waiting:
+            megabytes, most = size >> 20, self.limits.waiting >> 20
+            detail = f"{len(self._waiting)} of {megabytes} MB; {MOST_WAITING} of {most} MB"
+            raise BuildError(TOO_MANY, f"{detail} is the limit")
+        self._start()
+        self._size = size
+        entry = self._waiting[signature] = _Entry(job, set())
+        return entry
+
+    def _leave(self, key: Hashable) -> None:
+        """Take a key from what waits."""
+        signature = self._wanted.get(key)
         entry = self._waiting.get(signature)
-        if entry is None:
-            return None
-        entry.keys.discard(key)
-        if entry.keys:
-            return None
-        del self._waiting[signature]
-        self._size -= entry.job.size
-        return entry.place
+        if entry is not None:
+            entry.keys.discard(key)
+            if not entry.keys:
+                del self._waiting[signature]
+                self._size -= entry.job.size
 
     def cancel(self, key: Hashable) -> None:
         """Cancel all that a key requested."""
         with self._changed:
             self._leave(key)
+            self._wanted.pop(key, None)
             if self._running is not None:
                 self._running[1].keys.discard(key)
             for outcome in self._done:
@@ -189,17 +189,15 @@ class Builder:
         self.process.stop()
 
     def _build(self, job: Job) -> Any:
-        message = job.message()
-        return job.finish({} if message is None else self.process.run(message, self.limits))
+        task = job.task()
+        return job.finish(None if task is None else self.process.run(task, self.limits))
 
     def _next(self) -> tuple[Hashable, _Entry] | None:
         with self._changed:
             while not self._closed:
-                while self._order:
-                    _, serial, signature = heapq.heappop(self._order)
-                    entry = self._waiting.get(signature)
-                    if entry is not None and entry.serial == serial:
-                        del self._waiting[signature]
+                for signature in self._wanted.values():
+                    entry = self._waiting.pop(signature, None)
+                    if entry is not None:
                         self._running = signature, entry
                         return self._running
                 self._changed.wait()

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Jobs of building: each is sent as a message, done in another process, and finished here.
+"""Jobs of building: a task that another process does, and what is made of its result here.
 
-``message`` and ``finish`` run in the thread that talks to the other process; ``perform`` runs in
-that process. What both sides have already is not sent back.
+A task is a function and its arguments; ``perform`` runs it in that process. ``task`` and ``finish``
+run in the thread that talks to it. What both sides have already is not sent back.
 """
 
 from __future__ import annotations
@@ -23,100 +23,48 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
 from obb_collision.geometry.shapes import files
 from obb_collision.geometry.shapes.files import MeshFolders, allowed_path
+from obb_collision.geometry.shapes.files import Triangles as Faces
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
-from obb_collision.geometry.shapes.primitives import LocalBox
-from obb_collision.geometry.trees.pool import HullPool, Pool, TreePool
+from obb_collision.geometry.shapes.primitives import LocalBox, Shape
+from obb_collision.geometry.trees.pool import Pool
 from obb_collision.numerics.constants import MAX_MAGNITUDE
-from obb_collision.scene.building.wire import BAD_SHAPE, BuildError, Message
-from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
 if TYPE_CHECKING:  # the process that builds needs none of these
     from obb_collision.scene.building.shape_cache import Entry, Packed, PerShape
 
-#: Names of jobs, and where what they build goes to.
-POOLS: dict[str, type[Pool[Any]]] = {"tree": TreePool, "hull": HullPool}
-
-
-@dataclass(frozen=True, eq=False)
-class BuildJob:
-    """The tree or hull of a shape."""
-
-    shape: Mesh | Hull
-    per_shape: PerShape[Any]
-
-    @property
-    def size(self) -> int:
-        """Bytes that the job holds while it waits: the shape is there anyway."""
-        return 0
-
-    def message(self) -> dict[str, Any]:
-        """Return what is sent."""
-        (name,) = (name for name, kind in POOLS.items() if isinstance(self.per_shape.pool, kind))
-        return {"job": name} | _sent(self.shape)
-
-    def finish(self, reply: dict[str, Any]) -> tuple[Pool[Any], Any, int]:
-        """Return the pool that what was built is in, itself, and its row."""
-        pool = self.per_shape.pool
-        item = pool.made(reply)
-        with pool.lock:
-            return pool, item, pool.append(item)
-
-
-@dataclass(frozen=True, eq=False)
-class PackJob:
-    """A new pool of the items in use; nothing is sent."""
-
-    built: dict[Entry[Any], Any]
-    per_shape: PerShape[Any]
-
-    @property
-    def size(self) -> int:
-        """Bytes that the job holds while it waits: the items are there anyway."""
-        return 0
-
-    def message(self) -> None:
-        """Return None: there is nothing to send."""
-
-    def finish(self, reply: dict[str, Any]) -> Packed[Any]:
-        """Return the new pool."""
-        return self.per_shape.packed(self.built)
-
-
-def _sent(shape: Mesh | Hull) -> dict[str, Any]:
-    center, rotation, half_extents = shape.local_box
-    box = {"center": center, "rotation": rotation, "half_extents": half_extents}
-    scale = np.array(shape.scale)
-    if isinstance(shape, Mesh):
-        return box | {"vertices": shape.vertices, "faces": shape.faces, "scale": scale}
-    return box | {"points": shape.points, "scale": scale}
-
-
-def _received(message: dict[str, Any]) -> Mesh | Hull:
-    box = message["center"], message["rotation"], message["half_extents"]
-    if "vertices" in message:
-        return Mesh.fitted(message["vertices"], message["faces"], message["scale"], box)
-    return Hull.fitted(message["points"], box, message["scale"])
-
-
-def perform_build(message: dict[str, Any]) -> dict[str, Any]:
-    """Build a tree or hull."""
-    pool = POOLS[message["job"]]
-    return pool.arrays(pool.built(_received(message)))
-
-
+BAD_SHAPE = "bad shape"
 BAD_POINTS = "bad points"
 UNREADABLE = "unreadable mesh"
 TOO_MANY_TRIANGLES = "too many triangles"
+NO_MEMORY = "not enough memory"
+TOO_SLOW = "building took too long"
+NO_BUILDER = "shape builder failed"
+TOO_MANY = "too many shapes waiting"
 
 #: Corners (8, 3) of the unit cube.
 CUBE_CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+#: A function and its arguments.
+Task: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...]]
+
+
+class BuildError(ValueError):
+    """``reason`` is a short fixed phrase, one of the above or another; ``detail`` says more."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        super().__init__(reason, detail)
+        self.reason = reason
+        self.detail = detail
+
+    def __str__(self) -> str:
+        return f"{self.reason}: {self.detail}" if self.detail else self.reason
 
 
 class Job(Protocol):
@@ -126,11 +74,59 @@ class Job(Protocol):
     def size(self) -> int:
         """Bytes that the job holds while it waits."""
 
-    def message(self) -> Message | None:
-        """Return what is sent; ``job`` is the name in ``PERFORM``. None: it is done by finish."""
+    def task(self) -> Task | None:
+        """Return what the other process does; None: nothing."""
 
-    def finish(self, reply: Message) -> Any:
-        """Return what was built."""
+    def finish(self, result: Any) -> Any:
+        """Return what was built; result: of the task."""
+
+
+def perform(task: Task | None) -> Any:
+    """Return the result of a task; BuildError with the reason where there is none."""
+    if task is None:
+        return None
+    function, arguments = task
+    try:
+        return function(*arguments)
+    except BuildError:
+        raise
+    except ValueError as error:
+        raise BuildError(BAD_SHAPE, files.shortened(str(error))) from error
+
+
+@dataclass(frozen=True, eq=False)
+class BuildJob:
+    """The tree or hull of a shape, which is there anyway."""
+
+    shape: Shape
+    per_shape: PerShape[Any]
+    size: int = 0
+
+    def task(self) -> Task:
+        """Return what builds it."""
+        return self.per_shape.pool.built, (self.shape,)
+
+    def finish(self, result: Any) -> tuple[Pool[Any], Any, int]:
+        """Return the pool that what was built is in, itself, and its row."""
+        pool = self.per_shape.pool
+        with pool.lock:
+            return pool, result, pool.append(result)
+
+
+@dataclass(frozen=True, eq=False)
+class PackJob:
+    """A new pool of the items in use, which are there anyway."""
+
+    built: dict[Entry[Any], Any]
+    per_shape: PerShape[Any]
+    size: int = 0
+
+    def task(self) -> None:
+        """Return None: it is done by ``finish``."""
+
+    def finish(self, result: Any) -> Packed[Any]:
+        """Return the new pool."""
+        return self.per_shape.packed(self.built)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,15 +141,18 @@ class Triangles:
         """Bytes that the job holds while it waits."""
         return self.points.nbytes
 
-    def message(self) -> Message:
-        """Return what is sent."""
-        return {"job": "triangles", "points": self.points, "scale": self.scale}
+    @property
+    def _faces(self) -> Faces:
+        return np.arange(len(self.points)).reshape(-1, 3)
 
-    def finish(self, reply: Message) -> Mesh:
+    def task(self) -> Task:
+        """Return what fits its box."""
+        return _box_of, (Mesh, self.points, self._faces, self.scale)
+
+    def finish(self, result: LocalBox) -> Mesh:
         """Return the mesh."""
         points = np.array(self.points, np.float64)  # what is given may be a view on a message
-        faces = np.arange(len(points)).reshape(-1, 3)
-        return Mesh.fitted(points, faces, self.scale, local_box(reply))
+        return Mesh.fitted(points, self._faces, self.scale, result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +167,13 @@ class Bodies:
         """Bytes that the job holds while it waits."""
         return self.points.nbytes
 
-    def message(self) -> Message:
-        """Return what is sent."""
-        return {"job": "bodies", "points": self.points, "widths": self.widths}
+    def task(self) -> Task:
+        """Return what fits its box."""
+        return _box_of_bodies, (self.points, self.widths)
 
-    def finish(self, reply: Message) -> Hull:
+    def finish(self, result: LocalBox) -> Hull:
         """Return the hull."""
-        return Hull.fitted(body_corners(self.points, self.widths), local_box(reply))
+        return Hull.fitted(body_corners(self.points, self.widths), result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,22 +198,33 @@ class MeshFile:
         """Bytes that the job holds while it waits."""
         return len(self.data or b"") + len(self.name)
 
-    def message(self) -> Message:
-        """Return what is sent."""
-        message = {"name": self.name, "scale": self.scale, "triangles": self.triangles}
-        if self.data is not None:
-            return message | {"job": "data", "data": np.frombuffer(self.data, np.uint8)}
-        folders = None if self.folders is None else vars(self.folders)
-        place = {"largest": self.largest, "folders": folders}
-        return message | place | {"job": "file", "known": self.known}
+    def task(self) -> Task:
+        """Return what reads it."""
+        return MeshFile._read, (self,)
 
-    def finish(self, reply: Message) -> tuple[Mesh, files.Version | None] | None:
+    def finish(
+        self, result: tuple[Floats, Faces, LocalBox, files.Version | None] | None
+    ) -> tuple[Mesh, files.Version | None] | None:
         """Return the mesh and, of a file, its version; None if it is the known one."""
-        if "vertices" not in reply:
+        if result is None:
             return None
-        mesh = Mesh.fitted(reply["vertices"], reply["faces"], self.scale, local_box(reply))
-        version = reply.get("version")
-        return mesh, None if version is None else (int(version[0]), int(version[1]))
+        vertices, faces, box, version = result
+        return Mesh.fitted(vertices, faces, self.scale, box), version
+
+    def _read(self) -> tuple[Floats, Faces, LocalBox, files.Version | None] | None:
+        data, name, version = self.data, self.name, None
+        with _refused(self.name):
+            if data is None:
+                folders = self.folders
+                if folders is None:
+                    path = files.resolve_path(name)
+                else:
+                    path = allowed_path(folders.resolve(name), folders.chosen)
+                if self.known is not None and files.file_version(path) == self.known:
+                    return None
+                (data, version), name = files.read_file(path, self.largest), path.name
+            mesh = Mesh(*files.read_mesh(bytes(data), name, self.triangles), self.scale)
+            return mesh.vertices, mesh.faces, mesh.local_box, version
 
 
 def body_corners(points: Floats, widths: Floats) -> Floats:
@@ -222,52 +232,14 @@ def body_corners(points: Floats, widths: Floats) -> Floats:
     return (points[:, None] + CUBE_CORNERS * widths).reshape(-1, 3)
 
 
-def local_box(reply: Message) -> LocalBox:
-    """Return the box in a reply."""
-    return reply["center"], reply["rotation"], reply["half_extents"]
-
-
-def boxed(shape: Shape) -> Message:
-    """Return a reply with the box of a shape."""
-    center, rotation, half_extents = shape.local_box
-    return {"center": center, "rotation": rotation, "half_extents": half_extents}
-
-
-def _triangles(message: Message) -> Message:
-    points = _checked_points(message)
-    faces = np.arange(len(points)).reshape(-1, 3)
-    return boxed(Mesh(points, faces, message["scale"]))
-
-
-def _bodies(message: Message) -> Message:
-    return boxed(Hull(body_corners(_checked_points(message), message["widths"])))
-
-
-def _checked_points(message: Message) -> Floats:
-    points: Floats = message["points"]
+def _box_of(kind: Callable[..., Shape], points: Floats, *more: Any) -> LocalBox:
     if not (np.abs(points) <= MAX_MAGNITUDE).all():
         raise BuildError(BAD_POINTS, "points must be finite")
-    return points
+    return kind(points, *more).local_box
 
 
-def _data(message: Message) -> Message:
-    name = message["name"]
-    with _refused(name):
-        return _mesh(message, message["data"].tobytes(), name)
-
-
-def _file(message: Message) -> Message:
-    name = message["name"]
-    with _refused(name):
-        if message["folders"] is None:
-            path = files.resolve_path(name)
-        else:
-            folders = MeshFolders(**message["folders"])
-            path = allowed_path(folders.resolve(name), folders.chosen)
-        if message["known"] is not None and files.file_version(path) == tuple(message["known"]):
-            return {}
-        data, version = files.read_file(path, message["largest"])
-        return _mesh(message, data, path.name) | {"version": np.array(version)}
+def _box_of_bodies(points: Floats, widths: Floats) -> LocalBox:
+    return _box_of(lambda centers: Hull(body_corners(centers, widths)), points)
 
 
 @contextmanager
@@ -280,27 +252,3 @@ def _refused(name: str) -> Iterator[None]:
         known = text.startswith("mesh file ")  # it names the file
         reason = TOO_MANY_TRIANGLES if isinstance(error, files.TooManyError) else UNREADABLE
         raise BuildError(reason, text if known else f"{files.shortened(name)}: {text}") from error
-
-
-def _mesh(message: Message, data: bytes, name: str) -> Message:
-    mesh = Mesh(*files.read_mesh(data, name, message["triangles"]), message["scale"])
-    return {"vertices": mesh.vertices, "faces": mesh.faces} | boxed(mesh)
-
-
-PERFORM: dict[str, Callable[[Message], Message]] = {
-    "triangles": _triangles,
-    "bodies": _bodies,
-    "data": _data,
-    "file": _file,
-    **dict.fromkeys(POOLS, perform_build),
-}
-
-
-def perform(message: Message) -> Message:
-    """Do the job of a message; BuildError with the reason where that can't be."""
-    try:
-        return PERFORM[message["job"]](message)
-    except BuildError:
-        raise
-    except ValueError as error:
-        raise BuildError(BAD_SHAPE, files.shortened(str(error))) from error

@@ -30,9 +30,8 @@ from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.pool import Body
 from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.jobs import BuildJob, PackJob
+from obb_collision.scene.building.jobs import BuildError, BuildJob, PackJob
 from obb_collision.scene.building.shape_cache import Entry, PerShape, TimeLeft
-from obb_collision.scene.building.wire import BuildError
 from obb_collision.typing import Rows
 
 #: Triangles of a mesh, or points of a hull, that are built at once: 2 ms for a tree.

@@ -177,11 +177,11 @@ def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> N
     rig.until(lambda: len(rig.node.objects.shapes.builder) == len(keys), "all to wait")
     gate.open()
     rig.built(*keys)
-    assert gate.jobs == ["triangles", "file"]
+    assert gate.jobs == ["_box_of", "_read"]
     rig.send(triangle(("late", 1)), mesh_marker(file, ("late", 2)))
     rig.built(("late", 1), ("late", 2))
-    assert gate.jobs[:2] == ["triangles", "file"]
-    assert gate.jobs.count("triangles") == 1
+    assert gate.jobs[:2] == ["_box_of", "_read"]
+    assert gate.jobs.count("_box_of") == 1
     scene = rig.node.objects.scene
     assert len({id(shape) for shape in scene.objects.cache._shapes.values()}) == 2
 

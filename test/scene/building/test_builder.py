@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The queue of a builder, and the messages between the processes that build."""
+"""The queue of a builder."""
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,20 +24,18 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import PATIENCE, outcomes, wait_built
-from each import each
 
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building.builder import Builder, Outcome
-from obb_collision.scene.building.jobs import Triangles
-from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.wire import (
+from obb_collision.scene.building.jobs import (
     NO_BUILDER,
     NO_MEMORY,
     TOO_MANY,
     BuildError,
-    Message,
-    Pipe,
+    Task,
+    Triangles,
 )
+from obb_collision.scene.building.process import Limits
 
 ONE = np.ones(3)
 
@@ -58,12 +55,11 @@ class Held:
         self.let, begun = threading.Event(), threading.Event()
         self.done: list[str] = []
 
-        def run(message: Message, limits: Limits) -> Message:
+        def run(task: Task, limits: Limits) -> None:
             begun.set()
-            if message["job"] == "hold":
+            if task[1] == ("hold",):
                 assert self.let.wait(PATIENCE)
-            self.done.append(message["job"])
-            return {}
+            self.done += task[1]
 
         monkeypatch.setattr(builder.process, "run", run)
         builder.request("hold", "hold", Named("hold"))
@@ -77,10 +73,10 @@ class Named:
     name: str
     size: int = 1
 
-    def message(self) -> Message:
-        return {"job": self.name}
+    def task(self) -> Task:
+        return str, (self.name,)
 
-    def finish(self, reply: Message) -> str:
+    def finish(self, result: None) -> str:
         return self.name
 
 
@@ -156,11 +152,11 @@ def test_the_queue_is_bounded_in_jobs_and_in_bytes(
 
 def test_a_job_that_fails_here_is_refused(own: Builder, held: Held) -> None:
     class Failing(Named):
-        def finish(self, reply: Message) -> str:
+        def finish(self, result: None) -> str:
             raise ZeroDivisionError("here")
 
     class Large(Named):
-        def finish(self, reply: Message) -> str:
+        def finish(self, result: None) -> str:
             raise MemoryError
 
     own.request("a", "a", Failing("a"))
@@ -181,43 +177,3 @@ def test_nothing_is_built_once_it_is_closed() -> None:
     assert set(threading.enumerate()) <= others
     with pytest.raises(BuildError, match=NO_BUILDER):
         builder.request("b", "b", Triangles(np.eye(3), ONE))
-
-
-def pipes() -> tuple[Pipe, Pipe, list[int]]:
-    (a, b), (c, d) = os.pipe(), os.pipe()
-    return Pipe(a, d), Pipe(c, b), [a, b, c, d]
-
-
-def test_messages_come_back_as_they_were() -> None:
-    near, far, descriptors = pipes()
-    message = {
-        "text": "ä\ud800\0",
-        "number": 0.1,
-        "none": None,
-        "large": np.random.default_rng(0).normal(size=(500_000, 3)),
-        "empty": np.empty((0, 3), np.int64),
-        "whole": np.arange(5, dtype=np.int8),
-        "flags": np.array([True, False]),
-    }
-    sender = threading.Thread(target=near.send, args=(message, PATIENCE))
-    sender.start()
-    got = far.receive(PATIENCE)
-    sender.join(PATIENCE)
-    assert got is not None
-    assert got.keys() == message.keys()
-    for name, value in message.items():
-        np.testing.assert_array_equal(got[name], value)
-        assert getattr(got[name], "dtype", None) == getattr(value, "dtype", None)
-    with pytest.raises(TimeoutError):
-        far.receive(0.0)
-    os.close(descriptors[3])
-    os.close(descriptors[1])
-    assert near.receive(PATIENCE) is None
-
-
-@each("data", [b"\xff" * 8, b"\2" + bytes(7) + b"no", b"\2" + bytes(7) + b"{}"])
-def test_what_is_no_message_is_an_error(data: bytes) -> None:
-    _, far, descriptors = pipes()
-    os.write(descriptors[3], data)
-    with pytest.raises(ValueError, match=r"."):
-        far.receive(PATIENCE)

@@ -20,6 +20,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,20 +30,23 @@ from builders import build
 from each import each
 
 from obb_collision.geometry.shapes.files import MeshFolders
-from obb_collision.scene.building import process
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import (
     BAD_POINTS,
+    NO_BUILDER,
+    NO_MEMORY,
     TOO_MANY_TRIANGLES,
+    TOO_SLOW,
     UNREADABLE,
     Bodies,
+    BuildError,
     Job,
     MeshFile,
+    Task,
     Triangles,
     body_corners,
 )
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.wire import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
 from obb_collision.shapes import Hull, Mesh
 
 ONE = np.ones(3)
@@ -182,41 +186,43 @@ def test_a_process_that_dies_is_started_again(builder: Builder) -> None:
     assert isinstance(build(builder, job), Mesh), "killed while it had nothing to do"
 
 
-#: Ends a process with its first job, as often as ``deaths`` says.
-DOOM = """
+@dataclass(frozen=True)
+class Doomed:
+    """A job whose process is killed for a number of times."""
+
+    count: Path
+    deaths: int
+    size: int = 0
+
+    def task(self) -> Task:
+        code = f"""
 import os, pathlib
-from obb_collision.scene.building import worker
-count, perform = pathlib.Path({count!r}), worker.perform
-def doomed(message):
-    died = count.stat().st_size
-    if died < {deaths}:
-        count.write_text("x" * (died + 1))
-        os.kill(os.getpid(), 9)
-    return perform(message)
-worker.perform = doomed
+count = pathlib.Path({str(self.count)!r})
+died = count.stat().st_size
+if died < {self.deaths}:
+    count.write_text("x" * (died + 1))
+    os.kill(os.getpid(), 9)
 """
+        return exec, (code,)
+
+    def finish(self, result: None) -> str:
+        return "built"
 
 
 @each("deaths", [1, 2])
 def test_a_job_whose_process_is_killed_is_tried_once_more(
-    builder: Builder, deaths: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    builder: Builder, deaths: int, tmp_path: Path
 ) -> None:
-    count = tmp_path / "count"
-    count.write_text("")
-    doom = DOOM.format(count=str(count), deaths=deaths)
-    code = process.CODE.replace("main(int", f"exec({doom!r}); main(int")
-    monkeypatch.setattr(process, "CODE", code)
-    builder.process.stop()
-    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
+    job = Doomed(tmp_path / "count", deaths)
+    job.count.write_text("")
     if deaths == 1:
-        assert isinstance(build(builder, job), Mesh)
+        assert build(builder, job) == "built"
     else:
         with pytest.raises(BuildError, match="twice, it was ended by SIGKILL") as caught:
             build(builder, job)
         assert caught.value.reason == NO_BUILDER
-        assert isinstance(build(builder, job), Mesh), "the next one is built"
-    assert count.read_text() == "x" * deaths
-    builder.process.stop()
+        assert build(builder, job) == "built", "the next one is built"
+    assert job.count.read_text() == "x" * deaths
 
 
 def test_without_a_process_everything_is_refused(

@@ -33,11 +33,10 @@ from obb_collision.geometry.trees import pool as pools
 from obb_collision.geometry.trees.pool import TreePool, mesh_tree
 from obb_collision.scene.building import outside
 from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.jobs import BuildJob, perform_build
+from obb_collision.scene.building.jobs import BuildError, BuildJob, Task, perform
 from obb_collision.scene.building.outside import OutsideTrees
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.shape_cache import PerShape
-from obb_collision.scene.building.wire import BuildError, Message
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
 MOST_CHECKS = 100
@@ -146,7 +145,7 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
 ) -> None:
     run = builder.process.run
 
-    def fails(message: Message, limits: Limits) -> Message:
+    def fails(task: Task, limits: Limits) -> None:
         raise BuildError("not enough memory")
 
     monkeypatch.setattr(builder.process, "run", fails)
@@ -244,7 +243,7 @@ def triangle(number: int) -> Mesh:
 def add_outside(trees: PerShape[oc.MeshTrees], number: int) -> tuple[Any, oc.MeshTrees, int]:
     """Build a triangle, and add its tree as another thread does."""
     job = BuildJob(triangle(number), trees)
-    pool, item, row = job.finish(perform_build(job.message()))
+    pool, item, row = job.finish(perform(job.task()))
     return pool, item, row
 
 
