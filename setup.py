@@ -60,7 +60,7 @@ setup(
         "docs": ["sphinx", "myst-parser", "furo"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
         # peers to compare with, and plots
-        "bench": ["python-fcl", "coal", "mujoco", "matplotlib>=3.6.0", "tqdm"],
+        "bench": ["python-fcl", "coal", "mujoco", "matplotlib>=3.6.0"],
         # robots to check states of, and a peer that does
         "robots": ["pin", "example-robot-data", "mujoco", "matplotlib>=3.6.0"],
         # real meshes to measure on: 240 MB to download; pybullet has wheels up to Python 3.11

@@ -25,8 +25,9 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
+from time import perf_counter
 from traceback import clear_frames
-from typing import Any, NoReturn, ParamSpec, TypeVar
+from typing import Any, NoReturn, ParamSpec, TextIO, TypeVar
 
 from obb_collision.words import printable, shown
 
@@ -87,6 +88,39 @@ def interruptible(
         return run
 
     return decorated
+
+
+class Progress:
+    """What a command is doing: on a terminal one line that changes, elsewhere a line per topic.
+
+    A topic is what is done but for the numbers at its end. stream: standard error if not given.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._start, self._topic = perf_counter(), ""
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def show(self, what: str) -> None:
+        """Write what is being done now, and the seconds since the start."""
+        topic, line = what.rstrip("0123456789/ "), f"[{perf_counter() - self._start:4.0f} s] {what}"
+        if self._stream.isatty():
+            self._stream.write(f"\r\x1b[K{line[:100]}")
+        elif topic != self._topic:
+            self._stream.write(f"{line}\n")
+        self._stream.flush()
+        self._topic = topic
+
+    def end(self) -> None:
+        """Remove the line from a terminal."""
+        if self._topic and self._stream.isatty():
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -52,78 +52,63 @@ SUBCOMMANDS = {
     "merge": ("commands:merge", "join the nodes of several regions, until Ctrl-C"),
     "srdf": ("robots.srdf_command:main", "find which links of a robot can never collide"),
     "warm-up": ("warm_up.command:main", "compile everything, so that later starts need not"),
-    "accuracy": ("benchmarks.accuracy:main", "what each level of accuracy costs here"),
-    "speed": ("benchmarks.speed:main", "how fast a scene is checked here"),
+    "accuracy": ("benchmarks.command:accuracy", "what each level of accuracy costs here"),
+    "speed": ("benchmarks.command:speed", "how fast a scene is checked here"),
 }
 """Where each is, in this package, and what it does."""
 
 
-@restored_signals()
-def node(args: Sequence[str] | None = None) -> int:
-    """Run the collision node until SIGINT or SIGTERM; returns the exit code."""
-    end_at_once_on_signals()
-    Parser(
-        prog="obb_collision_node",
-        usage="%(prog)s [--help] [--ros-args ...]",
-        description="Publishes which objects of a scene collide, until SIGINT or SIGTERM. Takes "
-        "ROS arguments only.",
-        epilog="For example: obb_collision_node --ros-args -p rate:=100.0 --params-file FILE "
-        "-r __ns:=/cell -r objects:=scene --log-level debug. The topics and parameters are in "
-        "docs/node.md; the parameters with comments in config/obb_collision.yaml.",
-        allow_abbrev=False,
-    ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
-    if not is_ros_here("obb_collision_node"):
-        return 1
-    from obb_collision.node.node import main
+def _program(name: str, what: str, epilog: str, module: str) -> Command:
+    """Return a command that takes ROS arguments only, and runs the ``main`` of a module."""
 
-    return main(args)
+    @restored_signals()
+    def run(args: Sequence[str] | None = None) -> int:
+        end_at_once_on_signals()
+        Parser(
+            prog=name,
+            usage="%(prog)s [--help] [--ros-args ...]",
+            description=f"{what}, until SIGINT or SIGTERM. Takes ROS arguments only.",
+            epilog=f"For example: {name} --ros-args {epilog}",
+            allow_abbrev=False,
+        ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
+        return _main_of(module)(args) if is_ros_here(name) else 1
+
+    return run
 
 
-@restored_signals()
-def merge(args: Sequence[str] | None = None) -> int:
-    """Join what the nodes of several regions publish, until SIGINT or SIGTERM."""
-    end_at_once_on_signals()
-    Parser(
-        prog="obb_collision_merge",
-        usage="%(prog)s [--help] [--ros-args ...]",
-        description="Joins the topics of collision nodes that share a scene by regions, until "
-        "SIGINT or SIGTERM. Takes ROS arguments only.",
-        epilog="For example: obb_collision_merge --ros-args -p regions:='[west, east]' -p "
-        "timeout:=0.5. docs/scaling.md has the topics and parameters.",
-        allow_abbrev=False,
-    ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
-    if not is_ros_here("obb_collision_merge"):
-        return 1
-    from obb_collision.node.merger import main
-
-    return main(args)
+def _main_of(module: str, function: str = "main") -> Command:
+    found: Command = getattr(import_module(f"obb_collision.{module}"), function)
+    return found
 
 
-@restored_signals()
-def demo(args: Sequence[str] | None = None) -> int:
-    """Run the node and a moving scene in one process; returns the exit code."""
-    end_at_once_on_signals()
-    from obb_collision.demo.command import main
+def _loaded(module: str, function: str = "main") -> Command:
+    """Return a command whose module is imported once a signal ends it silently."""
 
-    return main(args)
+    @restored_signals()
+    def run(args: Sequence[str] | None = None) -> int:
+        end_at_once_on_signals()
+        return _main_of(module, function)(args)
 
-
-@restored_signals()
-def view(args: Sequence[str] | None = None) -> int:
-    """Show a running node's topics in the browser; returns the exit code."""
-    end_at_once_on_signals()
-    from obb_collision.demo.command import view_main
-
-    return view_main(args)
+    return run
 
 
-@restored_signals()
-def status(args: Sequence[str] | None = None) -> int:
-    """Print what running nodes say; the exit code is the level of the worst."""
-    end_at_once_on_signals()
-    from obb_collision.demo.status import main
-
-    return main(args)
+node = _program(
+    "obb_collision_node",
+    "Publishes which objects of a scene collide",
+    "-p rate:=100.0 --params-file FILE -r __ns:=/cell -r objects:=scene --log-level debug. "
+    "The topics and parameters are in docs/node.md; the parameters with comments in "
+    "config/obb_collision.yaml.",
+    "node.node",
+)
+merge = _program(
+    "obb_collision_merge",
+    "Joins the topics of collision nodes that share a scene by regions",
+    "-p regions:='[west, east]' -p timeout:=0.5. docs/scaling.md has the topics and parameters.",
+    "node.merger",
+)
+demo = _loaded("demo.command")
+view = _loaded("demo.command", "view_main")
+status = _loaded("demo.status")
 
 
 def _script(command: Command) -> Command:
@@ -157,9 +142,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("command", choices=SUBCOMMANDS, metavar="COMMAND", help="see below")
     parser.add_argument("arguments", nargs=REMAINDER, help="of the command: COMMAND --help")
     given = parser.parse_args(args)
-    module, _, function = SUBCOMMANDS[given.command][0].partition(":")
-    command: Command = getattr(import_module(f"obb_collision.{module}"), function)
-    return command(given.arguments)
+    return _main_of(*SUBCOMMANDS[given.command][0].split(":"))(given.arguments)
 
 
 script, node_script, merge_script, demo_script = map(_script, (main, node, merge, demo))

@@ -16,18 +16,25 @@
 
 from __future__ import annotations
 
+import select
+import signal
+import subprocess
+import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
+from processes import PATIENCE, limited
 from programs import NEED_ROS, PROGRAMS, function_of
 
-from obb_collision.cli import real, whole
+from obb_collision.cli import interruptible, real, whole
 
 WHOLES = ["x", "-1", "1.5", "", "nan", "9" * 5000, "9" * 400, "\ud800", "1\n2"]
 REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
 FILES = ["/none/such/file", "/", "x" * 5000 + "/y", "nul\0", "\ud800/x", ""]
 PLOTS = [*FILES, "x.exe"]
+DRAWN = {"--picture": PLOTS}
 SEED, JSON = {"--seed": WHOLES}, {"--json": FILES}
 OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_node": {},
@@ -39,7 +46,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision warm-up": {},
     "obb_collision accuracy": {
         **dict.fromkeys(("--seed", "--bodies", "--pairs", "--timed"), WHOLES),
-        "--seconds": REALS, "--plot": PLOTS, **JSON,
+        "--seconds": REALS, **DRAWN, **JSON,
     },
     "obb_collision_demo": {
         "--seconds": REALS, "--objects": WHOLES, "--rate": REALS, "--picture": FILES, **SEED,
@@ -65,13 +72,12 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--time-limit": [*REALS, "0"], "--output": FILES, "--report": FILES,
     },
     "obb_collision speed": {
-        **dict.fromkeys(("--sizes", "--threads", "--steps"), WHOLES), "--plot": PLOTS,
-        **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS), "--forms": ["none such"],
-        "--markdown": PLOTS, **SEED, **JSON,
+        **dict.fromkeys(("--sizes", "--threads", "--steps"), WHOLES), **DRAWN,
+        **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS),
+        "--forms": ["none such"], "--peers": ["none such"], **SEED, **JSON,
     },
     "python -m tools.wrong_answers": {"--pairs": WHOLES, "--family": ["none such"], **SEED, **JSON},
     "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
-    "python -m tools.peers.meshes": {"--pairs": WHOLES, **JSON},
     "python -m tools.weight": {},
     "python -m tools.goals": {
         "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED, **JSON,
@@ -82,7 +88,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "python -m tools.peers.effects": {
         "--seconds": REALS, "--pairs": WHOLES, **SEED, **JSON,
     },
-    "python -m tools.peers.engines": {"--sizes": WHOLES},
+    "python -m tools.peers.engines": {"--sizes": WHOLES, "--markdown": PLOTS},
 }  # fmt: skip
 
 
@@ -135,3 +141,35 @@ def test_a_command_that_does_not_exist_is_refused_in_a_line(
             function_of("obb_collision")(arguments)
         assert ended.value.code == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def interrupted() -> int:
+    """Be ended by Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_is_one_line_and_exit_code_130(capsys: pytest.CaptureFixture[str]) -> None:
+    assert interruptible("a program", "; half done")(interrupted)() == 130
+    assert capsys.readouterr().err == "\na program: interrupted; half done\n"
+
+
+def test_a_signal_ends_a_program_that_runs() -> None:
+    code = (  # where SIGINT is ignored, as in the background of a shell, Python leaves it at that
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from tools.wrong_answers import main; "
+        "raise SystemExit(main(['--pairs', '200000']))"
+    )
+    command = [sys.executable, "-c", code]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as process:  # type: ignore[call-overload]
+        begun, _, _ = select.select([process.stderr], [], [], PATIENCE)  # progress: it runs
+        with limited(process):
+            said = None
+            while said is None:  # an interrupt within a callback is lost
+                process.send_signal(signal.SIGINT)
+                with suppress(subprocess.TimeoutExpired):
+                    _, said = process.communicate(timeout=10.0)
+    assert begun
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "python -m tools.wrong_answers: interrupted"
+    assert "Traceback" not in said

@@ -40,7 +40,7 @@ KEYS = {
 }
 #: From PyPI only: the extras "bench" and "meshes", and "view", without which the demo works, too.
 EXTRAS = {
-    "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "tqdm", "viser",
+    "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "viser",
 }  # fmt: skip
 #: Messages for which there is a topic or a service only where somebody has installed them.
 OPTIONAL = {"moveit_msgs", "vision_msgs"}

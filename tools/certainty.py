@@ -32,10 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
-from obb_collision.benchmarks.corpora import Corpus, box_corpus
-from obb_collision.benchmarks.levels import Crowd
-from obb_collision.benchmarks.tables import as_text
-from obb_collision.benchmarks.timing import Show, take_turns
+from obb_collision.benchmarks.contestants import make_frames
+from obb_collision.benchmarks.measuring import Show, as_text, take_turns
 from obb_collision.cli import MAX_SEED, Parser, interruptible, option, real, whole
 from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.queries.verdict.pair_rows import RowPairs
@@ -46,6 +44,7 @@ from obb_collision.queries.verdict.verdict import (
     pair_verdicts,
     verdict_kernel,
 )
+from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.typing import Floats, Rows
 from tools.cases.families import FAMILIES, generate
 
@@ -74,17 +73,18 @@ class Set(NamedTuple):
     second: Rows
 
 
-def pair_sets(corpus: Corpus, count: int, hard: int, seed: int) -> list[Set]:
+def pair_sets(count: int, hard: int, seed: int) -> list[Set]:
     """Return a scene near and far from the origin, and ``hard`` pairs of each hard family."""
-    throw = Crowd(corpus, count, seed).throw()
-    boxes = throw.boxes
+    half_extents, (frame, *_) = make_frames("uniform", count, 1.0, seed)
+    boxes = Boxes.from_poses(frame.poses, half_extents)
+    near = np.ascontiguousarray(find_pairs(boxes, accuracy="aabb").T)
     far = Boxes(boxes.centers + FAR, boxes.rotations, boxes.half_extents)
     first, second = zip(*(generate(name, hard, seed) for name in FAMILIES), strict=True)
     both = Boxes(*map(np.concatenate, zip(*first, *second, strict=True)))
     rows = np.arange(len(both) // 2)
     return [
-        Set("a scene", boxes, throw.first, throw.second),
-        Set("100 km off", far, throw.first, throw.second),
+        Set("a scene", boxes, *near),
+        Set("100 km off", far, *near),
         Set("hard pairs", both, rows, rows + len(rows)),
     ]
 
@@ -214,8 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     option(parser, "--hard", whole(1, 10**6), 1000, "hard pairs of each family")
     option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
     options = parser.parse_args(arguments)
-    corpus = box_corpus(options.boxes, options.seed)
-    sets = pair_sets(corpus, options.boxes, options.hard, options.seed)
+    sets = pair_sets(options.boxes, options.hard, options.seed)
     rows = measure_floats(sets, options.seconds, partial(print, file=sys.stderr))
     print(as_text(table(rows)))
     return int(any(row.false + row.missed for row in rows if row.kernel.startswith("certified")))

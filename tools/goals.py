@@ -53,34 +53,31 @@ from obb_collision.benchmarks.contestants import (
     make_frames,
 )
 from obb_collision.benchmarks.corpora import generated_corpus
+from obb_collision.benchmarks.measuring import Show, as_text, digits, machine, machine_line
+from obb_collision.benchmarks.speed import best_coal, differences, joined, slopes
 from obb_collision.benchmarks.steps import (
     STEPS,
     Case,
     Note,
     StepPlan,
     StepRow,
-    best_coal,
-    differences,
-    joined,
     own_settings,
     run_case,
-    slopes,
 )
-from obb_collision.benchmarks.tables import (
-    as_markdown,
-    as_text,
-    digits,
-    machine,
-    machine_line,
-    write_into,
+from obb_collision.cli import (
+    MAX_SEED,
+    Parser,
+    Progress,
+    interruptible,
+    new_file,
+    option,
+    real,
+    whole,
 )
-from obb_collision.benchmarks.timing import Show, progress
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.scene.scene import Scene
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, possible_steps
+from tools.pages import as_markdown, write_into
 
-#: About how long all goals take, for the bar (s).
-SECONDS = 480.0
 #: How many times as fast as MuJoCo, at these sizes.
 SIZES = (1_000, 10_000)
 BESIDE_MUJOCO = {PAIRS: (4.0, 8.0), SEPARATIONS: (3.0, 6.0), CONTACTS: (2.0, 4.0)}
@@ -326,7 +323,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     facts = machine(one.distribution for one in PEERS)
     print(machine_line(facts))
-    with progress(SECONDS) as bar:
+    with Progress() as bar:
         run = Goals(StepPlan(options.seconds, options.limit, STEPS, options.seed), bar.show)
         goals = list(run.all())
     print(as_text(goal_table(goals)))

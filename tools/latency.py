@@ -39,7 +39,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.benchmarks.tables import as_text
+from obb_collision.benchmarks.measuring import as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.clouds import boxes_to_ros, poses_to_ros

@@ -38,7 +38,6 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from obb_collision.benchmarks.tables import as_markdown
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.node.messages.clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
@@ -50,6 +49,7 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.region import split_regions
 from obb_collision.typing import Floats
 from tools.fuzz.process import Child
+from tools.pages import as_markdown
 
 HALF_EXTENTS = (0.05, 0.5)
 """Smallest and largest half extent of the boxes (m)."""

@@ -30,7 +30,6 @@ import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
-from obb_collision.benchmarks.tables import as_markdown, write_into
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
@@ -39,6 +38,7 @@ from obb_collision.scene_files import find_scene, load_scene
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
+from tools.pages import as_markdown, write_into
 from tools.peers.robots import (
     PEERS,
     TRUTH,

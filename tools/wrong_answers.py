@@ -42,12 +42,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision import verdicts
-from obb_collision.benchmarks.tables import as_markdown, as_text
+from obb_collision.benchmarks.measuring import as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts, exact_verdict
 from tools.cases.families import FAMILIES, generate
 from tools.cases.placement import Arrays
+from tools.pages import as_markdown
 
 FREE, COLLIDING, FAILED = 0, 1, -1
 

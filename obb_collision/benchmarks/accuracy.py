@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Measures what accuracy costs: console script ``obb_collision accuracy``.
+"""What accuracy costs: the command ``obb_collision accuracy``.
 
 For every level, from spheres to triangles: the time per pair and per step, memory, preparation, and
 how many of its reports are false, relative to the triangles; beside the installed peers, on the
@@ -36,21 +36,15 @@ import numpy as np
 from obb_collision.benchmarks.contest import ContestPlan, Price, measure
 from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
 from obb_collision.benchmarks.effects import EffectRow, measure_effects
-from obb_collision.benchmarks.levels import BOX_PEERS, MESH_PEERS
-from obb_collision.benchmarks.tables import Table, as_text, machine
-from obb_collision.benchmarks.timing import Show, TimedProgress, progress
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.benchmarks.measuring import Show, Table, as_text, machine
 from obb_collision.geometry.fitting.fit import FITS, fit_points
 from obb_collision.geometry.shapes.meshes import Mesh
 
-#: Default duration of a run, seconds; compiling takes about a third of it the first time.
-SECONDS = 100.0
-#: Minimum share of the time that is left after compiling: a minute on a busy machine.
+#: Minimum share of the time that is left after compiling, which takes about a third of a run the
+#: first time: a minute on a busy machine.
 LEAST_SHARE = 0.6
-#: Bodies in the room, pairs tested in each corpus of meshes, pairs timed beside the peers.
-BODIES, PAIRS, TIMED = 2_000, 60_000, 3_000
 #: Shares of the parts in the time that is left when they begin: real meshes take the most.
-SHARES = {"boxes": 0.15, "fits": 0.2, "reading": 0.1, "effects": 0.2, "real": 0.6}
+SHARES = {"boxes": 0.15, "fits": 0.2, "reading": 0.1, "effects": 0.2, "generated": 0.4, "real": 1.0}
 #: Pairs per effect.
 EFFECT_PAIRS = 600
 
@@ -80,34 +74,30 @@ class AccuracyResult:
         return sum(price.missed for price in self.prices) + wrong
 
 
-class Size(NamedTuple):
-    """How much is measured, whatever the time."""
-
-    bodies: int
-    pairs: int
-    timed: int
-
-
-def run(seconds: float, seed: int, size: Size, bar: TimedProgress) -> AccuracyResult:
-    """Measure everything in about ``seconds``."""
-    bar.show("compiling")
-    boxes, generated = box_corpus(size.bodies, seed), generated_corpus(seed)
+def run(options: argparse.Namespace, show: Show) -> AccuracyResult:
+    """Measure everything in about ``options.seconds``."""
+    start, seed = perf_counter(), options.seed
+    show("compiling")
+    boxes, generated = box_corpus(options.bodies, seed), generated_corpus(seed)
     _warm_up(generated, seed)
-    bar.leave(LEAST_SHARE * seconds)
-    bar.show("reading real meshes")
-    real = real_corpus(SHARES["reading"] * bar.left)
+    end = max(start + options.seconds, perf_counter() + LEAST_SHARE * options.seconds)
+
+    def share(part: str) -> float:
+        return SHARES[part] * max(0.0, end - perf_counter())
+
+    show("reading real meshes")
+    real = real_corpus(share("reading"))
     result = AccuracyResult()
-    bar.show("fits")
-    result.fits = measure_fits([generated, real], SHARES["fits"] * bar.left, bar.show)
-    best, pairs = real if real.shapes else generated, min(EFFECT_PAIRS, size.pairs)
-    result.effects = measure_effects(best, pairs, SHARES["effects"] * bar.left, seed, bar.show)
-    corpora = [(boxes, SHARES["boxes"]), (generated, 1.0 - SHARES["real"]), (real, 1.0)]
-    for corpus, share in corpora:
+    show("fits")
+    result.fits = measure_fits([generated, real], share("fits"), show)
+    best, pairs = real if real.shapes else generated, min(EFFECT_PAIRS, options.pairs)
+    result.effects = measure_effects(best, pairs, share("effects"), seed, show)
+    for part, corpus in (("boxes", boxes), ("generated", generated), ("real", real)):
         if not corpus.shapes:
             result.prices.append(Price(corpus.name, corpus.note, 0, 0))
             continue
-        plan = ContestPlan(size.bodies, size.pairs, size.timed, share * bar.left)
-        result.prices.append(measure(corpus, plan, seed, bar.show))
+        plan = ContestPlan(options.bodies, options.pairs, options.timed, share(part))
+        result.prices.append(measure(corpus, plan, seed, show))
     return result
 
 
@@ -128,7 +118,7 @@ def as_json(result: AccuracyResult, options: argparse.Namespace) -> dict[str, An
     return {
         "seed": options.seed,
         "seconds": options.seconds,
-        "this_machine": machine(peer.distribution for peer in (*BOX_PEERS, *MESH_PEERS)),
+        "this_machine": machine(("python-fcl", "coal")),
         "corpora": prices,
         "fits": [row._asdict() for row in result.fits],
         "effects": [asdict(row) for row in result.effects],
@@ -141,30 +131,22 @@ def measure_fits(corpora: Iterable[Corpus], seconds: float, show: Show) -> list[
     end = perf_counter() + seconds
     rows = zip_longest(*(corpus.shapes.values() for corpus in corpora))
     meshes = [shape for row in rows for shape in row if isinstance(shape, Mesh)]
-    volumes: list[list[float]] = []
-    times: list[list[float]] = []
+    found: list[list[tuple[float, float]]] = []
     for k, mesh in enumerate(meshes):
-        if volumes and perf_counter() > end:
+        if found and perf_counter() > end:
             break
         show(f"fits {k + 1}/{len(meshes)}")
-        points = mesh._points()
-        found = [_fit(points, fit) for fit in FITS]
-        if min(volume for volume, _ in found) > 0.0:
-            volumes.append([volume for volume, _ in found])
-            times.append([spent for _, spent in found])
-    sizes, spent = np.array(volumes).reshape(-1, len(FITS)), np.array(times).reshape(-1, len(FITS))
-    if len(sizes) == 0:
+        boxes = [_fit(mesh._points(), fit) for fit in FITS]
+        if min(volume for volume, _ in boxes) > 0.0:
+            found.append(boxes)
+    if not found:
         return []
-    ratios = sizes / sizes.min(axis=1, keepdims=True)
+    volumes, spent = np.moveaxis(np.array(found), 2, 0)
+    ratios = volumes / volumes.min(axis=1, keepdims=True)
+    figures = np.exp(np.log(ratios).mean(axis=0)), ratios.max(axis=0), 1e3 * spent.mean(axis=0)
     return [
-        FitRow(
-            fit,
-            len(ratios),
-            float(np.exp(np.log(ratios[:, k]).mean())),
-            float(ratios[:, k].max()),
-            1e3 * float(spent[:, k].mean()),
-        )
-        for k, fit in enumerate(FITS)
+        FitRow(fit, len(found), *values)
+        for fit, values in zip(FITS, np.array(figures).T.tolist(), strict=True)
     ]
 
 
@@ -178,13 +160,12 @@ def _fit(points: np.ndarray, fit: str) -> tuple[float, float]:
 def price_table(price: Price) -> Table:
     """Return the table of a corpus: levels and peers."""
     lines = [["", "a pair, ns", "x obb", "a step, ms", "memory, bytes", "once, ms"]]
-    lines[0] += ["false: of reports", "of pairs", "missed"]
+    lines[0] += ["false reports", "missed"]
     for row in price.rows:
-        shares = (f"{100.0 * x:.1f}%" for x in (row.false_of_reports, row.false_of_pairs))
         ours = ((row.step_ms, ".2f"), (row.bytes, ",.0f"), (row.prepare_ms, ".1f"))
         times = [f"{row.pair_ns:,.0f}", f"{row.pair_ns / price.row('obb').pair_ns:.1f}"]
         times += ["-" if value is None else f"{value:{form}}" for value, form in ours]
-        lines.append([row.name, *times, *shares, str(row.missed)])
+        lines.append([row.name, *times, f"{row.false_of_reports:.1%}", str(row.missed)])
     return lines
 
 
@@ -246,37 +227,15 @@ def _claims(prices: Sequence[Price]) -> list[str]:
     return lines
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line."""
-    parser = Parser(
-        prog="obb_collision accuracy",
-        description="Measures what accuracy costs, per level: time, memory and false alarms, "
-        "beside the installed peers.",
-    )
-    option(parser, "--seconds", real(0.001, 1e6), SECONDS, "approximate total time (s)")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
-    option(parser, "--bodies", whole(1, 10**6), BODIES, "number of bodies")
-    option(parser, "--pairs", whole(1, 10**8), PAIRS, "pairs per corpus")
-    option(parser, "--timed", whole(1, 10**8), TIMED, "pairs timed beside the peers")
-    option(parser, "--json", new_file(), text="write all numbers as JSON")
-    option(parser, "--plot", new_file(".png", ".svg"), text="draw time against false alarms")
-    return parser.parse_args(arguments)
-
-
-@interruptible("obb_collision accuracy")
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the comparison; exit code 1 if a level missed a collision or a verdict was wrong."""
-    options = parse(arguments)
-    size = Size(options.bodies, options.pairs, options.timed)
-    with progress(options.seconds) as bar:
-        result = run(options.seconds, options.seed, size, bar)
+def report(result: AccuracyResult, options: argparse.Namespace) -> int:
+    """Print and write what was measured; return 1 if a level missed a collision."""
     print(format_result(result))
     if options.json:
         options.json.write_text(json.dumps(as_json(result, options), indent=1) + "\n")
-    if options.plot:
+    if options.picture:
         from obb_collision.benchmarks.plots import save_accuracy
 
-        save_accuracy(result.prices, result.effects, options.plot)
+        save_accuracy(result.prices, result.effects, options.picture)
     if result.missed:
         print(f"\nDEFECT: {result.missed} collisions missed", file=sys.stderr)
     return int(result.missed > 0)

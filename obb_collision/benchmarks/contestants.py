@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, NamedTuple, Protocol
@@ -290,30 +290,52 @@ def as_rows(pairs: Any) -> Rows:
     return np.array(list(pairs), np.int64).reshape(-1, 2)
 
 
-class PythonFcl:
+class Managed:
+    """Objects in a manager that has a broad phase, as python-fcl and coal have them."""
+
+    def __init__(
+        self, shapes: Sequence[Any], poses: Floats, kinds: tuple[Any, Any], manager: Any
+    ) -> None:
+        """Make the objects; kinds: the classes of a transform and of an object."""
+        self._transform, kind = kinds
+        rotations = Rotation.from_quat(poses[:, 3:]).as_matrix()
+        transforms = map(self._transform, rotations, poses[:, :3])
+        self._objects = list(map(kind, shapes, transforms))
+        self._manager = manager
+        for item in self._objects:
+            manager.registerObject(item)
+        manager.setup()
+
+    def _move(self, frame: Frame) -> None:
+        """Set the transforms and update the broad phase."""
+        moved = [self._objects[row] for row in frame.rows]
+        transform = self._transform
+        for item, rotation, center in zip(moved, frame.rotations, frame.moved[:, :3], strict=True):
+            item.setTransform(transform(rotation, center))
+            self._bound(item)
+        if len(moved) < FEW * len(self._objects):
+            for item in moved:
+                self._manager.update(item)
+        else:
+            self._manager.update()
+
+    def _bound(self, item: Any) -> None:
+        """Let an object that has moved compute its bounds, if it does not by itself."""
+
+
+class PythonFcl(Managed):
     """python-fcl: dynamic AABB tree, box-box collision without contacts."""
 
     def __init__(self, half_extents: Floats, poses: Floats) -> None:
-        self._fcl = importlib.import_module("fcl")
-        geometries = [self._fcl.Box(*edges) for edges in 2.0 * half_extents]
+        self._fcl = fcl = importlib.import_module("fcl")
+        geometries = [fcl.Box(*edges) for edges in 2.0 * half_extents]
         self._number = {id(geometry): k for k, geometry in enumerate(geometries)}
-        rotations = Rotation.from_quat(poses[:, 3:]).as_matrix()
-        transforms = map(self._fcl.Transform, rotations, poses[:, :3])
-        self._objects = list(map(self._fcl.CollisionObject, geometries, transforms))
-        self._manager = self._fcl.DynamicAABBTreeCollisionManager()
-        self._manager.registerObjects(self._objects)
-        self._manager.setup()
+        kinds = fcl.Transform, fcl.CollisionObject
+        super().__init__(geometries, poses, kinds, fcl.DynamicAABBTreeCollisionManager())
 
     def step(self, frame: Frame) -> Any:
         """Set the transforms, update the tree, collide."""
-        moved = [self._objects[row] for row in frame.rows]
-        transform = self._fcl.Transform
-        for item, rotation, center in zip(moved, frame.rotations, frame.moved[:, :3], strict=True):
-            item.setTransform(transform(rotation, center))
-        if len(moved) < FEW * len(self._objects):
-            self._manager.update(moved)
-        else:
-            self._manager.update()
+        self._move(frame)
         request = self._fcl.CollisionRequest(num_max_contacts=MOST_CONTACTS)
         data = self._fcl.CollisionData(request=request)
         self._manager.collide(data, self._fcl.defaultCollisionCallback)
@@ -324,34 +346,23 @@ class PythonFcl:
         return as_rows((self._number[id(c.o1)], self._number[id(c.o2)]) for c in found)
 
 
-class Coal:
+class Coal(Managed):
     """coal: one of its broad phases, and a contact per pair."""
 
     def __init__(self, manager: str, half_extents: Floats, poses: Floats) -> None:
-        self._coal = importlib.import_module("coal")
-        shapes = [self._coal.Box(*edges) for edges in 2.0 * half_extents]
+        self._coal = coal = importlib.import_module("coal")
+        shapes = [coal.Box(*edges) for edges in 2.0 * half_extents]
         for number, shape in enumerate(shapes):
             shape.cost_density = number  # contacts refer to their shapes by value only
-        rotations = Rotation.from_quat(poses[:, 3:]).as_matrix()
-        transforms = map(self._coal.Transform3s, rotations, poses[:, :3])
-        self._objects = list(map(self._coal.CollisionObject, shapes, transforms))
-        self._manager = getattr(self._coal, manager)()
-        for item in self._objects:
-            self._manager.registerObject(item)
-        self._manager.setup()
+        kinds = coal.Transform3s, coal.CollisionObject
+        super().__init__(shapes, poses, kinds, getattr(coal, manager)())
+
+    def _bound(self, item: Any) -> None:
+        item.computeAABB()
 
     def step(self, frame: Frame) -> Any:
         """Set the transforms, update the broad phase, collide."""
-        moved = [self._objects[row] for row in frame.rows]
-        transform = self._coal.Transform3s
-        for item, rotation, center in zip(moved, frame.rotations, frame.moved[:, :3], strict=True):
-            item.setTransform(transform(rotation, center))
-            item.computeAABB()
-        if len(moved) < FEW * len(self._objects):
-            for item in moved:
-                self._manager.update(item)
-        else:
-            self._manager.update()
+        self._move(frame)
         callback = self._coal.CollisionCallBackDefault()
         callback.data.request.num_max_contacts = MOST_CONTACTS
         self._manager.collide(callback)

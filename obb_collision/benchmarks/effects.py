@@ -36,8 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.benchmarks.corpora import Corpus
-from obb_collision.benchmarks.tables import Table
-from obb_collision.benchmarks.timing import Show, on_threads, take_turns
+from obb_collision.benchmarks.measuring import Show, Table, on_threads, take_turns
 from obb_collision.geometry.poses import as_poses
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.base import ACCURACY, Cycle, Setting

@@ -21,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from obb_collision.benchmarks.contest import Price
+from obb_collision.benchmarks.contestants import SCENE
 from obb_collision.benchmarks.effects import OFF, PAIRS, CostRow, EffectRow
-from obb_collision.benchmarks.steps import OWN, StepRow, best_rows
+from obb_collision.benchmarks.speed import OWN
+from obb_collision.benchmarks.steps import StepRow
 
 #: Colour, line and mark of ours, which are thick and filled, and of each peer.
 STYLES: dict[str, tuple[str, Any, str]] = {
@@ -159,6 +161,22 @@ def save_speed(rows: Sequence[StepRow], path: Path) -> None:
     panels[0, -1].legend(handles, names, labelspacing=1.2, **LEGEND)
     figure.suptitle("New poses in, colliding pairs out: milliseconds per step, all boxes moving")
     figure.savefig(path, dpi=130)
+
+
+def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
+    """Return what is drawn: ours with the most threads, and the quickest of each peer per case."""
+    best: dict[tuple[object, str], StepRow] = {}
+    for row in rows:
+        name = row.name if row.name in OWN else row.name.split(" ")[0]
+        if name == SCENE.name:
+            continue
+        key = row.case, name
+        rival = best.get(key)
+        if rival is None or (
+            row.threads > rival.threads if name in OWN else row.median_ms < rival.median_ms
+        ):
+            best[key] = row
+    return list(best.values())
 
 
 def _draw_sizes(axes: Any, name: str, rows: Sequence[StepRow]) -> None:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Measures the full step beside the installed peers: console script ``obb_collision speed``.
+"""The full step beside the installed peers: the command ``obb_collision speed``.
 
 A step brings new poses in and every colliding pair out. By default scenes of every size, of every
 form, and with few boxes moving are measured, one after the other.
@@ -23,35 +23,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import sys
-from collections.abc import Sequence
-from itertools import product
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise, product
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-from obb_collision.benchmarks.contestants import FORMS, OURS, PEERS, Contestant
+import numpy as np
+
+from obb_collision.benchmarks.contestants import FORMS, OURS, PEERS, SEPARATIONS, Contestant
 from obb_collision.benchmarks.effects import cost_table, off_lines, run_effects
-from obb_collision.benchmarks.steps import (
-    STEPS,
-    Case,
-    StepPlan,
-    StepRow,
-    blocks_of,
-    differences,
-    joined,
-    run_case,
-    slopes,
-    tables,
-)
-from obb_collision.benchmarks.tables import as_text, machine, machine_line, write_into
-from obb_collision.benchmarks.timing import progress
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.benchmarks.measuring import Show, Table, as_text, digits, machine, machine_line
+from obb_collision.benchmarks.steps import Case, Note, StepPlan, StepRow, run_case
 
 SIZES = (10, 100, 1_000, 10_000, 100_000, 1_000_000)
 SHARES = (0.1, 0.01, 0.0)
-#: About how long a scene takes, for the bar.
-SECONDS = 40.0
-#: Seconds for the effects in all their scenes.
+#: Seconds for the effects in all their scenes, at least.
 EFFECTS_SECONDS = 20.0
+#: Shares of moving boxes in words.
+SAID = {1.0: "all moving", 0.0: "none moving"}
+OWN = {one.name for one in OURS}
+COAL_LINE = "coal, best broad phase"
 
 
 def cases_of(options: argparse.Namespace) -> list[Case]:
@@ -64,91 +55,162 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     return cases + [Case(moving=share) for share in SHARES]
 
 
-def measure(
-    options: argparse.Namespace, peers: Sequence[Contestant]
-) -> tuple[list[StepRow], list[str]]:
-    """Return a row per contestant and scene, and notes about those that are left out."""
+class SpeedResult(NamedTuple):
+    """A row per contestant and scene, or per effect and scene; the machine, and notes."""
+
+    rows: Sequence[Any]
+    machine: Mapping[str, Any] = MappingProxyType({})
+    notes: Sequence[str] = ()
+
+
+def measure(options: argparse.Namespace, peers: Sequence[Contestant], show: Show) -> SpeedResult:
+    """Measure the full step of ours and of peers, or the effects; notes: who is left out."""
+    if options.effects:
+        return SpeedResult(run_effects(max(options.seconds, EFFECTS_SECONDS), show))
     wanted = [one for one in peers if any(part in one.name for part in options.peers or [""])]
     notes = [("not installed:", one.name) for one in wanted if not one.installed]
     plan = StepPlan(options.seconds, options.limit, options.steps, options.seed)
-    cases, rows = cases_of(options), list[StepRow]()
-    with progress(SECONDS * len(cases)) as bar:
-        for done, case in enumerate(cases):
-            bar.leave(SECONDS * (len(cases) - done))
-            found, more = run_case(case, [*OURS, *wanted], options.threads, plan, bar.show)
-            rows += found
-            notes += more
-    return rows, joined(notes)
+    rows = list[StepRow]()
+    for case in cases_of(options):
+        found, more = run_case(case, [*OURS, *wanted], options.threads, plan, show)
+        rows += found
+        notes += more
+    return SpeedResult(rows, machine(one.distribution for one in peers), joined(notes))
 
 
-def parse(
-    arguments: Sequence[str] | None, program: str = "obb_collision speed"
-) -> argparse.Namespace:
-    """Read the command line."""
-    parser = Parser(
-        prog=program,
-        description="Measures the full step beside the installed peers: new poses in, every "
-        "colliding pair out.",
-    )
-    add, cores = parser.add_argument, sorted({1, os.cpu_count() or 1})
-    add("--sizes", type=whole(1, 10**7), nargs="+", help="numbers of boxes")
-    add("--forms", choices=list(FORMS), nargs="+", help="forms of the scenes")
-    add("--moving", type=real(0.0, 1.0), nargs="+", help="shares of the boxes that move")
-    add("--threads", type=whole(1, 1024), nargs="+", default=cores, help="threads of ours, in turn")
-    add("--peers", nargs="+", metavar="NAME", help="parts of the names of peers to compare with")
-    option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
-    option(parser, "--steps", whole(1, 10**6), STEPS, "steps per scene, at least")
-    option(parser, "--limit", real(0.001, 1e6), 40.0, "who would take longer is left out (s)")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random scenes")
-    option(parser, "--json", new_file(), text="write the rows to a file")
-    option(parser, "--plot", new_file(".png", ".svg"), text="draw the rows, PNG or SVG")
-    pages = "pages that get the tables between their marks"
-    add("--markdown", type=new_file(".md"), metavar="PAGE", nargs="+", help=pages)
-    what = "measure what each effect costs in the scenes that come with the package instead"
-    add("--effects", action="store_true", help=what)
-    return parser.parse_args(arguments)
+def report(result: SpeedResult, options: argparse.Namespace) -> None:
+    """Print and write what was measured."""
+    from obb_collision.benchmarks import plots
 
-
-def _run_effects(options: argparse.Namespace) -> None:
-    seconds = max(options.seconds, EFFECTS_SECONDS)
-    rows = run_effects(seconds, lambda text: print(text, file=sys.stderr, flush=True))
-    print("\n".join([as_text(cost_table(rows)), *off_lines(rows)]))
-    if options.json:
-        options.json.write_text(json.dumps([row._asdict() for row in rows], indent=1) + "\n")
-    if options.plot:
-        from obb_collision.benchmarks.plots import save_effect_costs
-
-        save_effect_costs(rows, options.plot)
-
-
-@interruptible("obb_collision speed")
-def main(
-    arguments: Sequence[str] | None = None,
-    peers: Sequence[Contestant] = PEERS,
-    program: str = "obb_collision speed",
-) -> int:
-    """Run the benchmark and print its tables."""
-    options = parse(arguments, program)
+    rows: Any = result.rows
     if options.effects:
-        _run_effects(options)
-        return 0
-    rows, notes = measure(options, peers)
-    facts = machine(one.distribution for one in peers)
-    print(machine_line(facts))
-    for title, table in tables(rows).items():
-        print(f"\n{title}\n{as_text(table)}")
-    print("\n".join(["", *slopes(rows), *differences(rows), *notes]))
+        print("\n".join([as_text(cost_table(rows)), *off_lines(rows)]))
+    else:
+        print(machine_line(result.machine))
+        for title, table in tables(rows).items():
+            print(f"\n{title}\n{as_text(table)}")
+        print("\n".join(["", *slopes(rows), *differences(rows), *result.notes]))
     if options.json:
-        result = {"machine": facts, "rows": [row._asdict() for row in rows], "notes": notes}
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
-    if options.plot:
-        from obb_collision.benchmarks.plots import save_speed
-
-        save_speed(rows, options.plot)
-    for page in options.markdown or ():
-        write_into(page, blocks_of(rows, notes) | {"machine": machine_line(facts)})
-    return 0
+        written = {"machine": dict(result.machine), "notes": result.notes}
+        written["rows"] = [row._asdict() for row in rows]
+        options.json.write_text(json.dumps(written, indent=1) + "\n")
+    if options.picture:
+        draw = plots.save_effect_costs if options.effects else plots.save_speed
+        draw(rows, options.picture)
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def label(row: StepRow) -> str:
+    """Return the name of a contestant with its threads."""
+    return f"{row.name}, {row.threads} thread{'s' * (row.threads > 1)}"
+
+
+def share(moving: float) -> str:
+    """Return a share of moving boxes in words."""
+    return SAID.get(moving, f"{100 * moving:g} % moving")
+
+
+def reference(rows: Iterable[StepRow]) -> StepRow | None:
+    """Return our row that others are compared with: separations, as many threads as there are."""
+    ours = [row for row in rows if row.name == SEPARATIONS.name]
+    return max(ours, key=lambda row: row.threads, default=None)
+
+
+#: What a table has in its columns: the part of a case, and how that is written.
+ACROSS: dict[str, tuple[Callable[[Case], object], Callable[[Case], str]]] = {
+    "sizes": (lambda case: (case.form, case.moving), lambda case: f"{case.boxes:,}"),
+    "forms": (lambda case: (case.boxes, case.moving), lambda case: case.form),
+    "moving": (lambda case: (case.form, case.boxes), lambda case: share(case.moving)),
+}
+
+
+def tables(rows: Sequence[StepRow]) -> dict[str, Table]:
+    """Return tables by title: a line per contestant, milliseconds in the columns.
+
+    In brackets how many times as long as ours with separations it took.
+    """
+    found: dict[str, Table] = {}
+    cases = list(dict.fromkeys(row.case for row in rows))
+    for kind, (fixed, head) in ACROSS.items():
+        for group in dict.fromkeys(map(fixed, cases)):
+            own = [case for case in cases if fixed(case) == group]
+            if len(own) > 1 or (len(cases) == 1 and kind == "sizes"):
+                first = own[0]
+                what = {
+                    "sizes": f"sizes: {first.form}, {share(first.moving)}",
+                    "forms": f"forms: {first.boxes:,} boxes, {share(first.moving)}",
+                    "moving": f"moving: {first.form}, {first.boxes:,} boxes",
+                }
+                found[what[kind]] = _grid(rows, own, head)
+    return found
+
+
+def _grid(rows: Sequence[StepRow], cases: list[Case], head: Callable[[Case], str]) -> Table:
+    """Return a line per contestant; coal has one, with the quickest that misses nothing."""
+    own = [row for row in rows if row.case in cases]
+    lines: dict[str, dict[Case, str]] = {}
+    for row in sorted(own, key=_order):
+        coal = row.name.startswith("coal ")
+        cells = lines.setdefault(COAL_LINE if coal else label(row), {})
+        if not coal or row == best_coal(rows, row.case):
+            cells[row.case] = _cell(row, own)
+    head_line = ["ms per step", *map(head, cases)]
+    return [head_line, *([name, *(c.get(case, "") for case in cases)] for name, c in lines.items())]
+
+
+def _order(row: StepRow) -> tuple[int, int]:
+    names = [one.name for one in (*OURS, *PEERS)]
+    return names.index(row.name) if row.name in names else len(names), row.threads
+
+
+def best_coal(rows: Sequence[StepRow], case: Case) -> StepRow | None:
+    """Return the quickest broad phase of coal in a case, of those that miss no pair in any."""
+    coal = [row for row in rows if row.name.startswith("coal ")]
+    bad = {row.name for row in coal if row.missed}
+    own = [row for row in coal if row.case == case and row.name not in bad]
+    return min(own, key=lambda row: row.median_ms, default=None)
+
+
+def _cell(row: StepRow, rows: Sequence[StepRow]) -> str:
+    mark = "*" if row.missed or row.false else ""
+    which = row.name.removeprefix("coal") if row.name.startswith("coal ") else ""
+    ours = reference(other for other in rows if other.case == row.case)
+    ratio = f" ({digits(row.median_ms / ours.median_ms, 2)})" if ours and row is not ours else ""
+    return f"{digits(row.median_ms)}{mark}{which}{ratio}"
+
+
+def differences(rows: Iterable[StepRow]) -> list[str]:
+    """Return a line for everybody whose pairs are not ours, and how near they are to touching."""
+    return [
+        f"* {row.name}, {row.boxes:,} boxes, {row.form}: {row.missed} of {row.pairs + row.missed} "
+        f"pairs missed, {row.false} false, up to {row.off_m:.1e} m from touching"
+        for row in rows
+        if row.missed or row.false
+    ]
+
+
+def slopes(rows: Sequence[StepRow]) -> list[str]:
+    """Return a line for each of ours: how time grows from size to size, and its exponent."""
+    lines = []
+    most = max(row.threads for row in rows)
+    rows = [row for row in rows if row.name in OWN and row.threads == most]
+    groups = dict.fromkeys((label(row), row.form, row.moving) for row in rows)
+    for group in groups:
+        own = [row for row in rows if (label(row), row.form, row.moving) == group]
+        own.sort(key=lambda row: row.boxes)
+        if len(own) < 2:
+            continue
+        steps = ", ".join(
+            f"{b.boxes:,} / {a.boxes:,}: {b.median_ms / a.median_ms:.1f}" for a, b in pairwise(own)
+        )
+        logs = [np.log([getattr(row, key) for row in own[-3:]]) for key in ("boxes", "median_ms")]
+        exponent = np.polyfit(logs[0], logs[1], 1)[0]
+        lines.append(f"{group[0]}, {group[1]}: {steps}; exponent at the end {exponent:.2f}")
+    return lines
+
+
+def joined(notes: Iterable[Note]) -> list[str]:
+    """Return a line per reason, with all its cases."""
+    lines: dict[str, dict[str, None]] = {}
+    for why, where in notes:
+        lines.setdefault(why, {})[where] = None
+    return [f"{why} {', '.join(where)}".strip() for why, where in lines.items()]

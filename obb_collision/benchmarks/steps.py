@@ -22,9 +22,8 @@ the ratios hold even on a noisy machine. The garbage collector waits meanwhile, 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import pairwise
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -34,16 +33,12 @@ from obb_collision._threads import set_threads, threads
 from obb_collision.benchmarks.contestants import (
     OURS,
     PAIRS,
-    PEERS,
-    SCENE,
-    SEPARATIONS,
     Contestant,
     Frame,
     Stepper,
     make_frames,
 )
-from obb_collision.benchmarks.tables import Table, as_markdown, digits
-from obb_collision.benchmarks.timing import Show, on_threads
+from obb_collision.benchmarks.measuring import Show, on_threads
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.questions import separations
 from obb_collision.typing import Floats, Rows
@@ -55,11 +50,6 @@ Note = tuple[str, str]
 TRIAL, GROWTH = 2_000, 1.1
 #: Steps that are timed at least, unless that takes longer than the limit; then these.
 STEPS, FEWEST = 20, 3
-#: Peers of the small table, and shares of moving boxes in words.
-SMALL = ("MuJoCo", "coal", "python-fcl")
-SHARES = {1.0: "all moving", 0.0: "none moving"}
-OWN = {one.name for one in OURS}
-COAL_LINE = "coal, best broad phase"
 
 
 class Case(NamedTuple):
@@ -253,153 +243,3 @@ def _rows(
             )
         )
     return rows
-
-
-def label(row: StepRow) -> str:
-    """Return the name of a contestant with its threads."""
-    return f"{row.name}, {row.threads} thread{'s' * (row.threads > 1)}"
-
-
-def share(moving: float) -> str:
-    """Return a share of moving boxes in words."""
-    return SHARES.get(moving, f"{100 * moving:g} % moving")
-
-
-def reference(rows: Iterable[StepRow]) -> StepRow | None:
-    """Return our row that others are compared with: separations, as many threads as there are."""
-    ours = [row for row in rows if row.name == SEPARATIONS.name]
-    return max(ours, key=lambda row: row.threads, default=None)
-
-
-#: What a table has in its columns: the part of a case, and how that is written.
-ACROSS: dict[str, tuple[Callable[[Case], object], Callable[[Case], str]]] = {
-    "sizes": (lambda case: (case.form, case.moving), lambda case: f"{case.boxes:,}"),
-    "forms": (lambda case: (case.boxes, case.moving), lambda case: case.form),
-    "moving": (lambda case: (case.form, case.boxes), lambda case: share(case.moving)),
-}
-
-
-def tables(rows: Sequence[StepRow]) -> dict[str, Table]:
-    """Return tables by title: a line per contestant, milliseconds in the columns.
-
-    In brackets how many times as long as ours with separations it took.
-    """
-    found: dict[str, Table] = {}
-    cases = list(dict.fromkeys(row.case for row in rows))
-    for kind, (fixed, head) in ACROSS.items():
-        for group in dict.fromkeys(map(fixed, cases)):
-            own = [case for case in cases if fixed(case) == group]
-            if len(own) > 1 or (len(cases) == 1 and kind == "sizes"):
-                first = own[0]
-                what = {
-                    "sizes": f"sizes: {first.form}, {share(first.moving)}",
-                    "forms": f"forms: {first.boxes:,} boxes, {share(first.moving)}",
-                    "moving": f"moving: {first.form}, {first.boxes:,} boxes",
-                }
-                found[what[kind]] = _grid(rows, own, head)
-    return found
-
-
-def _grid(rows: Sequence[StepRow], cases: list[Case], head: Callable[[Case], str]) -> Table:
-    """Return a line per contestant; coal has one, with the quickest that misses nothing."""
-    own = [row for row in rows if row.case in cases]
-    lines: dict[str, dict[Case, str]] = {}
-    for row in sorted(own, key=_order):
-        coal = row.name.startswith("coal ")
-        cells = lines.setdefault(COAL_LINE if coal else label(row), {})
-        if not coal or row == best_coal(rows, row.case):
-            cells[row.case] = _cell(row, own)
-    head_line = ["ms per step", *map(head, cases)]
-    return [head_line, *([name, *(c.get(case, "") for case in cases)] for name, c in lines.items())]
-
-
-def _order(row: StepRow) -> tuple[int, int]:
-    names = [one.name for one in (*OURS, *PEERS)]
-    return names.index(row.name) if row.name in names else len(names), row.threads
-
-
-def best_coal(rows: Sequence[StepRow], case: Case) -> StepRow | None:
-    """Return the quickest broad phase of coal in a case, of those that miss no pair in any."""
-    coal = [row for row in rows if row.name.startswith("coal ")]
-    bad = {row.name for row in coal if row.missed}
-    own = [row for row in coal if row.case == case and row.name not in bad]
-    return min(own, key=lambda row: row.median_ms, default=None)
-
-
-def _cell(row: StepRow, rows: Sequence[StepRow]) -> str:
-    mark = "*" if row.missed or row.false else ""
-    which = row.name.removeprefix("coal") if row.name.startswith("coal ") else ""
-    ours = reference(other for other in rows if other.case == row.case)
-    ratio = f" ({digits(row.median_ms / ours.median_ms, 2)})" if ours and row is not ours else ""
-    return f"{digits(row.median_ms)}{mark}{which}{ratio}"
-
-
-def differences(rows: Iterable[StepRow]) -> list[str]:
-    """Return a line for everybody whose pairs are not ours, and how near they are to touching."""
-    return [
-        f"* {row.name}, {row.boxes:,} boxes, {row.form}: {row.missed} of {row.pairs + row.missed} "
-        f"pairs missed, {row.false} false, up to {row.off_m:.1e} m from touching"
-        for row in rows
-        if row.missed or row.false
-    ]
-
-
-def slopes(rows: Sequence[StepRow]) -> list[str]:
-    """Return a line for each of ours: how time grows from size to size, and its exponent."""
-    lines = []
-    most = max(row.threads for row in rows)
-    rows = [row for row in rows if row.name in OWN and row.threads == most]
-    groups = dict.fromkeys((label(row), row.form, row.moving) for row in rows)
-    for group in groups:
-        own = [row for row in rows if (label(row), row.form, row.moving) == group]
-        own.sort(key=lambda row: row.boxes)
-        if len(own) < 2:
-            continue
-        steps = ", ".join(
-            f"{b.boxes:,} / {a.boxes:,}: {b.median_ms / a.median_ms:.1f}" for a, b in pairwise(own)
-        )
-        logs = [np.log([getattr(row, key) for row in own[-3:]]) for key in ("boxes", "median_ms")]
-        exponent = np.polyfit(logs[0], logs[1], 1)[0]
-        lines.append(f"{group[0]}, {group[1]}: {steps}; exponent at the end {exponent:.2f}")
-    return lines
-
-
-def _small(table: Table, most: int) -> Table:
-    """Return the head, ours with the most threads, and the best-known peers."""
-    wanted = (*(f"{name}, {most} thread" for name in OWN - {SCENE.name}), *SMALL)
-    return [table[0], *(line for line in table[1:] if line[0].startswith(wanted))]
-
-
-def joined(notes: Iterable[Note]) -> list[str]:
-    """Return a line per reason, with all its cases."""
-    lines: dict[str, dict[str, None]] = {}
-    for why, where in notes:
-        lines.setdefault(why, {})[where] = None
-    return [f"{why} {', '.join(where)}".strip() for why, where in lines.items()]
-
-
-def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
-    """Return the blocks of a page by name: tables by their kind, and lists of lines."""
-    blocks: dict[str, str] = {}
-    for title, table in tables(rows).items():
-        blocks.setdefault(title.split(":")[0], as_markdown(table))
-        blocks.setdefault("small", as_markdown(_small(table, max(row.threads for row in rows))))
-    lists = {"slopes": slopes(rows), "notes": [*differences(rows), *notes]}
-    blocks |= {name: "\n".join(f"* {x.removeprefix('* ')}" for x in v) for name, v in lists.items()}
-    return blocks
-
-
-def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
-    """Return what is drawn: ours with the most threads, and the quickest of each peer per case."""
-    best: dict[tuple[object, str], StepRow] = {}
-    for row in rows:
-        name = row.name if row.name in OWN else row.name.split(" ")[0]
-        if name == SCENE.name:
-            continue
-        key = row.case, name
-        rival = best.get(key)
-        if rival is None or (
-            row.threads > rival.threads if name in OWN else row.median_ms < rival.median_ms
-        ):
-            best[key] = row
-    return list(best.values())

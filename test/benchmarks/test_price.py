@@ -22,19 +22,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from obb_collision.benchmarks import accuracy, contest
+import obb_collision as oc
+from obb_collision.benchmarks import accuracy, command, contest
 from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
 from obb_collision.benchmarks.effects import measure_effects
-from obb_collision.benchmarks.levels import BOX_LEVELS, LEVELS, Level
-from obb_collision.benchmarks.timing import Times
-from obb_collision.geometry.fitting.fit import FITS
-from obb_collision.geometry.representations import memory_table
-from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.scene.effects import LEVELS as EFFECT_LEVELS
+from obb_collision.benchmarks.measuring import Times
+from obb_collision.shapes import Mesh
 
 GENERATED = generated_corpus(0)
 FEW = Corpus("few", {name: GENERATED.shapes[name] for name in ("table", "washer", "bumpy ball")})
+LEVELS = [level.label for level in oc.Accuracy]
 
 
 def quiet(what: str) -> None:
@@ -53,42 +50,34 @@ def test_trimesh_makes_many_kinds_of_meshes_of_one_size() -> None:
         assert isinstance(mesh, Mesh)
         used = mesh.vertices[np.unique(mesh.faces)]
         assert np.linalg.norm(np.ptp(used, axis=0)) == pytest.approx(1.0), name
-        solid += bool(MeshTrees.build(mesh.vertices, mesh.faces).solid[0])
+        solid += bool(oc.MeshTrees.build(mesh.vertices, mesh.faces).solid[0])
     assert 20 <= solid < len(GENERATED.shapes)  # and open ones among them
-
-
-def test_packages_with_real_meshes_that_are_missing_are_named() -> None:
     note = real_corpus(0.2, limit=2).note
-    assert "example-robot-data" in note
+    assert "example-robot-data" in note  # named, there or missing
     assert "pybullet" in note
 
 
 def test_no_level_misses_and_the_shares_fall_from_level_to_level(price: contest.Price) -> None:
     assert price.missed == 0
     assert price.colliding > 10
-    assert [row.name for row in price.rows if not row.peer] == [level.name for level in LEVELS]
-    false = {row.name: row.false for row in price.rows}
+    ours = {row.name: row for row in price.rows if not row.peer}
+    assert list(ours) == LEVELS
+    false = {name: row.false for name, row in ours.items()}
     assert false["aabb"] > false["obb"] > false["hull"] > false["mesh"] == 0
     for row in price.rows:
-        assert row.pairs >= price.pairs
         assert row.reports == row.false + price.colliding - row.missed
         assert row.peer or row.step_ms is not None
-
-
-def test_memory_is_that_of_the_arrays(price: contest.Price) -> None:
-    table = memory_table()
-    assert price.row("sphere").bytes == 4 * 8
-    assert price.row("aabb").bytes == table["axis-aligned box (two corners)"][1]
-    assert price.row("obb").bytes == table["oriented box, three axes"][1]
     meshes = [shape for shape in FEW.shapes.values() if isinstance(shape, Mesh)]
-    trees = [MeshTrees.build(mesh.vertices, mesh.faces) for mesh in meshes]
-    whole = np.mean([sum(array.nbytes for array in tree.arrays) for tree in trees])
-    assert price.row("mesh").bytes == whole
+    trees = [oc.MeshTrees.build(mesh.vertices, mesh.faces) for mesh in meshes]
+    sizes = [sum(array.nbytes for array in tree.arrays) for tree in trees]
+    assert [ours[name].bytes for name in LEVELS[:3]] == [4 * 8, 6 * 8, 15 * 8]
+    assert ours["mesh"].bytes == np.mean(sizes)
 
 
 def test_peers_that_are_installed_agree(price: contest.Price) -> None:
     pytest.importorskip("fcl")
     assert "python-fcl mesh" in price.ratios
+    assert price.row("python-fcl mesh").false == 0
     hull, theirs = price.row("hull"), price.row("python-fcl hull")
     assert theirs.false == pytest.approx(hull.false, abs=0.02 * price.pairs)
 
@@ -98,23 +87,25 @@ def test_missed_collisions_are_counted_and_end_in_an_exit_code(
 ) -> None:
     corpus, plan = box_corpus(50, 0), contest.ContestPlan(50, 50, 20, 0.0)
     price = contest.measure(corpus, plan, 2, quiet)
-    assert [row.name for row in price.rows if not row.peer] == [one.name for one in BOX_LEVELS]
+    assert [row.name for row in price.rows if not row.peer] == LEVELS[:3]
     assert price.missed == price.row("obb").false == 0
-    blind = Level("aabb", lambda t, i, j: np.zeros(len(i), np.bool_))
-    ladder = tuple(blind if level.name == "aabb" else level for level in BOX_LEVELS)
-    monkeypatch.setattr(contest, "levels_of", lambda corpus: ladder)
+    asked = contest.report_pairs
+    monkeypatch.setattr(
+        contest,
+        "report_pairs",
+        lambda s, level: asked(s, level)[: 0 if level == "sphere" else None],
+    )
     price = contest.measure(corpus, plan, 2, quiet)
-    assert price.row("aabb").missed == price.colliding > 0
+    assert price.row("sphere").missed == price.colliding > 0
     monkeypatch.setattr(accuracy, "run", lambda *_: accuracy.AccuracyResult(prices=[price]))
-    assert accuracy.main(["--seconds", "0.1"]) == 1
+    assert command.accuracy(["--seconds", "0.1"]) == 1
     assert "DEFECT" in capsys.readouterr().err
 
 
 def test_fits_are_compared_with_the_best() -> None:
-    rows = accuracy.measure_fits([FEW], 5.0, quiet)
-    assert [row.fit for row in rows] == list(FITS)
-    assert {row.fit: row for row in rows}["best"].mean_volume == pytest.approx(1.0)
-    for row in rows:
+    rows = {row.fit: row for row in accuracy.measure_fits([FEW], 5.0, quiet)}
+    assert rows["best"].mean_volume == pytest.approx(1.0)
+    for row in rows.values():
         assert row.worst_volume >= row.mean_volume >= 1.0
 
 
@@ -123,10 +114,9 @@ def test_effects_on_finer_levels_are_nearer_to_the_finest_and_never_unsafe() -> 
     assert {effect for effect, _ in ours} == {"clearance", "contacts", "sweep"}
     assert all(row.unsafe == 0 for row in ours.values())
     for effect in ("clearance", "contacts", "sweep"):
-        finest = max(EFFECT_LEVELS[effect]).name.lower()
         assert ours[effect, "obb"].pairs > 10
         assert ours[effect, "obb"].mean_error >= ours[effect, "hull"].mean_error
-        assert ours[effect, finest].worst_error == 0.0
+        assert ours[effect, "mesh"].worst_error == 0.0
 
 
 def test_ratios_are_medians_of_turns() -> None:
@@ -142,14 +132,15 @@ def test_the_command_prints_tables_and_writes_its_files(
     monkeypatch.setattr(accuracy, "generated_corpus", lambda seed: FEW)
     file, picture = tmp_path / "accuracy.json", tmp_path / "accuracy.svg"
     sizes = ["--bodies", "40", "--pairs", "60", "--timed", "20", "--seconds", "1"]
-    assert accuracy.main([*sizes, "--json", str(file), "--plot", str(picture)]) == 0
-    printed = capsys.readouterr().out
+    assert command.accuracy([*sizes, "--json", str(file), "--picture", str(picture)]) == 0
+    printed = capsys.readouterr()
     for word in ("hull", "Fits of a box", "clearance mesh", "0 missed"):
-        assert word in printed
+        assert word in printed.out
+    assert "few: time per step" in printed.err
     written = json.loads(file.read_text())
     assert [price["corpus"] for price in written["corpora"]] == ["boxes", "few", "real meshes"]
     assert written["missed"] == 0
     assert written["corpora"][1]["rows"][0]["name"] == "sphere"
     drawn = picture.read_text()
     for level in LEVELS:
-        assert f"<!-- {level.name} -->" in drawn
+        assert f"<!-- {level} -->" in drawn

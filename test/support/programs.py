@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 TOOLS = (
     *("certainty", "faults", "fuzz", "goals", "known_bugs", "latency"),
     *("regions", "robots", "soak", "peers.effects", "peers.engines"),
-    *("weight", "wrong_answers", "peers.sweeps", "peers.meshes"),
+    *("weight", "wrong_answers", "peers.sweeps"),
 )
 SCRIPTS = dict(
     re.findall(r'"(obb_collision\w*) = ([\w.]+:\w+)"', (ROOT / "setup.py").read_text("utf-8"))

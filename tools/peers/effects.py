@@ -37,8 +37,8 @@ from scipy.spatial.transform import Rotation
 from obb_collision.benchmarks.accuracy import EFFECT_PAIRS, effect_table
 from obb_collision.benchmarks.corpora import generated_corpus, real_corpus
 from obb_collision.benchmarks.effects import Peers, PlacedPairs, measure_effects
-from obb_collision.benchmarks.levels import coal_hull, coal_mesh, fcl_hull, fcl_mesh
-from obb_collision.benchmarks.tables import as_text
+from obb_collision.benchmarks.measuring import as_text
+from obb_collision.benchmarks.peers import coal_hull, coal_mesh, fcl_hull, fcl_mesh
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Shape

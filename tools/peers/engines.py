@@ -14,9 +14,10 @@
 
 """Physics engines in single precision as further contestants of ``obb_collision speed``.
 
-Only their collision detection is called. Arguments and output are those of that command:
+Only their collision detection is called. Arguments and output are those of that command, and pages
+that get the tables:
 
-    python -m tools.peers.engines [...]
+    python -m tools.peers.engines [...] [--markdown PAGE ...]
 """
 
 from __future__ import annotations
@@ -30,9 +31,13 @@ from typing import Any
 import numpy as np
 
 from obb_collision._threads import threads
-from obb_collision.benchmarks import speed
+from obb_collision.benchmarks.command import speed_parser
 from obb_collision.benchmarks.contestants import PEERS, Contestant, Frame, as_rows
+from obb_collision.benchmarks.measuring import machine_line
+from obb_collision.benchmarks.speed import measure, report
+from obb_collision.cli import Progress, interruptible, new_file
 from obb_collision.typing import Floats, Rows
+from tools.pages import blocks_of, write_into
 
 
 class Pybullet:
@@ -115,9 +120,21 @@ ENGINES = (
 )
 
 
+@interruptible("python -m tools.peers.engines")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the full step with them."""
-    return speed.main(arguments, (*PEERS, *ENGINES), "python -m tools.peers.engines")
+    peers = (*PEERS, *ENGINES)
+    parser = speed_parser("python -m tools.peers.engines", [one.name for one in peers])
+    text = "pages that get the tables between their marks"
+    parser.add_argument("--markdown", type=new_file(".md"), metavar="PAGE", nargs="+", help=text)
+    options = parser.parse_args(arguments)
+    with Progress() as progress:
+        result = measure(options, peers, progress.show)
+    report(result, options)
+    for page in options.markdown or ():
+        blocks = blocks_of(result.rows, result.notes)
+        write_into(page, blocks | {"machine": machine_line(result.machine)})
+    return 0
 
 
 if __name__ == "__main__":

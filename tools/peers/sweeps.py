@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from obb_collision import sweeps, verdicts
-from obb_collision.benchmarks.timing import seconds_of
+from obb_collision.benchmarks.measuring import processor_seconds
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes
@@ -109,7 +109,7 @@ def compare(scene: str, pairs: int, turning: bool) -> dict[str, float]:
         return sweeps(moving, moving, rows, contacts=False)  # python-fcl gives a time, no point
 
     result, theirs = ours(), fcl_sweep()
-    turns = [(seconds_of(ours)[1], seconds_of(fcl_sweep)[1]) for _ in range(TURNS)]
+    turns = [(processor_seconds(ours), processor_seconds(fcl_sweep)) for _ in range(TURNS)]
     times = np.array(turns).min(axis=0)
     certain = certain_overlaps(start, end, rows, result.times)
     return {

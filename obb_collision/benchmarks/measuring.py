@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time: turns of several ways to do the same, and the progress of a run of bounded time.
+"""Turns of several ways to do the same, tables of what they took, and the machine they ran on.
 
 Others may use the machine: processor time does not run while they do, and a contestant with a bad
 turn has other turns. The best turn is the time of a contestant; the median over the turns of the
@@ -21,10 +21,11 @@ ratio of two compares them. Where questions use several threads, time on the wal
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping
+import os
+import platform
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from time import perf_counter, process_time, thread_time
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ from obb_collision._threads import set_threads, threads
 from obb_collision.typing import Floats
 
 Show = Callable[[str], None]
+Table = list[list[str]]
 #: Minimum and maximum turns per contestant, whatever the time allowed.
 LEAST_TURNS, MOST_TURNS = 3, 100
 
@@ -49,11 +51,11 @@ def on_threads(number: int) -> Iterator[None]:
         set_threads(before)
 
 
-def seconds_of(run: Callable[[], object]) -> tuple[float, float]:
-    """Return time on the wall and of the processor, of all threads."""
-    start, used = perf_counter(), process_time()
+def processor_seconds(run: Callable[[], object]) -> float:
+    """Return the time of the processor that a call takes, of all threads."""
+    start = process_time()
     run()
-    return perf_counter() - start, process_time() - used
+    return process_time() - start
 
 
 class Times(NamedTuple):
@@ -86,7 +88,7 @@ def take_turns(
         if turn >= LEAST_TURNS and perf_counter() > end:
             break
         for name, run in contestants.items():
-            if prepare is not None:
+            if prepare is not None and name in prepare:
                 prepare[name]()
             start = clock()
             run()
@@ -94,47 +96,32 @@ def take_turns(
     return Times({name: np.array(times) for name, times in spent.items()})
 
 
-class TimedProgress:
-    """Seconds spent of those allowed, and what is being done: a bar, or lines of text."""
-
-    def __init__(self, seconds: float, bar: Any = None) -> None:
-        self._start, self._seconds = perf_counter(), seconds
-        self._bar, self._last = bar, ""
-
-    @property
-    def left(self) -> float:
-        """Seconds left."""
-        return max(0.0, self._start + self._seconds - perf_counter())
-
-    def leave(self, seconds: float) -> None:
-        """Allow this many seconds from now on, at least."""
-        self._seconds = max(self._seconds, perf_counter() - self._start + seconds)
-        if self._bar is not None:
-            self._bar.total = self._seconds
-
-    def show(self, what: str) -> None:
-        """Report what comes next."""
-        if self._bar is None:
-            topic = what.rstrip("0123456789/")  # one line for all numbers of a topic
-            if topic != self._last:
-                print(f"[{self._seconds - self.left:4.0f} s] {topic}", file=sys.stderr, flush=True)
-            self._last = topic
-            return
-        self._bar.set_description_str(what, refresh=False)
-        self._bar.n = round(self._seconds - self.left, 1)
-        self._bar.refresh()
+def as_text(lines: Table) -> str:
+    """Return a table in columns of spaces."""
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    padded = ("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) for line in lines)
+    return "\n".join(line.rstrip() for line in padded)
 
 
-@contextmanager
-def progress(seconds: float) -> Iterator[TimedProgress]:
-    """Show a bar while the block runs, if tqdm is installed and the output is a terminal."""
-    try:
-        tqdm = import_module("tqdm").tqdm if sys.stderr.isatty() else None
-    except ImportError:
-        tqdm = None
-    if tqdm is None:
-        yield TimedProgress(seconds)
-        return
-    form = "{desc:45.45} {percentage:3.0f}%|{bar}| {elapsed}"
-    with tqdm(total=seconds, bar_format=form, file=sys.stderr, leave=False) as bar:
-        yield TimedProgress(seconds, bar)
+def digits(value: float, count: int = 3) -> str:
+    """Return a number with that many digits."""
+    return f"{value:#.{count}g}".rstrip(".") if value < 10**count else f"{value:,.0f}"
+
+
+def machine(distributions: Iterable[str]) -> dict[str, Any]:
+    """Return what absolute times depend on; the versions of distributions, None if not there."""
+    versions: dict[str, str | None] = {}
+    for name in sorted({"numpy", "numba", *distributions}):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+    facts = {"machine": platform.machine(), "cores": os.cpu_count()}
+    return {**facts, "python": platform.python_version(), "versions": versions}
+
+
+def machine_line(facts: Mapping[str, Any]) -> str:
+    """Return the same in a line."""
+    named = (f"{name} {found or 'not installed'}" for name, found in facts["versions"].items())
+    head = f"{facts['machine']}, {facts['cores']} cores, Python {facts['python']}"
+    return ", ".join([head, *named])

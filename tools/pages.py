@@ -1,0 +1,66 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tables in Markdown, between marks in a page, and those of ``obb_collision speed``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from obb_collision.benchmarks.contestants import SCENE
+from obb_collision.benchmarks.measuring import Table
+from obb_collision.benchmarks.speed import OWN, differences, slopes, tables
+from obb_collision.benchmarks.steps import StepRow
+
+#: Peers of the small table.
+SMALL = ("MuJoCo", "coal", "python-fcl")
+
+
+def as_markdown(lines: Table) -> str:
+    """Return the table in Markdown."""
+    rule = ["---"] * len(lines[0])
+    return "\n".join(f"| {' | '.join(line)} |" for line in [lines[0], rule, *lines[1:]])
+
+
+def write_into(page: Path, blocks: dict[str, str]) -> None:
+    """Replace what stands between ``<!-- speed: NAME -->`` and ``<!-- end -->`` in a page.
+
+    A page that is not there yet gets all blocks.
+    """
+    if not page.exists():
+        page.write_text("".join(f"<!-- speed: {k} -->\n<!-- end -->\n\n" for k in blocks))
+    text = page.read_text(encoding="utf-8")
+    for name, block in blocks.items():
+        start, mark, rest = text.partition(f"<!-- speed: {name} -->\n")
+        if mark:
+            text = f"{start}{mark}{block}\n{rest[rest.index('<!-- end -->') :]}"
+    page.write_text(text, encoding="utf-8")
+
+
+def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
+    """Return the blocks of a page by name: tables by their kind, and lists of lines."""
+    blocks: dict[str, str] = {}
+    for title, table in tables(rows).items():
+        blocks.setdefault(title.split(":")[0], as_markdown(table))
+        blocks.setdefault("small", as_markdown(_small(table, max(row.threads for row in rows))))
+    lists = {"slopes": slopes(rows), "notes": [*differences(rows), *notes]}
+    blocks |= {name: "\n".join(f"* {x.removeprefix('* ')}" for x in v) for name, v in lists.items()}
+    return blocks
+
+
+def _small(table: Table, most: int) -> Table:
+    """Return the head, ours with the most threads, and the best-known peers."""
+    wanted = (*(f"{name}, {most} thread" for name in OWN - {SCENE.name}), *SMALL)
+    return [table[0], *(line for line in table[1:] if line[0].startswith(wanted))]
