@@ -24,8 +24,11 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable
-from operator import index, methodcaller
+from itertools import islice
+from operator import index
+from queue import SimpleQueue
 from typing import Any
 
 from obb_collision.words import shown
@@ -37,122 +40,44 @@ MAX_THREADS = 1024
 #: Ranges per thread: rows do not all take equally long, and other programs take cores away.
 RANGES = 4
 
-_wake = methodcaller("release")
-_take_back = methodcaller("acquire", False)
-#: With a limit, as an interrupt just before a wait is noticed after it.
-_wait = methodcaller("acquire", True, 0.1)
-
-
-class ThreadPool:
-    """Threads which call what the calling thread calls, too, while it does; daemons.
-
-    Waking one and waiting for it takes some 10 us; a pool of ``concurrent.futures`` takes five
-    times as long, more than the calls of a scene of 1,000 boxes. Threads are woken, taken back and
-    waited for by single calls of C, which note what they have done: an interrupt comes between
-    these calls and finds out how far the last one got.
-
-    number: how many besides the calling one; fewer where no more can be started.
-    """
-
-    def __init__(self, number: int) -> None:
-        self.size = number
-        self._call: Callable[[], None] | None = None
-        self._in_use = threading.Lock()
-        self._closed = False
-        self._wakes: list[threading.Lock] = []  # each held while its thread has nothing to do,
-        self._ends: list[threading.Lock] = []  # and each while it has not ended what it began
-        try:
-            for _ in range(number):
-                self._start()
-        except RuntimeError:  # the interpreter ends, or can start no more threads
-            pass
-
-    def _start(self) -> None:
-        wake, end = threading.Lock(), threading.Lock()
-        wake.acquire()
-        end.acquire()
-        name = f"obb_collision_{len(self._wakes) + 1}"
-        threading.Thread(target=self._work, args=(wake, end), name=name, daemon=True).start()
-        self._wakes.append(wake)
-        self._ends.append(end)
-
-    def _work(self, wake: threading.Lock, end: threading.Lock) -> None:
-        while True:
-            wake.acquire()
-            call = self._call
-            if call is None:
-                return
-            call()
-            del call  # what it refers to may be large
-            end.release()
-
-    def share(self, call: Callable[[], None], number: int, failed: list[BaseException]) -> None:
-        """Call ``call``, which raises nothing, here and in ``number`` others, as many as are free.
-
-        It runs nowhere any more on return. An interrupt is appended to ``failed``.
-        """
-        if not self._in_use.acquire(blocking=False):
-            call()  # another thread of the program uses them, or this one does
-            return
-        woken: list[None] = []
-        over: list[list[bool]] = [[] for _ in self._wakes[:number]]
-        try:
-            self._call = call
-            woken.extend(map(_wake, self._wakes[:number]))
-            call()
-        except BaseException as error:
-            failed.append(error)
-        while True:
-            try:
-                for k in range(len(woken)):
-                    if not over[k]:  # one that has not begun finds nothing left to do
-                        over[k].extend(map(_take_back, (self._wakes[k],)))
-                    while not over[k][-1]:
-                        over[k].extend(map(_wait, (self._ends[k],)))
-                break
-            except BaseException as error:
-                failed.append(error)
-        self._call = None
-        self._in_use.release()
-        if self._closed:
-            self.close()
-
-    def close(self) -> None:
-        """End the threads, once they have done what they do."""
-        self._closed = True
-        if self._in_use.acquire(blocking=False):  # for ever
-            self._call = None
-            woken: list[None] = []
-            woken.extend(map(_wake, self._wakes))
-
 
 class _Threads:
-    """The number of threads, None before it is known, and the pool of all but the calling one."""
+    """The number of threads, None before it is known, and the helpers of those that call.
+
+    Helpers are daemons that take calls from a queue: waking one takes some 10 us, a pool of
+    ``concurrent.futures`` five times as long, more than the calls of a scene of 1,000 boxes.
+    """
 
     def __init__(self) -> None:
         self.number: int | None = None
-        self.pool: ThreadPool | None = None
-        self.lock = threading.Lock()
+        self.forget()
 
-    def forget_pool(self) -> None:
-        """In a forked process: threads are not copied, and the lock may be."""
-        self.pool, self.lock = None, threading.Lock()
+    def forget(self) -> None:
+        """Have no helpers: in a forked process, where threads are not copied, and locks may be."""
+        self.calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._lock, self._helpers = threading.Lock(), 0
 
-    def workers(self) -> ThreadPool:
-        """Return a pool of as many threads as are wanted besides the calling one, or more."""
-        pool, wanted = self.pool, threads() - 1
-        if pool is None or pool.size < wanted:
-            with self.lock:
-                pool = self.pool
-                if pool is None or pool.size < wanted:
-                    if pool is not None:
-                        pool.close()
-                    pool = self.pool = ThreadPool(wanted)
-        return pool
+    def help(self, call: Callable[[], None], number: int) -> None:
+        """Have helpers call something, ``number`` of them at most; fewer where none can start."""
+        if self._helpers < number:
+            with self._lock:
+                try:
+                    while self._helpers < number:
+                        name = f"obb_collision_{self._helpers + 1}"
+                        threading.Thread(target=self._work, name=name, daemon=True).start()
+                        self._helpers += 1
+                except RuntimeError:  # the interpreter ends, or can start no more threads
+                    pass
+        for _ in range(number):
+            self.calls.put(call)
+
+    def _work(self) -> None:
+        while True:
+            self.calls.get()()
 
 
 _threads = _Threads()
-os.register_at_fork(after_in_child=_threads.forget_pool)
+os.register_at_fork(after_in_child=_threads.forget)
 
 
 def threads() -> int:
@@ -253,10 +178,16 @@ def run(kernel: Callable[..., Any], count: int, least: int, *args: Any) -> list[
 
 
 def run_parts(call: Callable[[int], Any], count: int) -> list[Any]:
-    """Return what ``call`` returns for 0 to ``count`` - 1, called by several threads."""
+    """Return what ``call`` returns for 0 to ``count`` - 1, called by several threads.
+
+    None of them runs any more at the end, also after an interrupt: what a helper does is noted by
+    single calls of C, between which an interrupt comes, before it begins and once it has ended.
+    """
     results: list[Any] = [None] * count
     failed: list[BaseException] = []
     left = iter(range(count))  # no two threads get the same of it
+    begun: list[None] = []
+    ended: SimpleQueue[None] = SimpleQueue()
 
     def work() -> None:
         for part in left:
@@ -267,7 +198,25 @@ def run_parts(call: Callable[[int], Any], count: int) -> list[Any]:
             if failed:
                 return
 
-    _threads.workers().share(work, min(threads(), count) - 1, failed)
+    def help_out() -> None:
+        begun.append(None)
+        work()
+        ended.put(None)
+
+    over: list[None] = []
+    try:
+        _threads.help(help_out, min(threads(), count) - 1)
+        work()
+    except BaseException as error:
+        failed.append(error)
+    while True:
+        try:
+            deque(left, maxlen=0)  # a helper that has not begun by now finds nothing left to do
+            while len(over) < len(begun):
+                over.extend(islice(iter(ended.get, 0), len(begun) - len(over)))
+            break
+        except BaseException as error:
+            failed.append(error)
     if failed:
         raise failed[0]
     return results

@@ -19,46 +19,14 @@ from __future__ import annotations
 import doctest
 import inspect
 import re
-from collections.abc import Iterator
 from enum import Enum
 from typing import Any
 
 import numpy as np
 from each import each
+from public_calls import public_methods, public_objects
 
 import obb_collision as oc
-
-#: For the code of this package, which takes what is known to be right.
-INTERNAL = {
-    "trusted", "row", "take", "local_box", "fitted", "build_outside", "single", "of", "rows",
-    "place", "compute", "renew_indices", "begin_boxes", "resize_boxes", "rename_indices",
-    "grow_indices", "speeds_of",
-}  # fmt: skip
-
-
-def public_objects() -> Iterator[tuple[str, Any]]:
-    """Yield name and value of all public classes and functions."""
-    for name in oc.__all__:
-        if name not in ("regions", "shapes"):
-            yield name, getattr(oc, name)
-    for name in oc.shapes.__all__:
-        yield f"shapes.{name}", getattr(oc.shapes, name)
-    for name in oc.regions.__all__:
-        yield f"regions.{name}", getattr(oc.regions, name)
-
-
-def public_methods() -> Iterator[tuple[str, Any]]:
-    """Yield name and function of all public methods with arguments."""
-    for name, kind in OBJECTS.items():
-        if not inspect.isclass(kind) or issubclass(kind, Enum):
-            continue
-        for method in dir(kind):
-            value = getattr(kind, method)
-            if method.startswith("_") or method in INTERNAL or not callable(value):
-                continue
-            if str(getattr(value, "__module__", "")).startswith("obb_collision"):
-                yield f"{name}.{method}", value
-
 
 OBJECTS = dict(public_objects())
 METHODS = dict(public_methods())
