@@ -63,8 +63,6 @@ setup(
         "bench": ["python-fcl", "coal", "mujoco", "matplotlib>=3.6.0"],
         # robots to check states of, and a peer that does
         "robots": ["pin", "example-robot-data", "mujoco", "matplotlib>=3.6.0"],
-        # real meshes to measure on: 240 MB to download; pybullet has wheels up to Python 3.11
-        "meshes": ["example-robot-data", "pybullet; python_version < '3.12'"],
     },
     zip_safe=True,
     url="https://github.com/obb-collision/obb_collision",

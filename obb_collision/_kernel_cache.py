@@ -28,12 +28,10 @@ compiles its own.
 from __future__ import annotations
 
 import atexit
-import glob
 import hashlib
 import logging
 import os
 import shutil
-import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -53,20 +51,11 @@ config: Any = _config  # its attributes are set at run time
 #: Warnings for users: to stderr, where ``logging`` is not set up.
 logger = logging.getLogger("obb_collision")
 
-#: Folders kept per kernel: a few checkouts or environments side by side, not every edit ever.
-KEPT_FOLDERS = 8
-#: Seconds since its last use for which a folder stays anyway: a running process may still need it.
-IN_USE = 86400.0
-#: Seconds since its last use after which any folder goes, also of kernels that are no more. A
-#: process that finds one gone compiles.
-UNUSED = 90 * 86400.0
+#: Seconds since its last use after which a folder goes: edits and versions that are no more.
+UNUSED = 30 * 86400.0
 DIGEST_SIZE = 16
-#: Bytes of a file at most: 60 times the largest kernel. Anything else would be read for ever.
-MAX_KERNEL = 64_000_000
 #: How the names of files begin of what kernels alone can call.
 FOR_KERNELS = "inner-"
-#: How the names of private folders begin; the process's id follows.
-PRIVATE = "obb_collision-kernels-"
 #: Bytes that are written to see whether a folder takes kernels: most have less.
 PROBE = 1 << 16
 #: Seconds of compiling after which it is logged, and between two lines about it.
@@ -179,9 +168,8 @@ def why_not_kept() -> str:
 @cache
 def private_place() -> Path | None:
     """Return a folder of this process's own, which ends with it; None where none can be made."""
-    drop_left_places()
     try:
-        folder = Path(tempfile.mkdtemp(prefix=f"{PRIVATE}{os.getpid()}-"))
+        folder = Path(tempfile.mkdtemp(prefix="obb_collision-kernels-"))
     except OSError as error:
         _say_once(None, f"there is no temporary folder for kernels: {error}")
         return None
@@ -190,56 +178,19 @@ def private_place() -> Path | None:
     return folder
 
 
-def drop_left_places() -> None:
-    """Remove the private folders of this user whose processes are gone, as after a SIGKILL."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PRIVATE}*-*"):
-        number = folder.name.removeprefix(PRIVATE).partition("-")[0]
-        with suppress(OSError):  # gone meanwhile
-            found = folder.lstat()
-            if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and _is_gone(number):
-                shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_gone(number: str) -> bool:
-    """Return whether no process has a number."""
-    try:
-        os.kill(int(number), 0)
-    except ProcessLookupError:
-        return True
-    except (OSError, ValueError, OverflowError):  # of another user; no number
-        pass
-    return False
-
-
 def _say_once(place: Path | None, text: str) -> None:
     if (place, text) not in _said:
         _said.add((place, text))
         logger.warning(text)
 
 
-def _drop_old(home: Path, name: str) -> None:
-    """Remove the folders of a kernel that nobody has used for long, and unused ones of all."""
-    for age, folder in _ages(home, f"{glob.escape(name)}-*")[KEPT_FOLDERS:]:
-        if age > IN_USE:
-            shutil.rmtree(folder, ignore_errors=True)
-    _drop_unused(home)
-
-
 @cache
 def _drop_unused(home: Path) -> None:
     """Remove, once per process, the folders that no process has loaded from for UNUSED seconds."""
-    for age, folder in _ages(home, "*-*"):
-        if age > UNUSED:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _ages(home: Path, pattern: str) -> list[tuple[float, Path]]:
-    """Return seconds since the last use of folders, least first."""
-    ages = []
-    for folder in home.glob(pattern):
+    for folder in home.glob("*-*"):
         with suppress(OSError):  # another process has removed it
-            ages.append((time() - folder.stat().st_mtime, folder))
-    return sorted(ages)
+            if time() - folder.stat().st_mtime > UNUSED:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 class KernelCache:
@@ -288,7 +239,7 @@ class KernelCache:
         """Return a kernel from a folder, None where it is not there or can't be used."""
         folder = place / self.folder
         try:
-            content = _content(folder / name)
+            content = (folder / name).read_bytes()
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
@@ -306,7 +257,7 @@ class KernelCache:
         if folder not in _used:
             _used.add(folder)
             with suppress(OSError):
-                os.utime(folder)  # see ``_drop_old``
+                os.utime(folder)  # see ``_drop_unused``
         return result
 
     def _save(self, name: str, content: bytes) -> bool:
@@ -330,7 +281,7 @@ class KernelCache:
     def _write(self, folder: Path, name: str, content: bytes) -> None:
         if not folder.is_dir():
             folder.mkdir(parents=True, exist_ok=True)
-            _drop_old(folder.parent, self.name)
+            _drop_unused(folder.parent)
         handle, temporary = tempfile.mkstemp(dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -340,18 +291,6 @@ class KernelCache:
             with suppress(OSError):
                 os.unlink(temporary)
             raise
-
-
-def _content(path: Path) -> bytes:
-    """Return what is in a regular file, never waiting for a pipe or a device; OSError for those."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    with os.fdopen(descriptor, "rb") as file:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            raise OSError(f"{path.name} is no regular file")
-        if found.st_size > MAX_KERNEL:
-            raise OSError(f"{path.name} has {found.st_size} bytes, {MAX_KERNEL} is the limit")
-        return file.read(MAX_KERNEL)
 
 
 def _digest(data: bytes) -> bytes:

@@ -156,6 +156,17 @@ def real(low: float, high: float) -> Callable[[str], float]:
     return convert
 
 
+def folder(text: str) -> Path:
+    """Convert for argparse: a folder that exists."""
+    try:
+        found = "\0" not in text and Path(text).is_dir()
+    except (OSError, ValueError):  # not a valid name
+        found = False
+    if not found:
+        raise argparse.ArgumentTypeError(f"{shown(text)} is no folder")
+    return Path(text)
+
+
 def new_file(*suffixes: str) -> Callable[[str], Path]:
     """Return a converter for argparse: a file that can be written, as far as its folder shows.
 

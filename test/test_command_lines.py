@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import re
 import select
 import signal
 import subprocess
@@ -23,12 +24,13 @@ import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 from contextlib import suppress
+from io import StringIO
 
 import pytest
 from processes import PATIENCE, limited
 from programs import NEED_ROS, PROGRAMS, function_of
 
-from obb_collision.cli import interruptible, real, whole
+from obb_collision.cli import Progress, interruptible, real, whole
 
 WHOLES = ["x", "-1", "1.5", "", "nan", "9" * 5000, "9" * 400, "\ud800", "1\n2"]
 REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
@@ -46,7 +48,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision warm-up": {},
     "obb_collision accuracy": {
         **dict.fromkeys(("--seed", "--bodies", "--pairs", "--timed"), WHOLES),
-        "--seconds": REALS, **DRAWN, **JSON,
+        "--seconds": REALS, "--meshes": FILES[:1] + FILES[2:5], **DRAWN, **JSON,
     },
     "obb_collision_demo": {
         "--seconds": REALS, "--objects": WHOLES, "--rate": REALS, "--picture": FILES, **SEED,
@@ -86,7 +88,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--seconds": REALS, "--boxes": WHOLES, "--hard": WHOLES, **SEED,
     },
     "python -m tools.peers.effects": {
-        "--seconds": REALS, "--pairs": WHOLES, **SEED, **JSON,
+        "--seconds": REALS, "--pairs": WHOLES, "--meshes": FILES[:1], **SEED, **JSON,
     },
     "python -m tools.peers.engines": {"--sizes": WHOLES, "--markdown": PLOTS},
 }  # fmt: skip
@@ -141,6 +143,25 @@ def test_a_command_that_does_not_exist_is_refused_in_a_line(
             function_of("obb_collision")(arguments)
         assert ended.value.code == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+class Terminal(StringIO):
+    """A stream that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_is_a_line_that_changes_on_a_terminal_and_else_one_per_topic() -> None:
+    said = []
+    for stream in (Terminal(), StringIO()):
+        with Progress(stream) as progress:
+            for what in ("a 1/2", "a 2/2", "b"):
+                progress.show(what)
+        said.append(stream.getvalue())
+    shown, written = (re.sub(r"\[ *\d+ s\]", "", text) for text in said)
+    assert shown == "\r\x1b[K a 1/2\r\x1b[K a 2/2\r\x1b[K b\r\x1b[K"
+    assert written == " a 1/2\n b\n"
 
 
 def interrupted() -> int:

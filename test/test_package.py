@@ -38,7 +38,7 @@ KEYS = {
     "trimesh": "python3-trimesh-pip",
     "yaml": "python3-yaml",
 }
-#: From PyPI only: the extras "bench" and "meshes", and "view", without which the demo works, too.
+#: From PyPI only: the extra "bench", and "view", without which the demo works, too.
 EXTRAS = {
     "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "viser",
 }  # fmt: skip

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from obb_collision.benchmarks.contest import ContestPlan, Price, measure
-from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
+from obb_collision.benchmarks.corpora import Corpus, box_corpus, file_corpus, generated_corpus
 from obb_collision.benchmarks.effects import EffectRow, measure_effects
 from obb_collision.benchmarks.measuring import Show, Table, as_text, machine
 from obb_collision.geometry.fitting.fit import FITS, fit_points
@@ -43,8 +43,8 @@ from obb_collision.geometry.shapes.meshes import Mesh
 #: Minimum share of the time that is left after compiling, which takes about a third of a run the
 #: first time: a minute on a busy machine.
 LEAST_SHARE = 0.6
-#: Shares of the parts in the time that is left when they begin: real meshes take the most.
-SHARES = {"boxes": 0.15, "fits": 0.2, "reading": 0.1, "effects": 0.2, "generated": 0.4, "real": 1.0}
+#: Shares of the parts in the time that is left when they begin: meshes of files take the most.
+SHARES = {"boxes": 0.15, "fits": 0.2, "reading": 0.1, "effects": 0.2, "generated": 0.5, "files": 1}
 #: Pairs per effect.
 EFFECT_PAIRS = 600
 
@@ -85,14 +85,17 @@ def run(options: argparse.Namespace, show: Show) -> AccuracyResult:
     def share(part: str) -> float:
         return SHARES[part] * max(0.0, end - perf_counter())
 
-    show("reading real meshes")
-    real = real_corpus(share("reading"))
+    corpora = {"boxes": boxes, "generated": generated}
+    if options.meshes:
+        show("reading meshes")
+        corpora["files"] = file_corpus(options.meshes, share("reading"))
     result = AccuracyResult()
     show("fits")
-    result.fits = measure_fits([generated, real], share("fits"), show)
-    best, pairs = real if real.shapes else generated, min(EFFECT_PAIRS, options.pairs)
+    result.fits = measure_fits(corpora.values(), share("fits"), show)
+    best = [corpus for corpus in corpora.values() if corpus.shapes][-1]
+    pairs = min(EFFECT_PAIRS, options.pairs)
     result.effects = measure_effects(best, pairs, share("effects"), seed, show)
-    for part, corpus in (("boxes", boxes), ("generated", generated), ("real", real)):
+    for part, corpus in corpora.items():
         if not corpus.shapes:
             result.prices.append(Price(corpus.name, corpus.note, 0, 0))
             continue

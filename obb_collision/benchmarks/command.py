@@ -27,6 +27,7 @@ from obb_collision.cli import (
     MAX_SEED,
     Parser,
     Progress,
+    folder,
     interruptible,
     new_file,
     option,
@@ -52,6 +53,7 @@ def accuracy(arguments: Sequence[str] | None = None) -> int:
     option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
     option(parser, "--bodies", whole(1, 10**6), 2_000, "number of bodies")
     option(parser, "--pairs", whole(1, 10**8), 60_000, "pairs per corpus")
+    option(parser, "--meshes", folder, text="folder of mesh files, STL and OBJ, to measure on, too")
     option(parser, "--timed", whole(1, 10**8), 3_000, "pairs timed beside the peers")
     _add_files(parser)
     options = parser.parse_args(arguments)

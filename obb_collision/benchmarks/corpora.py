@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The corpora on which accuracy is measured: boxes, meshes that trimesh makes, real meshes.
+"""The corpora on which accuracy is measured: boxes, meshes that trimesh makes, meshes of files.
 
 All shapes are scaled to a bounding box with a diagonal of one metre, so that a corpus is about
 shapes and not about sizes, and thrown at random poses into a room.
@@ -20,10 +20,7 @@ shapes and not about sizes, and thrown at random poses into a room.
 
 from __future__ import annotations
 
-import importlib.metadata
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -39,17 +36,10 @@ from obb_collision.typing import Floats
 
 #: Full edges of the boxes of corpus (a) before scaling, metres.
 EDGES = (0.1, 1.0)
-#: Real meshes have this many triangles: fewer are boxes or signs, more take their time to read.
-REAL_FACES = (100, 25_000)
-#: Sizes of files that are read, bytes: as many triangles need.
-REAL_BYTES = (5_000, 3_000_000)
-#: At most this many real meshes of each package.
-REAL_MESHES = 20
+#: Meshes of files have this many triangles: fewer are boxes or signs, more take their time to read.
+FILE_FACES = (100, 25_000)
 #: Below this volume, cubic metres at one metre of diagonal, a shape is flat: no volume to compare.
 LEAST_VOLUME = 1e-6
-
-#: Distributions with real meshes, and the folder of them in each.
-SOURCES = {"example-robot-data": "robots", "pybullet": "pybullet_data"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,53 +70,18 @@ def generated_corpus(seed: int) -> Corpus:
     return Corpus("generated meshes", dict(shapes))
 
 
-def real_corpus(seconds: float, limit: int = REAL_MESHES) -> Corpus:
-    """Return meshes of robots and things of daily use, as many as are read in ``seconds``.
-
-    They come in turn from every robot of every package installed, the same ones each time.
-    """
+def file_corpus(folder: Path, seconds: float) -> Corpus:
+    """Return meshes of a folder and those within, as many as are read in ``seconds``, at random."""
+    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in (".stl", ".obj"))
     shapes: dict[str, Mesh | Box] = {}
-    notes = []
     end = perf_counter() + seconds
-    sources = {name: list(_real_files(name, folder)) for name, folder in SOURCES.items()}
-    counts = dict.fromkeys(sources, 0)
-    for row in zip_longest(*sources.values()):
-        for source, file in zip(sources, row, strict=True):
-            if file is None or counts[source] >= limit or (shapes and perf_counter() > end):
-                continue
-            mesh = _read(file)
-            if mesh is not None:
-                shapes[f"{file.parent.name}/{file.name}"] = mesh
-                counts[source] += 1
-    for source in sources:
-        found = f"{counts[source]} of {source}"
-        notes.append(found if sources[source] else f"{source} is not installed")
-    return Corpus("real meshes", shapes, ", ".join(notes))
-
-
-def _real_files(distribution: str, folder: str) -> Iterator[Path]:
-    """Yield mesh files of a distribution: one of each robot, then a second one, and so on."""
-    try:
-        files = importlib.metadata.files(distribution) or []
-    except importlib.metadata.PackageNotFoundError:
-        return
-    by_robot: dict[str, list[tuple[int, Path]]] = {}
-    for file in files:
-        if folder in file.parts[:-1] and file.suffix.lower() in (".stl", ".obj"):
-            path = Path(str(file.locate()))
-            size = path.stat().st_size if path.is_file() else 0
-            if REAL_BYTES[0] <= size <= REAL_BYTES[1]:
-                robot = file.parts[file.parts.index(folder) + 1]
-                by_robot.setdefault(robot, []).append((size, path))
-    robots = [_from_the_middle(sorted(by_robot[robot])) for robot in sorted(by_robot)]
-    for row in zip_longest(*robots):
-        yield from (path for path in row if path is not None)
-
-
-def _from_the_middle(files: list[tuple[int, Path]]) -> list[Path]:
-    """Return the files of one robot, those of middle size first."""
-    order = sorted(range(len(files)), key=lambda k: abs(2 * k - len(files) + 1))
-    return [files[k][1] for k in order]
+    for k in np.random.default_rng(0).permutation(len(files)).tolist():
+        if shapes and perf_counter() > end:
+            break
+        mesh = _read(files[k])
+        if mesh is not None:
+            shapes[str(files[k].relative_to(folder))] = mesh
+    return Corpus("meshes of files", shapes, f"{len(files)} files in {folder}")
 
 
 def _read(file: Path) -> Mesh | None:
@@ -135,7 +90,7 @@ def _read(file: Path) -> Mesh | None:
         mesh = Mesh.from_file(file)
     except ValueError:
         return None
-    if not REAL_FACES[0] <= len(mesh.faces) <= REAL_FACES[1]:
+    if not FILE_FACES[0] <= len(mesh.faces) <= FILE_FACES[1]:
         return None
     mesh = _unit(mesh.vertices, mesh.faces)
     return mesh if hull_volume(np.unique(mesh.vertices, axis=0)) > LEAST_VOLUME else None

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demo's and the live view's commands: ``obb_collision_demo`` and ``obb_collision view``."""
+"""The demo's and the live view's commands: ``obb_collision_demo`` and ``obb_collision view``.
+
+What takes long to import is imported once the arguments are known to be usable.
+"""
 
 from __future__ import annotations
 
@@ -30,19 +33,11 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, TextIO
 
 from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, option, real, whole
-from obb_collision.demo.scene import DEFAULT_SEED, MIN_OBJECTS, random_scene
 from obb_collision.node.runtime.environment import (
     handle_signals,
     is_ros_here,
     restored_signals,
     without_ros_arguments,
-)
-from obb_collision.scene_files import (
-    READY,
-    SceneDescription,
-    SceneFileError,
-    describe_scene,
-    find_scene,
 )
 from obb_collision.words import printable, shown
 
@@ -51,13 +46,19 @@ if TYPE_CHECKING:
 
     from obb_collision.demo.run import Demo
     from obb_collision.demo.view import BrowserView
+    from obb_collision.scene_files import SceneDescription
     from obb_collision.scene_files.description import View as Viewpoint
 
 
+SCENES = "tabletop, warehouse, lidar_zone, arm_cell"
+"""Those that come with the package."""
 DEFAULT_SCENE = "warehouse"
 DEFAULT_SECONDS = 10.0
 DEFAULT_PORT = 8080
+#: With fewer there are no pairs.
+MIN_OBJECTS = 2
 MAX_OBJECTS = 5000
+DEFAULT_SEED = 4
 MAX_SECONDS = 86400.0
 MAX_RATE = 200.0
 
@@ -86,7 +87,7 @@ def make_parser() -> argparse.ArgumentParser:
     option(parser, "--seconds", real(0.1, MAX_SECONDS), text=text)
     what = parser.add_mutually_exclusive_group()
     text = (
-        f"scene file to run: one of {', '.join(READY)}, a path to one of your own, or to a "
+        f"scene file to run: one of {SCENES}, a path to one of your own, or to a "
         f"MoveIt planning scene (default: {DEFAULT_SCENE})"
     )
     option(what, "--scene", scene_file, text=text)
@@ -99,13 +100,15 @@ def make_parser() -> argparse.ArgumentParser:
     port = whole(0, 65535)
     parser.add_argument("--view", type=port, nargs="?", const=DEFAULT_PORT, help=text)
     picture = "obb_collision_demo.png"
-    option(parser, "--picture", new_file(), picture, "PNG of the scene at the end")
+    option(parser, "--picture", new_file(".png"), picture, "PNG of the scene at the end")
     parser.add_argument("--no-picture", action="store_true", help="draw no picture")
     return parser
 
 
 def scene_file(text: str) -> tuple[SceneDescription, Path]:
     """Convert for argparse: the description in a scene file, and its path."""
+    from obb_collision.scene_files import SceneFileError, describe_scene, find_scene
+
     try:
         file = find_scene(text)
         description = describe_scene(file)
@@ -185,7 +188,7 @@ def _make_demo(
 ) -> tuple[Demo, Any]:
     """Return the demo asked for, and its live view; prints what is shown, and what is left out."""
     from obb_collision.demo.run import Demo
-    from obb_collision.demo.scene import DemoScene
+    from obb_collision.demo.scene import DemoScene, random_scene
 
     if options.objects is not None:
         scene = DemoScene(random_scene(options.objects, options.seed))

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from obb_collision.demo.command import DEFAULT_SEED
 from obb_collision.geometry.poses import Pose
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
@@ -85,9 +86,6 @@ class DemoScene:
         return self.description.lidar.scan(self._scene, time)
 
 
-DEFAULT_SEED = 4
-#: With fewer there are no pairs.
-MIN_OBJECTS = 2
 #: Floor per object, m^2: some collide at any time, most don't.
 AREA = 4.0
 #: Waypoints of a way, and the range of seconds that it takes.

@@ -17,11 +17,15 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
+from importlib.util import find_spec
 from math import inf
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +42,8 @@ LEVELS = {b"\0": "OK", b"\2": "ERROR", b"\3": "STALE"}
 #: 2 is left to wrong arguments, as in all commands.
 EXIT_CODES = {"OK": 0, "ERROR": 1, "STALE": 3}
 NOBODY = 4
+INSTALLED, SOURCED = Path("/opt/ros"), "OBB_COLLISION_SOURCED"
+"""Where ROS installations are, and the variable that says that one was sourced here."""
 #: Seconds between two looks for nodes.
 GLANCE = 0.1
 #: Seconds after its status within which a node sends ``/diagnostics``, if it does.
@@ -62,6 +68,12 @@ def main(args: Sequence[str] | None = None) -> int:
     option(parser, "--timeout", real(0.1, 3600.0), 5.0, "how long to wait for an answer (s)")
     parser.add_argument("--json", action="store_true", help="print all values as JSON")
     options = parser.parse_args(without_ros_arguments(arguments))
+    setups = sorted(INSTALLED.glob("*/setup.bash"))
+    if find_spec("rclpy") is None and setups and SOURCED not in os.environ:
+        say(f"{PROGRAM}: by {setups[-1].parent}, which is not sourced", sys.stderr)
+        words = [sys.executable, "-m", "obb_collision", "status", *arguments]
+        command = ["bash", "-c", 'source "$0" && exec "$@"', str(setups[-1]), *words]
+        return subprocess.run(command, env={**os.environ, SOURCED: "1"}, check=False).returncode
     if not is_ros_here(PROGRAM):
         return NOBODY
     return run_with_ros(PROGRAM, arguments, partial(_run, options))

@@ -91,7 +91,9 @@ class MergerNode(Node):
             descriptor = ParameterDescriptor(description=description, read_only=True)
             return self.declare_parameter(name, default, descriptor).value
 
-        regions = read("regions", ["region_0"], "Namespaces of the nodes to join.")
+        regions = read("regions", [""], "Namespaces of the nodes to join.")
+        if regions == [""]:
+            raise ValueError("regions must name the nodes to join: -p regions:='[west, east]'")
         timeout = read("timeout", 0.5, "A region is missing if silent for longer than this (s).")
         self._unknown_counts = read(
             "unknown_is_collision", True, "Whether in_collision is true while it is not known."

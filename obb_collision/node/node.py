@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from importlib.metadata import version
 from time import monotonic, perf_counter
 from typing import Any
 
@@ -174,12 +173,15 @@ class CollisionNode(ManagedNode):
             self._add_objects(scene_file)
             self.objects.declare_empty()
         self._begin()
-        self.get_logger().info(
-            f"ready: fixed frame '{self.parameters.fixed_frame}', "
-            f"frames by {self.frames.description}; "
-            f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
-            f"{version('numba')}, kernels ready in {self._warm_up_time:.1f} s; "
-            f"in: {_topic_names(self.subscribed.open)}; out: {_topic_names(self.outputs.ends)}"
+        log = self.get_logger().info
+        log(
+            f"in: {_topic_names(self.subscribed.open)}; out: {_topic_names(self.outputs.ends)}; "
+            f"frames by {self.frames.description}"
+        )
+        log(
+            f"ready: fixed frame {'{self.parameters.fixed_frame[:80]}'}, "
+            f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz, "
+            f"kernels loaded in {self._warm_up_time:.1f} s"
         )
 
     def activate(self) -> None:

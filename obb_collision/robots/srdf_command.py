@@ -19,11 +19,12 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
-from obb_collision.cli import Parser, interruptible, new_file, option, real
+from obb_collision.cli import Parser, Progress, interruptible, new_file, option, real
 from obb_collision.words import printable
 
 if TYPE_CHECKING:  # what needs no robots, as a wrong option, need not load them
@@ -80,20 +81,14 @@ def main(args: Sequence[str] | None = None) -> int:
     from obb_collision.robots.description.xml_values import read_source
     from obb_collision.robots.robot import Robot
 
-    done = 0
-
-    def progress(proof: PairProof) -> None:
-        nonlocal done
-        done += 1
-        if sys.stderr.isatty():
-            sys.stderr.write(f"\r\x1b[K{done} pairs, {printable(' - '.join(proof.links))}")
-
+    done = count(1)
     try:
         robot = Robot.from_urdf(options.urdf, options.srdf, options.package_dir)
         given = None if options.srdf is None else read_source(options.srdf, "srdf")[0]
-        proofs = robot.prove_pairs(options.time_limit, progress)
-        if sys.stderr.isatty():
-            sys.stderr.write("\r\x1b[K")
+        with Progress() as progress:
+            proofs = robot.prove_pairs(
+                options.time_limit, lambda proof: progress.show(f"pairs of links {next(done)}")
+            )
         text = srdf_text(robot, proofs, given)
         told = "".join(f"{printable(line)}\n" for line in report(robot, proofs).splitlines())
         for lines, path, stream in (
@@ -104,6 +99,7 @@ def main(args: Sequence[str] | None = None) -> int:
                 stream.write(lines)
             else:
                 path.write_text(lines, encoding="utf-8")
+                sys.stderr.write(f"{NAME}: wrote {printable(str(path))}\n")
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{NAME}: {printable(str(error))}\n")
         return FAILED

@@ -23,15 +23,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
-from obb_collision.cli import Parser, interruptible
+from obb_collision.cli import Parser, Progress, interruptible
 
 if TYPE_CHECKING:
     from obb_collision.warm_up.processes import CompileProgress
-
-WIDTH = 30
-"""Characters of the bar."""
 
 
 @interruptible("obb_collision warm-up", "; what is compiled is kept")
@@ -43,7 +40,7 @@ def main(args: Sequence[str] | None = None) -> int:
         "no later start on this machine has to. About a minute on two cores; a second run takes "
         "seconds and compiles nothing.",
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress bar")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress")
     options = parser.parse_args(args)
     from obb_collision import _jit, _kernel_cache
     from obb_collision.warm_up.processes import compile_steps
@@ -57,11 +54,15 @@ def main(args: Sequence[str] | None = None) -> int:
     wanted = possible_steps()
     for step in wanted:
         task_of(step)  # so that its kernels can be counted
-    bar = Bar(sys.stderr, not options.quiet, len(_jit.unkept_kernels()))
-    try:
-        progress = compile_steps(wanted, look=bar.show)
-    finally:
-        bar.end()
+    missing = len(_jit.unkept_kernels())
+    with Progress() as shown:
+
+        def look(progress: CompileProgress) -> None:
+            running, done = ", ".join(progress.running), len(set(progress.kernels))
+            if not options.quiet:
+                shown.show(f"{running}: kernels compiled {done} / {missing}")
+
+        progress = compile_steps(wanted, look=look)
     for note in dict.fromkeys(progress.notes):
         sys.stderr.write(f"{note}\n")
     for step, reason in progress.failed.items():
@@ -80,40 +81,6 @@ def cache_size(folder: Path) -> tuple[int, int]:
     """Return the bytes and the number of kernels in a folder, of all versions of the sources."""
     sizes = [file.stat().st_size for file in folder.rglob("*.kernel")]
     return sum(sizes), len(sizes)
-
-
-class Bar:
-    """A bar on a terminal; elsewhere a line per step. missing: kernels to compile."""
-
-    def __init__(self, stream: TextIO, wanted: bool, missing: int) -> None:
-        self._stream, self._wanted = stream, wanted
-        self._live = stream.isatty()
-        self._shown = 0
-        self._missing = missing
-
-    def show(self, progress: CompileProgress) -> None:
-        """Draw how far it is."""
-        if not self._wanted:
-            return
-        if self._live:
-            done = len(set(progress.kernels))
-            share = min(1.0, done / self._missing) if self._missing else 1.0
-            bar = "#" * round(share * WIDTH)
-            what = ", ".join(progress.running)[:40]
-            self._stream.write(f"\r[{bar:<{WIDTH}}] {done} of {self._missing} kernels: {what:<40}")
-        else:
-            for step in progress.done[self._shown :]:
-                self._stream.write(
-                    f"{len(progress.done)} of {len(progress.steps)} steps, "
-                    f"{len(progress.kernels)} kernels compiled: {step}\n"
-                )
-            self._shown = len(progress.done)
-        self._stream.flush()
-
-    def end(self) -> None:
-        """Leave the line of the bar."""
-        if self._wanted and self._live:
-            self._stream.write("\n")
 
 
 if __name__ == "__main__":

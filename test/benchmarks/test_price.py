@@ -21,10 +21,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trimesh import creation
 
 import obb_collision as oc
 from obb_collision.benchmarks import accuracy, command, contest
-from obb_collision.benchmarks.corpora import Corpus, box_corpus, generated_corpus, real_corpus
+from obb_collision.benchmarks.corpora import Corpus, box_corpus, file_corpus, generated_corpus
 from obb_collision.benchmarks.effects import measure_effects
 from obb_collision.benchmarks.measuring import Times
 from obb_collision.shapes import Mesh
@@ -52,9 +53,17 @@ def test_trimesh_makes_many_kinds_of_meshes_of_one_size() -> None:
         assert np.linalg.norm(np.ptp(used, axis=0)) == pytest.approx(1.0), name
         solid += bool(oc.MeshTrees.build(mesh.vertices, mesh.faces).solid[0])
     assert 20 <= solid < len(GENERATED.shapes)  # and open ones among them
-    note = real_corpus(0.2, limit=2).note
-    assert "example-robot-data" in note  # named, there or missing
-    assert "pybullet" in note
+
+
+def test_meshes_of_files_are_those_of_a_folder_that_can_be_measured(tmp_path: Path) -> None:
+    for name, faces in {"ball.stl": 320, "few.obj": 12, "in/torus.obj": 2000}.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        mesh = creation.box() if faces < 100 else creation.icosphere(2 if faces < 1000 else 3)
+        mesh.export(tmp_path / name)
+    (tmp_path / "bad.stl").write_text("no mesh")
+    corpus = file_corpus(tmp_path, 60.0)
+    assert set(corpus.shapes) == {"ball.stl", "in/torus.obj"}
+    assert "4 files" in corpus.note
 
 
 def test_no_level_misses_and_the_shares_fall_from_level_to_level(price: contest.Price) -> None:
@@ -132,13 +141,14 @@ def test_the_command_prints_tables_and_writes_its_files(
     monkeypatch.setattr(accuracy, "generated_corpus", lambda seed: FEW)
     file, picture = tmp_path / "accuracy.json", tmp_path / "accuracy.svg"
     sizes = ["--bodies", "40", "--pairs", "60", "--timed", "20", "--seconds", "1"]
+    sizes += ["--meshes", str(tmp_path)]
     assert command.accuracy([*sizes, "--json", str(file), "--picture", str(picture)]) == 0
     printed = capsys.readouterr()
     for word in ("hull", "Fits of a box", "clearance mesh", "0 missed"):
         assert word in printed.out
     assert "few: time per step" in printed.err
     written = json.loads(file.read_text())
-    assert [price["corpus"] for price in written["corpora"]] == ["boxes", "few", "real meshes"]
+    assert [price["corpus"] for price in written["corpora"]] == ["boxes", "few", "meshes of files"]
     assert written["missed"] == 0
     assert written["corpora"][1]["rows"][0]["name"] == "sphere"
     drawn = picture.read_text()

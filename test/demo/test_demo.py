@@ -31,8 +31,8 @@ import pytest
 from processes import limited, output_until
 
 import obb_collision as oc
-from obb_collision.demo.command import main
-from obb_collision.demo.scene import MIN_OBJECTS, random_scene
+from obb_collision.demo.command import MIN_OBJECTS, main
+from obb_collision.demo.scene import random_scene
 from obb_collision.geometry.poses import as_poses
 
 rclpy_context = pytest.importorskip("rclpy.context")

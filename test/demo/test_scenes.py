@@ -187,6 +187,7 @@ def test_bad_scene_files_are_refused_with_line_and_key(
 
 def test_scenes_of_the_package_are_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert make_parser().parse_args(["--scene", "tabletop"]).scene[0].name == "tabletop"
+    assert all(name in make_parser().format_help() for name in READY)
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--scene", "kitchen"])
     assert "tabletop, warehouse, lidar_zone, arm_cell" in capsys.readouterr().err

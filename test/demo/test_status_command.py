@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from threading import Thread
 
 import pytest
@@ -30,6 +31,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, sync
 
 from obb_collision.commands import status
+from obb_collision.demo import status as module
+from obb_collision.node.runtime import environment
 
 NODE = f"{NAMESPACE}/obb_collision"
 
@@ -86,6 +89,24 @@ def test_not_known_is_three_with_its_reason(
 def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:
     assert status(["--node", "/nobody", "--timeout", "0.2"]) == 4
     assert "/nobody was not heard within 0.2 s" in capsys.readouterr().err
+
+
+def test_a_ros_that_is_not_sourced_is_used_and_without_one_it_is_said_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "INSTALLED", tmp_path)
+    for target in (module, environment):
+        monkeypatch.setattr(target, "find_spec", lambda name: None)
+    assert status([]) == 4
+    assert "needs rclpy and common_interfaces: source a ROS 2" in capfd.readouterr().err
+    setup = tmp_path / "jazzy" / "setup.bash"
+    setup.parent.mkdir()
+    setup.write_text("echo sourced")
+    assert status(["--node", "/nobody", "--timeout", "0.2"]) == 4
+    output, errors = capfd.readouterr()
+    assert output == "sourced\n"
+    assert f"by {setup.parent}, which is not sourced" in errors
+    assert "/nobody was not heard within 0.2 s" in errors
 
 
 @each("count", [0, 2])

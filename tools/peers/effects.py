@@ -17,7 +17,7 @@
 The peers are asked one by one from Python, with shapes, transforms and requests made beforehand,
 and have no times of impact of shapes that can be compared. One that is not installed is left out.
 
-    python -m tools.peers.effects [--pairs N] [--seconds S] [--json FILE]
+    python -m tools.peers.effects [--pairs N] [--seconds S] [--meshes FOLDER] [--json FILE]
 """
 
 from __future__ import annotations
@@ -35,11 +35,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from obb_collision.benchmarks.accuracy import EFFECT_PAIRS, effect_table
-from obb_collision.benchmarks.corpora import generated_corpus, real_corpus
+from obb_collision.benchmarks.corpora import file_corpus, generated_corpus
 from obb_collision.benchmarks.effects import Peers, PlacedPairs, measure_effects
 from obb_collision.benchmarks.measuring import as_text
 from obb_collision.benchmarks.peers import coal_hull, coal_mesh, fcl_hull, fcl_mesh
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.cli import (
+    MAX_SEED,
+    Parser,
+    folder,
+    interruptible,
+    new_file,
+    option,
+    real,
+    whole,
+)
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -182,12 +191,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of the effects on each level and of the peers."""
     parser = Parser(prog="python -m tools.peers.effects", description="effects beside peers")
     option(parser, "--pairs", whole(1, 10**6), EFFECT_PAIRS, "pairs per effect")
+    option(parser, "--meshes", folder, text="folder of mesh files to measure on instead")
     option(parser, "--seconds", real(0.001, 1e6), 60.0, "approximate time (s)")
     option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
     option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
-    corpus = real_corpus(0.2 * options.seconds)
-    corpus = corpus if corpus.shapes else generated_corpus(options.seed)
+    corpus = generated_corpus(options.seed)
+    if options.meshes:
+        corpus = file_corpus(options.meshes, 0.2 * options.seconds)
     show = partial(print, file=sys.stderr)
     rows = measure_effects(corpus, options.pairs, options.seconds, options.seed, show, installed)
     print(as_text(effect_table(rows)))

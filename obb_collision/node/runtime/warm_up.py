@@ -91,7 +91,6 @@ class WarmUp:
         A step whose process hangs is refused, as one requested later, unless every cycle needs it.
         report: takes how far compiling is.
         """
-        _kernel_cache.drop_left_places()
         always = {BOXES, MESSAGES, effect_step("separations")}
         wanted = always | set(map(_step, things))
         self._steps = (*NODE_STEPS, *sorted(wanted - set(NODE_STEPS)))
