@@ -89,27 +89,37 @@ def pair_sets(count: int, hard: int, seed: int) -> list[Set]:
     ]
 
 
-#: What the book adds to every absolute value.
+#: What textbooks add to every absolute value, against null cross products of parallel edges: they
+#: say "an epsilon"; this is what implementations use most.
 EPSILON = 1e-6
 
 
 @njit
-def plain_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -> None:
+def plain_kernel(pairs: RowPairs, epsilon: float, out: np.ndarray, start: int, stop: int) -> None:
     """Write 0 (apart) or 2 (colliding) for some pairs of rows; arrays as in ``separation``.
 
-    Of float32 arrays everything is computed in float32.
+    Of float32 arrays everything is computed in float32. epsilon: added to every absolute value.
     """
     (ca, a, h), rows_a, (cb, b, f), rows_b = pairs
     for n in range(start, stop):
-        out[n] = 2 if _collide(ca, a, h, rows_a[n], cb, b, f, rows_b[n]) else 0
+        out[n] = (
+            2 if _collide(ca, a, h, rows_a[n], cb, b, f, rows_b[n], h.dtype.type(epsilon)) else 0
+        )
 
 
 @njit
 def _collide(
-    ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
+    ca: Floats,
+    a: Floats,
+    h: Floats,
+    i: int,
+    cb: Floats,
+    b: Floats,
+    f: Floats,
+    j: int,
+    epsilon: float,  # of the type of the others: else float32 would turn into float64
 ) -> bool:
     dx, dy, dz = cb[j, 0] - ca[i, 0], cb[j, 1] - ca[i, 1], cb[j, 2] - ca[i, 2]
-    epsilon = h.dtype.type(EPSILON)  # else float32 would turn into float64
     h0, h1, h2 = h[i, 0], h[i, 1], h[i, 2]
     f0, f1, f2 = f[j, 0], f[j, 1], f[j, 2]
     t0 = dx * a[i, 0, 0] + dy * a[i, 1, 0] + dz * a[i, 2, 0]
@@ -193,7 +203,8 @@ def _run(
     with np.errstate(over="ignore", under="ignore"):
         arrays = BoxArrays(*(x.astype(number) for x in boxes.arrays))
     rows = RowPairs(arrays, pairs.first, arrays, pairs.second)
-    return lambda: kernel(rows, out, 0, len(out))
+    more = () if kernel is verdict_kernel else (EPSILON,)
+    return lambda: kernel(rows, *more, out, 0, len(out))
 
 
 def table(rows: list[FloatRow]) -> list[list[str]]:

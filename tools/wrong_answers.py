@@ -44,20 +44,18 @@ from numpy.typing import NDArray
 from obb_collision import verdicts
 from obb_collision.benchmarks.measuring import as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts, exact_verdict
 from tools.cases.families import FAMILIES, generate
 from tools.cases.placement import Arrays
+from tools.certainty import EPSILON, plain_kernel
 from tools.pages import as_markdown
 
 FREE, COLLIDING, FAILED = 0, 1, -1
 
 Answers = NDArray[np.int8]
 Judge = Callable[[Arrays, Arrays], Answers]
-
-#: What textbooks add to abs(R) against null cross products of parallel edges (Ericson 2005, 4.4.1
-#: says "an epsilon"; 1e-6 is what implementations use most).
-TEXTBOOK_EPSILON = 1e-6
 
 
 @dataclass(frozen=True)
@@ -85,26 +83,13 @@ class Peer:
             return None
 
 
-def textbook(a: Arrays, b: Arrays, epsilon: float = TEXTBOOK_EPSILON) -> Answers:
-    """Run the 15-axis test with projected radii as printed in textbooks, in float64.
-
-    Gottschalk, Lin, Manocha 1996; Ericson 2005, 4.4.1, ``epsilon`` added to abs(R).
-    """
-    (center_a, rot_a, h), (center_b, rot_b, f) = a, b
-    t = np.einsum("nki,nk->ni", rot_a, center_b - center_a)
-    r = np.einsum("nki,nkj->nij", rot_a, rot_b)
-    q = np.abs(r) + epsilon
-    apart = (np.abs(t) > h + np.einsum("nij,nj->ni", q, f)).any(axis=1)
-    along_b = np.abs(np.einsum("ni,nij->nj", t, r))
-    apart |= (along_b > np.einsum("ni,nij->nj", h, q) + f).any(axis=1)
-    for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
-            radius = h[:, i1] * q[:, i2, j] + h[:, i2] * q[:, i1, j]
-            radius += f[:, j1] * q[:, i, j2] + f[:, j2] * q[:, i, j1]
-            apart |= np.abs(t[:, i2] * r[:, i1, j] - t[:, i1] * r[:, i2, j]) > radius
-    return np.where(apart, FREE, COLLIDING).astype(np.int8)
+def textbook(a: Arrays, b: Arrays, epsilon: float = EPSILON) -> Answers:
+    """Run the plain test of the textbooks in float64, ``epsilon`` added to abs(R)."""
+    rows = np.arange(len(a[0]))
+    out = np.empty(len(rows), np.int8)
+    pairs = RowPairs(BoxArrays(*a), rows, BoxArrays(*b), rows)
+    plain_kernel(pairs, epsilon, out, 0, len(rows))
+    return np.where(out == Verdict.SEPARATE, FREE, COLLIDING).astype(np.int8)
 
 
 def _rows(a: Arrays, b: Arrays) -> Iterator[tuple[Any, ...]]:

@@ -108,6 +108,19 @@ def test_a_node_that_ends_is_found(capfd: pytest.CaptureFixture[str]) -> None:
     assert "FOUND: the node ended" in capfd.readouterr().out
 
 
+def test_an_interrupt_is_no_finding(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(attack.Attack, "run", interrupted)
+    assert run() == 130
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err == "python -m tools.fuzz: interrupted\n"
+
+
 def test_a_part_is_run_again_and_a_wrong_answer_is_found_with_what_reproduces_it(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

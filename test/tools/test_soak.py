@@ -28,9 +28,10 @@ pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
 from obb_collision.node.topics.topics import COLLISIONS
+from tools.fuzz.process import Usage
 from tools.soak import __main__ as command
 from tools.soak.checker import Checker, Found, found_in, pair_of, rotations_of, truth_of
-from tools.soak.result import Result, Sample
+from tools.soak.result import Result
 from tools.soak.world import (
     BOXES,
     MARKERS,
@@ -193,9 +194,9 @@ def test_every_input_changes_bodies_and_no_body_is_changed_twice_in_a_step() -> 
 
 def test_growth_is_found() -> None:
     result = Result(growth=1.0, checked=1)
-    result.samples = [Sample(k, 100.0 + 0.01 * k, 50.0, 20, 10) for k in range(100)]
+    result.usages.samples = [Usage(1e8 + 1e4 * k, 20, 10, 5e7) for k in range(100)]
     assert result.faults() == []
-    result.samples = [Sample(k, 100.0 + 0.02 * k, 50.0, 20 + k, 10) for k in range(100)]
+    result.usages.samples = [Usage(1e8 + 2e4 * k, 20 + k, 10, 5e7) for k in range(100)]
     assert result.faults() == ["memory grew by 1.8 MB", "descriptors grew by 90"]
     assert "memory of the node (MB): 100.09 after the warm-up, 101.89 at the end" in result.lines()
 

@@ -46,7 +46,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import DEADLINE, collisions_from_ros
 from tools.faults.peers import READY
-from tools.fuzz.process import Child
+from tools.fuzz.process import Child, status_of
 
 PEERS = "tools.faults.peers"
 
@@ -61,9 +61,7 @@ class Process(Child):
 
     def status(self, field: str) -> int:
         """Return a size from /proc (bytes), such as VmRSS."""
-        lines = Path(f"/proc/{self.number}/status").read_text().splitlines()
-        (found,) = (line.split()[1] for line in lines if line.startswith(f"{field}:"))
-        return 1024 * int(found)
+        return status_of(self.number, field)
 
     def scheduled(self) -> tuple[int, int]:
         """Return for how long the main thread has run, and has waited for a processor (ns)."""

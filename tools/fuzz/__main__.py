@@ -19,13 +19,24 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Sequence
 
-from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
+from obb_collision.cli import (
+    INTERRUPTED,
+    MAX_SEED,
+    Parser,
+    interruptible,
+    new_file,
+    option,
+    real,
+    whole,
+)
 from obb_collision.words import shown
 from tools.fuzz.attack import Part, attack
 from tools.fuzz.report import faults, print_results
 
+PROGRAM = "python -m tools.fuzz"
 ONLY = re.compile(r"(message|raw|scene|robot):(\d{1,9})(?:-(\d{1,9}))?")
 
 
@@ -38,7 +49,7 @@ def _only(text: str) -> Part:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog="python -m tools.fuzz",
+        prog=PROGRAM,
         description="Attack a node in another process, over real topics: mutated and hostile "
         "messages on every input, raw bytes, requests to its services, scene files, descriptions "
         "of robots. Verify after every batch that it is alive, answers correctly, was not blocked "
@@ -68,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+@interruptible(PROGRAM)
 def main(args: Sequence[str] | None = None) -> int:
     """Attack a node; returns 0 only if nothing was found."""
     options = _parser().parse_args(args)
@@ -86,8 +98,11 @@ def main(args: Sequence[str] | None = None) -> int:
             print(f"again: python -m tools.fuzz --seed {options.seed} --only {one.reached}")
         if one.last_lines:
             print("last lines of the node:", *one.last_lines, sep="\n  ")
-    print(*(() if found else ("nothing found",)))
-    return 1 if found else 0
+    if any(one.interrupted for one in attacks):
+        sys.stderr.write(f"{PROGRAM}: interrupted\n")
+    elif not found:
+        print("nothing found")
+    return 1 if found else INTERRUPTED if any(one.interrupted for one in attacks) else 0
 
 
 if __name__ == "__main__":

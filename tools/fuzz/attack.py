@@ -99,7 +99,7 @@ def _run(options: Namespace, parts: list[Part], index: int) -> Attack:
         except FoundError as error:
             run.found.insert(0, str(error))
         except KeyboardInterrupt:
-            run.found.insert(0, "interrupted")
+            run.interrupted = True
         if run.found:
             run.last_lines = run.lines()
     return run
@@ -127,6 +127,7 @@ class Attack:
         """The batch that was sent last."""
         self.result: Result | None = None
         self.found: list[str] = []
+        self.interrupted = False
         self.last_lines: list[str] = []
         """Of the output of the node, where something was found."""
 

@@ -35,11 +35,18 @@ WAITING = 2
 
 
 class Usage(NamedTuple):
-    """What a process uses: resident memory (bytes), open descriptors, threads."""
+    """What a process uses: resident memory (bytes), also of its children, descriptors, threads."""
 
-    memory: int
-    descriptors: int
-    threads: int
+    memory: float
+    descriptors: float
+    threads: float
+    children: float = 0.0
+
+
+def status_of(number: int, field: str) -> int:
+    """Return a size of a process (bytes), such as VmRSS; 0 of one that has ended."""
+    lines = Path(f"/proc/{number}/status").read_text().splitlines()
+    return sum(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
 
 
 NODE = "obb_collision.commands"
@@ -78,12 +85,13 @@ class Child:
         """Return what it uses, None where the system does not say."""
         folder = Path(f"/proc/{self._process.pid}")
         try:
-            lines = (folder / "status").read_text().splitlines()
-            counts = [len(list((folder / name).iterdir())) for name in ("fd", "task")]
+            memory = status_of(self._process.pid, "VmRSS")
+            files, tasks = (len(list((folder / name).iterdir())) for name in ("fd", "task"))
+            lists = [(task / "children").read_text() for task in (folder / "task").iterdir()]
+            children = sum(status_of(int(child), "VmRSS") for child in "".join(lists).split())
         except OSError:
             return None
-        found = [int(line.split()[1]) for line in lines if line.startswith("VmRSS:")]
-        return Usage(1024 * found[0], *counts) if found else None
+        return Usage(memory, files, tasks, children) if memory else None
 
     def delays(self) -> dict[str, float]:
         """Return for how long (s) each thread was ready and got no processor, by its number."""

@@ -29,28 +29,30 @@ FEWEST = 40
 
 
 class Usages:
-    """Samples of what a process uses."""
+    """Samples of what a process uses, of which a share at the beginning is warm-up."""
 
-    def __init__(self) -> None:
+    def __init__(self, warm_up: float = WARM_UP, window: float = WARM_UP) -> None:
         self.samples: list[Usage] = []
+        self._warm_up, self._window = warm_up, window
 
     def add(self, usage: Usage | None) -> None:
         """Add a sample, if there is one."""
         if usage is not None:
             self.samples.append(usage)
 
-    def growth(self) -> Usage | None:
-        """Return by how much the median of the last samples exceeds that after warm-up.
-
-        None where there are too few samples.
-        """
+    def ends(self) -> tuple[Usage, Usage]:
+        """Return the medians of samples after warm-up, and of as many at the end."""
         count = len(self.samples)
-        if count < FEWEST:
+        start, size = int(self._warm_up * count), max(1, round(self._window * count))
+        early, late = self.samples[start : start + size], self.samples[-size:]
+        first, last = (Usage(*map(median, zip(*part, strict=True))) for part in (early, late))
+        return first, last
+
+    def growth(self) -> Usage | None:
+        """Return by how much it uses more at the end; None where there are too few samples."""
+        if len(self.samples) < FEWEST:
             return None
-        size = int(WARM_UP * count)
-        early, late = self.samples[size : 2 * size], self.samples[-size:]
-        columns = zip(zip(*early, strict=True), zip(*late, strict=True), strict=True)
-        return Usage(*(round(median(after) - median(before)) for before, after in columns))
+        return Usage(*(round(after - before) for before, after in zip(*self.ends(), strict=True)))
 
     def course(self) -> list[float]:
         """Return the median memory (bytes) of each tenth of the samples, in their order."""

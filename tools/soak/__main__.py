@@ -29,7 +29,7 @@ from pathlib import Path
 from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
 from tools.fuzz.client import FoundError
 from tools.fuzz.process import Child
-from tools.soak.result import Result, sample
+from tools.soak.result import Result
 from tools.soak.session import Session
 
 LARGEST_DOMAIN = 100
@@ -104,7 +104,7 @@ def _run(session: Session, child: Child, result: Result, options: argparse.Names
         if now >= due:
             due += SAMPLE_PERIOD
             if passed >= warm:
-                result.samples.append(sample(child.number, passed))
+                result.usages.add(child.usage())
         if now > shown_at + PROGRESS:
             shown_at = now
             text = f"{passed:.0f} of {options.seconds:.0f} s: {result.checked} answers checked"

@@ -17,56 +17,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from tools.fuzz.process import Usage
+from tools.fuzz.report import Usages
+
 MB = 1e6
 WINDOW = 0.1
-"""Share of the samples at each end that are compared: their medians."""
+"""Share of the samples after the warm-up at each end that are compared: their medians."""
 
-
-class Sample(NamedTuple):
-    """What a process holds at a time."""
-
-    seconds: float
-    memory: float
-    """Resident memory (MB)."""
-    children: float
-    """Resident memory of its children (MB)."""
-    descriptors: int
-    threads: int
-
-
-def sample(number: int, seconds: float) -> Sample:
-    """Return what process ``number`` holds; OSError once it has ended."""
-    folder = Path(f"/proc/{number}")
-    memory, threads = _status(folder)
-    children = 0.0
-    for task in (folder / "task").iterdir():
-        for child in (task / "children").read_text().split():
-            children += _status(Path(f"/proc/{child}"))[0]
-    descriptors = sum(1 for _ in (folder / "fd").iterdir())
-    return Sample(seconds, memory, children, descriptors, threads)
-
-
-def _status(folder: Path) -> tuple[float, int]:
-    """Return resident memory (MB) and threads of a process; nothing of one that has ended."""
-    lines = (folder / "status").read_text().splitlines()
-    values = dict(line.split(":", 1) for line in lines if ":" in line)
-    return 1024 * int(values.get("VmRSS", "0 kB").split()[0]) / MB, int(values["Threads"])
-
-
-def ends(samples: Sequence[Sample], name: str) -> tuple[float, float]:
-    """Return the medians of a figure over the first and the last part of the samples."""
-    values = np.array([getattr(one, name) for one in samples], dtype=np.float64)
-    count = max(1, round(WINDOW * len(values)))
-    return float(np.median(values[:count])), float(np.median(values[-count:]))
-
-
+HELD = {
+    "memory": "memory of the node (MB)",
+    "children": "memory of the process that builds shapes (MB)",
+}
 LEVELS = (50, 95, 99)
 FEW = 2
 """Descriptors or threads more at the end than after the warm-up are no growth up to this many."""
@@ -96,7 +62,7 @@ class Result:
     stopped: str = ""
     """Why the run ended early."""
     latencies: list[float] = field(default_factory=list)
-    samples: list[Sample] = field(default_factory=list)
+    usages: Usages = field(default_factory=lambda: Usages(0.0, WINDOW))
     """Since the warm-up."""
     refused: dict[str, int] = field(default_factory=dict)
 
@@ -108,17 +74,21 @@ class Result:
         if not self.checked:
             found.append("nothing was checked")
         found += [f"refused: {reason} {count}" for reason, count in self.refused.items()]
-        if self.samples:
-            for name, limit, unit in (
-                ("memory", self.growth, " MB"),
-                ("children", self.growth, " MB"),
-                ("descriptors", FEW, ""),
-                ("threads", FEW, ""),
-            ):
-                first, last = ends(self.samples, name)
-                if last - first > limit:
-                    found.append(f"{name} grew by {last - first:.3g}{unit}")
+        for name, (first, last) in self._held().items():
+            limit, unit = (FEW, "") if name in ("descriptors", "threads") else (self.growth, " MB")
+            if last - first > limit:
+                found.append(f"{name} grew by {last - first:.3g}{unit}")
         return found
+
+    def _held(self) -> dict[str, tuple[float, float]]:
+        """Return what the process held after the warm-up and at the end; memory in MB."""
+        if not self.usages.samples:
+            return {}
+        pairs = zip(Usage._fields, *self.usages.ends(), strict=True)
+        return {
+            name: (first / MB, last / MB) if name in ("memory", "children") else (first, last)
+            for name, first, last in pairs
+        }
 
     def lines(self) -> list[str]:
         """Return what to print."""
@@ -134,15 +104,9 @@ class Result:
         if self.latencies:
             figures = ", ".join(f"{name} {value:.1f}" for name, value in self.latency().items())
             lines.append(f"from the publication of a step to its answer (ms): {figures}")
-        if self.samples:
-            for name, what in (
-                ("memory", "memory of the node (MB)"),
-                ("children", "memory of the process that builds shapes (MB)"),
-                ("descriptors", "descriptors"),
-                ("threads", "threads"),
-            ):
-                first, last = ends(self.samples, name)
-                lines.append(f"{what}: {first:.10g} after the warm-up, {last:.10g} at the end")
+        for name, (first, last) in self._held().items():
+            what = HELD.get(name, name)
+            lines.append(f"{what}: {first:.10g} after the warm-up, {last:.10g} at the end")
         return lines
 
     def latency(self) -> dict[str, float]:
@@ -158,8 +122,7 @@ class Result:
         """Return all figures, for a file."""
         names = ("steps", "seconds", "checked", "wrong", "pairs", "unsure", "sent", "bodies")
         figures = {name: getattr(self, name) for name in names}
-        held = {name: ends(self.samples, name) for name in Sample._fields[1:] if self.samples}
-        more = {"latency (ms)": self.latency(), "after warm-up and at the end": held}
+        more = {"latency (ms)": self.latency(), "after warm-up and at the end": self._held()}
         faults = {"not held": self.faults(), "refused": self.refused, "failure": self.failure}
-        samples = [one._asdict() for one in self.samples]
+        samples = [one._asdict() for one in self.usages.samples]
         return figures | more | faults | {"samples": samples}
