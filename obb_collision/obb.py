@@ -389,7 +389,8 @@ class OBB(ArrayValue):
         True
         """
         check_kind(other, OBB, "other")
-        return int(box_verdicts(self._boxes(), other._boxes(), exact=exact)[0]) != SEPARATE
+        exactly = as_flag(exact, "exact")
+        return int(box_verdicts(self._boxes(), other._boxes(), exact=exactly)[0]) != SEPARATE
 
     def separation(self, other: OBB) -> Separation:
         """Return the signed gap, its axis, and the verdict.

@@ -35,7 +35,7 @@ from each import each
 from processes import PATIENCE
 
 import obb_collision._jit as jit
-from obb_collision._kernel_key import FLAGS, config, fields_of, kernel_key
+from obb_collision._kernel_cache import FLAGS, config, fields_of, kernel_key
 from obb_collision.warm_up.steps import possible_steps, task_of
 
 KERNEL = """

@@ -23,15 +23,14 @@ from pathlib import Path
 import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
-KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_numba"}
+KERNELS = {"_jit", "_kernel_cache", "_numba"}
 BASE = KERNELS | {"_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
 LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
     "_numba": set(),
-    "_kernel_key": {"_numba"},
-    "_kernel_cache": {"_kernel_key", "_numba"},
+    "_kernel_cache": {"_numba"},
     "_jit": {"_kernel_cache", "_numba"},
     "_threads": {"words"},
     "typing": set(),
