@@ -39,7 +39,6 @@ from obb_collision.benchmarks.corpora import Corpus
 from obb_collision.benchmarks.measuring import Show, Table, on_threads, take_turns
 from obb_collision.geometry.poses import as_poses
 from obb_collision.scene.effects import EFFECTS, LEVELS
-from obb_collision.scene.effects.base import ACCURACY, Cycle, Setting
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
@@ -245,37 +244,8 @@ def no_peers(effect: str, query: PlacedPairs) -> Peers:
     return {}
 
 
-class Stage(NamedTuple):
-    """Pairs of an effect in a check, and its settings on each level, from coarse to fine."""
-
-    effect: str
-    cycle: Cycle
-    settings: dict[str, Setting]
-
-    def run(self, level: str) -> dict[tuple[int, int], float]:
-        """Return the value of each pair (i, j) on a level."""
-        result = EFFECTS[self.effect].run(self.cycle, self.settings[level]).result
-        found = result.predicted if isinstance(result, SweptPairs) else result
-        values = getattr(found, VALUES[self.effect]).tolist()
-        return dict(zip(map(tuple, found.pairs.tolist()), values, strict=True))
-
-    def values(self) -> tuple[dict[str, Floats], Rows]:
-        """Return the values of the pairs (m, 2) that all levels decide, by level."""
-        found = {level: self.run(level) for level in self.settings}
-        finest = list(found)[-1]
-        kept = [
-            pair
-            for pair in sorted(set.intersection(*map(set, found.values())))
-            if np.isfinite([values[pair] for values in found.values()]).all()
-            and (self.effect != "clearance" or found[finest][pair] > 0.0)
-        ]
-        values = {level: np.array([own[pair] for pair in kept]) for level, own in found.items()}
-        return values, np.array(kept, np.int64).reshape(-1, 2)
-
-    def forget(self) -> None:
-        """Let the next turn compute what a turn before may have left behind."""
-        if self.cycle.shapes is not None:
-            self.cycle.shapes.forget()
+Values = dict[tuple[int, int], float]
+"""A value of each pair (i, j)."""
 
 
 def measure_effects(
@@ -294,19 +264,30 @@ def measure_effects(
         rng = np.random.default_rng([seed, number])
         chosen = rng.integers(0, len(shapes), (pairs, 2))
         with on_threads(1):
-            stage, poses = _stage(effect, shapes, chosen, rng)
-            found, kept = stage.values()
-            query = PlacedPairs(shapes, chosen.ravel()[kept], *as_poses(poses), kept)
+            scene, poses = _scene_of_pairs(effect, shapes, chosen, rng)
+            runs: dict[str, Callable[[], Any]] = {
+                level: partial(_values, scene, effect, level)
+                for level in ("obb", *(level.label for level in LEVELS[effect]))
+            }
+            found = {level: run() for level, run in runs.items()}
+            kept = _comparable(effect, list(found.values()))
+            values = {k: np.array([own[pair] for pair in kept]) for k, own in found.items()}
+            both = np.array(kept, np.int64).reshape(-1, 2)
+            query = PlacedPairs(shapes, chosen.ravel()[both], *as_poses(poses), both)
             asked = peers(effect, query)
-            found |= {label: ask() for label, ask in asked.items()}
-            rows += _rows(stage, found, asked, seconds / len(SPREADS))
+            values |= {label: ask() for label, ask in asked.items()}
+            times = take_turns(runs | dict(asked), seconds / len(SPREADS))
+        for name in values:
+            count = len(found[name]) if name in found else len(kept)
+            pair_ns = 1e9 * times.best(name) / max(1, count)
+            rows.append(_row_of(effect, name, values, list(found)[-1], pair_ns))
     return rows
 
 
-def _stage(
+def _scene_of_pairs(
     effect: str, shapes: Sequence[Shape], chosen: np.ndarray, rng: np.random.Generator
-) -> tuple[Stage, Floats]:
-    """Return a check of a scene of pairs of shapes (m, 2), each pair alone, and poses (2m, 7)."""
+) -> tuple[Scene, Floats]:
+    """Return a scene of pairs of shapes (m, 2), each pair alone, and poses (2m, 7)."""
     scene = Scene(accuracy="mesh")
     offsets = _unit(rng.normal(size=(len(chosen), 3)))
     side = int(np.ceil(len(chosen) ** (1 / 3)))
@@ -320,39 +301,45 @@ def _stage(
         twists = np.zeros((len(chosen), 6))
         twists[:, :3] = -SPEED * offsets
         scene.objects.set_twists(scene.indices[1::2], twists)
-    levels = ["obb", *(level.name.lower() for level in LEVELS[effect])]
+    return scene, poses
+
+
+def _values(scene: Scene, effect: str, level: str) -> Values:
+    """Return the values of an effect on a level: computed anew, after another level."""
     options: dict[str, Any] = OPTIONS.get(effect, {})
-    scene.set_effect(effect, accuracy=levels[-1], **options)
-    values = {key: option.default for key, option in EFFECTS[effect].options.items()} | options
-    settings = {level: Setting(values=values | {ACCURACY: level}) for level in levels}
-    return Stage(effect, scene.check().cycle, settings), poses
+    scene.set_effect(effect, accuracy=level, **options)
+    result: Any = scene.check(effect).result(effect)
+    found = result.predicted if isinstance(result, SweptPairs) else result
+    values = getattr(found, VALUES[effect]).tolist()
+    return dict(zip(map(tuple, found.pairs.tolist()), values, strict=True))
 
 
-def _rows(
-    stage: Stage, values: Mapping[str, Floats], peers: Peers, seconds: float
-) -> list[EffectRow]:
-    runs: dict[str, Callable[[], object]] = {
-        level: partial(stage.run, level) for level in stage.settings
-    }
-    runs |= peers
-    times = take_turns(runs, seconds, dict.fromkeys(runs, stage.forget))
-    truth, sign = values[list(stage.settings)[-1]], -1.0 if stage.effect == "contacts" else 1.0
-    rows = []
-    for name, value in values.items():
-        row = EffectRow(stage.effect, name, name in peers, len(truth))
-        count = len(truth) if row.peer else len(stage.run(name))
-        row.pair_ns = 1e9 * times.best(name) / max(1, count)
-        errors = np.abs(value - truth)
-        row.mean_error = float(errors.mean()) if len(truth) else 0.0
-        row.worst_error = float(errors.max(initial=0.0))
+def _comparable(effect: str, found: Sequence[Values]) -> list[tuple[int, int]]:
+    """Return the pairs that all levels decide; of distances, those apart on the finest."""
+    return [
+        pair
+        for pair in sorted(set.intersection(*map(set, found)))
+        if np.isfinite([values[pair] for values in found]).all()
+        and (effect != "clearance" or found[-1][pair] > 0.0)
+    ]
+
+
+def _row_of(
+    effect: str, name: str, values: Mapping[str, Floats], finest: str, pair_ns: float
+) -> EffectRow:
+    value, truth = values[name], values[finest]
+    row = EffectRow(effect, name, " " in name, len(truth), pair_ns)
+    errors = np.abs(value - truth)
+    row.mean_error = float(errors.mean()) if len(truth) else 0.0
+    row.worst_error = float(errors.max(initial=0.0))
+    if row.peer:  # hulls that overlap have the least distance if the shapes are apart
         same = values[name.split()[-1]]
-        if row.peer:  # hulls that overlap have the least distance if the shapes are apart
-            apart = (same > np.finfo(np.float64).tiny) | (stage.effect != "clearance")
-            row.differ = float(np.abs(value - same)[apart].max(initial=0.0))
-        else:
-            row.unsafe = int((sign * (value - truth) > 1e-9).sum())
-        rows.append(row)
-    return rows
+        apart = (same > np.finfo(np.float64).tiny) | (effect != "clearance")
+        row.differ = float(np.abs(value - same)[apart].max(initial=0.0))
+    else:
+        sign = -1.0 if effect == "contacts" else 1.0
+        row.unsafe = int((sign * (value - truth) > 1e-9).sum())
+    return row
 
 
 def _unit(v: Floats) -> Floats:

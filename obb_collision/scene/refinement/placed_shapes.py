@@ -309,10 +309,6 @@ class PlacedShapes:
             self._distances = pairs, BodyDistances(bodies, first, second, found)
         return self._distances[1]
 
-    def forget(self) -> None:
-        """Let ``distances`` be computed anew."""
-        self._distances = None
-
     def convex_bodies(self, boxes: Boxes, slots: Rows) -> ConvexBodies:
         """Return the bodies of slots (k,), padded, all of which have hulls if they need one."""
         kinds = np.full(len(slots), BOX_CORE, np.int8)
