@@ -28,8 +28,6 @@ import pytest
 from each import each
 
 import obb_collision as oc
-from obb_collision.geometry.validation import as_rows
-from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.shapes import Box, Mesh
 
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -200,26 +198,6 @@ def test_indices_that_kernels_follow_cannot_be_written() -> None:
     for array in (placed.meshes, placed.trees.children, placed.trees.starts):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = FAR
-
-
-CHECKED: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
-    "pairs": (lambda v: as_pairs(boxes(), boxes(), v), PAIRS),
-    "rows": (lambda v: as_rows(v, "rows", 4), PAIRS[0]),
-    "faces": (lambda v: Mesh(TETRAHEDRON, v).faces, FACES),
-    "meshes": (lambda v: bodies(v).arrays.meshes, PAIRS[0]),
-    "slots": (lambda v: one_scene().objects.store.check_slots(v), np.array([0])),
-}
-
-
-@each("name", CHECKED)
-def test_indices_that_are_checked_are_copies(name: str) -> None:
-    """Kernels release the interpreter's lock: what is checked must not be what is given."""
-    check, good = CHECKED[name]
-    found = check(good)
-    assert np.array_equal(found, good)
-    assert not np.shares_memory(found, good)
-    assert found.flags.c_contiguous
-    assert found.dtype == np.int64
 
 
 RACES: dict[str, tuple[Callable[[np.ndarray], Any], np.ndarray]] = {

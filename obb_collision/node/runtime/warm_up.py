@@ -88,11 +88,9 @@ class WarmUp:
     ) -> None:
         """Make ready what every cycle needs, and these things.
 
-        A step whose process hangs is refused, as one requested later, unless every cycle needs it.
         report: takes how far compiling is.
         """
-        always = {BOXES, MESSAGES, effect_step("separations")}
-        wanted = always | set(map(_step, things))
+        wanted = {BOXES, MESSAGES, effect_step("separations")} | set(map(_step, things))
         self._steps = (*NODE_STEPS, *sorted(wanted - set(NODE_STEPS)))
         needed = [step for step in self._steps if step in wanted]
         self._load(needed)
@@ -102,14 +100,8 @@ class WarmUp:
         progress = self._compile(missing, self._stopped, 0, report)
         self._load(missing)
         failed = [step for step in missing if step not in self._ready]
-        if progress.stopped:
-            return
-        for step in failed:
-            if step in progress.hung and step not in always:
-                self._refuse(step, progress.failed[step])
-        left = [step for step in failed if step not in self._refused]
-        if left:
-            self._compile_here(progress.failed.get(left[0], "it is not in the cache"))
+        if failed and not progress.stopped:
+            self._compile_here(progress.failed.get(failed[0], "it is not in the cache"))
 
     def has(self, thing: Thing) -> bool:
         """Return whether a thing is ready, and request nothing."""

@@ -50,7 +50,6 @@ class Cache:
         self.compiled: list[str] = []
         self.here: list[str] = []
         self.failures: dict[str, str] = {}
-        self.hung: list[str] = []
         self.unsaved: list[str] = []
         self.private: list[Path | None] = []
         self.may_go_on = Event()
@@ -75,7 +74,7 @@ class Cache:
         progress.done += [step for step in wanted if step not in self.failures]
         self.compiled += wanted
         progress.failed = {step: why for step, why in self.failures.items() if step in wanted}
-        progress.hung, progress.unsaved = self.hung, self.unsaved
+        progress.unsaved = self.unsaved
         self.private.append(options["private"])
         self.kept |= set(wanted) - progress.failed.keys()
         options["look"](progress)
@@ -208,20 +207,6 @@ def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_befor
     assert cache.here == list(NODE_STEPS)
     assert "no folder takes kernels" in log.complained[0]
     assert all(log.warm.is_ready(thing) for thing in (*Accuracy, "sweep", "points"))
-
-
-def test_a_step_whose_process_hangs_is_refused_and_the_others_are_ready(
-    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cache.failures, cache.hung = {"effect sweep": "it hangs"}, ["effect sweep"]
-    log.warm.start(["sweep", Accuracy.MESH])
-    assert log.warm.is_ready(Accuracy.MESH)
-    assert not log.warm.is_ready("sweep")
-    assert log.warm.why_not("sweep") == "cannot be compiled: it hangs"
-    assert cache.here == []
-    cache.failures.clear()
-    monkeypatch.setattr(warm_up, "perf_counter", lambda: float("inf"))  # much later
-    wait_for(lambda: log.warm.is_ready("sweep"))
 
 
 def test_a_step_is_ready_before_those_compiled_beside_it(
