@@ -28,7 +28,7 @@ from tools.faults import __main__ as command
 from tools.faults.__main__ import BY_NAME, FAULTS, Fault, Outcome, attempt
 from tools.faults.bench import Bench, FaultError
 
-SHORT = ("publisher-killed", "little-memory")
+SHORT = ("little-memory",)
 """Faults that are made at every run of the tests; the others take minutes together."""
 DOMAIN = 1 + os.getpid() % 100
 
