@@ -50,22 +50,17 @@ OURS = "this library"
 RIGHT, NOTHING = "right", "\u2013"
 INTRODUCTION = """# Known bugs of others
 
-What users reported about other libraries, asked of this one and of the peers that are installed.
-The tests (`test/tools/test_known_bugs.py`) compute the exact answers with an oracle that
-shares no code with the library. This page is written by
+What users reported about other libraries, asked of this one and of the installed peers.
+`python -m tools.known_bugs --markdown docs/known_bugs.md` writes this page, and fails if an answer
+of this library is wrong. An oracle without shared code has the exact answers.
 
-    python -m tools.known_bugs --markdown docs/known_bugs.md
-
-which ends with an error if an answer of this library is wrong. Peers run at their defaults and get
-the doubles as they are stored. An answer is wrong if it says that pairs collide that are apart, or
-the other way round, by however little; if a distance is off by more than 1e-6 m; if the two
-contradict each other; or if it is an exception. pybullet and rapier3d are asked about boxes only,
-and not for distances.
+An answer is wrong if it takes apart for colliding or the reverse, is off by more than 1e-6 m,
+contradicts itself, or is an exception. Peers run at their defaults. pybullet and rapier3d answer
+for boxes only, without distances.
 """
 REMARK = """
-In fcl#493 and fcl#495 the exact answer hangs on 4e-17 and 2e-16 m, which is within the tolerances
-of all peers: what counts there is that a library does not contradict itself. The gross errors of
-the reports are mended in the versions above, as far as these pairs show.
+In fcl#493 and fcl#495 the exact answer hangs on 4e-17 and 2e-16 m, within the tolerance of all
+peers: there a library must not contradict itself. In the other pairs the gross errors are mended.
 """
 
 
@@ -209,8 +204,7 @@ def _exact(distance: float) -> str:
 
 def page(lines: list[list[str]]) -> str:
     """Return the page: what was reported, where the numbers are from, and the answers."""
-    reports = [["report", "what was reported", "what is asked here"]]
-    reports += [[f"[{bug.name}]({bug.url})", bug.report, bug.source] for bug in KNOWN_BUGS]
+    reports = [["report", "what was reported"], *([bug.name, bug.report] for bug in KNOWN_BUGS)]
     return "\n".join((INTRODUCTION, as_markdown(lines), REMARK, as_markdown(reports), ""))
 
 

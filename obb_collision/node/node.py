@@ -479,6 +479,7 @@ class CollisionNode(ManagedNode):
         self.guard.run("output collision_status", self._update_status)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Remove all objects and forget all names."""
         try:
             if self.robots is not None:
                 self.robots.hold("all objects were removed")
@@ -500,6 +501,7 @@ class CollisionNode(ManagedNode):
         return response
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Start or stop checks; states are stored meanwhile."""
         self.cycle.enabled = request.data
         self._pause()
         response.success = True

@@ -15,7 +15,7 @@
 """Constants that several modules share: the rounding unit, error bounds, limits.
 
 Error bounds are multiples of ROUNDOFF. Their derivations, and the tests that measure the errors,
-are listed in ``docs/numerics.md``. A bound of a single module is a constant of that module.
+are listed in ``test/numerics/bounds.md``. A bound of a single module is a constant of that module.
 """
 
 from __future__ import annotations

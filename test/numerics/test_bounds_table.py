@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The tables of error bounds in ``docs/numerics.md`` say what the constants and the tests are."""
+"""The tables of error bounds in ``bounds.md`` say what the constants and the tests are."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from obb_collision.numerics.constants import ROUNDOFF
 
 PACKAGE = Path(obb_collision.__file__).parent
 TESTS = Path(__file__).parent
-PAGE = TESTS.parents[1] / "docs" / "numerics.md"
+PAGE = TESTS / "bounds.md"
 CELLS = [
     [cell.strip() for cell in line.strip("|").split("|")]
     for line in PAGE.read_text(encoding="utf-8").splitlines()

@@ -51,12 +51,12 @@ def test_names_and_descriptions_are_distinct() -> None:
     assert all(fault.what.endswith(".") for fault in FAULTS)
 
 
-def test_the_page_has_every_fault_as_expected() -> None:
+def test_the_page_has_every_fault_and_none_that_failed() -> None:
     page = Path(__file__).parents[2] / "docs" / "faults.md"
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
     assert [row.split("`")[1] for row in rows] == list(BY_NAME)
     for row, fault in zip(rows, FAULTS, strict=True):
-        assert f"| {fault.what} | {fault.expected} |" in row
+        assert f"| {fault.what} |" in row
         assert "not as expected" not in row
 
 
@@ -80,4 +80,4 @@ def test_rows_of_other_faults_stay_and_failures_are_said(
     rows = [line for line in lines if line.startswith("| `")]
     assert [row.split("`")[1] for row in rows] == [first.name, second.name]
     assert "**not as expected**: nothing / at all" in rows[0]
-    assert rows[1].endswith("| seen | 2 |")
+    assert rows[1].endswith("| seen |")

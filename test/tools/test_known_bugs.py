@@ -125,7 +125,7 @@ def test_exceptions_are_answers_and_missing_peers_are_not(tmp_path: Path) -> Non
     lines = known_bugs.table([peer for peer in PAIR_PEERS if peer.version() is not None])
     assert [line[2] for line in lines[1:]] == ["right"] * 7 + ["\u2013"] + ["right"] * 2
     text = known_bugs.page(lines)
-    assert all(bug.url in text and bug.source in text for bug in KNOWN_BUGS)
+    assert all(bug.url in text and bug.report in text for bug in KNOWN_BUGS)
 
 
 def test_the_command_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -151,7 +151,7 @@ def _last_lines(folder: Path) -> str:
 LARGEST_DOMAIN = 100
 BEGIN, END = "<!-- faults -->", "<!-- end of faults -->"
 """Marks in a page around the table."""
-HEAD = ("| fault | what is done | expected | seen | seconds |", "|---|---|---|---|---|")
+HEAD = ("| fault | what is done | seen |", "|---|---|---|")
 
 
 def _parser() -> Parser:
@@ -199,8 +199,7 @@ def row_of(outcome: Outcome) -> str:
     """Return a row of a table in Markdown."""
     fault = outcome.fault
     seen = outcome.seen if outcome.held else f"**not as expected**: {outcome.seen}"
-    cells = f"`{fault.name}`", fault.what, fault.expected, seen.replace("|", "/")
-    return f"| {' | '.join(cells)} | {outcome.seconds:.0f} |"
+    return f"| {' | '.join((f'`{fault.name}`', fault.what, seen.replace('|', '/')))} |"
 
 
 def write_table(page: Path, outcomes: Sequence[Outcome]) -> None:

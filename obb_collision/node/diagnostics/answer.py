@@ -66,6 +66,39 @@ CODES = {
     "region_unmatched": "no stamp that all regions have evaluated",
 }
 """The codes in the order in which they are reported, each with what it means."""
+REMEDIES = {
+    "starting": "No check has ended yet, or kernels are being compiled: wait.",
+    "unconfigured": "autostart is false: configure and activate the node.",
+    "inactive": "Activate the node.",
+    "disabled": "Call ~/enable with true.",
+    "shutting_down": "The node ends; this is its last message.",
+    "internal_error": "Report it, with the log. Ends with ~/clear or the next check that passes.",
+    "blocked": "No cycle ended within 1 / rate + cycle_timeout: look at the load of the machine.",
+    "overload": "States wait longer than that: send them by object_poses, lower the rate, or set "
+    "time_budget.",
+    "no_objects": "Send objects, or say that there are none: ~/clear, DELETEALL, DELETE of the "
+    "last, an empty set, a scene file without objects, expect_empty.",
+    "required_missing": "Send the objects of required_objects.",
+    "input_silent": "No message within required_inputs or input_timeout: start its sender.",
+    "input_unreadable": "The last message was damaged or of another type. Ends with a readable one "
+    "or ~/clear.",
+    "unknown_objects": "States name objects that the node lacks: send these again, or list them in "
+    "ignored_objects. Ends after a second of silence.",
+    "shape_building": "A shape or hull is being built: wait.",
+    "unplaced": "The object has no pose yet that can be placed: send one, or its transform.",
+    "refused": "The latest state was bad; the object stays where it was. /diagnostics has the "
+    "reason.",
+    "late_frame": "Publish the transform within transform_timeout; the object follows late.",
+    "stale": "The latest state is older than the age limit: start its sender, or set "
+    "stale_policy_overrides.",
+    "robot_unknown": "Publish ROBOT/robot_description.",
+    "joint_unknown": "Publish finite values of every joint within joint_timeout.",
+    "base_unknown": "Publish the robot's base: see robot_bases.",
+    "incomplete": "Merger: a region's status has no content.",
+    "region_silent": "Merger: start the regions named, or send them all objects again.",
+    "region_unmatched": "Merger: no stamp was evaluated by all regions: stamp the states.",
+}
+"""What ends each code, for docs/status.md."""
 _ORDER = {code: number for number, code in enumerate(CODES)}
 
 

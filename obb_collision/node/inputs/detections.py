@@ -111,7 +111,10 @@ MessageType: Any = optional_type("vision_msgs.msg", "Detection3DArray")
 DETECTIONS = Source("detections", "detections", 2)
 QUEUE = 10, ReliabilityPolicy.BEST_EFFORT
 """Depth and reliability: as detectors send that follow sensors."""
-INPUTS = {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, *QUEUE)}
+MEANING = "The complete set of a detector's boxes, where vision_msgs is installed."
+INPUTS = (
+    {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, *QUEUE, meaning=MEANING)}
+)
 """The topic, where there is the type of its messages."""
 SMALLEST = 100
 """Bytes of a detection, at least."""

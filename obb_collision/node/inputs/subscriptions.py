@@ -72,18 +72,43 @@ class Input(NamedTuple):
     durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
     is_query: bool = False
     """Whether its messages ask for something, and say nothing about objects."""
+    meaning: str = ""
+    """What it does, for docs/topics.md."""
 
 
 INPUTS = {
     # Markers and single poses are for different objects, so more of them wait; the bulk messages
     # overtake themselves.
-    "objects": Input(MarkerArray, 100),
-    "object_transform": Input(TransformStamped, 1000),
-    "object_states": Input(MultiDOFJointState, 10),
-    "object_poses": Input(PointCloud2, 10),
-    "object_boxes": Input(PointCloud2, 10),
+    "objects": Input(
+        MarkerArray, 100, meaning="Adds, changes and deletes objects; an unchanged shape is a pose."
+    ),
+    "object_transform": Input(
+        TransformStamped, 1000, meaning="One pose; child_frame_id is the object's name."
+    ),
+    "object_states": Input(
+        MultiDOFJointState,
+        10,
+        meaning="Poses, and twists if given, of many objects; joint_names are their names.",
+    ),
+    "object_poses": Input(
+        PointCloud2,
+        10,
+        meaning="Poses of many objects: fields id, ns (optional with one namespace), x y z (m), "
+        "qx qy qz qw.",
+    ),
+    "object_boxes": Input(
+        PointCloud2,
+        10,
+        meaning="The complete set of boxes by this topic: those fields and size_x size_y size_z "
+        "(edge lengths, m).",
+    ),
     # As drivers of sensors send: a reliable subscription would receive nothing from them.
-    "points": Input(PointCloud2, 1, ReliabilityPolicy.BEST_EFFORT),
+    "points": Input(
+        PointCloud2,
+        1,
+        ReliabilityPolicy.BEST_EFFORT,
+        meaning="Obstacle points for points_inside: x y z (m). The newest cloud counts.",
+    ),
 }
 
 
@@ -193,7 +218,7 @@ class Subscriptions:
         self._callbacks[topic](message)
 
     def _subscribe(self, topic: str) -> Subscription:
-        kind, depth, reliability, durability, _ = self._inputs[topic]
+        kind, depth, reliability, durability = self._inputs[topic][:4]
         qos = QoSProfile(depth=depth, reliability=reliability, durability=durability)
         if topic in self._latched:
             qos.depth, qos.durability = LATCHED_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL

@@ -53,7 +53,7 @@ from obb_collision.node.robots.validity import (
     StateService,
     ValidityTopics,
 )
-from obb_collision.node.topics.cloud import LATCHED, RELIABLE
+from obb_collision.node.topics.cloud import LATCHED, Topic
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Rows
@@ -63,21 +63,50 @@ SPEED_SCALE = "speed_scale"
 TRAJECTORY_IN, TRAJECTORY_OUT = "trajectory_in", "trajectory_out"
 TRAJECTORY_STATUS = "trajectory_status"
 KINDS = {
-    DESCRIPTION: Input(String, 1, durability=LATCHED.durability),
-    SEMANTIC: Input(String, 1, durability=LATCHED.durability),
+    DESCRIPTION: Input(String, 1, durability=LATCHED.durability, meaning="The URDF."),
+    SEMANTIC: Input(String, 1, durability=LATCHED.durability, meaning="The SRDF, if there is one."),
     # As robot_state_publisher: a reliable subscription would receive nothing from best effort.
-    JOINT_STATES: Input(JointState, 10, ReliabilityPolicy.BEST_EFFORT),
-    STATES_TO_CHECK: Input(PointCloud2, 10, is_query=True),
-    TRAJECTORY_IN: Input(JointTrajectory, 10, is_query=True),
+    JOINT_STATES: Input(
+        JointState,
+        10,
+        ReliabilityPolicy.BEST_EFFORT,
+        meaning="Values of joints, in any number of messages.",
+    ),
+    STATES_TO_CHECK: Input(
+        PointCloud2,
+        10,
+        is_query=True,
+        meaning="States to check: a row each, a float64 field per joint, named as the joint.",
+    ),
+    TRAJECTORY_IN: Input(
+        JointTrajectory, 10, is_query=True, meaning="A trajectory to forward if it is free."
+    ),
 }
 """The input topics of each robot, after its name and a slash."""
-OUTPUTS: dict[str, tuple[type, QoSProfile]] = {
-    STATE_VALIDITY: (PointCloud2, RELIABLE),
-    SPEED_SCALE: (Float64, RELIABLE),
-    TRAJECTORY_OUT: (JointTrajectory, RELIABLE),
-    TRAJECTORY_STATUS: (DiagnosticStatus, LATCHED),
-}
-"""Its output topics."""
+OUTPUTS = (
+    Topic(
+        name=STATE_VALIDITY,
+        message=PointCloud2,
+        description="A row per state to check: whether it is valid, or why not.",
+    ),
+    Topic(
+        name=SPEED_SCALE,
+        message=Float64,
+        description="Every cycle: 1 far from everything, 0 near or while anything is not known.",
+    ),
+    Topic(
+        name=TRAJECTORY_OUT,
+        message=JointTrajectory,
+        description="Free trajectories, unchanged, and stops.",
+    ),
+    Topic(
+        name=TRAJECTORY_STATUS,
+        message=DiagnosticStatus,
+        qos=LATCHED,
+        description="Forwarded, refused or stopped, and why.",
+    ),
+)
+"""Its output topics, after its name and a slash."""
 
 
 def robot_inputs(parameters: Parameters) -> dict[str, Input]:
@@ -94,7 +123,8 @@ class RobotAnswers:
         self._node, self.checked = node, checked
         name = checked.given.name
         self.publishers = {
-            kind: self._publisher(f"{name}/{kind}", *of) for kind, of in OUTPUTS.items()
+            topic.name: self._publisher(f"{name}/{topic.name}", topic.message, topic.qos)
+            for topic in OUTPUTS
         }
         asked, wanted = (monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN))
         self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY], asked)

@@ -65,6 +65,15 @@ ROWS = np.dtype(
     ],
     align=True,
 )
+MEANINGS = {
+    "distance": "To the nearest pair (m), negative: depth. NaN without state_validity_distance; "
+    "infinite beyond it.",
+    "index": "The row of the state.",
+    "ns_a id_a ns_b id_b": "The colliding pair; links have id 0.",
+    "valid": "1: within limits and certainly free.",
+    "reason": "0 valid; 1 collides; 2 a joint out of its limits; 3 not finite; 4 not known.",
+}
+"""Of the fields, for docs/topics.md."""
 FIELDS = field_bytes(ROWS)
 MAX_STATES = 100_000
 """States of a message: the answer has 3.2 MB then, and takes 20 ms without any check."""

@@ -43,6 +43,12 @@ Record = TypeVar("Record")
 RELIABLE = QoSProfile(depth=10)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last message reaches late subscribers too, if they request transient local."""
+MEANINGS = {
+    "x y z": "The place of the row (m), float32 for RViz.",
+    "normal_x normal_y normal_z": "Unit vector from a to b.",
+    "ns_a id_a ns_b id_b": "The objects: number of the namespace and id, a before b.",
+}
+"""Of the fields that most clouds have."""
 OPTIONAL_FIELDS = ("accuracy", "undecided")
 """Fields that messages recorded with an earlier version don't have."""
 
@@ -80,6 +86,7 @@ class Cloud(Topic, Generic[Record]):
     is float64. make_rows: fills rows from the result of the effect (of ``collisions``, from the
     report). record: makes a named row, of the names of its one or two objects and the ``values``:
     a field, or a vector of several, each. of_points: whether the stamp is that of the points.
+    meanings: of the fields that not all clouds have, for docs/topics.md.
     """
 
     message: type = PointCloud2
@@ -88,6 +95,7 @@ class Cloud(Topic, Generic[Record]):
     record: Callable[..., Record]
     values: tuple[str | Fields, ...]
     of_points: bool = False
+    meanings: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def dtype(self) -> np.dtype[Any]:

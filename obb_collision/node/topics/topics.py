@@ -30,6 +30,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 from visualization_msgs.msg import MarkerArray
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import namespace_table
 from obb_collision.node.topics.cloud import LATCHED, Cloud, Namespaces, Topic
 from obb_collision.node.topics.rows import (
@@ -145,11 +146,18 @@ COLLISIONS = Cloud(
     description="Which pairs collide",
     needs=("separations",),
     fields=(
-        ("<f4", POSITION_FIELDS),  # contact point
-        ("<f8", (*NORMAL_FIELDS, "depth")),  # unit, from a to b; metres
-        ("<i4", PAIR_FIELDS),  # number of the namespace and id of both objects
-        ("u1", ("verdict", "accuracy")),  # of ``Verdict`` and ``Accuracy``: how it was decided
+        ("<f4", POSITION_FIELDS),
+        ("<f8", (*NORMAL_FIELDS, "depth")),
+        ("<i4", PAIR_FIELDS),
+        ("u1", ("verdict", "accuracy")),
     ),
+    meanings={
+        "depth": "Least translation along the normal that separates the pair (m).",
+        "verdict": "1 touching, or undecided by doubles; 2 overlap.",
+        "accuracy": "The level that decided the pair: "
+        + ", ".join(f"{int(level)} {level.name.lower()}" for level in Accuracy)
+        + ".",
+    },
     make_rows=collision_rows,
     record=lambda a, b, depth, verdict: NamedPair(a, b, depth, verdict == Verdict.TOUCHING),
     values=("depth", "verdict"),
@@ -160,8 +168,13 @@ CONTACTS = Cloud(
         ("<f4", POSITION_FIELDS),
         ("<f8", (*NORMAL_FIELDS, "depth", *POINT_FIELDS)),
         ("<i4", PAIR_FIELDS),
-        ("u1", ("index", "count")),  # number ``index`` of ``count`` points of the pair
+        ("u1", ("index", "count")),
     ),
+    meanings={
+        "depth": "How deep this point is (m).",
+        "point_x point_y point_z": "The point (m), as x y z.",
+        "index count": "Number of the point, and of all points of the pair.",
+    },
     make_rows=contact_rows,
     record=NamedContact,
     values=(POINT_FIELDS, NORMAL_FIELDS, "depth"),
@@ -169,10 +182,14 @@ CONTACTS = Cloud(
 CLEARANCES = Cloud(
     name="clearances",
     fields=(
-        ("<f4", POSITION_FIELDS),  # the middle between the closest points
+        ("<f4", POSITION_FIELDS),
         ("<f8", (*NORMAL_FIELDS, "distance", *A_FIELDS, *B_FIELDS)),
         ("<i4", PAIR_FIELDS),
     ),
+    meanings={
+        "distance": "Between the objects (m); negative: depth.",
+        "a_x a_y a_z b_x b_y b_z": "The closest points of a and b (m); x y z is between them.",
+    },
     make_rows=clearance_rows,
     record=NamedClearance,
     values=("distance", A_FIELDS, B_FIELDS),
@@ -181,13 +198,16 @@ PREDICTIONS = Cloud(
     name="predicted_collisions",
     fields=(
         ("<f4", POSITION_FIELDS),
-        ("<f8", (*NORMAL_FIELDS, "time", *POINT_FIELDS)),  # seconds from the stamp
+        ("<f8", (*NORMAL_FIELDS, "time", *POINT_FIELDS)),
         ("<i4", PAIR_FIELDS),
-        # passed: 1 if it happened between the last two states, and the time is negative.
-        # undecided: 1 if it is not known whether the objects collide: they certainly don't before
-        # the time, may from then on, and point and normal are NaN.
         ("u1", ("passed", "undecided")),
     ),
+    meanings={
+        "time": "From the stamp (s); negative if passed.",
+        "point_x point_y point_z": "Where they collide (m), as x y z.",
+        "passed": "1: between the last two states; 0: to come.",
+        "undecided": "1: free before time, perhaps colliding from then on; point and normal NaN.",
+    },
     make_rows=prediction_rows,
     record=NamedPrediction,
     values=("time", POINT_FIELDS, NORMAL_FIELDS),
@@ -199,13 +219,17 @@ EVENTS = Cloud(
     needs=("separations",),
     qos=QoSProfile(depth=100),
     fields=(
-        ("<f4", POSITION_FIELDS),  # where the pair collided last
-        ("<f8", (*NORMAL_FIELDS, "depth", "duration")),  # greatest depth so far (m), s since begin
+        ("<f4", POSITION_FIELDS),
+        ("<f8", (*NORMAL_FIELDS, "depth", "duration")),
         ("<i4", PAIR_FIELDS),
-        # event: 0 end, 1 begin, 2 lasting. reason, of an end: 0 apart, 1 an object was removed,
-        # 2 the pair is not checked any more.
         ("u1", ("event", "reason")),
     ),
+    meanings={
+        "depth": "Greatest depth so far (m); x y z is where the pair collided last.",
+        "duration": "Since the begin (s).",
+        "event": "0 end; 1 begin; 2 lasting.",
+        "reason": "Of an end: 0 apart; 1 an object was removed; 2 the pair is not checked now.",
+    },
     make_rows=event_rows,
     record=lambda a, b, event, depth, duration, reason: NamedEvent(
         a, b, EVENT_WORDS[event], depth, duration, "" if event != END else REASON_WORDS[reason]
@@ -238,11 +262,15 @@ POINTS_INSIDE = Cloud(
     name="points_inside",
     note="off: no subscription to points.",
     fields=(
-        ("<f4", POSITION_FIELDS),  # of the point nearest to the centre of the box
+        ("<f4", POSITION_FIELDS),
         ("<f8", ("distance",)),
-        # how many points; indices in the cloud of the first and of the one nearest to the centre
         ("<i4", ("ns", "id", "count", "first", "nearest")),
     ),
+    meanings={
+        "distance": "From the box centre to the nearest point (m), which is x y z.",
+        "ns id": "The object: number of the namespace and id.",
+        "count first nearest": "Points inside; indices in the cloud of the first and the nearest.",
+    },
     make_rows=inside_rows,
     record=NamedPoints,
     values=("count", "first", "nearest", "distance"),
@@ -287,7 +315,12 @@ TOPICS: dict[str, Topic] = {
 }
 """By the name in the parameter ``effects.NAME``: an effect of the scene, or an output of the node
 only."""
-NAMESPACES = Topic(name="namespaces", message=DiagnosticStatus, qos=LATCHED)
+NAMESPACES = Topic(
+    name="namespaces",
+    description="Names of the namespace numbers in the clouds",
+    message=DiagnosticStatus,
+    qos=LATCHED,
+)
 """Without a mode: the clouds cannot be read without it."""
 
 
