@@ -32,7 +32,7 @@ from launch_ros.events.lifecycle import ChangeState
 from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
-from obb_collision.node.runtime.launching import initial_parameters
+from obb_collision.node.runtime.running import initial_parameters
 
 NAME = "obb_collision"
 CONFIG = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])

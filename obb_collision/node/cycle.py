@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One cycle of the node: bring the scene up to date, check it, publish what is requested.
+"""A cycle of the node, and when it runs: update the scene, check it, publish what is requested.
 
 Where a check fails because of some objects, those are set aside and the rest is checked. An object
 set aside takes part in no check, is grey and counted as unplaceable, so that it is not known what
@@ -26,6 +26,9 @@ from collections.abc import Callable, Collection
 from time import perf_counter
 
 import numpy as np
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
 
 from obb_collision.node.diagnostics.monitors import CycleMonitor
 from obb_collision.node.inputs.points import Obstacles
@@ -265,3 +268,54 @@ class CycleRunner:
         cloud_stamp = self._obstacles.stamp or stamp
         table = self._objects.table
         return Published(report, table, stamp, step, cloud_stamp, now, self._objects, effects)
+
+
+SHORTEST_TIMER = 1e-4
+"""Period (s) of the timer that ends a burst where min_period is zero."""
+
+
+class Schedule:
+    """Calls ``cycle`` according to the parameters ``trigger``, ``rate`` and ``min_period``.
+
+    clock: of steady time, because a paused or missing simulation clock must not stop the checks.
+    """
+
+    def __init__(self, node: Node, parameters: Parameters, cycle: Callable[[], None]) -> None:
+        self._node, self._parameters, self._run = node, parameters, cycle
+        self.clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last = float("-inf")
+        self._timer = node.create_timer(1.0 / parameters.rate, self._cycle, clock=self.clock)
+        self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
+        self._burst_timer.cancel()
+
+    def close(self) -> None:
+        """Make no calls any more."""
+        for timer in (self._timer, self._burst_timer):
+            self._node.destroy_timer(timer)
+
+    def apply(self) -> None:
+        """Apply a new rate."""
+        period = round(1e9 / self._parameters.rate)
+        if self._timer.timer_period_ns != period:
+            self._timer.timer_period_ns = period
+            self._timer.reset()
+
+    def arrived(self) -> None:
+        """With trigger arrival: compute at once, or once the burst is over."""
+        if self._parameters.trigger != "arrival":
+            return
+        rest = self._parameters.min_period - (perf_counter() - self._last)
+        if rest <= 0.0:
+            self._cycle()
+            self._timer.reset()
+        elif self._burst_timer.is_canceled():
+            self._burst_timer.timer_period_ns = round(1e9 * max(rest, SHORTEST_TIMER))
+            self._burst_timer.reset()
+
+    def _end_burst(self) -> None:
+        self._burst_timer.cancel()
+        self._cycle()
+
+    def _cycle(self) -> None:
+        self._run()
+        self._last = perf_counter()

@@ -32,7 +32,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node import reporting
-from obb_collision.node.cycle import CycleRunner
+from obb_collision.node.cycle import CycleRunner, Schedule
 from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.evidence import Evidence
@@ -58,7 +58,6 @@ from obb_collision.node.runtime.inner import RareServices
 from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
-from obb_collision.node.schedule import Schedule
 from obb_collision.node.settings import (
     SceneParameters,
     apply_limits,
@@ -319,10 +318,8 @@ class CollisionNode(ManagedNode):
             clock=self._schedule.clock,
         )
         self._configured.callback(self.destroy_timer, timer)
-        self._parameters_changed = self._schedule.calm(
-            lambda: self.guard.run("parameters", self._apply_parameters)
-        )
-        self.parameters.on_change = self._parameters_changed
+        # each at once: the executor takes one request per service between two cycles
+        self.parameters.on_change = lambda: self.guard.run("parameters", self._apply_parameters)
         for service in (
             self.create_service(Trigger, "~/clear", self._clear),
             self.create_service(SetBool, "~/enable", self._enable),
@@ -377,11 +374,7 @@ class CollisionNode(ManagedNode):
             self._schedule.arrived()
 
     def collect(self) -> float:
-        """Read and apply the queued messages; returns their maximum waiting time (s).
-
-        Parameters first: a message sent after a change is interpreted by the new values.
-        """
-        self._parameters_changed.settle()
+        """Read and apply the queued messages; returns their maximum waiting time (s)."""
         self.guard.run("inputs", self.subscribed.drain)  # what is lost marks its input
         self._change("input objects", self.inputs.markers.apply)
         for each in self.inputs.sets:

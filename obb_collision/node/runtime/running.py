@@ -24,7 +24,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
@@ -236,3 +236,28 @@ def in_one_line(error: BaseException) -> str:
     text = re.sub(r",? at \S+\.c(pp)?:\d+", "", str(error))
     text = text.removeprefix("failed to initialize rcl: ")
     return " ".join(text.split()) or type(error).__name__
+
+
+def initial_parameters(name: str, namespace: str, *files: str) -> dict[str, Any]:
+    """Return the parameters that a node would get from parameter files, for a launch file.
+
+    A temporary node of that name reads the files, because the rules of ROS for matching entries to
+    nodes are complex. Raises RuntimeError where one can't be read.
+    """
+    context = Context()
+    try:
+        arguments = [word for file in files for word in ("--params-file", file)]
+        context.init(args=["--ros-args", *arguments])
+        node = Node(
+            name,
+            namespace=namespace,
+            context=context,
+            enable_rosout=False,
+            start_parameter_services=False,
+            automatically_declare_parameters_from_overrides=True,
+        )
+        found: dict[str, Any] = node.get_parameters_by_prefix("")
+        node.destroy_node()
+        return {key: parameter.value for key, parameter in found.items()}
+    finally:
+        context.try_shutdown()
