@@ -421,7 +421,7 @@ class CollisionNode(ManagedNode):
         ignored = Groups(parameters.groups).all_meant(parameters.ignored_objects)
         self.inputs.unknown.ignored = Overrides([(name, True) for name in ignored])
         for monitor in self.monitors.values():
-            monitor.limit.period = parameters.warn_period
+            monitor.period = parameters.warn_period
         self._schedule.apply()
         self.status.update(self.status.answer)
 

@@ -574,9 +574,9 @@ class EvidenceMachine(RuleBasedStateMachine):
         """Send a description, or with 0 a text that is none."""
         self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
         assert self.node.robots is not None
-        reader = self.node.robots.robots[0].reader
-        while reader.is_reading and reader.thread is not None:
-            reader.thread.join()
+        reading = self.node.robots.robots[0].reading
+        if reading is not None:
+            reading.join()
         self.model.describe(edge)
         self.tick(0.0503)
 

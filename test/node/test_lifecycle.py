@@ -45,6 +45,7 @@ from lifecycle_rig import (
     said,
 )
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from shape_markers import triangle
@@ -69,17 +70,6 @@ def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return checks
 
 
-def test_by_default_it_is_active_at_once_and_can_be_managed(rig: Rig) -> None:
-    rig.listen(STATUS)
-    assert rig.state() == "active"
-    rig.send(*PAIR)
-    assert rig.pairs() == NAMED
-    assert rig.change(DEACTIVATE)
-    said(rig, UNKNOWN, "inactive", True)
-    assert rig.change(ACTIVATE)
-    said(rig, COLLIDING, "1 pair", True)
-
-
 def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
     with managed() as rig:
         assert rig.state() == "unconfigured"
@@ -92,24 +82,6 @@ def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
         assert rig.change(0, "configure"), "labels work as well as numbers"
         assert rig.change(0, "activate")
         assert rig.state() == "active"
-
-
-def test_a_node_that_is_configured_only_stores_and_an_active_one_checks_what_it_stored(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with managed(CONFIGURE) as rig:
-        assert rig.state() == "inactive"
-        checks = count_checks(rig, monkeypatch)
-        rig.wait_inputs()
-        rig.send(*PAIR)
-        rig.until(lambda: len(rig.node.objects.table) == 2, "objects stored")
-        rig.cycles(3)
-        assert not checks
-        assert "collisions" not in rig.last
-        said(rig, UNKNOWN, "inactive", True)
-        assert rig.change(ACTIVATE)
-        assert rig.pairs() == NAMED
-        said(rig, COLLIDING, "1 pair", True)
 
 
 def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_up_to_date(
@@ -347,3 +319,40 @@ def test_nothing_is_left_of_a_node_that_cannot_start(tmp_path: Path) -> None:
         make()
     assert threading.active_count() == before
     context.shutdown()
+
+
+def test_two_nodes_on_threads_of_a_process_check_while_one_of_them_changes_its_state() -> None:
+    """They share the caches of kernels and the threads that check, and nothing else."""
+    with managed(CONFIGURE, ACTIVATE) as rig:
+        rig.wait_inputs()
+        other = CollisionNode(
+            context=rig.context,
+            namespace=f"{NAMESPACE}/cell",
+            cli_args=["--ros-args", "-r", f"{NAMESPACE}/cell/objects:={NAMESPACE}/objects"],
+        )
+        executor = SingleThreadedExecutor(context=rig.context)
+        executor.add_node(other)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        try:
+            rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both")
+            boxes = [cube(("b", number), (0.75 * number, 0, 0)) for number in range(300)]
+            for turn in range(3):
+                boxes[0].pose.position.y = float(5 * (turn % 2))
+                expected = 299 - turn % 2
+                rig.send(*boxes)
+                assert len(rig.pairs()) == expected
+                for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
+                    assert rig.change(transition)
+
+                def has_them(expected: int = expected) -> bool:
+                    return len(other.cycle.report or ()) == expected
+
+                rig.until(has_them, "the other's pairs")
+                assert not other.status.answer.reasons
+                rig.wait_inputs()
+            assert other.guard.total == rig.node.guard.total == 0
+        finally:
+            executor.shutdown()
+            thread.join()
+            other.destroy_node()

@@ -36,35 +36,14 @@ MAX_REASONS = 64
 """Maximum number of reasons counted separately; reasons are fixed phrases, so this is a guard."""
 
 
-class WarningLimit:
-    """Passes at most one warning per reason and period of steady time.
-
-    Steady time, because a simulation clock may pause or jump. ``clock`` gives seconds.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.period = 5.0
-        """Minimum time (s) between two warnings for the same reason; 0 for no limit."""
-        self._clock = clock
-        self._last: dict[str, float] = {}
-
-    def is_due(self, reason: str) -> bool:
-        """Return whether a warning may be given for a reason now."""
-        last = self._last.get(reason)
-        return last is None or self._clock() - last >= self.period
-
-    def given(self, reason: str) -> None:
-        """Note that a warning was given."""
-        self._last[reason] = self._clock()
-
-
 @dataclass
 class InputMonitor:
     """Statistics of one input topic: messages, age, refused and doubtful items by reason."""
 
     topic: str
     warn: Callable[[str], None]
-    limit: WarningLimit = field(default_factory=WarningLimit)
+    period: float = 5.0
+    """Minimum time (s) between two warnings for the same reason; 0 for no limit."""
     messages: int = 0
     last: int | None = None
     """Time of the last message (ns)."""
@@ -84,9 +63,10 @@ class InputMonitor:
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
     steady: Callable[[], float] = time.monotonic
-    """The clock of ``heard``."""
+    """The clock of ``heard`` and of warnings, as a simulation clock may pause or jump."""
     _seen: tuple[int, int, int] = (0, 0, 0)
     _unwarned: dict[str, tuple[int, str]] = field(default_factory=dict)
+    _warned: dict[str, float] = field(default_factory=dict)  # when
 
     def received(self, now: int) -> None:
         """Count a message."""
@@ -134,9 +114,10 @@ class InputMonitor:
             self._warn(what)
 
     def _warn(self, what: str) -> None:
-        if self.limit.is_due(what):
+        now = self.steady()
+        if now - self._warned.get(what, float("-inf")) >= self.period:
             count, last = self._unwarned.pop(what)
-            self.limit.given(what)
+            self._warned[what] = now
             self.warn(f"{self.topic}: {what}: {count}" + (f"; last: {last}" if last else ""))
 
     def since_last_report(self) -> tuple[int, int, int]:
@@ -149,20 +130,20 @@ class InputMonitor:
 
 @dataclass
 class CycleMonitor:
-    """Durations of the cycles since the last report, whole and by stage (s)."""
+    """Durations of the cycles since the last report, and what failed since the start."""
 
-    durations: list[float] = field(default_factory=list)
     stages: dict[str, list[float]] = field(default_factory=dict)
+    """Seconds by stage; those of whole cycles are the first."""
     overruns: int = 0
     """Cycles that took longer than a period, since the start."""
     total: int = 0
-    reported_overruns: int = 0
     counts: dict[str, int] = field(default_factory=dict)
     """By effect: the pairs or points that it ran on when it was last computed."""
     failures: Counter[str] = field(default_factory=Counter)
     """By effect: what failed since the start."""
     last_failures: dict[str, str] = field(default_factory=dict)
-    reported_failures: int = 0
+    reported: tuple[int, int] = (0, 0)
+    """Overruns and failures at the last report."""
     delay: float = 0.0
     """Longest time (s) since the last report from the receipt of a message to its answer."""
     age: float | None = None
@@ -176,8 +157,7 @@ class CycleMonitor:
     def add(self, stages: dict[str, float], period: float) -> None:
         """Count a cycle by its stages (s)."""
         duration = sum(stages.values())
-        self.durations.append(duration)
-        for name, seconds in stages.items():
+        for name, seconds in ({"cycle": duration} | stages).items():
             self.stages.setdefault(name, []).append(seconds)
         self.overruns += duration > period
         self.total += 1
@@ -191,14 +171,10 @@ class CycleMonitor:
                 self.last_failures[name] = cost.failures[-1]
         return {f"effect {name}": cost.seconds for name, cost in costs.items()}
 
-    def take(self) -> tuple[list[float], dict[str, list[float]]]:
-        """Return the durations, total and by stage, and reset them."""
-        taken = self.durations, self.stages
-        self.reported_overruns = self.overruns
-        self.reported_failures = self.failures.total()
-        self.durations, self.stages = [], {}
-        self.delay, self.age = 0.0, None
-        return taken
+    def begin_report(self) -> None:
+        """Forget what was reported."""
+        self.reported = self.overruns, self.failures.total()
+        self.stages, self.delay, self.age = {}, 0.0, None
 
 
 LARGEST_DEPTH = 100_000

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from threading import Lock, Thread
 
 import numpy as np
 
@@ -40,11 +41,11 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import NEVER
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
-from obb_collision.node.robots.description import DescriptionReader, RobotReading
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
+from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
 
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
@@ -54,10 +55,46 @@ ROBOT, JOINT, BASE = "robot_unknown", "joint_unknown", "base_unknown"
 """Codes of ``evidence``."""
 START = "<"
 """What XML begins with: anything else would be the name of a file."""
+ENDING = 2.0
+"""Seconds to wait at the end for the thread that reads."""
+
+
+class DescriptionReading(Thread):
+    """Makes a robot of its URDF and SRDF, in a thread: meshes may take minutes to read.
+
+    turn: held by the one that reads, so that a flood of descriptions is not read all at once.
+    """
+
+    def __init__(self, meshes: MeshReading, turn: Lock, urdf: str, srdf: str | None) -> None:
+        super().__init__(name="robot_description", daemon=True)
+        self._meshes, self._turn, self._texts = meshes, turn, (urdf, srdf)
+        self._is_abandoned = False
+        self.found: Robot | str | None = None
+        """The robot, or why there is none; None while that is not known."""
+
+    def run(self) -> None:
+        """Read the description, unless it is abandoned before."""
+        with self._turn:
+            if self._is_abandoned:
+                return
+            try:
+                meshes = self._meshes
+                self.found = Robot.from_urdf(*self._texts, meshes.folders, read_mesh=meshes.read)
+            except ValueError as error:
+                self.found = str(error)
+            except Exception as error:
+                self.found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
+            finally:
+                self._meshes.close()
+
+    def abandon(self) -> None:
+        """Let it end soon: a mesh that is being read is none."""
+        self._is_abandoned = True
+        self._meshes.abandon()
 
 
 class RobotInput:
-    """A robot, by its name; base: where it stands; begin: what reads its URDF and SRDF."""
+    """A robot, by its name; base: where it stands; meshes: how its mesh files are read."""
 
     def __init__(
         self,
@@ -65,14 +102,16 @@ class RobotInput:
         objects: Objects,
         monitors: Mapping[str, InputMonitor],
         clock: Callable[[], int],
-        begin: Callable[[], RobotReading],
+        meshes: Callable[[], MeshReading],
     ) -> None:
         self.name, self.base = base.robot, base
         self._objects, self._clock = objects, clock
         kinds = (DESCRIPTION, SEMANTIC, JOINT_STATES)
         self._topics = {kind: f"{self.name}/{kind}" for kind in kinds}
         self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
-        self.reader = DescriptionReader(begin)
+        self._meshes, self._turn = meshes, Lock()
+        self.reading: DescriptionReading | None = None
+        """Of the latest description, None where it was taken."""
         self._texts: dict[str, str] = {}  # the latest of each kind
         self._refused = ""  # why the latest description can't be used
         self._robot: Robot | None = None  # of the latest one that can be
@@ -128,7 +167,27 @@ class RobotInput:
         if text != self._texts.get(kind) or self._refused or self._unadded:
             self._texts[kind], self._refused = text, ""
             if DESCRIPTION in self._texts:
-                self.reader.request(self._texts[DESCRIPTION], self._texts.get(SEMANTIC))
+                self.read(self._texts[DESCRIPTION], self._texts.get(SEMANTIC))
+
+    def read(self, urdf: str, srdf: str | None) -> None:
+        """Read a description, in place of one that is being read."""
+        self._abandon()
+        try:
+            self.reading = DescriptionReading(self._meshes(), self._turn, urdf, srdf)
+            self.reading.start()
+        except Exception as error:  # no memory for a thread, for example
+            self.reading = None
+            self._refuse_description(f"{INTERNAL_ERROR}: {error}")
+
+    def _refuse_description(self, why: str) -> None:
+        self._refused = f"{DESCRIPTION} refused: {why}"
+        self._monitors[DESCRIPTION].refuse(self._clock(), BAD_DESCRIPTION, "whole message", why)
+
+    def _abandon(self) -> DescriptionReading | None:
+        reading, self.reading = self.reading, None
+        if reading is not None:
+            reading.abandon()
+        return reading
 
     def take_joints(self, data: bytes) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
@@ -174,10 +233,11 @@ class RobotInput:
 
         timeout: the age (s) at which joints are stale, 0 for never.
         """
-        found = self.reader.take()
+        found = None if self.reading is None else self.reading.found
+        if found is not None:
+            self.reading = None
         if isinstance(found, str):
-            self._refused = f"{DESCRIPTION} refused: {found}"
-            self._monitors[DESCRIPTION].refuse(now, BAD_DESCRIPTION, "whole message", found)
+            self._refuse_description(found)
         elif found is not None:
             self._robot = found
             for doubt in found.doubts:
@@ -209,7 +269,7 @@ class RobotInput:
 
     def _find_faults(self, now: int, timeout: float) -> dict[str, str]:
         """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
-        reading = f"{DESCRIPTION} being read" if self.reader.is_reading else ""
+        reading = f"{DESCRIPTION} being read" if self.reading is not None else ""
         fault = self._refused or reading or self._unadded
         if fault or self.links is None or self.joints is None:
             return {ROBOT: fault or f"no {DESCRIPTION}"}
@@ -350,4 +410,6 @@ class RobotInput:
 
     def close(self) -> None:
         """End what is being read."""
-        self.reader.close()
+        reading = self._abandon()
+        if reading is not None:
+            reading.join(ENDING)

@@ -36,7 +36,6 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
-from obb_collision.node.robots.description import RobotReading
 from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import (
     BASE,
@@ -184,8 +183,7 @@ class Robots:
         self._touch_links: list[tuple[str, str]] = []
         self._objects, self._frames = objects, frames
         self.robots = [
-            RobotInput(base, objects, monitors, clock, lambda: RobotReading(meshes()))
-            for base in parameters.bases.values()
+            RobotInput(base, objects, monitors, clock, meshes) for base in parameters.bases.values()
         ]
         frames.robots = self.robots
         self.answers = [

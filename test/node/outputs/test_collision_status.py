@@ -24,25 +24,17 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
-from diagnostic_msgs.msg import DiagnosticStatus
 from objects_rig import SECOND
-from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import OUTPUTS, Rig, cube, pose
 from std_msgs.msg import Bool
-from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import Marker
+from std_srvs.srv import SetBool
 
-from obb_collision.node import evidence
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
-from obb_collision.node.outputs.collision_status import PERIOD
 from obb_collision.node.runtime.warm_up import WarmUp
-from obb_collision.node.topics.topics import DEADLINE
-from obb_collision.scene.store.patterns import matching as patterns_matching
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
@@ -107,62 +99,6 @@ def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_obj
         rig.until(lambda: not wait(rig, FREE).keys() & set(radii), "no radius")
 
 
-def test_required_objects_are_looked_for_only_where_the_objects_or_parameters_are_others(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    looked: list[tuple[str, int]] = []
-
-    def matching(patterns: tuple[str], names: list[str]) -> Any:
-        looked.append((*patterns, len(names)))
-        return patterns_matching(patterns, names)
-
-    monkeypatch.setattr(evidence, "matching", matching)
-    with listening(given={"required_objects": ["a/*"]}) as rig:
-        rig.send(cube(A1), cube(A2, (3, 0, 0)))
-        rig.answer()
-        wait(rig, FREE)
-        looked.clear()
-        rig.send_transform("a/2", pose(0.5))
-        wait(rig, COLLIDING)
-        rig.cycles(3)
-        assert looked == []
-        rig.send(cube(B1, (9, 0, 0)))
-        rig.until(lambda: wait(rig, COLLIDING)["objects"] == "3", "one more")
-        rig.set(required_objects=["a/*", "a/2"])
-        rig.send(Marker(ns="a", id=2, action=Marker.DELETE))
-        wait(rig, UNKNOWN, "required_missing")
-        rig.cycles(3)
-        both = [("a/*", 3), ("a/2", 3)], [("a/*", 2), ("a/2", 2)]
-        assert looked in ([("a/*", 3), *both[0], *both[1]], [("a/*", 3), *both[1]])
-
-
-def test_disabled_is_not_known_and_enabled_again_is() -> None:
-    with listening() as rig:
-        rig.send(cube(A1), cube(A2, (3, 0, 0)))
-        rig.answer()
-        wait(rig, FREE, flag=False)
-        rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False))
-        wait(rig, UNKNOWN, "disabled", True)
-        rig.listen("/diagnostics")
-        rig.call(Trigger, "obb_collision/clear", Trigger.Request())
-        wait(rig, UNKNOWN, "disabled", True)
-        assert rig.status(": objects")["colliding"] == "not known"
-        rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=True))
-        wait(rig, FREE, flag=False)
-
-
-def test_after_clear_nothing_collides_and_that_is_known() -> None:
-    with listening() as rig:
-        rig.listen("/diagnostics")
-        rig.send(*PAIR)
-        rig.answer()
-        wait(rig, COLLIDING, flag=True)
-        rig.call(Trigger, "obb_collision/clear", Trigger.Request())
-        values = wait(rig, FREE, flag=False)
-        assert values["objects"] == "0"
-        assert rig.status(": objects")["colliding"] == "0"
-
-
 def test_diagnostics_never_count_collisions_of_objects_that_are_gone(rig: Rig) -> None:
     rig.listen("/diagnostics")
     rig.send(*PAIR)
@@ -186,17 +122,6 @@ def test_with_unknown_is_collision_off_the_flag_tells_of_collisions_only() -> No
         wait(rig, UNKNOWN, "disabled", False)
         rig.set(unknown_is_collision=True)
         wait(rig, UNKNOWN, "disabled", True)
-
-
-def test_an_object_without_a_box_makes_it_unknown_and_is_named() -> None:
-    with listening() as rig:
-        rig.send(cube(A1), cube(A2, size=(0, 1, 1)), cube(B1, (9, 0, 0)))
-        values = wait(rig, UNKNOWN, "refused", True)
-        assert (values["who"], values["refused"]) == ("a/2 (bad scale)", "1")
-        rig.send(cube(B1))
-        wait(rig, COLLIDING, "refused", True)
-        rig.send(Marker(ns="a", id=2, action=Marker.DELETE), cube(B1, (9, 0, 0)))
-        wait(rig, FREE, flag=False)
 
 
 def test_a_cycle_that_does_not_end_is_told_by_another_thread(
@@ -228,41 +153,6 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(
         rig.until(lambda: blocked, "a blocked cycle")
         assert blocked == [True], "told while it was blocked"
         wait(rig, FREE, flag=False)
-
-
-def test_a_node_that_ends_says_so_last() -> None:
-    with Rig() as rig:
-        rig.listen(STATUS)
-        rig.send(cube(A1))
-        rig.answer()
-        wait(rig, FREE, flag=False)
-        rig.node.destroy_node()
-        wait(rig, UNKNOWN, "shutting_down", True)
-        assert not any(thread.name == STATUS for thread in threading.enumerate())
-
-
-def test_the_deadline_is_offered_and_told_when_the_node_is_gone() -> None:
-    assert PERIOD * 2 < DEADLINE
-    with Rig() as rig:
-        missed: list[Any] = []
-        kept: list[Any] = []
-        qos = QoSProfile(
-            depth=1,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
-            deadline=Duration(seconds=DEADLINE),
-        )
-        rig.client.create_subscription(
-            OUTPUTS[STATUS].message,
-            STATUS,
-            kept.append,
-            qos,
-            event_callbacks=SubscriptionEventCallbacks(deadline=missed.append),
-        )
-        rig.until(lambda: len(kept) > 3, "status with a deadline")
-        rig.node.status.close()  # says its last word, and is silent as a dead node is
-        count = len(missed)
-        rig.until(lambda: len(missed) > count, "deadline missed")
-        assert kept[-1].status[0].level == DiagnosticStatus.STALE
 
 
 def test_before_the_first_check_nothing_is_known() -> None:
@@ -319,16 +209,3 @@ def test_a_stop_of_input_is_stale_while_the_clock_of_the_simulation_stands_still
 
         rig.until(heard, "free")
         wait(rig, UNKNOWN, "input_silent", True)
-
-
-def test_states_that_wait_too_long_for_their_answer_are_an_overload(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with listening(given={"cycle_timeout": 5.0}) as rig:
-        rig.send(cube(A1))
-        wait(rig, FREE, flag=False)
-        collect = rig.node.cycle._collect
-        monkeypatch.setattr(rig.node.cycle, "_collect", lambda: collect() + 6.0)
-        wait(rig, UNKNOWN, "overload", True)
-        monkeypatch.undo()
-        wait(rig, FREE, flag=False)

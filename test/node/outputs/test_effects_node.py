@@ -224,13 +224,13 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
 
 def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[Any] = []
-    original = reporting.cycle_status
+    original = reporting.make_status
 
     def noted(*args: Any) -> Any:
         built.append(original(*args))
         return built[-1]
 
-    monkeypatch.setattr(reporting, "cycle_status", noted)
+    monkeypatch.setattr(reporting, "make_status", noted)
     with Rig(deaf=True) as rig:
         publish = rig.node.reporting.publish
         publish()

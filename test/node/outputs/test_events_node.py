@@ -183,29 +183,6 @@ def test_distances_keep_a_pair_at_the_border_from_chattering(rig: Rig) -> None:
     events.until([BEGIN, APART, BEGIN])
 
 
-def test_times_keep_a_pair_from_chattering(rig: Rig) -> None:
-    rig.set(**{"effects.events_clear_time": 3600.0})
-    events = Listener(rig)
-    for x in (0.5, 5.0, 0.5, 5.0):
-        rig.send(cube(A1), cube(A2, (x, 0, 0)))
-        rig.answer()
-    events.until([BEGIN])
-    rig.set(**{"effects.events_clear_time": 0.0, "effects.events_begin_time": 3600.0})
-    events.until([BEGIN, APART])
-    rig.send(cube(A2, (0.5, 0, 0)))
-    rig.answer()
-    rig.cycles(3)
-    assert len(events.changes()) == 2
-    rig.node.outputs.events.pairs.clock_jumped(-3600 * 10**9)  # an hour later
-    events.until(
-        [
-            BEGIN,
-            APART,
-            BEGIN,
-        ]
-    )
-
-
 def test_a_pair_that_another_region_answers_for_is_not_said_to_be_apart() -> None:
     with Rig(region=["x: -inf to 5.0"]) as rig:
         events = Listener(rig)

@@ -208,15 +208,6 @@ def test_an_unknown_depth_counts_as_deep() -> None:
     assert [number(row) for row in events] == [number(rows[0])]
 
 
-def test_what_was_not_looked_at_does_not_count_as_apart() -> None:
-    pairs, limits = PairEvents(EVENTS.dtype), EventLimits(clear_time=3.0)
-    pairs.update(0, rows_of({0: DEEP}), limits, nothing_parts)
-    assert len(pairs.update(SECOND, rows_of({}), limits, nothing_parts)) == 0
-    pairs.interrupt()
-    ends = [len(pairs.update(n * SECOND, rows_of({}), limits, nothing_parts)) for n in (5, 7, 8)]
-    assert ends == [0, 0, 1]
-
-
 def test_no_begin_is_lost_where_parting_fails() -> None:
     pairs = PairEvents(EVENTS.dtype)
     pairs.update(0, rows_of({0: DEEP}), EventLimits(), nothing_parts)

@@ -21,7 +21,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from threading import Event, Thread
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -36,10 +36,8 @@ from robot_rig import BOTH, HAND, URDF, AskingRig, RobotRig
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-import obb_collision as oc
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
-from obb_collision.node.robots.description import DescriptionReader, RobotReading
 from obb_collision.node.robots.validity import NOT_KNOWN, ROWS, VALID
 from obb_collision.robots.description.urdf import MOST_GEOMETRIES
 from obb_collision.scene.building import process
@@ -254,50 +252,6 @@ def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown() -> None:
             assert rig.reasons([[0.0, 0.0]]) == [VALID]
 
 
-ROCK = '<robot name="{}"><link name="rock"/></robot>'
-#: More than any test takes: what is not abandoned ends by this.
-LONG = 60.0
-
-
-class SlowReading(RobotReading):
-    """Reads for ever what is called slow, unless it is abandoned."""
-
-    def __init__(self) -> None:
-        self.begun, self.abandoned, self.ended = Event(), Event(), Event()
-
-    def read(self, urdf: str, srdf: str | None) -> oc.Robot:
-        self.begun.set()
-        if "slow" in urdf and not self.abandoned.wait(LONG):
-            raise AssertionError("not abandoned")
-        self.ended.set()
-        return oc.Robot.from_urdf(urdf, srdf)
-
-    def abandon(self) -> None:
-        self.abandoned.set()
-
-
-def test_a_newer_description_or_closing_ends_the_reading_of_one_before() -> None:
-    readings = [SlowReading() for _ in range(3)]
-    begun = iter(readings)
-    reader = DescriptionReader(lambda: next(begun))
-    reader.request(ROCK.format("slow"), None)
-    assert readings[0].begun.wait(LONG)
-    reader.request(ROCK.format("quick"), None)
-    assert readings[1].begun.wait(LONG)
-    if reader.thread is not None:
-        reader.thread.join(LONG)
-    found = reader.take()
-    assert isinstance(found, oc.Robot)
-    assert found.name == "quick"
-    assert not readings[1].abandoned.is_set()
-    assert not reader.is_reading
-    reader.request(ROCK.format("slow"), None)
-    assert readings[2].begun.wait(LONG)
-    reader.close()
-    assert readings[2].ended.is_set()
-    assert reader.thread is None
-
-
 def test_a_reading_that_does_not_begin_is_said_and_a_later_description_is_read(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -305,7 +259,7 @@ def test_a_reading_that_does_not_begin_is_said_and_a_later_description_is_read(
         raise RuntimeError("can't start new thread")
 
     with RobotRig() as rig:
-        starts = (URDF, Thread, "start"), (f"{URDF} ", rig.robot.reader, "begin")
+        starts = (URDF, Thread, "start"), (f"{URDF} ", rig.robot, "_meshes")
         for urdf, target, name in starts:
             with monkeypatch.context() as patch:
                 patch.setattr(target, name, fails)
@@ -322,7 +276,7 @@ def test_neither_absurd_speeds_nor_clear_read_the_description_again(
     arm: AskingRig, monkeypatch: pytest.MonkeyPatch, speed: float
 ) -> None:
     robot, place = arm.robot.links.robot, arm.pose_of(HAND)
-    monkeypatch.setattr(arm.robot.reader, "request", None)
+    monkeypatch.setattr(arm.robot, "read", None)
     arm.move({"lift": speed})
     assert arm.robot.fault == ""
     assert arm.call(Trigger, "obb_collision/clear", Trigger.Request()).success
@@ -346,21 +300,31 @@ def test_what_is_in_the_way_of_links_is_gone_after_clear() -> None:
         assert rig.robot.fault == ""
 
 
-def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description(
+def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description_and_to_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     mesh = f'<mesh filename="file://{tmp_path}/part.obj"/>'
     number = tmp_path / "number"
     code = f"import os, time; os.symlink(str(os.getpid()), {str(number)!r}); time.sleep(1e6)"
-    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
+    slow = URDF.replace('<box size="0.1 0.1 0.1"/>', mesh)
+
+    def read_for_ever(rig: RobotRig) -> int:
         with monkeypatch.context() as patch:
             patch.setattr(process, "CODE", code)
-            rig.describe(URDF.replace('<box size="0.1 0.1 0.1"/>', mesh))
+            rig.describe(slow)
             rig.until(number.is_symlink, "its process")
             assert "being read" in rig.robot.fault
+        found = int(os.readlink(number))
+        number.unlink()
+        return found
+
+    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
+        readers = [read_for_ever(rig)]
         rig.describe()
         rig.until(lambda: rig.robot.links is not None, "the robot")
         assert "refused" not in rig.robot.fault
+        readers.append(read_for_ever(rig))
+    for reader in readers:  # the second one gives way to the end of the node
         with pytest.raises(ProcessLookupError):
-            os.kill(int(os.readlink(number)), 0)
+            os.kill(reader, 0)

@@ -27,7 +27,6 @@ from lifecycle_msgs.msg import Transition
 from objects_rig import ObjectsRig
 from rig import LATCHED, Rig, cube, pose
 from robot_rig import CRATE, EDGES, HAND, HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
@@ -160,16 +159,6 @@ def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> Non
     assert near[0].distance == pytest.approx(0.03, abs=1e-6)
 
 
-def test_twists_are_those_of_the_kinematics() -> None:
-    with RobotRig({"effects.sweep": "on"}) as rig:
-        rig.start_robot()
-        rig.send_joints({"lift": 0.3, "turn": 2.0}, lift=0.1, turn=np.pi / 2)
-        rig.answer()
-        slot = rig.node.objects.table.slots[HAND]
-        twist = rig.node.objects.table.twist[slot]
-        np.testing.assert_allclose(twist, [-2.0, 0.0, 0.3, 0.0, 0.0, 2.0], atol=1e-8)
-
-
 def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
     before = arm.pose_of(HAND)
     arm.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0)))
@@ -219,24 +208,6 @@ def test_several_robots_are_obstacles_to_each_other() -> None:
         rig.known()
         rig.send_joints(lift=-0.5, turn=0.0)
         assert pairs(rig) == {("arm/hand/1", "leg/rock/0")}
-
-
-def test_joint_states_that_contradict_themselves_are_refused() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        message = JointState(header=rig.header(), name=["lift", "turn"], position=[1.0])
-        rig.joint_states.publish(message)
-        rig.known("joint_unknown", "joints whose state was refused: lift, turn")
-        message = JointState(name=["lift", "turn"], position=[0.0, 0.0], velocity=[1.0])
-        message.header = rig.header()
-        rig.joint_states.publish(message)
-        rig.answer()
-        rig.known()
-        assert rig.refused("arm/joint_states") == {"array lengths differ": 2}
-        rig.stamp -= 10**7  # all stamps until now are newer
-        rig.send_joints(lift=1.0, turn=0.0)
-        rig.until(lambda: "older stamp" in rig.refused("arm/joint_states"), "the refusal")
-        np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
 
 
 def test_a_node_that_is_configured_again_has_its_robots_again() -> None:

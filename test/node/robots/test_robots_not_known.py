@@ -16,139 +16,25 @@
 
 from __future__ import annotations
 
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import numpy as np
 import pytest
-from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 import trimesh
 from gate import Gate
-from geometry_msgs.msg import TransformStamped
-from rclpy.serialization import serialize_message
-from rig import cube, pose
-from robot_rig import HAND, STATUS, URDF, AskingRig, RobotRig
-from sensor_msgs.msg import JointState
+from rig import cube
+from robot_rig import HAND, STATUS, URDF, RobotRig
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.answer import COLLIDING
-from obb_collision.node.messages.conversions import NANOSECONDS, transform_to_ros
+from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.runtime.warm_up import WarmUp
 
-BY_TOPIC = {"robot_bases": ["arm: object_transform"]}
 PAST = 60 * NANOSECONDS
-
-
-def base(rig: RobotRig, x: float) -> TransformStamped:
-    """Return a pose of the base, with the next stamp."""
-    message = TransformStamped(header=rig.header(), child_frame_id="arm")
-    message.transform = transform_to_ros(pose(x))
-    return message
-
-
-def start(rig: RobotRig) -> None:
-    """Start a robot whose base comes by its topic."""
-    rig.stamp += 2 * PAST
-    rig.pubs["object_transform"].publish(base(rig, 1.0))
-    rig.start_robot()
-    rig.known()
-
-
-@each(
-    "field, value",
-    [
-        ("transform.translation.x", float("nan")),
-        ("header.frame_id", "nowhere"),
-        ("header.stamp.nanosec", 4_000_000_000),
-    ],
-)
-def test_a_base_that_is_refused_is_unknown_until_the_next_accepted_pose(
-    field: str, value: Any
-) -> None:
-    with RobotRig(BY_TOPIC) as rig:
-        start(rig)
-        message = base(rig, 2.0)
-        part, _, name = field.rpartition(".")
-        setattr(attrgetter(part)(message), name, value)
-        rig.pubs["object_transform"].publish(message)
-        rig.known("base_unknown", "arm (")
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.cycles(2)
-        rig.known("base_unknown", "arm (")
-        rig.pubs["object_transform"].publish(base(rig, 3.0))
-        rig.known()
-        np.testing.assert_allclose(rig.pose_of(HAND), pose(4.0, 0.0, 0.5), atol=1e-12)
-
-
-def test_a_base_whose_sender_restarts_in_the_past_is_unknown_and_then_accepted() -> None:
-    with RobotRig(BY_TOPIC) as rig:
-        start(rig)
-        rig.stamp -= PAST
-        rig.pubs["object_transform"].publish(base(rig, 3.0))
-        rig.known("base_unknown", "older stamps")
-
-        def placed() -> bool:
-            rig.pubs["object_transform"].publish(base(rig, 3.0))
-            return bool(rig.pose_of(HAND)[0] == 4.0)
-
-        rig.until(placed, "the new start")
-        rig.known()
-
-
-def test_a_base_that_is_silent_is_unknown() -> None:
-    with RobotRig(BY_TOPIC | {"object_timeout_overrides": ["arm/*: 0"]}) as rig:
-        start(rig)
-        rig.set(object_timeout=0.1)
-        rig.cycles(20)
-        rig.known()
-        rig.pubs["object_transform"].publish(base(rig, 3.0))  # sent again: the limit of all objects
-        rig.known("base_unknown", "longer than 0.1 s")
-        rig.set(object_timeout=0.0, object_timeout_overrides=["arm: 0.2"])
-        for _ in range(2):
-            rig.known("base_unknown", "longer than 0.2 s")
-            rig.pubs["object_transform"].publish(base(rig, 3.0))
-            rig.known()
-        rig.set(object_timeout_overrides=[""])
-        rig.known()
-
-
-def joints(rig: RobotRig, **values: float) -> JointState:
-    """Return joint states without velocities."""
-    return JointState(header=rig.header(), name=list(values), position=list(values.values()))
-
-
-@each("what", ["stamp", "cut short", "longer"])
-def test_joints_whose_state_is_refused_are_unknown_until_one_is_accepted(
-    what: str, arm: AskingRig
-) -> None:
-    arm.known()
-    message = joints(arm, lift=0.0)
-    if what == "stamp":
-        message.header.stamp.nanosec = 4_000_000_000
-    data = serialize_message(message)
-    cut = {"stamp": data, "cut short": data[:-9], "longer": data + b"\0" * 8}
-    arm.joint_states.publish(cut[what])
-    assert "lift, turn" not in arm.known("joint_unknown", "lift").message
-    arm.joint_states.publish(joints(arm, turn=0.0))
-    arm.cycles(2)
-    arm.known("joint_unknown", "lift")
-    arm.joint_states.publish(joints(arm, lift=0.0))
-    arm.known()
-
-
-def test_joint_states_without_their_names_are_unreadable(arm: AskingRig) -> None:
-    arm.known()
-    arm.joint_states.publish(serialize_message(joints(arm, lift=0.0))[:30])
-    arm.known("input_unreadable", "arm/joint_states")
-    arm.joint_states.publish(joints(arm, turn=0.0))
-    arm.known()
-    arm.joint_states.publish(JointState(header=arm.header(), position=[1.0]))
-    arm.known("input_unreadable", "arm/joint_states")
 
 
 def test_joints_whose_sender_restarts_in_the_past_are_unknown_and_then_accepted() -> None:

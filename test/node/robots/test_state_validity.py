@@ -176,19 +176,6 @@ def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
         assert rig.reasons(state) == [VALID]
 
 
-def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
-    state = [[0.0, 0.0]]
-    with AskingRig({"object_timeout_overrides": ["crate/*: 1000"]}) as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
-        assert rig.reasons(state) == [VALID]
-        table = rig.node.objects.table
-        table.world_received[table.slots[CRATE]] -= 2000 * 10**9
-        rig.cycles(2)
-        assert rig.reasons(state) == [NOT_KNOWN]
-
-
 def test_more_states_than_a_cycle_may_wait_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with AskingRig() as rig:
         rig.start_robot()

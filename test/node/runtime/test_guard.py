@@ -63,44 +63,6 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.Monke
     assert BAD in objects.unplaceable
 
 
-def test_a_box_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    objects = rig.node.objects
-    fails = failing(objects.shapes.put_primitives, lambda keys, *_: 3 in keys[1])
-    monkeypatch.setattr(objects.shapes, "put_primitives", fails)
-    rig.send_boxes([1, 2, 3], [pose(0), pose(0.5), pose(0.2)])
-    assert rig.pairs() == {("boxes/1", "boxes/2")}
-    assert rig.refused("object_boxes") == {INTERNAL_ERROR: 1}
-    assert rig.node.guard.counts == {"input object_boxes": 1}
-    assert objects.unplaceable == {("boxes", 3): INTERNAL_ERROR}
-
-
-def test_a_set_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig.send_boxes([1, 2], [pose(0), pose(0.5)])
-    rig.answer()
-    fails = failing(rig.node.objects.states.store, lambda *_: True)
-    monkeypatch.setattr(rig.node.objects.states, "store", fails)
-    rig.send_boxes([1, 2], [pose(0), pose(5)])
-    rig.until(lambda: rig.refused("object_boxes") == {INTERNAL_ERROR: 1}, "a refusal")
-    table = rig.node.objects.table
-    assert table.doubtful[[table.slots["boxes", number] for number in (1, 2)]].all()
-    monkeypatch.undo()
-    rig.send_boxes([1, 2], [pose(0), pose(5)])
-    assert rig.pairs() == set()
-
-
-def test_a_message_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig.send(cube(A), cube(B, (3, 0, 0)))
-    assert rig.pairs() == set()
-    store = rig.node.objects.states.store
-    with monkeypatch.context() as patch:
-        patch.setattr(rig.node.objects.states, "store", failing(store, lambda *_: True))
-        rig.send_transform("a/2", pose(0.5))
-        rig.until(lambda: rig.refused("object_transform"), "refusal")
-    assert rig.refused("object_transform") == {INTERNAL_ERROR: 1}
-    rig.send_transform("a/2", pose(0.5))
-    assert rig.pairs() == {("a/1", "a/2")}
-
-
 def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rig.listen("contacts")
     rig.send(cube(A), cube(B, (0.5, 0, 0)))
