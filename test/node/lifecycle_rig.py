@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
-from rig import Rig, cube
+from rig import STATUS, Rig, cube
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
@@ -32,7 +32,7 @@ SHUTDOWN = {
     "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
 }
 WAYS = {"unconfigured": (), "inactive": (CONFIGURE,), "active": (CONFIGURE, ACTIVATE)}
-STATUS, MARKERS = "collision_status", "obb_collision/markers"
+MARKERS = "obb_collision/markers"
 SCENE = """
 padding: {padding}
 objects:
@@ -42,32 +42,8 @@ objects:
 
 def managed(*transitions: int, **parameters: Any) -> Rig:
     """Return a rig with a node that others manage, after some transitions."""
-    rig = Rig(deaf=True, autostart=False, given={"cycle_timeout": 30.0} | parameters)
+    rig = Rig(deaf=True, autostart=False, given=parameters)
     rig.listen("collisions", "in_collision", "namespaces", STATUS)
     for transition in transitions:
         assert rig.change(transition)
     return rig
-
-
-def said(rig: Rig, level: bytes, text: str, flag: bool | None = None) -> None:
-    """Wait for a status and a flag; text: a part of the message, or a code of what is missing."""
-
-    def reached() -> bool:
-        (status,) = rig.last[STATUS].status if STATUS in rig.last else [None]
-        if status is None or status.level != level:
-            return False
-        values = {pair.key: pair.value for pair in status.values}
-        return text in status.message or text in values["reasons"].split()
-
-    rig.until(reached, f"{level!r} {text}")
-    if flag is not None:
-        flagged(rig, flag)
-
-
-def flagged(rig: Rig, flag: bool) -> None:
-    """Wait for a flag."""
-
-    def reached() -> bool:
-        return "in_collision" in rig.last and rig.last["in_collision"].data is flag
-
-    rig.until(reached, f"flag {flag}")

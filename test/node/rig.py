@@ -50,6 +50,7 @@ from obb_collision.node import (
     poses_to_ros,
     reporting,
 )
+from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
@@ -77,6 +78,7 @@ REPORTS = 0.2
 """Seconds between two ``/diagnostics``: a test waits for several of them."""
 FIRST_STAMP = 1_000_000_000
 RELIABILITY = "subscription.reliability"
+STATUS, FLAG = "collision_status", "in_collision"
 
 INPUTS: dict[str, Any] = {
     "objects": MarkerArray,
@@ -262,6 +264,32 @@ class Client:
         self.last.pop(topic, None)
         return self.until(lambda: self.last.get(topic), topic)
 
+    def says(
+        self, level: bytes, text: str = "", flag: bool | None = None, **wanted: str
+    ) -> dict[str, str]:
+        """Wait for a level of the status, with a text in its message or a code, and for the flag.
+
+        Return its values by key, its message too; wanted: some that it must have.
+        """
+        self.listen(STATUS, FLAG)
+
+        def reached() -> Any:
+            if STATUS not in self.last or (flag is not None and FLAG not in self.last):
+                return None
+            (status,) = self.last[STATUS].status
+            values = {pair.key: pair.value for pair in status.values} | {"message": status.message}
+            is_said = text in status.message or text in values["reasons"].split()
+            is_flagged = flag is None or self.last[FLAG].data is flag
+            found = status.level == level and is_said and wanted.items() <= values.items()
+            return found and is_flagged and values
+
+        found: dict[str, str] = self.until(reached, f"{level!r} {text} {wanted} {flag}")
+        return found
+
+    def known(self, reason: str = "", who: str = "") -> dict[str, str]:
+        """Wait until the status has a first reason, "" for free, and names who."""
+        return self.says(UNKNOWN if reason else FREE, who, reason=reason)
+
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the node."""
         service = self.services.get(name) or self.client.create_client(kind, name)
@@ -313,6 +341,7 @@ class Rig(Client):
         """
         parameters |= given or {}
         parameters.setdefault("mesh_folders", [tempfile.gettempdir()])
+        parameters.setdefault("cycle_timeout", 30.0)  # slow enough for a loaded machine
         if sure_points:
             parameters.setdefault(f"qos_overrides.{NAMESPACE}/points.{RELIABILITY}", "reliable")
         if frames is None and not tf2:

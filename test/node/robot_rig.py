@@ -27,13 +27,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import duration_to_ros, stamp_from_ros
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.robots.validity import ROWS, VALID
 
-STATUS = "collision_status"
 CRATE, HAND = ("crate", 1), ("arm/hand", 1)
 EDGES = (0.1, 0.1, 0.1)
 BOTH = ("lift", "turn")
@@ -77,7 +75,6 @@ class RobotRig(Rig):
             "robots": ["arm"],
             "robot_bases": [HERE],
             "joint_timeout": 0.0,
-            "cycle_timeout": 30.0,
             "expect_empty": True,
             # as surely as all else, so that a test need not send them twice
             f"qos_overrides.{NAMESPACE}/arm/joint_states.{RELIABILITY}": "reliable",
@@ -109,23 +106,6 @@ class RobotRig(Rig):
         self.until(lambda: self.robot.fault[:5] in ("", "joint"), "the robot")
         self.send_joints(None, **({"lift": 0.0, "turn": 0.0} | values))
         self.answer()
-
-    def says(self, level: bytes, text: str = "", **wanted: str) -> DiagnosticStatus:
-        """Wait until the status has a level, a text in its message, and values; return it."""
-        self.listen(STATUS)
-
-        def reached() -> Any:
-            status = self.last[STATUS].status[0] if STATUS in self.last else DiagnosticStatus()
-            values = {pair.key: pair.value for pair in status.values}
-            found = status.level == level and text in status.message
-            return found and wanted.items() <= values.items() and status
-
-        found: DiagnosticStatus = self.until(reached, f"{level!r} {text} {wanted}")
-        return found
-
-    def known(self, reason: str = "", who: str = "") -> DiagnosticStatus:
-        """Wait until the status has a reason, "" for free, and names who; return it."""
-        return self.says(UNKNOWN if reason else FREE, who, reason=reason)
 
     @property
     def robot(self) -> Any:

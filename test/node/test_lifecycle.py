@@ -38,16 +38,13 @@ from lifecycle_rig import (
     PAIR,
     SCENE,
     SHUTDOWN,
-    STATUS,
     WAYS,
-    flagged,
     managed,
-    said,
 )
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
+from rig import DOMAIN, NAMESPACE, STATUS, Rig, cube, pose, sync
 from shape_markers import triangle
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
@@ -73,7 +70,7 @@ def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
     with managed() as rig:
         assert rig.state() == "unconfigured"
-        said(rig, UNKNOWN, "unconfigured", True)
+        rig.says(UNKNOWN, "unconfigured", True)
         inputs = [rig.client.count_subscribers(topic) for topic in rig.pubs]
         assert not any(inputs)
         names = dict(rig.client.get_service_names_and_types())
@@ -91,10 +88,10 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
         rig.wait_inputs()
         rig.send(cube(A1), cube(A2, (3, 0, 0)))
         rig.answer()
-        said(rig, FREE, "free", False)
+        rig.says(FREE, "free", False)
         checks = count_checks(rig, monkeypatch)
         assert rig.change(DEACTIVATE)
-        said(rig, UNKNOWN, "inactive", True)
+        rig.says(UNKNOWN, "inactive", True)
         late: list[Any] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         rig.client.create_subscription(Bool, "in_collision", late.append, latched)
@@ -109,7 +106,7 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
         assert "collisions" not in rig.last
         assert rig.change(ACTIVATE)
         assert rig.pairs() == NAMED
-        said(rig, COLLIDING, "1 pair", True)
+        rig.says(COLLIDING, "1 pair", True)
 
 
 @each("form", ["cubes", "lines"])
@@ -141,13 +138,13 @@ def test_cleaned_up_and_configured_again_it_starts_anew(tmp_path: Path) -> None:
         rig.node.cycle.enabled = False
         for transition in (DEACTIVATE, CLEANUP):
             assert rig.change(transition)
-        said(rig, UNKNOWN, "unconfigured", True)
+        rig.says(UNKNOWN, "unconfigured", True)
         rig.until(lambda: not any(p.get_subscription_count() for p in rig.pubs.values()), "none")
         assert rig.node.get_parameter("padding").value == 0.0, "the file's, not the user's"
         scene.write_text(SCENE.format(padding=0.125))
         for transition in (CONFIGURE, ACTIVATE):
             assert rig.change(transition)
-        said(rig, FREE, "free", False)
+        rig.says(FREE, "free", False)
         assert [rig.node.objects.table.key(slot) for slot in rig.node.objects.scene.indices] == [
             ("part", 1)
         ]
@@ -170,16 +167,16 @@ def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
         assert before.table.has(RESHAPED).any()
         for transition in (DEACTIVATE, ACTIVATE):
             assert rig.change(transition)
-        said(rig, UNKNOWN, "body/1", True)
+        rig.says(UNKNOWN, "body/1", True)
         for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
             assert rig.change(transition)
         gate.open()
-        said(rig, UNKNOWN, "no_objects", True)
+        rig.says(UNKNOWN, "no_objects", True)
         assert len(rig.node.objects.table) == 0
         rig.wait_inputs()
         rig.send(cube(A1), triangle())
         rig.built(("body", 1))
-        said(rig, COLLIDING, "1 pair", True)
+        rig.says(COLLIDING, "1 pair", True)
         assert before.shapes.builder.process.number is None, "its process has ended"
 
 
@@ -188,7 +185,7 @@ def test_shut_down_it_knows_nothing_for_good_and_its_process_stays(way: str) -> 
     with managed(*WAYS[way]) as rig:
         assert rig.change(SHUTDOWN[way])
         assert rig.state() == "finalized"
-        said(rig, UNKNOWN, "shutting down", True)
+        rig.says(UNKNOWN, "shutting down", True)
         assert not rig.change(CONFIGURE)
         assert all(result.successful for result in rig.set(rate=40.0))
         assert not any(thread.name == STATUS for thread in threading.enumerate())
@@ -210,7 +207,7 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
 def test_parameters_of_an_unconfigured_node_count_once_it_is_configured() -> None:
     with managed() as rig:
         assert all(r.successful for r in rig.set(padding=0.5, unknown_is_collision=False))
-        flagged(rig, False)
+        rig.says(UNKNOWN, flag=False)
         for transition in (CONFIGURE, ACTIVATE):
             assert rig.change(transition)
         rig.wait_inputs()
@@ -228,7 +225,7 @@ def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
         for transition in (CONFIGURE, ACTIVATE):
             assert rig.change(transition)
         assert rig.node.settings.waiting, "pairs are on obb meanwhile"
-        said(rig, FREE, "free", False)
+        rig.says(FREE, "free", False)
 
 
 @each("way", [*WAYS])
@@ -252,12 +249,12 @@ def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_r
     with managed(scene_file=str(scene)) as rig:
         assert not rig.change(CONFIGURE)
         assert rig.state() == "unconfigured"
-        said(rig, UNKNOWN, "the last transition failed", True)
+        rig.says(UNKNOWN, "the last transition failed", True)
         assert str(scene) in rig.last[STATUS].status[0].message
         scene.write_text(SCENE.format(padding=0.0))
         assert rig.change(CONFIGURE)
         assert rig.change(ACTIVATE)
-        said(rig, FREE, "free", False)
+        rig.says(FREE, "free", False)
     with pytest.raises(ValueError, match="missing"):
         Rig(scene_file=str(tmp_path / "missing.yaml"))
 
@@ -283,7 +280,7 @@ def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_w
             patch.setattr(rig.node, part, fail)
             assert not rig.change(transition)
         assert rig.state() == "unconfigured"
-        said(rig, UNKNOWN, "broken", True)
+        rig.says(UNKNOWN, "broken", True)
         assert not any(rig.client.count_subscribers(topic) for topic in rig.pubs)
         assert not [*rig.node.timers], "nothing is called any more"
         for again in (CONFIGURE, ACTIVATE):
@@ -303,7 +300,7 @@ def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.Mo
         monkeypatch.setattr(rig.node, "deactivate", fail)
         assert not rig.change(DEACTIVATE)
         assert rig.state() == "finalized"
-        said(rig, UNKNOWN, "shutting down", True)
+        rig.says(UNKNOWN, "shutting down", True)
         monkeypatch.undo()
 
 

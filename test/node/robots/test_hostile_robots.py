@@ -161,7 +161,7 @@ def test_descriptions_that_cannot_be_used_leave_the_robot_unknown_and_the_pairs(
         arm.known("robot_unknown", reason)
         arm.put((1.0, 0.0, 0.75))
         assert {frozenset(pair) for pair in arm.pairs()} == {frozenset(("arm/hand/1", "crate/1"))}
-        assert reason in arm.says(COLLIDING, "arm (robot_description refused").message
+        assert reason in arm.says(COLLIDING, "arm (robot_description refused")["message"]
         assert arm.refused("arm/robot_description") == {"bad description": before + 1}
         arm.describe()
         arm.until(lambda: arm.robot.fault[:5] in ("", "joint"), "the robot")

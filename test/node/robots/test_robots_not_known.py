@@ -26,8 +26,8 @@ pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 import trimesh
 from gate import Gate
-from rig import cube
-from robot_rig import HAND, STATUS, URDF, RobotRig
+from rig import STATUS, cube
+from robot_rig import HAND, URDF, RobotRig
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.answer import COLLIDING

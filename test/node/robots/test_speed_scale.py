@@ -135,7 +135,7 @@ def test_with_one_state_alone_a_joint_is_as_fast_as_it_can_be(limit: str, scale:
         why = "no velocity, and no limit of it, is known of joints: lift"
         rig.listen("/diagnostics")
         text = "" if scale else f"robot arm: speed_scale is 0: {why}"
-        rig.until(lambda: rig.known().message == f"free{text and '; '}{text}", "the reason")
+        rig.until(lambda: rig.known()["message"] == f"free{text and '; '}{text}", "the reason")
         rig.until(lambda: rig.status("robot arm").get("speed_scale is 0", "") == why * (not scale))
 
 
