@@ -24,26 +24,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 
 from obb_collision.node.diagnostics.monitors import CycleMonitor
-from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
 from obb_collision.node.objects.conditions import ASIDE, LIVE, SET_ASIDE, TRIED_AGAIN
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.outputs.outputs import Effects, Outputs, Published
-from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.outputs.outputs import Published
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.settings import SceneParameters
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
 from obb_collision.typing import Mask
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 RETRY_PERIOD = 1.0
 """Seconds after which objects that were set aside are tried again."""
@@ -132,27 +132,12 @@ class SetAside:
 
 
 class CycleRunner:
-    """Runs cycles, and measures their durations.
+    """Runs the cycles of a node, and measures their durations."""
 
-    collect: reads the queued messages; returns their maximum waiting time (s).
-    """
-
-    def __init__(
-        self,
-        parameters: Parameters,
-        objects: Objects,
-        obstacles: Obstacles,
-        settings: SceneParameters,
-        effects: Effects,
-        outputs: Outputs,
-        guard: Guard,
-        collect: Callable[[], float],
-    ) -> None:
-        self._parameters, self._settings = parameters, settings
-        self._objects, self._obstacles = objects, obstacles
-        self._effects, self._outputs = effects, outputs
-        self._guard, self._collect = guard, collect
-        self._set_aside = SetAside(objects, guard)
+    def __init__(self, node: CollisionNode) -> None:
+        self._node, self._settings, self._objects = node, node.settings, node.objects
+        self._obstacles, self._effects, self._outputs = node.obstacles, node.effects, node.outputs
+        self._set_aside = SetAside(node.objects, node.guard)
         self.monitor = CycleMonitor()
         self.enabled, self.active = True, False
         self.report: Report | None = None
@@ -196,7 +181,7 @@ class CycleRunner:
 
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
-        self.failed = not self._guard.run("cycle", lambda: self._run(now))
+        self.failed = not self._node.guard.run("cycle", lambda: self._run(now))
         if self.failed:
             self.report = None
         if self.report is None:
@@ -204,7 +189,7 @@ class CycleRunner:
 
     def _run(self, now: int) -> None:
         start = perf_counter()
-        self.delay = waited = self._collect()
+        self.delay = waited = self._node.collect()
         collected = perf_counter()
         self._objects.update(now)
         stages = {"inputs": collected - start, "update": perf_counter() - collected}
@@ -219,7 +204,7 @@ class CycleRunner:
                 self.monitor.add_delay(waited + took, age + took)
         else:
             self._outputs.publish_namespaces(self._objects.table.namespaces)
-        self.monitor.add(stages, 1.0 / self._parameters.rate)
+        self.monitor.add(stages, 1.0 / self._node.parameters.rate)
 
     def run_stages(self, now: int) -> dict[str, float]:
         """Check and publish; returns the seconds of each stage and of each effect computed."""
@@ -275,16 +260,16 @@ SHORTEST_TIMER = 1e-4
 
 
 class Schedule:
-    """Calls ``cycle`` according to the parameters ``trigger``, ``rate`` and ``min_period``.
+    """Runs cycles according to the parameters ``trigger``, ``rate`` and ``min_period``.
 
     clock: of steady time, because a paused or missing simulation clock must not stop the checks.
     """
 
-    def __init__(self, node: Node, parameters: Parameters, cycle: Callable[[], None]) -> None:
-        self._node, self._parameters, self._run = node, parameters, cycle
+    def __init__(self, node: CollisionNode) -> None:
+        self._node, self._parameters = node, node.parameters
         self.clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = float("-inf")
-        self._timer = node.create_timer(1.0 / parameters.rate, self._cycle, clock=self.clock)
+        self._timer = node.create_timer(1.0 / self._parameters.rate, self._cycle, clock=self.clock)
         self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
         self._burst_timer.cancel()
 
@@ -317,5 +302,5 @@ class Schedule:
         self._cycle()
 
     def _cycle(self) -> None:
-        self._run()
+        self._node.run_cycle()
         self._last = perf_counter()

@@ -21,11 +21,10 @@ that is missing names itself by a code of ``CODES``.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import (
     MAX_NAMED,
     RADIUS,
@@ -34,43 +33,30 @@ from obb_collision.node.diagnostics.answer import (
     Reason,
     objects_answer,
 )
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import name_from_key
-from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.outputs.collision_status import allowed_delay
 from obb_collision.node.parameters.entries import Groups
-from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.robots.robots import Robots
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.patterns import matching
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 UNASKED = ("points",)
 """Inputs of which nobody needs to know what they said: no object depends on them."""
 
 
 class Evidence:
-    """Answers from all that a node knows. now: time (ns); steady: seconds.
+    """Answers from all that a node knows."""
 
-    inputs: the monitors of those that can change what collides, by topic.
-    """
-
-    def __init__(
-        self,
-        parameters: Parameters,
-        objects: Objects,
-        cycle: CycleRunner,
-        inputs: Mapping[str, InputMonitor],
-        unknown: UnknownObjects,
-        robots: Robots | None,
-        now: Callable[[], int],
-        steady: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._parameters, self._objects, self._cycle = parameters, objects, cycle
-        self._inputs, self._unknown, self._robots = inputs, unknown, robots
-        self._now, self._steady = now, steady
-        self._activated = steady()
+    def __init__(self, node: CollisionNode) -> None:
+        self._parameters, self._objects, self._cycle = node.parameters, node.objects, node.cycle
+        self._unknown, self._robots = node.inputs.unknown, node.robots
+        self._now, self._steady = node.now, node.steady
+        self._inputs = {t: m for t, m in node.monitors.items() if not node.topics[t].is_query}
+        """Of those that can change what collides, by topic."""
+        self._activated = node.steady()
         self._required: tuple[tuple[object, ...], tuple[str, ...]] = (), ()
 
     def activate(self) -> None:

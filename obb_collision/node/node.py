@@ -59,10 +59,11 @@ from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.settings import (
+    MEGABYTE,
     SceneParameters,
     apply_limits,
+    build_limits,
     effect_levels,
-    mesh_reading,
     requested_levels,
 )
 from obb_collision.scene.effects import EFFECTS
@@ -70,6 +71,7 @@ from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.scene_files import describe_scene
+from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.warm_up.steps import ROBOTS
 
 NODE_NAME = "obb_collision"
@@ -95,7 +97,8 @@ class CollisionNode(ManagedNode):
         **node_options: Any,
     ) -> None:
         super().__init__(NODE_NAME, **node_options)
-        self._steady = steady
+        self.steady = steady
+        self.full_name = self.get_fully_qualified_name().lstrip("/")
         try:
             self._set_up(frames, ending)
         except BaseException:
@@ -141,7 +144,7 @@ class CollisionNode(ManagedNode):
         self.outputs = Outputs(self, self.parameters, self.guard, self.warm)
         self.effects = self.outputs.effects
         self.status = CollisionStatus(
-            f"{self.get_fully_qualified_name().lstrip('/')}: collision",
+            f"{self.full_name}: collision",
             self.outputs.publishers,
             self.effects,
             self.parameters,
@@ -211,18 +214,18 @@ class CollisionNode(ManagedNode):
     def _make_inputs(self) -> None:
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
-        self._topics: dict[str, Input] = {
+        self.topics: dict[str, Input] = {
             **INPUTS,
             **detections.INPUTS,
             **robot_inputs(self.parameters),
         }
         warn = self.get_logger().warning
         self.monitors = {
-            topic: InputMonitor(topic, warn, steady=self._steady) for topic in self._topics
+            topic: InputMonitor(topic, warn, steady=self.steady) for topic in self.topics
         }
         names = self.parameters.robots
-        self._link_frames = LinkFrames(self.frames, fixed_frame, names)
-        frames = self._link_frames if names else self.frames
+        link_frames = LinkFrames(self.frames, fixed_frame, names)
+        frames = link_frames if names else self.frames
         self.objects = Objects(fixed_frame, frames, self.guard)
         self._configured.callback(self.objects.close)
         self.inputs = Inputs(
@@ -242,54 +245,19 @@ class CollisionNode(ManagedNode):
             self.guard,
         )
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
-        self.robots = self._make_robots()
+        self.robots = Robots(self, link_frames) if names else None  # then they cost nothing
+        if self.robots is not None:
+            self._configured.callback(self.robots.close)
         self.subscribed = self._make_subscriptions()
         self._configured.callback(self.subscribed.close)
 
-    def _make_robots(self) -> Robots | None:
-        """Return the robots, None without any: then they cost nothing."""
-        if not self.parameters.robots:
-            return None
-        robots = Robots(
-            self,
-            self.parameters,
-            self.objects,
-            self._link_frames,
-            self.monitors,
-            self.now,
-            lambda: self.evidence.not_known(),
-            lambda: mesh_reading(self.parameters),
-        )
-        self._configured.callback(robots.close)
-        return robots
-
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
-        self.settings = SceneParameters(self.parameters, self.objects, self.warm, self.effects)
+        self.settings = SceneParameters(self)
         self.settings.allowed = self._allowed = allowed
-        self.cycle = CycleRunner(
-            self.parameters,
-            self.objects,
-            self.obstacles,
-            self.settings,
-            self.effects,
-            self.outputs,
-            self.guard,
-            self.collect,
-        )
-        topics = [topic for topic, kind in self._topics.items() if not kind.is_query]
-        inputs = {topic: self.monitors[topic] for topic in topics}
-        self.evidence = Evidence(
-            self.parameters,
-            self.objects,
-            self.cycle,
-            inputs,
-            self.inputs.unknown,
-            self.robots,
-            self.now,
-            self._steady,
-        )
-        self._schedule = Schedule(self, self.parameters, self.run_cycle)
+        self.cycle = CycleRunner(self)
+        self.evidence = Evidence(self)
+        self._schedule = Schedule(self)
         self._configured.callback(self._schedule.close)
 
     def _add_objects(self, scene_file: SceneFile) -> None:
@@ -302,16 +270,7 @@ class CollisionNode(ManagedNode):
 
     def _begin(self) -> None:
         """Subscribe, offer the services, and watch: clock, parameters, cycles, diagnostics."""
-        self.reporting = reporting.Reporting(
-            self,
-            self.monitors,
-            self.subscribed,
-            self.objects,
-            self.cycle,
-            self.outputs,
-            self.now,
-            () if self.robots is None else self.robots.robots,
-        )
+        self.reporting = reporting.Reporting(self)
         timer = self.create_timer(
             reporting.PERIOD,
             lambda: self.guard.run("diagnostics", self.reporting.publish),
@@ -332,7 +291,7 @@ class CollisionNode(ManagedNode):
             post_callback=self._look_at_clock,
         )
         self._configured.callback(self._jump.unregister)
-        for topic in self._topics:
+        for topic in self.topics:
             self.subscribed.keep(topic, self._is_wanted(topic))
 
     def _read_scene_file(self) -> SceneFile | None:
@@ -341,7 +300,7 @@ class CollisionNode(ManagedNode):
             if self.parameters.robots:
                 self.parameters.override_defaults({"accuracy": "hull"})
             return None
-        meshes = mesh_reading(self.parameters)
+        meshes = self.mesh_reading()
         try:
             description = describe_scene(self.parameters.scene_file, meshes)
         finally:
@@ -358,17 +317,26 @@ class CollisionNode(ManagedNode):
         self.parameters.override_defaults(found.parameters())
         return found
 
+    def mesh_reading(self) -> MeshReading:
+        """Return how mesh files are read: in another process, within the limits."""
+        return MeshReading(
+            self.parameters.folders,
+            build_limits(self.parameters),
+            self.parameters.mesh_file_size * MEGABYTE,
+            self.parameters.max_triangles,
+        )
+
     def _make_subscriptions(self) -> Subscriptions:
         points = self.inputs.guarded("points", self.obstacles.take, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         if self.robots is not None:
             callbacks |= self.robots.callbacks(self.inputs)
         latched = ("objects",) if self.parameters.latched_objects else ()
-        return Subscriptions(self, callbacks, self.monitors, self._arrived, latched, self._topics)
+        return Subscriptions(self, callbacks, self.monitors, self._arrived, latched, self.topics)
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message that requires one."""
-        if self._topics[topic].is_query:
+        if self.topics[topic].is_query:
             return
         if topic != "points" or self.effects.is_requested("points"):
             self._schedule.arrived()

@@ -17,21 +17,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from time import perf_counter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.node import Node
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
 from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, InputMonitor, QosWatch
-from obb_collision.node.inputs.subscriptions import Subscriptions
 from obb_collision.node.messages.conversions import name_from_key, stamp_to_ros
 from obb_collision.node.objects.conditions import (
     ASIDE,
@@ -44,11 +41,12 @@ from obb_collision.node.objects.conditions import (
     UNSHAPED,
 )
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.entries import text_from_region
-from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.report import Report
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 STALE_WORDS = {
@@ -203,30 +201,19 @@ def _named(
 
 
 class Reporting:
-    """Publishes the state of all parts of a node. now: time of its clock (ns)."""
+    """Publishes the state of all parts of a node."""
 
-    def __init__(
-        self,
-        node: Node,
-        monitors: dict[str, InputMonitor],
-        subscriptions: Subscriptions,
-        objects: Objects,
-        cycle: CycleRunner,
-        outputs: Outputs,
-        now: Callable[[], int],
-        robots: Sequence[RobotInput] = (),
-    ) -> None:
-        self._name = node.get_fully_qualified_name().lstrip("/")
-        self._monitors, self._subscriptions, self._objects = monitors, subscriptions, objects
-        self._cycle, self._outputs, self._robots, self._now = cycle, outputs, robots, now
+    def __init__(self, node: CollisionNode) -> None:
+        self._node, self._monitors, self._outputs = node, node.monitors, node.outputs
+        self._cycle, self._objects = node.cycle, node.objects
         self._qos = QosWatch(node, node.get_logger().warning)
         self._last = perf_counter()
 
     def publish(self) -> None:
         """Check QoS, log pending warnings, and publish the message if it is requested."""
-        elapsed, now = perf_counter() - self._last, self._now()
+        elapsed, now = perf_counter() - self._last, self._node.now()
         self._last += elapsed
-        self._qos.look({**self._subscriptions.open, **self._outputs.ends})
+        self._qos.look({**self._node.subscribed.open, **self._outputs.ends})
         for topic, monitor in self._monitors.items():
             monitor.flush()
             monitor.mismatches = len(self._qos.reasons.get(topic, ()))
@@ -234,7 +221,7 @@ class Reporting:
             message = DiagnosticArray()
             message.header.stamp = stamp_to_ros(now)
             for name, faults, fine, values, level in self.parts(elapsed, now):
-                name, text = f"{self._name}: {name}", "; ".join(faults) or fine
+                name, text = f"{self._node.full_name}: {name}", "; ".join(faults) or fine
                 message.status.append(make_status(name, level if faults else OK, text, values))
             self._outputs.publishers["diagnostics"].publish(message)
         for monitor in self._monitors.values():
@@ -247,7 +234,7 @@ class Reporting:
             yield input_part(topic, monitor, now, elapsed)
         policy = self._outputs.parameters.stale_policy
         yield objects_part(self._objects, policy, self._cycle.report)
-        for robot in self._robots:
+        for robot in () if self._node.robots is None else self._node.robots.robots:
             faults = [robot.fault] if robot.fault else []
             yield Part(f"robot {robot.name}", faults, "known", robot.describe().items())
         yield self._cycle_part(elapsed)

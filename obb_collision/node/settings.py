@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from obb_collision._threads import set_threads
 from obb_collision.accuracy import Accuracy, as_accuracy
@@ -24,10 +24,8 @@ from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
 from obb_collision.node.objects.staleness import AgeLimits
-from obb_collision.node.outputs.outputs import Effects
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.base import ACCURACY
@@ -36,7 +34,9 @@ from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.overrides import Overrides, limited
-from obb_collision.scene_files.mesh_files import MeshReading
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 MEGABYTE = 1_000_000
 
@@ -44,11 +44,9 @@ MEGABYTE = 1_000_000
 class SceneParameters:
     """Applies parameters to the scene; accuracies wait until their kernels are compiled."""
 
-    def __init__(
-        self, parameters: Parameters, objects: Objects, warm: WarmUp, requested: Effects
-    ) -> None:
-        self._parameters, self._objects, self._warm = parameters, objects, warm
-        self._requested = requested
+    def __init__(self, node: CollisionNode) -> None:
+        self._parameters, self._objects, self._warm = node.parameters, node.objects, node.warm
+        self._requested = node.effects
         self.allowed: list[Rule] = []
         """Further rules, before those of the parameters."""
         self._filters: tuple[object, ...] = ()
@@ -175,7 +173,7 @@ def apply_limits(parameters: Parameters, objects: Objects) -> None:
     """Apply the limits of objects and states."""
     shapes, table = objects.shapes, objects.table
     shapes.max_objects = parameters.max_objects
-    objects.set_limits(_build_limits(parameters))
+    objects.set_limits(build_limits(parameters))
     shapes.requests.limits = ShapeLimits(
         parameters.mesh_file_size * MEGABYTE,
         parameters.max_triangles,
@@ -198,19 +196,10 @@ def apply_limits(parameters: Parameters, objects: Objects) -> None:
     )
 
 
-def _build_limits(parameters: Parameters) -> Limits:
+def build_limits(parameters: Parameters) -> Limits:
+    """Return the limits of the process that builds shapes."""
     return Limits(
         parameters.shape_timeout,
         parameters.shape_memory * MEGABYTE,
         parameters.shape_queue * MEGABYTE,
-    )
-
-
-def mesh_reading(parameters: Parameters) -> MeshReading:
-    """Return how the mesh files of a scene file are read: in another process, within the limits."""
-    return MeshReading(
-        parameters.folders,
-        _build_limits(parameters),
-        parameters.mesh_file_size * MEGABYTE,
-        parameters.max_triangles,
     )

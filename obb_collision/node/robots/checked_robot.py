@@ -20,9 +20,9 @@ placed in each cycle where their link is; in checks of states of the robot they 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from time import monotonic
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from obb_collision.node.messages.conversions import name_from_key, pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.links import NOTHING, AttachedObjects
 from obb_collision.node.robots.robot_input import RobotInput
@@ -40,6 +39,9 @@ from obb_collision.robots.checks.bodies import WorldState
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 SCENE_NOT_KNOWN = "scene not known"
 FEW = 4
@@ -75,21 +77,12 @@ def portions(count: int, quick: float) -> Iterator[slice]:
 class CheckedRobot:
     """A robot in the node's scene, without the objects that are its own links.
 
-    frames: where its base is; unknown: why object positions are unknown, "" if they are known;
-    clock: ns.
+    frames: where its base is.
     """
 
-    def __init__(
-        self,
-        given: RobotInput,
-        objects: Objects,
-        frames: LinkFrames,
-        unknown: Callable[[], str],
-        clock: Callable[[], int],
-        parameters: Parameters,
-    ) -> None:
-        self.given, self.objects, self.clock, self.parameters = given, objects, clock, parameters
-        self._frames, self._unknown = frames, unknown
+    def __init__(self, given: RobotInput, node: CollisionNode, frames: LinkFrames) -> None:
+        self.given, self.objects, self.clock = given, node.objects, node.now
+        self.parameters, self._frames, self._node = node.parameters, frames, node
         self._made: dict[float, tuple[Robot, dict[str, Held], NodeRobotScene]] = {}
 
     @property
@@ -110,7 +103,7 @@ class CheckedRobot:
 
         padding: metres by which links are grown.
         """
-        unknown = self._unknown()
+        unknown = self._node.evidence.not_known()
         if unknown:
             raise RefusedError(SCENE_NOT_KNOWN, unknown)
         robot, base = self.robot, self._base()

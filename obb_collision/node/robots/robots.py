@@ -16,24 +16,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
 
-from obb_collision.node.diagnostics.monitors import InputMonitor, overridable
+from obb_collision.node.diagnostics.monitors import overridable
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
 from obb_collision.node.robots.links import NOTHING
@@ -54,8 +52,10 @@ from obb_collision.node.robots.validity import (
 )
 from obb_collision.node.topics.cloud import LATCHED, Topic
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Rows
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 STATES_TO_CHECK, STATE_VALIDITY = "states_to_check", "state_validity"
 SPEED_SCALE = "speed_scale"
@@ -116,16 +116,16 @@ def robot_inputs(parameters: Parameters) -> dict[str, Input]:
 class RobotAnswers:
     """All that answers for one robot: by topics and, where moveit_msgs is installed, a service."""
 
-    def __init__(
-        self, node: Node, checked: CheckedRobot, monitors: Mapping[str, InputMonitor]
-    ) -> None:
+    def __init__(self, node: CollisionNode, checked: CheckedRobot) -> None:
         self._node, self.checked = node, checked
         name = checked.given.name
         self.publishers = {
             topic.name: self._publisher(f"{name}/{topic.name}", topic.message, topic.qos)
             for topic in OUTPUTS
         }
-        asked, wanted = (monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN))
+        asked, wanted = (
+            node.monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN)
+        )
         self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY], asked)
         ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
         self.trajectories = Trajectories(checked, *ends, wanted)
@@ -163,36 +163,19 @@ class RobotAnswers:
 
 
 class Robots:
-    """The robots that the parameters name.
+    """The robots that the parameters of a node name."""
 
-    not_known: why it is not known what is where, "" if it is; meshes: how mesh files are read.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        parameters: Parameters,
-        objects: Objects,
-        frames: LinkFrames,
-        monitors: Mapping[str, InputMonitor],
-        clock: Callable[[], int],
-        not_known: Callable[[], str],
-        meshes: Callable[[], MeshReading],
-    ) -> None:
-        self._parameters, self._clock = parameters, clock
+    def __init__(self, node: CollisionNode, frames: LinkFrames) -> None:
+        self._parameters, self._clock, self._objects = node.parameters, node.now, node.objects
         self._touch_links: list[tuple[str, str]] = []
-        self._objects, self._frames = objects, frames
+        self._frames = frames
         self.robots = [
-            RobotInput(base, objects, monitors, clock, meshes) for base in parameters.bases.values()
+            RobotInput(base, node.objects, node.monitors, node.now, node.mesh_reading)
+            for base in node.parameters.bases.values()
         ]
         frames.robots = self.robots
         self.answers = [
-            RobotAnswers(
-                node,
-                CheckedRobot(robot, objects, frames, not_known, clock, parameters),
-                monitors,
-            )
-            for robot in self.robots
+            RobotAnswers(node, CheckedRobot(robot, node, frames)) for robot in self.robots
         ]
 
     def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
