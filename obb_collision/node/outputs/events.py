@@ -44,6 +44,9 @@ from obb_collision.typing import Floats, Mask, Rows
 
 PERIOD = 2.0
 """Seconds after which all lasting collisions are sent again."""
+NEVER = np.iinfo(np.int64).max
+NANOSECONDS = 1e9
+TAKEN = (*POSITION_FIELDS, *NORMAL_FIELDS)
 
 
 class Events:
@@ -112,22 +115,6 @@ def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: 
             pairs = np.stack((a[known], b[known]), axis=1)
             apart[known] = pair_separations(cycle.boxes, pairs).separations > distance
     return Parted(reasons, apart)
-
-
-__all__ = [
-    "BEGIN",
-    "END",
-    "LASTING",
-    "NOT_CHECKED",
-    "REMOVED",
-    "EventLimits",
-    "PairEvents",
-    "Parted",
-]
-
-NEVER = np.iinfo(np.int64).max
-NANOSECONDS = 1e9
-TAKEN = (*POSITION_FIELDS, *NORMAL_FIELDS)
 
 
 class EventLimits(NamedTuple):

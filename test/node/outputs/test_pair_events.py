@@ -25,16 +25,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
-from obb_collision.node.outputs.events import (
-    BEGIN,
-    END,
-    LASTING,
-    NOT_CHECKED,
-    REMOVED,
-    EventLimits,
-    PairEvents,
-    Parted,
-)
+from obb_collision.node.outputs.events import EventLimits, PairEvents, Parted
+from obb_collision.node.topics.rows import BEGIN, END, LASTING, NOT_CHECKED, REMOVED
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS
 
 SECOND = 1_000_000_000
