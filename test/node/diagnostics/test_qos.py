@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ pytest.importorskip("rclpy")
 from lifecycle_msgs.msg import Transition
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rig import DOMAIN, INPUTS, NAMESPACE, Rig, cube
@@ -170,24 +169,6 @@ def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
     for name, kind in ends:
         for policy in ("depth", "durability", "reliability"):
             assert f"qos_overrides.{name}.{kind}.{policy}" in declared
-
-
-def test_overrides_in_a_parameter_file_are_those_that_the_node_declares(tmp_path: Path) -> None:
-    file = tmp_path / "parameters.yaml"
-    file.write_text(
-        f"""
-/**:
-  ros__parameters:
-    qos_overrides:
-      {NAMESPACE}/points:
-        subscription:
-          reliability: reliable
-"""
-    )
-    read = parameter_dict_from_yaml_file(str(file), use_wildcard=True)
-    assert list(read) == list(overrides(f"{NAMESPACE}/points.subscription", reliability="reliable"))
-    with Rig(given={name: message.value.string_value for name, message in read.items()}) as rig:
-        assert rig.node.subscribed.open["points"].qos_profile.reliability == RELIABLY
 
 
 @each(

@@ -28,37 +28,15 @@ pytest.importorskip("rclpy")
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rig import DOMAIN, NAMESPACE, PATIENCE, Rig, color, cube, pose
+from rig import DOMAIN, NAMESPACE, PATIENCE, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.messages.box_markers import COLORS
-from obb_collision.node.objects.conditions import STALE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-
-
-@each("policy", ["keep", "ignore"])
-def test_stale_objects_are_kept_or_ignored_but_always_reported(policy: str) -> None:
-    ages = {"object_timeout_overrides": ["*: 0.3"]}
-    with Rig(given=ages, stale_policy=policy, marker_rate=100.0) as rig:
-        rig.listen("/diagnostics", "obb_collision/markers")
-        rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0)))
-        assert rig.pairs() == {("a/1", "a/2")}
-        table = rig.node.objects.table
-        rig.until(lambda: np.count_nonzero(table.has(STALE)) == 3, "stale")
-        wanted = 1 if policy == "keep" else 0  # one on its way was made before they were stale
-        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == wanted, "answer")
-        assert len(collisions_from_ros(rig.next("collisions"))) == wanted
-        status = rig.status(": objects")
-        assert (status["stale"], status["count"], status["level"]) == ("3", "3", "01")
-        markers = {(m.ns, m.id): m for m in rig.next("obb_collision/markers").markers}
-        assert color(markers[B1]) == COLORS[2]
-        rig.send_states(["a/1", "a/2"], [pose(0.0), pose(0.6)])
-        assert rig.pairs() == {("a/1", "a/2")}, "a new state ends it"
 
 
 def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig: Rig) -> None:
@@ -233,17 +211,6 @@ def test_each_reason_is_told_at_once_everything_with_no_period_and_reasons_are_b
     assert len(bounded.monitor.refused) <= 65
     assert bounded.monitor.refused.total() == 1000
     assert len(bounded.said) <= 65
-
-
-def test_by_topics_a_message_of_bad_markers_is_one_warning(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    with Rig() as rig:
-        rig.send(*(cube(("a", number), size=BROKEN) for number in range(200)))
-        rig.until(lambda: rig.refused("objects") == {"bad scale": 200}, "refusals")
-        rig.cycles(1)
-    errors = capfd.readouterr().err
-    assert errors.count("refused bad scale") == 1, errors
 
 
 def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:

@@ -90,20 +90,6 @@ def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_obj
         rig.until(lambda: not rig.says(FREE).keys() & set(radii), "no radius")
 
 
-def test_diagnostics_never_count_collisions_of_objects_that_are_gone(rig: Rig) -> None:
-    rig.listen("/diagnostics")
-    rig.send(*PAIR)
-    rig.answer()
-    cycle = rig.node.cycle
-    rig.until(lambda: rig.status(": objects")["colliding"] == "2", "colliding")
-    report = cycle.report
-    cycle.enabled = False
-    rig.node.objects.clear()
-    cycle.report = report
-    status = rig.status(": objects")
-    assert (status["count"], status["colliding"]) == ("0", "0")
-
-
 def test_with_unknown_is_collision_off_the_flag_tells_of_collisions_only() -> None:
     with Rig(unknown_is_collision=False) as rig:
         rig.send(*PAIR)

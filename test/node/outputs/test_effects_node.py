@@ -26,6 +26,7 @@ pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
 
 from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
+from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.inputs import points as obstacles
 from obb_collision.node.messages.box_markers import Markers
 from obb_collision.node.outputs import outputs
@@ -224,10 +225,9 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
 
 def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[Any] = []
-    original = reporting.make_status
 
     def noted(*args: Any) -> Any:
-        built.append(original(*args))
+        built.append(make_status(*args))
         return built[-1]
 
     monkeypatch.setattr(reporting, "make_status", noted)

@@ -79,14 +79,6 @@ def test_rows_are_sorted_with_the_smaller_key_first(rig: Rig) -> None:
     assert row["normal_x"] > 0.99
 
 
-def test_states_move_many_objects_by_name(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(("", 5), (6, 0, 0)))
-    rig.send_states(["a/1", "/5"], [pose(3.5), pose(4.2)])
-    assert rig.pairs() == {("a/1", "a/2"), ("a/1", "/5")}
-    rig.send_states(["5"], [pose(9.0)])
-    assert rig.pairs() == {("a/1", "a/2")}
-
-
 @each("single", [False, True])
 def test_clouds_move_many_objects_by_number(rig: Rig, single: bool) -> None:
     rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(B1, (6, 0, 0)))

@@ -170,19 +170,6 @@ def test_descriptions_that_cannot_be_used_leave_the_robot_unknown_and_the_pairs(
     check()
 
 
-@each("shape", ['box size="0 0 0"', 'sphere radius="0"', 'box size="1 0 1"'])
-def test_shapes_of_no_volume_collide_or_are_refused(shape: str) -> None:
-    with RobotRig() as rig:
-        rig.describe(URDF.replace('box size="0.1 0.1 0.1"', shape))
-        rig.until(lambda: rig.robot.fault[:5] == "joint" or "refused" in rig.robot.fault, "robot")
-        if "refused" not in rig.robot.fault:
-            rig.send(cube(("crate", 1), (0.5, 0.0, 0.75), (0.5, 0.5, 0.2)))
-            assert_well(rig)
-            found = {frozenset(pair) for pair in rig.pairs()}
-            assert frozenset(("arm/hand/0", "crate/1")) in found
-        assert rig.node.guard.total == 0
-
-
 def _cloud(rig: RobotRig, **fields: str) -> PointCloud2:
     return cloud_to_ros(np.zeros(3, list(fields.items())), rig.header())
 
@@ -223,17 +210,6 @@ def test_trajectories_with_too_many_points_are_refused_before_they_are_read(arm:
         assert arm.go([(0.0, [0.0] * len(names))] * count, names)[0].message == text
     assert arm.go([(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])])[0].message == "forwarded"
     assert arm.node.guard.total == 0
-
-
-@each("times", [(0.0, 2.0, 1.0), (0.0, 0.0), (-1.0, 1.0), (1.0, 1.0)])
-def test_trajectories_with_unordered_times_are_refused_while_another_one_runs(
-    arm: AskingRig, times: tuple[float, ...]
-) -> None:
-    arm.begin([(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])])
-    assert "bad point" in arm.go([(time, [0.0, 0.0]) for time in times])[0].message
-    arm.cycles(2)
-    assert arm.forwarded == []
-    assert arm.ends.trajectories.running is not None
 
 
 def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown() -> None:

@@ -316,19 +316,6 @@ def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: TrajectoryRi
     assert empty == sent
 
 
-def test_clear_stops_a_trajectory_where_the_joints_are(rig: TrajectoryRig) -> None:
-    rig.known()
-    rig.run()
-    rig.move(turn=0.3)
-    rig.call(Trigger, "obb_collision/clear", Trigger.Request())
-    rig.send_joints(lift=0.0, turn=1.4)
-    assert rig.stopped() == "stopped: all objects were removed"
-    assert [list(point.positions) for point in rig.forwarded[0].points] == [[0.0, 0.3]]
-    rig.known()
-    rig.cycles(2)
-    assert len(rig.said) == 1
-
-
 SHORT = [(0.0, [0.0, 0.0]), (0.001, [0.0, np.pi / 2]), (0.002, [0.5, np.pi / 2])]
 """Long past when a test goes on: a robot that is behind goes slower than planned."""
 

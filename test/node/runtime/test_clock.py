@@ -24,7 +24,7 @@ from each import each
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration, Time
-from objects_rig import SECOND, START, ObjectsRig, place
+from objects_rig import SECOND, START, ObjectsRig
 from rclpy.qos import QoSProfile
 from rig import Rig, cube
 from rosgraph_msgs.msg import Clock
@@ -126,50 +126,6 @@ def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig.now += SECOND
     rig.cycle()
     assert rig.objects.table.has(STALE, rig.slots[0])
-
-
-def test_after_a_jump_back_older_stamps_are_taken_and_waiting_states_time_out_as_before() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(rig.now)
-    rig.send(rig.now, "robot")
-    rig.send(rig.now + 1, "robot")
-    rig.cycle()
-    shift = -500 * SECOND
-    rig.now += shift
-    rig.objects.clock_jumped(shift)
-    rig.cycle()
-    assert not rig.refused
-    rig.now += SECOND
-    rig.cycle()
-    assert rig.refused == {("object_states", "unknown frame"): 2}
-    assert rig.send(rig.now) == 0
-    rig.cycle()
-    assert rig.x() == place(rig.now)
-    assert not rig.doubted, "the clock has said it already"
-
-
-def test_by_topics_a_simulation_that_goes_back_keeps_lifetimes(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    with Rig(use_sim_time=True) as rig:
-        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
-        rig.until(lambda: clock.get_subscription_count() > 0, "match")
-
-        def tick(seconds: int) -> None:
-            clock.publish(Clock(clock=stamp_to_ros(seconds * SECOND)))
-            rig.until(lambda: rig.now() == seconds * SECOND, f"time {seconds}")
-            rig.cycles(2)
-
-        tick(100)
-        rig.send(cube(A1), cube(A2, lifetime=Duration(sec=5)), stamped=False)
-        table = rig.node.objects.table
-        rig.until(lambda: set(table.slots) == {A1, A2}, "objects")
-        tick(104)
-        tick(10)
-        assert "the clock jumped by -94.000 s" in capfd.readouterr().err
-        assert set(table.slots) == {A1, A2}, "a second is left"
-        tick(12)
-        rig.until(lambda: set(table.slots) == {A1}, "end of the lifetime")
 
 
 def test_by_topics_the_time_may_change_to_a_simulations_and_back(

@@ -137,16 +137,6 @@ def test_what_is_compiled_already_does_not_wait_for_what_is_being_compiled(
     wait_for(lambda: log.warm.is_ready("points"))
 
 
-def test_the_start_compiles_what_is_asked_for_and_nothing_more(cache: Cache, log: Log) -> None:
-    reports: list[str] = []
-    log.warm.start([Accuracy.MESH, Accuracy.OBB], reports.append)
-    assert reports[0] == "compiling kernels (up to a minute on first use)"
-    assert set(cache.compiled) == {BOXES, MESSAGES, "accuracy mesh", SEPARATIONS}
-    assert log.warm.is_ready(Accuracy.MESH)
-    assert log.said[0].startswith("compiling kernels for boxes, ")
-    assert "accuracy mesh" in log.said[0]
-
-
 def test_what_is_asked_for_later_is_compiled_once_beside_the_cycles(cache: Cache, log: Log) -> None:
     cache.kept = {BOXES, MESSAGES, SEPARATIONS}
     log.warm.start([])
@@ -207,24 +197,6 @@ def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_befor
     assert cache.here == list(NODE_STEPS)
     assert "no folder takes kernels" in log.complained[0]
     assert all(log.warm.is_ready(thing) for thing in (*Accuracy, "sweep", "points"))
-
-
-def test_a_step_is_ready_before_those_compiled_beside_it(
-    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
-    log.warm.start([])
-    seen = []
-    compile_steps = cache.compile_steps
-
-    def compile_two(wanted: list[str], **options: Any) -> CompileProgress:
-        progress = compile_steps(wanted, **options)
-        seen.append(log.warm.is_ready("sweep"))
-        return progress
-
-    monkeypatch.setattr(warm_up, "compile_steps", compile_two)
-    wait_for(lambda: log.warm.is_ready("sweep"))
-    assert seen == [True]
 
 
 def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
