@@ -20,20 +20,19 @@ in the namespace of that name, and publishes what all found together on the same
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.answer import (
     CODES,
@@ -47,12 +46,13 @@ from obb_collision.node.diagnostics.monitors import overridable
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.outputs.collision_status import FAREWELL
+from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.running import run
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.settings import ON
 from obb_collision.scene.region_merger import RegionMerger
 
 NODE_NAME = "obb_collision_merge"
@@ -75,6 +75,21 @@ EMPTY = DiagnosticStatus(
 """Stands for a status without content."""
 
 
+@dataclass(frozen=True)
+class AllOn:
+    """Parameters of a node, all of whose topics are on."""
+
+    unknown_is_collision: bool
+
+    def mode(self, _: str) -> str:
+        """Return on."""
+        return ON
+
+    def is_requested(self, _: str) -> bool:
+        """Return that it is."""
+        return True
+
+
 class MergerNode(Node):
     """Joins what the nodes of several regions publish; everything goes to ``rclpy.node.Node``."""
 
@@ -95,17 +110,14 @@ class MergerNode(Node):
         if regions == [""]:
             raise ValueError("regions must name the nodes to join: -p regions:='[west, east]'")
         timeout = read("timeout", 0.5, "A region is missing if silent for longer than this (s).")
-        self._unknown_counts = read(
+        unknown = read(
             "unknown_is_collision", True, "Whether in_collision is true while it is not known."
         )
         self._merger = RegionMerger(regions, timeout)
         self.guard = Guard(self.get_logger().error, self.context.ok)
-        self._lock = threading.RLock()  # the last message comes from another thread
-        self._closed = False
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._names: dict[str, str] = {}
         self._joined_at, self._pairs = monotonic(), 0
-        self._last: tuple[object, ...] | None = None
         self._regions = list(regions)
         self._publishers_of = {
             topic.name: self.create_publisher(
@@ -116,6 +128,15 @@ class MergerNode(Node):
             )
             for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
         }
+        settings: Any = AllOn(unknown)
+        self.status = CollisionStatus(
+            f"{self.get_fully_qualified_name().lstrip('/')}: collision",
+            self._publishers_of,
+            settings,
+            settings,
+            lambda: self.get_clock().now().nanoseconds,
+            self.guard,
+        )
         self._clouds: dict[str, list[Subscription]] = {}
         for region in self._regions:
             self._listen(region, NAMESPACES, lambda message, _: self._take_names(message))
@@ -158,7 +179,7 @@ class MergerNode(Node):
         if count.isdecimal():
             self._merger.mark_alive(region, int(count), monotonic())
         self._statuses[region] = status
-        self._publish_status(changes_only=True)
+        self._publish_status()
 
     def _taker(self, cloud: Cloud[Any]) -> Callable[[PointCloud2, str], None]:
         def take(message: PointCloud2, region: str) -> None:
@@ -185,7 +206,7 @@ class MergerNode(Node):
         self._publishers_of[cloud.name].publish(data)
         if cloud is COLLISIONS:
             self._joined_at, self._pairs = monotonic(), len(rows)
-            self._publish_status(changes_only=True)
+            self._publish_status()
 
     def _answer(self) -> Answer:
         """Return what the regions know together: the reasons of each are those of all."""
@@ -225,45 +246,18 @@ class MergerNode(Node):
         most = max(pairs, len(colliding))
         return Answer((), most, most > pairs, counts=counts, stamp=None).but(*reasons)
 
-    def _publish_status(self, changes_only: bool = False) -> None:
-        answer = self._answer()
-        if self._last is None or self._last[1:] != answer.kind[1:]:
+    def _publish_status(self) -> None:
+        answer, before = self._answer(), self.status.answer
+        if before.kind[1:] != answer.kind[1:]:
             self.get_logger().info(
                 f"not known: {answer.why}" if answer.why else "all regions answer"
             )
-        changed, self._last = self._last != answer.kind, answer.kind
-        if changed or not changes_only:
-            self._send(answer)
-
-    def _send(self, answer: Answer) -> None:
-        """Publish both topics that say whether anything collides, unless the last word is said."""
-        now, name = self.get_clock().now(), self.get_fully_qualified_name().lstrip("/")
-        status = answer.to_ros(f"{name}: collision", now.nanoseconds, self._unknown_counts)
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = now.to_msg()
-        with self._lock:
-            if not self._closed:
-                self._publishers_of[STATUS.name].publish(message)
-                flag = answer.flag(self._unknown_counts)
-                self._publishers_of[FLAG.name].publish(Bool(data=flag))
-
-    def say_farewell(self) -> None:
-        """Publish that nothing is known any more, and nothing after that."""
-        with self._lock:
-            if self._closed:
-                return
-            self._send(Answer((Reason("shutting_down"),), stamp=None))
-            self._closed = True
-        for topic in (STATUS, FLAG):
-            self._publishers_of[topic.name].wait_for_all_acked(Duration(seconds=FAREWELL))
+        self.status.update(answer, cycle=True)
 
     def destroy_node(self) -> None:
-        """Publish the status unknown, and end."""
-        if hasattr(self, "_statuses"):  # not where the start failed before
-            try:
-                self.say_farewell()
-            except Exception:  # the context is gone: nothing can be published
-                self._closed = True
+        """Publish that nothing is known any more, and end."""
+        if hasattr(self, "status"):  # not where the start failed before
+            self.status.close()
         super().destroy_node()
 
 
@@ -278,6 +272,6 @@ def main(args: Sequence[str] | None = None) -> int:
         NODE_NAME,
         lambda context, _: MergerNode(context=context),
         args,
-        farewell=lambda node: node.say_farewell(),
+        farewell=lambda node: node.status.close(),
         caught=lambda node, error: node.guard.caught("executor", error),
     )
