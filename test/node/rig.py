@@ -61,6 +61,7 @@ from obb_collision.node.messages.conversions import (
     states_to_ros,
     transform_to_ros,
 )
+from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
 from obb_collision.node.objects.frames import FixedFrameOnly
@@ -469,3 +470,20 @@ def sync(rig: Client) -> set[tuple[str, str]]:
 def color(marker: Marker) -> Any:
     """Colour of a marker, to compare with."""
     return pytest.approx((marker.color.r, marker.color.g, marker.color.b, marker.color.a))
+
+
+class FakeFrames:
+    """Frames that a test moves about."""
+
+    waits = True
+    description = "a test"
+
+    def __init__(self) -> None:
+        self.known: dict[str, list[float]] = {}
+        self.asked: list[tuple[str, int]] = []
+
+    def lookup(self, frame: str, stamp: int) -> Any:
+        self.asked.append((frame, stamp))
+        if frame not in self.known:
+            raise RefusedError("unknown frame", frame)
+        return np.array(self.known[frame])

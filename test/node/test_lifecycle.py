@@ -26,21 +26,7 @@ from each import each
 
 pytest.importorskip("rclpy")
 from gate import Gate
-from lifecycle_rig import (
-    A1,
-    A2,
-    ACTIVATE,
-    CLEANUP,
-    CONFIGURE,
-    DEACTIVATE,
-    MARKERS,
-    NAMED,
-    PAIR,
-    SCENE,
-    SHUTDOWN,
-    WAYS,
-    managed,
-)
+from lifecycle_msgs.msg import Transition
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -52,6 +38,33 @@ from visualization_msgs.msg import Marker
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
+NAMED = {("a/1", "a/2")}
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+SHUTDOWN = {
+    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
+    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
+    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
+}
+WAYS = {"unconfigured": (), "inactive": (CONFIGURE,), "active": (CONFIGURE, ACTIVATE)}
+MARKERS = "obb_collision/markers"
+SCENE = """
+padding: {padding}
+objects:
+  - {{name: part/1, shape: box, size: [1, 1, 1], position: [0, 0, 0]}}
+"""
+
+
+def managed(*transitions: int, **parameters: Any) -> Rig:
+    """Return a rig with a node that others manage, after some transitions."""
+    rig = Rig(deaf=True, autostart=False, given=parameters)
+    rig.listen("collisions", "in_collision", "namespaces", STATUS)
+    for transition in transitions:
+        assert rig.change(transition)
+    return rig
 
 
 def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:

@@ -24,8 +24,7 @@ import pytest
 pytest.importorskip("rclpy")
 from each import each
 from effect_topics import answer, listening
-from fake_frames import FakeFrames
-from rig import FRAME, Rig, cube, pose
+from rig import FRAME, FakeFrames, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 

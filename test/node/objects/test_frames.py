@@ -24,9 +24,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 import tf2_stand_in
-from fake_frames import FakeFrames
 from geometry_msgs.msg import TransformStamped
-from rig import FRAME, Rig, color, cube, pose
+from rig import FRAME, FakeFrames, Rig, color, cube, pose
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 

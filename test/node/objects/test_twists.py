@@ -23,8 +23,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from each import each
-from fake_frames import FakeFrames
-from rig import Rig, cube, pose
+from rig import FakeFrames, Rig, cube, pose
 
 from obb_collision.node import namespace_number
 from obb_collision.node.messages.conversions import pose_to_ros

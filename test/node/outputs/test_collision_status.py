@@ -27,12 +27,11 @@ import pytest
 from each import each
 
 pytest.importorskip("rclpy")
-from fake_frames import FakeFrames
 from objects_rig import SECOND, START, ObjectsRig
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from rig import FRAME, OUTPUTS, STATUS, Rig, cube, pose
+from rig import FRAME, OUTPUTS, STATUS, FakeFrames, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool

@@ -25,10 +25,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from each import each
-from fake_frames import FakeFrames
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
-from rig import cube
+from rig import FakeFrames, cube
 from robot_rig import CRATE, EDGES, SRDF, URDF, AskingRig
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray

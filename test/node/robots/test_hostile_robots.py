@@ -30,8 +30,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from each import each
-from fake_frames import FakeFrames
-from rig import cube, pose
+from rig import FakeFrames, cube, pose
 from robot_rig import BOTH, HAND, URDF, AskingRig, RobotRig
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger

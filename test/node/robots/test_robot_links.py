@@ -22,10 +22,9 @@ from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
-from fake_frames import FakeFrames
 from lifecycle_msgs.msg import Transition
 from objects_rig import ObjectsRig
-from rig import LATCHED, Rig, cube, pose
+from rig import LATCHED, FakeFrames, Rig, cube, pose
 from robot_rig import CRATE, EDGES, HAND, HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
 from std_msgs.msg import String
 from std_srvs.srv import Trigger

@@ -22,8 +22,7 @@ from each import each
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
-from fake_frames import FakeFrames
-from rig import cube, pose
+from rig import FakeFrames, cube, pose
 from robot_rig import CRATE, URDF, AskingRig, box
 from std_srvs.srv import SetBool
 
