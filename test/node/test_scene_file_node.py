@@ -118,13 +118,17 @@ def test_ready_scenes_start_by_name(name: str) -> None:
         assert node.cycle.report is not None
 
 
-def test_a_scene_file_that_cannot_be_used_ends_the_node_with_file_and_line(
+def test_what_cannot_be_used_ends_the_node_with_the_reason(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "wrong.yaml"
     file.write_text("objects:\n  - {name: a/1, shape: box, size: [1, -1, 1]}\n")
-    assert run_node(["--ros-args", "-p", f"scene_file:={file}"]) == 1
-    assert f"{file}:2: " in capfd.readouterr().err
+    for given, reason in (
+        (f"scene_file:={file}", f"{file}:2: "),
+        ("stale_policy:=forget", "stale_policy must be one of unknown, collide, keep, ignore"),
+    ):
+        assert run_node(["--ros-args", "-p", given]) == 1
+        assert reason in capfd.readouterr().err
 
 
 @each(

@@ -41,6 +41,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rig import DOMAIN, NAMESPACE, Client, cube
 
+from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.topics.topics import DEADLINE
 
 IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
@@ -74,48 +75,24 @@ def end(process: subprocess.Popen[str], number: signal.Signals) -> str:
     return output
 
 
-def end_with_last_word(
-    process: subprocess.Popen[str], number: signal.Signals, other: Client
-) -> str:
-    """End a node as ``end`` does, and wait for what it says then: nothing is known any more."""
-    other.listen("collision_status")
-    other.until(lambda: "collision_status" in other.last, "status")
-    output = end(process, number)
-    other.until(
-        lambda: "shutting down" in other.last["collision_status"].status[0].message,
-        "the last word",
-    )
-    other.until(lambda: other.last["in_collision"].data, "the last flag")
-    return output
-
-
 def test_another_process_configures_activates_and_deactivates_it() -> None:
     managed = (*IN_NAMESPACE, "-p", "autostart:=false")
     with running(*managed) as process, client(met=False) as other:
-        other.listen("collision_status")
-
-        def said(text: str) -> None:
-            def reached() -> bool:
-                last = other.last.get("collision_status")
-                return last is not None and text in last.status[0].message
-
-            other.until(reached, text)
-
-        said("unconfigured")
+        other.says(UNKNOWN, "unconfigured")
         assert other.change(Transition.TRANSITION_CONFIGURE)
         other.wait_inputs()
         other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
-        said("inactive")
+        other.says(UNKNOWN, "inactive")
         for _ in range(2):
             assert other.change(Transition.TRANSITION_ACTIVATE)
-            said("1 pair collides")
+            other.says(COLLIDING, "1 pair collides")
             assert not other.change(Transition.TRANSITION_ACTIVATE)
             assert other.change(Transition.TRANSITION_DEACTIVATE)
-            said("inactive")
+            other.says(UNKNOWN, "inactive")
         assert other.change(Transition.TRANSITION_CLEANUP)
-        said("unconfigured")
+        other.says(UNKNOWN, "unconfigured")
         assert other.change(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
-        said("shutting down")
+        other.says(UNKNOWN, "shutting_down")
         assert other.state() == "finalized"
         output = end(process, signal.SIGTERM)
     assert "ready:" in output
@@ -229,11 +206,19 @@ def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:
             process.send_signal(signal.SIGCONT)
 
 
-def test_arguments_come_by_the_command_line_and_signals_may_go_on_until_the_end() -> None:
-    arguments = ["--ros-args", "-r", "__ns:=/cell", "-r", "objects:=scene"]
-    with running(*arguments, "-p", "rate:=20.0", "-p", "fixed_frame:=odom") as process:
+def test_arguments_come_by_the_command_line_and_signals_may_go_on_until_the_last_word() -> None:
+    arguments = (
+        *IN_NAMESPACE,
+        "-r",
+        "objects:=scene",
+        "-p",
+        "rate:=20.0",
+        "-p",
+        "fixed_frame:=odom",
+    )
+    with running(*arguments) as process, client(met=False) as other:
         ready = output_until(process, "ready:").splitlines()[-1]
-        output_until(process, "active")
+        other.known("no_objects")
         limit = time.monotonic() + PATIENCE
         while process.poll() is None:
             assert time.monotonic() < limit
@@ -242,26 +227,10 @@ def test_arguments_come_by_the_command_line_and_signals_may_go_on_until_the_end(
                 process.wait(0.002)  # as fast as no one can type, slow enough to let it end
         assert process.stdout is not None
         output = process.stdout.read()
+        other.says(UNKNOWN, "shutting_down", True)
     assert process.returncode == 0, output
     assert "Traceback" not in output
-    for word in ("/cell/scene", "/cell/collisions", "'odom'", "at 20 Hz", " /diagnostics"):
-        assert word in ready
-
-
-def test_a_wrong_parameter_stops_the_start_with_the_reason() -> None:
-    with running("--ros-args", "-p", "stale_policy:=forget") as process:
-        output, _ = process.communicate(timeout=PATIENCE)
-        assert process.returncode != 0
-        assert "stale_policy must be one of unknown, collide, keep, ignore" in output
-
-
-def test_a_signal_ends_it_and_its_last_word_is_that_nothing_is_known() -> None:
-    with running(*IN_NAMESPACE) as process, client() as other:
-        other.send(cube(("part", 0)), cube(("part", 1), (0.5, 0, 0)))
-        assert other.pairs() == {("part/0", "part/1")}
-        output = end_with_last_word(process, signal.SIGINT, other)
-    (ready,) = [line for line in output.splitlines() if "ready:" in line]
-    for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
+    for word in (f"{NAMESPACE}/scene", "/collisions", "'odom'", "at 20 Hz", "numba", "/markers"):
         assert word in ready
 
 
