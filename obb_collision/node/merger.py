@@ -42,7 +42,7 @@ from obb_collision.node.diagnostics.answer import (
     Answer,
     Reason,
 )
-from obb_collision.node.diagnostics.monitors import overridable
+from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
@@ -120,12 +120,7 @@ class MergerNode(Node):
         self._joined_at, self._pairs = monotonic(), 0
         self._regions = list(regions)
         self._publishers_of = {
-            topic.name: self.create_publisher(
-                topic.message,
-                topic.name,
-                copy(topic.qos),
-                qos_overriding_options=overridable(),
-            )
+            topic.name: make_publisher(self, topic.message, topic.name, topic.qos)
             for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
         }
         settings: Any = AllOn(unknown)

@@ -19,10 +19,12 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSPolicyKind, QoSProfile, qos_check_compatible
@@ -200,6 +202,17 @@ def _check(profile: QoSProfile) -> SetParametersResult:
         if policy.name == "UNKNOWN":
             reason = f"unknown is no {type(policy).__name__}"
     return SetParametersResult(successful=not reason, reason=reason)
+
+
+def make_publisher(node: Node, kind: type, topic: str, qos: QoSProfile) -> Publisher:
+    """Return a publisher whose QoS parameters change, and QosWatch watches."""
+    return node.create_publisher(
+        kind,
+        topic,
+        copy(qos),  # overrides are written into it
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        qos_overriding_options=overridable(),
+    )
 
 
 class QosWatch:

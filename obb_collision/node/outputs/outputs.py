@@ -25,13 +25,12 @@ from typing import Any
 
 import numpy as np
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.diagnostics.monitors import overridable
+from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.messages.cdr import namespace_bytes
 from obb_collision.node.messages.clouds import cloud_to_bytes
@@ -133,18 +132,10 @@ class Outputs:
         self._next_namespaces = 0.0
 
         def publisher(topic: Topic) -> Publisher:
-            qos = copy(topic.qos)  # overrides are written into it
+            qos = copy(topic.qos)
             if topic is TOPICS["collision_status"]:
                 qos.deadline = Duration(seconds=parameters.status_deadline)
-            return node.create_publisher(
-                topic.message,
-                topic.name,
-                qos,
-                event_callbacks=PublisherEventCallbacks(
-                    use_default_callbacks=False
-                ),  # QosWatch polls
-                qos_overriding_options=overridable(),
-            )
+            return make_publisher(node, topic.message, topic.name, qos)
 
         self.publishers = {name: publisher(topic) for name, topic in TOPICS.items()}
         self.namespaces = publisher(NAMESPACES)

@@ -39,7 +39,7 @@ from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.states import AHEAD, OLDER, States
 from obb_collision.node.objects.table import NEVER
 from obb_collision.robots.robot import Robot
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 LENGTHS_DIFFER = "array lengths differ"
 BAD_POSITION, BAD_VELOCITY = "bad position", "bad velocity"
@@ -79,11 +79,42 @@ def text_from_bytes(data: bytes) -> str:
     return text
 
 
-class Joints:
-    """The values of ``robot.joint_names``, each with when it came.
+class Arrivals:
+    """When the latest values of n things came.
 
-    known: which joints have a value; bad: those whose latest value could not be used; unclear:
-    those of which no velocity is known, which is zero then.
+    known: which have one; repeated: which had one before; bad: those whose latest one could not be
+    used; overdue: when it is no more a late one that came last (ns).
+    """
+
+    def __init__(self, count: int) -> None:
+        self.known, self.bad, self.repeated = (np.zeros(count, np.bool_) for _ in range(3))
+        self.stamps, self.received = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self.overdue = np.full(count, NEVER)
+
+    def find_late(self, rows: Rows, stamp: int, now: int, order_timeout: int) -> Mask:
+        """Return which values come late: soon after newer ones, or their sender has restarted."""
+        late: Mask = (self.stamps[rows] > stamp) & (stamp != 0)
+        late &= now - self.received[rows] <= order_timeout
+        self.overdue[rows[late]] = self.received[rows[late]] + order_timeout // 2
+        return late
+
+    def accept(self, rows: Rows, stamp: int, now: int) -> None:
+        """Take note of values that can be used."""
+        self.repeated[rows] |= self.known[rows]
+        self.known[rows], self.bad[rows], self.received[rows] = True, False, now
+        self.stamps[rows], self.overdue[rows] = stamp, NEVER
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        self.received += shift
+        self.stamps[:] = 0
+        self.overdue[:] = NEVER  # stamps may restart
+
+
+class Joints(Arrivals):
+    """The values of ``robot.joint_names``.
+
+    unclear: those of which no velocity is known, which is zero then.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -91,11 +122,9 @@ class Joints:
         self._rows = {name: row for row, name in enumerate(self.names)}
         self._others = {joint.name for joint in robot.joints} - set(self.names)
         count = len(self.names)
+        super().__init__(count)
         self.positions, self.velocities = np.zeros(count), np.zeros(count)
-        self.known, self.bad = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.unclear = np.zeros(count, np.bool_)
-        self._stamps, self._received = np.zeros(count, np.int64), np.zeros(count, np.int64)
-        self._overdue = np.full(count, NEVER)  # when it is no more a late state that came last
         # of the last state with another stamp, 0 where there is none
         self._before, self._stamps_before = np.zeros(count), np.zeros(count, np.int64)
         limits = robot.velocity_limits
@@ -124,13 +153,10 @@ class Joints:
         if strange:
             monitor.doubt(now, UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
         known = np.flatnonzero(rows >= 0)
-        newer = (self._stamps[rows[known]] > stamp) & (stamp != 0)
-        old = newer & (now - self._received[rows[known]] <= states.order_timeout)
-        if old.any():  # received not so long ago, or their sender has restarted
-            monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
-            late = rows[known[old]]
-            self._overdue[late] = self._received[late] + states.order_timeout // 2
-            known = known[~old]
+        late = self.find_late(rows[known], stamp, now, states.order_timeout)
+        if late.any():
+            monitor.refuse(now, OLDER, count=int(np.count_nonzero(late)))
+            known = known[~late]
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
         bad = known[~finite]
         if len(bad):
@@ -149,8 +175,7 @@ class Joints:
         velocities[lacking] = self._differences(kept, positions, stamp, states)[lacking]
         self.unclear[kept] = unclear = np.isnan(velocities)
         self.positions[kept], self.velocities[kept] = positions, np.where(unclear, 0.0, velocities)
-        self.known[kept], self.bad[kept], self._received[kept] = True, False, now
-        self._stamps[kept], self._overdue[kept] = stamp, NEVER
+        self.accept(kept, stamp, now)
 
     def _checked_stamp(self, message: JointMessage, rows: Rows) -> int:
         """Return the stamp (ns); RefusedError for a message that is refused whole."""
@@ -166,9 +191,9 @@ class Joints:
 
     def _remember(self, rows: Rows, stamp: int) -> None:
         """Keep the values of joints for differences, before one of another stamp comes."""
-        others = rows[self._stamps[rows] != stamp]
+        others = rows[self.stamps[rows] != stamp]
         self._before[others] = self.positions[others]
-        self._stamps_before[others] = self._stamps[others]
+        self._stamps_before[others] = self.stamps[others]
 
     def _differences(self, rows: Rows, positions: Floats, stamp: int, states: States) -> Floats:
         """Return the velocities (n,) that lead to positions (n,) from the states before.
@@ -215,20 +240,20 @@ class Joints:
     @property
     def stamp(self) -> int:
         """The newest stamp of a joint (ns), 0 for none."""
-        return int(self._stamps.max(initial=0))
+        return int(self.stamps.max(initial=0))
 
     @property
-    def received(self) -> int:
+    def newest(self) -> int:
         """When the last message came (ns)."""
-        return int(self._received.max(initial=0))
+        return int(self.received.max(initial=0))
 
     def fault(self, now: int, timeout: float) -> str:
         """Return why the joints are not known, "" if they are; timeout (s): 0 for none."""
-        old = self.known & (timeout > 0.0) & (now - self._received > timeout * NANOSECONDS)
+        old = self.known & (timeout > 0.0) & (now - self.received > timeout * NANOSECONDS)
         for rows, what in (
             (~self.known, "joints without a state"),
             (self.bad, "joints whose state was refused"),
-            (self._overdue < now, "joints whose states have older stamps"),
+            (self.overdue < now, "joints whose states have older stamps"),
             (old, "joints with a stale state"),
         ):
             if rows.any():
@@ -238,6 +263,5 @@ class Joints:
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        self._received += shift
-        self._stamps[:] = self._stamps_before[:] = 0
-        self._overdue[:] = NEVER  # stamps may restart
+        super().clock_jumped(shift)
+        self._stamps_before[:] = 0

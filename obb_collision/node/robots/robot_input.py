@@ -39,9 +39,13 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
-from obb_collision.node.objects.table import NEVER
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
-from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
+from obb_collision.node.robots.joints import (
+    Arrivals,
+    Joints,
+    joints_from_bytes,
+    text_from_bytes,
+)
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
@@ -55,6 +59,8 @@ ROBOT, JOINT, BASE = "robot_unknown", "joint_unknown", "base_unknown"
 """Codes of ``evidence``."""
 START = "<"
 """What XML begins with: anything else would be the name of a file."""
+FIRST = np.zeros(1, np.int64)
+"""The row of the only base."""
 ENDING = 2.0
 """Seconds to wait at the end for the thread that reads."""
 
@@ -120,17 +126,15 @@ class RobotInput:
         self._unplaced = ""  # why the latest state could not be
         self.links: LinkObjects | None = None
         self.joints: Joints | None = None
-        self._base: tuple[Floats, str, int] | None = None  # pose, frame, stamp
+        self._base: tuple[Floats, str] | None = None  # pose and frame
         if base.pose is not None:
-            self._base = unit_poses(np.array(base.pose)), "", 0
+            self._base = unit_poses(np.array(base.pose)), ""
+        self._bases = Arrivals(1)
         self._changed = False
         self._link_poses: Floats | None = None
         self.attached = NOTHING
         """The objects attached to its links."""
         self._base_refused = ""  # why its latest pose could not be used
-        self._base_received: int | None = None  # when its latest one came
-        self._base_repeated = False  # whether more than one came
-        self._base_overdue = NEVER  # when it is no more a late pose that came last
         self.faults = {ROBOT: "no robot_description"}
         """Why, by code, it is not known where its links are."""
         self.halt = ""
@@ -210,23 +214,18 @@ class RobotInput:
             if pose_kinds(message.pose)[0] in (UNUSABLE, ZERO):
                 raise RefusedError("bad pose")
             stamp = stamp_from_ros(message.header.stamp)
-            if self._is_older_base(stamp, now):
+            states = self._objects.states
+            if self._bases.find_late(FIRST, stamp, now, states.order_timeout)[0]:
                 raise RefusedError(OLDER)
             self._objects.placement.frame_index(message.header.frame_id)
         except RefusedError as error:
             monitor.refuse(now, error.reason, repr(self.name), error.detail)
             if error.reason != OLDER:
                 self._base_refused = f"its latest pose was refused: {error.reason}"
-            elif self._base_received is not None:
-                order_timeout = self._objects.states.order_timeout
-                self._base_overdue = self._base_received + order_timeout // 2
             return
-        self._base_repeated |= self._base_received is not None
-        self._base_received, self._base_refused, self._base_overdue = now, "", NEVER
-        believed = stamp <= now + self._objects.states.stamp_tolerance
-        pose = unit_poses(message.pose[0])
-        self._base = pose, message.header.frame_id, stamp if believed else 0
-        self._changed = True
+        self._bases.accept(FIRST, stamp if stamp <= now + states.stamp_tolerance else 0, now)
+        self._base = unit_poses(message.pose[0]), message.header.frame_id
+        self._base_refused, self._changed = "", True
 
     def apply(self, now: int, timeout: float) -> bool:
         """Bring the objects in line with what came; returns whether there are other ones.
@@ -258,15 +257,6 @@ class RobotInput:
         found = self._find_faults(now, timeout)
         self.faults = {code: why for code, why in found.items() if why}
 
-    def _is_older_base(self, stamp: int, now: int) -> bool:
-        """Return whether a pose of the base comes late: soon after a newer one.
-
-        Long after it, its sender has restarted.
-        """
-        if self._base is None or self._base_received is None or not 0 < stamp < self._base[2]:
-            return False
-        return now - self._base_received <= self._objects.states.order_timeout
-
     def _find_faults(self, now: int, timeout: float) -> dict[str, str]:
         """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
         reading = f"{DESCRIPTION} being read" if self.reading is not None else ""
@@ -281,14 +271,14 @@ class RobotInput:
         """Return why it is not known where the base is, "" if it is."""
         if self.base.frame != BY_TOPIC:
             return ""
-        if self._base is None or self._base_refused or self._base_received is None:
+        if self._base is None or self._base_refused:
             return self._base_refused or f"no base by {BY_TOPIC}"
-        if self._base_overdue < now:
+        if self._bases.overdue[0] < now:
             return "its latest poses have older stamps"
         limits = self._objects.staleness.limits
         own = limits.timeouts.value(self.name)
-        most = own if own is not None else limits.timeout if self._base_repeated else 0.0
-        old = 0.0 < most * NANOSECONDS < now - self._base_received
+        most = own if own is not None else limits.timeout if self._bases.repeated[0] else 0.0
+        old = 0.0 < most * NANOSECONDS < now - self._bases.received[0]
         return f"no base by {BY_TOPIC} for longer than {most:g} s" if old else ""
 
     def _replace(self, robot: Robot, now: int) -> None:
@@ -315,10 +305,10 @@ class RobotInput:
         assert self.links is not None
         assert self.joints is not None
         joints = self.joints
-        pose, frame, stamp = self._base or (IDENTITY_POSE, self.base_frame, 0)
-        stamps = max(joints.stamp, stamp)
-        received = joints.received if len(joints.names) else now
-        state = State(frame, stamps, received, self._topics[JOINT_STATES])
+        pose, frame = self._base or (IDENTITY_POSE, self.base_frame)
+        stamp = max(joints.stamp, int(self._bases.stamps[0]))
+        received = joints.newest if len(joints.names) else now
+        state = State(frame, stamp, received, self._topics[JOINT_STATES])
         self._changed = False
         try:
             self.links.place(joints.positions, joints.velocities, pose, state)
@@ -343,8 +333,7 @@ class RobotInput:
         """The pose (7,) of the root link in a frame, and the frame; None where it is not known."""
         if self.links is None or (self.base.frame == BY_TOPIC and self._base is None):
             return None
-        pose, frame, _ = self._base or (IDENTITY_POSE, self.base_frame, 0)
-        return pose, frame
+        return self._base or (IDENTITY_POSE, self.base_frame)
 
     @property
     def stands_in(self) -> str:
@@ -373,7 +362,7 @@ class RobotInput:
             assert self.links is not None
             assert self.joints is not None
             joints, received = self.joints, self._objects.table.received
-            received[attached.slots] = np.maximum(received[attached.slots], joints.received)
+            received[attached.slots] = np.maximum(received[attached.slots], joints.newest)
             here = joints.positions, joints.velocities, self.link_poses
             self.links.set_twists(attached, *here)
         return not same
@@ -402,11 +391,7 @@ class RobotInput:
         """Shift times by a jump of the clock (ns)."""
         if self.joints is not None:
             self.joints.clock_jumped(shift)
-        if self._base is not None:
-            self._base = (*self._base[:2], 0)
-        if self._base_received is not None:
-            self._base_received += shift
-            self._base_overdue = NEVER  # stamps may restart
+        self._bases.clock_jumped(shift)
 
     def close(self) -> None:
         """End what is being read."""

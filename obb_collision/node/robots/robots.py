@@ -17,18 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from copy import copy
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
 
-from obb_collision.node.diagnostics.monitors import overridable
+from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
@@ -120,7 +117,7 @@ class RobotAnswers:
         self._node, self.checked = node, checked
         name = checked.given.name
         self.publishers = {
-            topic.name: self._publisher(f"{name}/{topic.name}", topic.message, topic.qos)
+            topic.name: make_publisher(node, topic.message, f"{name}/{topic.name}", topic.qos)
             for topic in OUTPUTS
         }
         asked, wanted = (
@@ -134,13 +131,6 @@ class RobotAnswers:
         if ServiceType is not None:
             answer = StateService(checked, asked).answer
             self._service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
-
-    def _publisher(self, topic: str, kind: type, qos: QoSProfile) -> Publisher:
-        callbacks = PublisherEventCallbacks(use_default_callbacks=False)
-        options: dict[str, Any] = {"qos_overriding_options": overridable()}
-        return self._node.create_publisher(
-            kind, topic, copy(qos), event_callbacks=callbacks, **options
-        )
 
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return what takes the questions of each topic."""
