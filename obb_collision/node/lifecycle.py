@@ -20,7 +20,7 @@ possible in the present state ends the node (https://github.com/ros2/rclpy/issue
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from traceback import format_exception
 from typing import Any
 
@@ -33,19 +33,6 @@ from obb_collision.node.runtime.running import UNUSABLE, in_one_line
 SUCCESS, ERROR = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.ERROR
 
 
-Transition = Callable[[LifecycleNode, LifecycleState], TransitionCallbackReturn]
-
-
-def _transition(what: str, *names: str) -> Transition:
-    """Return a callback of a transition, which calls methods by their names."""
-
-    def callback(node: Any, _: LifecycleState) -> TransitionCallbackReturn:
-        result: TransitionCallbackReturn = node.go(what, names)
-        return result
-
-    return callback
-
-
 class ManagedNode(LifecycleNode):
     """Calls a method per transition; one that raises leaves the node unconfigured.
 
@@ -54,6 +41,9 @@ class ManagedNode(LifecycleNode):
     ``finish``.
     """
 
+    configure: Callable[[], None]
+    activate: Callable[[], None]
+    deactivate: Callable[[], None]
     release: Callable[[], None]
     rest: Callable[[str], None]
     finish: Callable[[], None]
@@ -76,6 +66,26 @@ class ManagedNode(LifecycleNode):
                 raise self._failure
         self._starting = False
 
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Create what the node needs to work."""
+        return self._go("configure", self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to work."""
+        return self._go("activate", self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Pause."""
+        return self._go("deactivate", self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Undo ``on_configure``."""
+        return self._go("clean up", self.release, lambda: self.rest(""))
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the work for good; the process stays, with the services that tell the state."""
+        return self._go("shut down", self.release, self.finish)
+
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Undo all after a transition that failed; the next one may do better."""
         try:
@@ -92,19 +102,11 @@ class ManagedNode(LifecycleNode):
         super().destroy_node()
         destroy_states(self)
 
-    on_configure = _transition("configure", "configure")
-    on_activate = _transition("activate", "activate")
-    on_deactivate = _transition("deactivate", "deactivate")
-    on_cleanup = _transition("clean up", "release", "rest")
-    # for good; the process stays, with the services that tell the state
-    on_shutdown = _transition("shut down", "release", "finish")
-
-    def go(self, what: str, names: Sequence[str]) -> TransitionCallbackReturn:
-        """Call methods for a transition; one that raises is what the transition fails for."""
+    def _go(self, what: str, *actions: Callable[[], None]) -> TransitionCallbackReturn:
         self._failure = None
         try:
-            for name in names:
-                getattr(self, name)()
+            for action in actions:
+                action()
         except Exception as error:
             self._failure, self._reason = error, in_one_line(error)
             if not isinstance(error, (*UNUSABLE, OSError)):  # not foreseen
