@@ -229,7 +229,7 @@ class CycleRunner:
         given = self._given(report, effects, now)
         self._outputs.publish_report(given)
         times.append(perf_counter())
-        self._outputs.publish_markers(given)
+        self._node.guard.run("output markers", lambda: self._outputs.publish_markers(given))
         times.append(perf_counter())
         names = ("prepare", "check", "publish", "markers")
         stages = dict(zip(names, np.diff(times).tolist(), strict=True))

@@ -218,9 +218,6 @@ class Outputs:
 
     def publish_markers(self, given: Published) -> None:
         """Publish the boxes, if it is time to and there are subscribers."""
-        self.guard.run("output markers", lambda: self._publish_markers(given))
-
-    def _publish_markers(self, given: Published) -> None:
         parameters, now = self.parameters, perf_counter()
         if parameters.marker_rate <= 0.0 or now < self._next_markers:
             return

@@ -24,7 +24,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from time import perf_counter
@@ -233,9 +232,10 @@ class WarmUp:
                 self._info(text)
                 report(text)
 
+        needs_private = self._is_cache_full or _kernel_cache.why_not_kept()
         progress = compile_steps(
             missing,
-            private=self._private_place(),
+            private=_kernel_cache.private_place() if needs_private else None,
             niceness=niceness,
             look=look,
             stopped=stopped,
@@ -247,11 +247,6 @@ class WarmUp:
                 f"{perf_counter() - start:.1f} s"
             )
         return progress
-
-    def _private_place(self) -> Path | None:
-        """Return a folder for kernels that can't be cached, None if all can."""
-        needed = self._is_cache_full or _kernel_cache.why_not_kept()
-        return _kernel_cache.private_place() if needed else None
 
     def _compile_here(self, reason: str) -> None:
         """Compile all that may ever be switched on, as nothing can be compiled elsewhere later."""
