@@ -166,6 +166,7 @@ def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
     assert {name for name, kind in ends if kind == "subscription"} == {
         f"{NAMESPACE}/{topic}" for topic in INPUTS
     }
+    assert rig.node.robots is None, "without robots none of theirs"
     for name, kind in ends:
         for policy in ("depth", "durability", "reliability"):
             assert f"qos_overrides.{name}.{kind}.{policy}" in declared

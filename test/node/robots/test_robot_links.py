@@ -240,12 +240,6 @@ def test_parameters_that_make_no_sense_end_the_start(given: object, reason: str)
         Rig(given=given)  # type: ignore[arg-type]
 
 
-def test_without_robots_a_node_has_none(rig: Rig) -> None:
-    assert rig.node.robots is None
-    topics = {name for name, _ in rig.client.get_topic_names_and_types()}
-    assert not [name for name in topics if "joint_states" in name]
-
-
 def test_a_quaternion_of_zeros_is_refused() -> None:
     floating = joint("fly", "floating", "world", "base", "0 0 0")
     urdf = URDF.replace("</robot>", f'<link name="world"/>{floating}</robot>')

@@ -17,7 +17,6 @@
 ``python everything.py`` runs it and prints, as JSON, which kernels the process compiled or loaded
 after "ready" without a step of warming up, how many by steps, and for each thing asked the longest
 time between two cycles.
-``python everything.py EFFECT`` switches nothing on but this effect.
 """
 
 from __future__ import annotations
@@ -152,16 +151,6 @@ def objects() -> list[Marker]:
     return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
 
 
-def switch_effect(rig: Everything, effect: str) -> Iterator[str]:
-    """Ask for an effect by its topic; yields what it was once it is answered."""
-    topic = EFFECTS[effect]
-    rig.listen(topic)
-    rig.until(lambda: topic in rig.last, topic)
-    yield f"effect {effect}"
-    rig.move()
-    yield f"effect {effect}, moved"
-
-
 def waiting_effects(rig: Everything) -> set[str]:
     """Return the effects that wait for kernels of a level."""
     effects = rig.node.effects
@@ -179,10 +168,14 @@ def switch_everything(rig: Everything) -> Iterator[str]:
     rig.answer()
     rig.move()
     yield "objects"
-    for effect in EFFECTS:
-        yield from switch_effect(rig, effect)
+    for effect, topic in EFFECTS.items():
+        rig.listen(topic)
+        rig.until(lambda topic=topic: topic in rig.last, topic)  # type: ignore[misc]
+        yield f"effect {effect}"
+        rig.move()
+        yield f"effect {effect}, moved"
     rig.ignore(*(EFFECTS[effect] for effect in SHOWN))
-    for level in (*ALL_LEVELS, *reversed(ALL_LEVELS)):
+    for level in (*ALL_LEVELS, "obb"):
         rig.set(accuracy=level)
         rig.cycles(5)
         rig.until(lambda: not rig.node.settings.waiting, level)
@@ -207,23 +200,14 @@ def switch_everything(rig: Everything) -> Iterator[str]:
     yield "objects that go"
 
 
-def switch_one(rig: Everything, effect: str) -> Iterator[str]:
-    """Ask for one effect, of objects that are there."""
-    rig.send(*objects())
-    rig.answer()
-    yield "objects"
-    yield from switch_effect(rig, effect)
-
-
-def main(*effects: str) -> None:
-    """Run it, or for one effect."""
+def main() -> None:
+    """Run it."""
     loaded = kernels_of_steps()
     rig = Everything()
     Garbage.settle()  # as the executable does
     with rig:
         before, compiled = rig.kernels(), len(_kernel_cache.compiled.names)
-        asked = switch_one(rig, *effects) if effects else switch_everything(rig)
-        stages = [(stage, rig.stage()) for stage in asked]
+        stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
         new = sorted(rig.kernels() - before - loaded)
     names = _kernel_cache.compiled.names[compiled:]
     found = {"new": new, "loaded": len(loaded - before), "compiled": names, "stages": stages}
@@ -231,4 +215,4 @@ def main(*effects: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()
