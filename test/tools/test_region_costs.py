@@ -34,7 +34,7 @@ def test_what_is_near_is_a_part_and_nothing_is_near_to_what_is_far() -> None:
     assert near[3] == 0
 
 
-@pytest.mark.slow  # test_regions_processes.py shows that two processes find what one does
+@pytest.mark.slow  # test_regions_node.py shows that two regions find what one does
 def test_two_processes_answer_for_what_one_does(tmp_path: Path) -> None:
     file = tmp_path / "figures.json"
     few = ["--objects", "200", "--processes", "2", "--seconds", "0.1"]
