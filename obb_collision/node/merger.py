@@ -120,7 +120,7 @@ class MergerNode(Node):
         self._joined_at, self._pairs = monotonic(), 0
         self._regions = list(regions)
         self._publishers_of = {
-            topic.name: make_publisher(self, topic.message, topic.name, topic.qos)
+            topic.name: make_publisher(self, topic.message, topic.name, topic.qos, is_watched=False)
             for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
         }
         settings: Any = AllOn(unknown)

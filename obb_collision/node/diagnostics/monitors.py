@@ -204,13 +204,15 @@ def _check(profile: QoSProfile) -> SetParametersResult:
     return SetParametersResult(successful=not reason, reason=reason)
 
 
-def make_publisher(node: Node, kind: type, topic: str, qos: QoSProfile) -> Publisher:
-    """Return a publisher whose QoS parameters change, and QosWatch watches."""
+def make_publisher(
+    node: Node, kind: type, topic: str, qos: QoSProfile, *, is_watched: bool = True
+) -> Publisher:
+    """Return a publisher whose QoS parameters change; is_watched: by QosWatch, else by rclpy."""
     return node.create_publisher(
         kind,
         topic,
         copy(qos),  # overrides are written into it
-        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=not is_watched),
         qos_overriding_options=overridable(),
     )
 
