@@ -25,7 +25,7 @@ from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
 
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
@@ -288,7 +288,7 @@ class CollisionNode(ManagedNode):
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=lambda _: self.now(),  # rclpy reports jumps of simulated time only
+            post_callback=self._look_at_clock,
         )
         self._configured.callback(self._jump.unregister)
         for topic in self.topics:
@@ -403,6 +403,10 @@ class CollisionNode(ManagedNode):
     def _is_simulated(self) -> bool:
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
+    def _look_at_clock(self, jump: TimeJump) -> None:
+        """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
+        self.now()
 
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""
