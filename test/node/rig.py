@@ -79,6 +79,8 @@ REPORTS = 0.2
 """Seconds between two ``/diagnostics``: a test waits for several of them."""
 FIRST_STAMP = 1_000_000_000
 RELIABILITY = "subscription.reliability"
+RATE = 100.0
+"""Cycles per second: most of a test is waiting for one."""
 STATUS, FLAG = "collision_status", "in_collision"
 
 INPUTS: dict[str, Any] = {
@@ -343,6 +345,7 @@ class Rig(Client):
         parameters |= given or {}
         parameters.setdefault("mesh_folders", [tempfile.gettempdir()])
         parameters.setdefault("cycle_timeout", 30.0)  # slow enough for a loaded machine
+        parameters.setdefault("rate", RATE)
         if sure_points:
             parameters.setdefault(f"qos_overrides.{NAMESPACE}/points.{RELIABILITY}", "reliable")
         if frames is None and not tf2:

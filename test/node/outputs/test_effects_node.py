@@ -138,7 +138,7 @@ def test_a_subscription_starts_an_effect_and_its_end_stops_it(
     calls: Counter[str], effect: str
 ) -> None:
     topic = TOPICS[effect].name.replace("~", "obb_collision")
-    with Rig(deaf=True, marker_rate=100.0) as rig:
+    with Rig(deaf=True, marker_rate=100.0, rate=200.0) as rig:
         scene = Scene(rig)
         rig.listen(topic)
         rig.until(lambda: topic in rig.last, topic)
@@ -159,7 +159,7 @@ def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
     topics = [topic.name.replace("~", "obb_collision") for topic in TOPICS.values()]
     if effect == "collisions":  # of which those need the rows, too
         topics = [topic for topic in topics if topic not in ("collisions_text", "events")]
-    with Rig(deaf=True, marker_rate=100.0, given={f"effects.{effect}": "off"}) as rig:
+    with Rig(deaf=True, marker_rate=100.0, rate=200.0, given={f"effects.{effect}": "off"}) as rig:
         scene = Scene(rig)
         rig.listen(*topics)
         settled(scene, calls)

@@ -23,7 +23,7 @@ import pytest
 pytest.importorskip("rclpy")
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rig import NAMESPACE, Rig, cube
+from rig import NAMESPACE, RATE, Rig, cube
 
 from obb_collision.node.runtime import inner
 
@@ -46,7 +46,7 @@ def test_requests_that_come_together_are_all_answered(rig: Rig) -> None:
     rig.until(lambda: all(future.done() for future in futures), "answers")
     state, parameters, names = (future.result() for future in futures[-3:])
     assert state.current_state.label == "active"
-    assert parameters.values[0].double_value == 50.0
+    assert parameters.values[0].double_value == RATE
     assert "rate" in names.result.names
 
 
