@@ -54,7 +54,6 @@ from obb_collision.node.robots.checked_robot import LinkFrames
 from obb_collision.node.robots.robots import Robots, robot_inputs
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.node.runtime.inner import RareServices
 from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
@@ -111,7 +110,6 @@ class CollisionNode(ManagedNode):
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
-        self.rare = RareServices(self)
         self._configured = ExitStack()
         autostart = self.parameters.autostart
         self._scene_file = self._read_scene_file() if autostart else None
@@ -494,7 +492,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "warm", "_configured", "rare"):
+        for name in ("status", "warm", "_configured"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()

@@ -23,10 +23,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rclpy.executors import Executor, await_or_execute
+from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from rclpy.waitable import NumberOfEntities, Waitable
 from rosgraph_msgs.msg import Clock
 
 
@@ -80,61 +79,3 @@ def release(executor: Executor) -> None:
                 group = entity.callback_group
                 if getattr(group, "_active_entity", None) is entity:
                     group.ending_execution(entity)
-
-
-class RareServices(Waitable):
-    """Services that are called now and then, waited for as one.
-
-    rclpy's executors prepare every entity of a node, one by one, before every wait: a managed node
-    has twelve services of rclpy's own, which took a quarter of the time of a wait. Takes over those
-    that a node has so far; where its list of them is missing, none.
-    """
-
-    def __init__(self, node: Node) -> None:
-        super().__init__(node.default_callback_group)
-        self._node = node
-        self._of_node: list[Any] = getattr(node, "_services", [])
-        self.services: list[Any] = [*self._of_node]
-        self._handles = [service.handle for service in self.services]
-        for handle in self._handles:  # not for every wait: nobody else destroys them
-            handle.__enter__()
-        self._of_node.clear()
-        node.add_waitable(self)
-
-    def close(self) -> None:
-        """Leave the services to the node again, which destroys them."""
-        services, self.services = self.services, []
-        if services:
-            self._node.remove_waitable(self)
-            for handle in self._handles:
-                handle.__exit__(None, None, None)
-            self._of_node.extend(services)
-
-    def get_num_entities(self) -> NumberOfEntities:
-        """Return how much room a wait set needs."""
-        return NumberOfEntities(num_services=len(self._handles))
-
-    def add_to_wait_set(self, wait_set: Any) -> None:
-        """Wait for all of them."""
-        for handle in self._handles:
-            wait_set.add_service(handle)
-
-    def is_ready(self, wait_set: Any) -> bool:
-        """Return whether one of them is called."""
-        ready = wait_set.get_ready_entities("service")
-        return bool(ready) and any(handle.pointer in ready for handle in self._handles)
-
-    def take_data(self) -> Any:
-        """Return one request, with its service; others wait in the middleware."""
-        for service in self.services:
-            request, header = service.handle.service_take_request(service.srv_type.Request)
-            if header is not None:
-                return service, request, header
-        return None
-
-    async def execute(self, taken: Any) -> None:
-        """Answer a request."""
-        if taken is not None:
-            service, request, header = taken
-            answer = await await_or_execute(service.callback, request, service.srv_type.Response())
-            service.send_response(answer, header)
