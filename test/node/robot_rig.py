@@ -30,11 +30,13 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import duration_to_ros, stamp_from_ros
 from obb_collision.node.parameters.parameters import SPECS
-from obb_collision.node.robots.validity import ROWS, VALID
 
 CRATE, HAND = ("crate", 1), ("arm/hand", 1)
 EDGES = (0.1, 0.1, 0.1)
 BOTH = ("lift", "turn")
+VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
+"""Reasons of ``state_validity``, as documented."""
+ROW = ("distance", "index", "ns_a", "id_a", "ns_b", "id_b", "valid", "reason")
 
 
 def box(edge: float, place: str = "0 0 0") -> str:
@@ -183,7 +185,7 @@ class AskingRig(RobotRig):
         self.questions.publish(cloud_to_ros(rows, self.header()))
         self.until(lambda: self.answers, "the answer")
         assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
-        return cloud_from_ros(self.answers[0], ROWS.names or ())
+        return cloud_from_ros(self.answers[0], ROW)
 
     def reasons(self, states: Any, **options: Any) -> list[int]:
         """Return why states are not valid; valid and reason must fit."""

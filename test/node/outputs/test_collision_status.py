@@ -45,7 +45,7 @@ from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.refusals import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
-from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.node.runtime import warm_up
 from obb_collision.scene.store.overrides import Overrides
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -159,16 +159,16 @@ def test_a_start_that_compiles_says_so_in_the_status(monkeypatch: pytest.MonkeyP
         qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         topic, kind = f"/cell/{STATUS}", OUTPUTS[STATUS].message
         rig.client.create_subscription(kind, topic, status.append, qos)
-        start = WarmUp.start
+        start = warm_up.WarmUp.start
 
-        def compiling(warm: WarmUp, things: Any, report: Callable[[str], None]) -> None:
+        def compiling(warm: warm_up.WarmUp, things: Any, report: Callable[[str], None]) -> None:
             report("compiling: 3 kernels")
             reason = "starting, compiling: 3 kernels"
             rig.until(lambda: status and status[-1].status[0].message == reason, "the reason")
             assert {message.status[0].level for message in status} == {UNKNOWN}
             start(warm, things, report)
 
-        monkeypatch.setattr(WarmUp, "start", compiling)
+        monkeypatch.setattr(warm_up.WarmUp, "start", compiling)
         CollisionNode(context=rig.context, namespace="cell").destroy_node()
         assert status
 

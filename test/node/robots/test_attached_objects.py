@@ -28,12 +28,11 @@ from each import each
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import FakeFrames, cube
-from robot_rig import CRATE, EDGES, SRDF, URDF, AskingRig
+from robot_rig import COLLIDES, CRATE, EDGES, NOT_KNOWN, SRDF, URDF, VALID, AskingRig
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.objects.conditions import UNPLACED
-from obb_collision.node.robots.validity import COLLIDES, NOT_KNOWN, VALID
 
 TOOL, NAME, HAND = ("tool", 1), "tool/1", "arm/hand"
 HERE, THERE = [0.0, 0.0], [0.0, np.pi / 2]

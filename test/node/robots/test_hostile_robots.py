@@ -31,13 +31,12 @@ pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from each import each
 from rig import FakeFrames, cube, pose
-from robot_rig import BOTH, HAND, URDF, AskingRig, RobotRig
+from robot_rig import BOTH, HAND, NOT_KNOWN, ROW, URDF, VALID, AskingRig, RobotRig
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
-from obb_collision.node.robots.validity import NOT_KNOWN, ROWS, VALID
 from obb_collision.robots.description.urdf import MOST_GEOMETRIES
 from obb_collision.scene.building import process
 
@@ -194,7 +193,7 @@ def test_states_that_cannot_be_read_are_never_valid(arm: AskingRig) -> None:
             arm.cycles(1)
         if answered:
             arm.until(lambda: arm.answers, "the answer")
-            answer = cloud_from_ros(arm.answers[0], ROWS.names or ())
+            answer = cloud_from_ros(arm.answers[0], ROW)
             assert answer["reason"].tolist() == [NOT_KNOWN] * 3
             assert not answer["valid"].any()
         rows = arm.ask([[0.25, 0.0], [NAN, 0.0], [9.0, 0.0]])

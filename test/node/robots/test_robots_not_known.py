@@ -32,7 +32,7 @@ from robot_rig import HAND, URDF, RobotRig
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.conversions import NANOSECONDS
-from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.node.runtime import warm_up
 
 PAST = 60 * NANOSECONDS
 
@@ -101,17 +101,17 @@ def test_links_whose_hulls_are_being_built_are_unknown_and_collide_with_nothing(
 
 
 def test_links_are_unknown_while_kernels_of_their_accuracy_are_loaded(tmp_path: Path) -> None:
-    is_ready = WarmUp.is_ready
+    is_ready = warm_up.WarmUp.is_ready
     with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
         rig.set(accuracy="obb")
         rig.send(CORNER)
         rig.start_robot(ball(tmp_path))
         rig.until(lambda: len(rig.pairs()), "boxes that meet")
 
-        def lacks_hull(warm: WarmUp, level: Accuracy) -> bool:
+        def lacks_hull(warm: warm_up.WarmUp, level: Accuracy) -> bool:
             return level != Accuracy.HULL and is_ready(warm, level)
 
-        with patch.object(WarmUp, "is_ready", lacks_hull):
+        with patch.object(warm_up.WarmUp, "is_ready", lacks_hull):
             rig.set(accuracy="hull")
             rig.known("starting")
             levels = statuses(rig)

@@ -33,13 +33,10 @@ from std_msgs.msg import String
 from test_attached_objects import TOOL, held, put
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.robots.validity import (
-    ROBOT_ATTACHED,
-    ROBOT_LINK,
-    WORLD_OBJECT,
-    StateService,
-)
+from obb_collision.node.robots import validity
 
+ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
+"""Of moveit_msgs/ContactInformation."""
 QUARTER = {"lift": 0.0, "turn": np.pi / 2}
 GROUPS = (
     '<group name="top"><link name="hand"/></group><group name="lower"><joint name="lift"/></group>'
@@ -78,7 +75,7 @@ class ServiceRig(AskingRig):
         self.until(lambda: self.robot.links.robot.groups, "the SRDF")
         put(self, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
         monitor = self.monitor("arm/states_to_check")
-        self.service = StateService(self.ends.checked, monitor, contact)
+        self.service = validity.StateService(self.ends.checked, monitor, contact)
 
     def call_it(self, request: Any) -> Any:
         return self.service.answer(request, plain(valid=True, contacts=[], cost_sources=[]))

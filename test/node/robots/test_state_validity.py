@@ -23,20 +23,23 @@ from each import each
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from rig import FakeFrames, cube, pose
-from robot_rig import CRATE, URDF, AskingRig, box
+from robot_rig import (
+    BAD_STATE,
+    COLLIDES,
+    CRATE,
+    NOT_KNOWN,
+    OUT_OF_LIMITS,
+    URDF,
+    VALID,
+    AskingRig,
+    box,
+)
 from std_srvs.srv import SetBool
 
 import obb_collision as oc
 from obb_collision.node import namespace_number
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.robots import validity
-from obb_collision.node.robots.validity import (
-    BAD_STATE,
-    COLLIDES,
-    NOT_KNOWN,
-    OUT_OF_LIMITS,
-    VALID,
-)
 
 
 def test_each_state_is_valid_or_says_why_not() -> None:

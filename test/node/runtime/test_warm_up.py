@@ -32,7 +32,6 @@ from visualization_msgs.msg import Marker
 from obb_collision import _kernel_cache
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.runtime import warm_up
-from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.warm_up import steps
 from obb_collision.warm_up.processes import CompileProgress
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
@@ -87,7 +86,7 @@ class Log:
     def __init__(self) -> None:
         self.said: list[str] = []
         self.complained: list[str] = []
-        self.warm = WarmUp(self.said.append, self.complained.append)
+        self.warm = warm_up.WarmUp(self.said.append, self.complained.append)
 
 
 def wait_for(reached: Callable[[], bool]) -> None:
@@ -229,7 +228,7 @@ def test_a_start_that_is_given_up_compiles_nothing_more(
         return CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", stopped)
-    warm = WarmUp(lambda text: None, lambda text: None, lambda: True)
+    warm = warm_up.WarmUp(lambda text: None, lambda text: None, lambda: True)
     warm.start([])
     assert cache.here == []
     warm.close()
@@ -249,7 +248,7 @@ def test_closing_waits_until_nothing_is_compiled_any_more(
     monkeypatch.setattr(warm_up, "compile_steps", compile_until_stopped)
     cache.kept = {BOXES, MESSAGES, SEPARATIONS}
     monkeypatch.setattr(warm_up, "ENDING", 3600.0)
-    warm = WarmUp(lambda text: None, lambda text: None)
+    warm = warm_up.WarmUp(lambda text: None, lambda text: None)
     warm.start([])
     assert not warm.is_ready("sweep")
     assert begun.wait(PATIENCE)
