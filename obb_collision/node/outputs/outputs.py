@@ -76,13 +76,9 @@ class Effects:
         self.on_boxes: dict[str, list[Accuracy]] = {}
         """Effects that are on boxes until kernels of levels above OBB are ready; and the levels."""
 
-    def mode(self, name: str) -> str:
-        """Return off, auto or on."""
-        return self._parameters.mode(name)
-
     def is_requested(self, name: str) -> bool:
         """Return whether an effect is on, or there are subscribers of a topic that needs it."""
-        mode = self.mode(name)
+        mode = self._parameters.mode(name)
         if mode != AUTO:
             return mode == ON
         if name not in TOPICS:
@@ -111,7 +107,7 @@ class Effects:
         return {name: self._state(name, computed) for name in self._names}
 
     def _state(self, name: str, computed: frozenset[str]) -> str:
-        mode = self.mode(name)
+        mode = self._parameters.mode(name)
         if mode == OFF:
             return mode
         if name in computed:

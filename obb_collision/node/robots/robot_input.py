@@ -21,7 +21,6 @@ refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from threading import Lock, Thread
 
 import numpy as np
@@ -145,15 +144,7 @@ class RobotInput:
         """Why it is not known where its links are, "" if it is."""
         return "; ".join(self.faults.values())
 
-    def callbacks(self) -> dict[str, Callable[[bytes], None]]:
-        """Return what takes the serialised messages of each topic."""
-        return {
-            self._topics[DESCRIPTION]: partial(self._take_text, DESCRIPTION),
-            self._topics[SEMANTIC]: partial(self._take_text, SEMANTIC),
-            self._topics[JOINT_STATES]: self.take_joints,
-        }
-
-    def _take_text(self, kind: str, data: bytes) -> None:
+    def take_text(self, kind: str, data: bytes) -> None:
         """Begin to read a URDF, with the SRDF if there is one, unless it is only sent again.
 
         While the last of either is refused, the robot is in doubt.
@@ -283,8 +274,9 @@ class RobotInput:
 
     def _replace(self, robot: Robot, now: int) -> None:
         """Take a robot in place of the one before."""
-        self._drop()
-        self._unadded = ""
+        if self.links is not None:
+            self.links.remove()
+        self.links, self.joints, self._unadded = None, None, ""
         links = LinkObjects(self.name, robot, self._objects)
         try:
             links.add()
@@ -294,11 +286,6 @@ class RobotInput:
             return
         self.links, self.joints, self._changed, self._unplaced = links, Joints(robot), True, ""
         self._link_poses = None
-
-    def _drop(self) -> None:
-        if self.links is not None:
-            self.links.remove()
-        self.links = self.joints = None
 
     def _place(self, now: int) -> None:
         """Store where the links are by the latest joints and base."""

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -132,11 +133,6 @@ class RobotAnswers:
             answer = StateService(checked, asked).answer
             self._service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
 
-    def callbacks(self) -> dict[str, Callable[[bytes], None]]:
-        """Return what takes the questions of each topic."""
-        takes = {STATES_TO_CHECK: self.validity.take, TRAJECTORY_IN: self.trajectories.take}
-        return {f"{self.checked.given.name}/{kind}": take for kind, take in takes.items()}
-
     def notes(self) -> list[str]:
         """Return why the robot was stopped, or is to be."""
         halt = self.checked.given.halt
@@ -173,9 +169,16 @@ class Robots:
         found = {}
         for robot, answers in zip(self.robots, self.answers, strict=True):
             inputs.bases[robot.name] = robot.take_base
-            for takes, changes in ((robot.callbacks(), True), (answers.callbacks(), False)):
-                for topic, take in takes.items():
-                    found[topic] = inputs.guarded(topic, take, changes=changes)
+            takes = {
+                DESCRIPTION: partial(robot.take_text, DESCRIPTION),
+                SEMANTIC: partial(robot.take_text, SEMANTIC),
+                JOINT_STATES: robot.take_joints,
+                STATES_TO_CHECK: answers.validity.take,
+                TRAJECTORY_IN: answers.trajectories.take,
+            }
+            for kind, take in takes.items():
+                topic, changes = f"{robot.name}/{kind}", not KINDS[kind].is_query
+                found[topic] = inputs.guarded(topic, take, changes=changes)
         return found
 
     def apply(self) -> bool:
