@@ -65,28 +65,27 @@ class SceneParameters:
             _set(scene, name, getattr(parameters, name))
         _set(scene, "time_budget", parameters.time_budget or None)
         self.apply_accuracy()
-        groups = Groups(parameters.groups)
-        self._apply_filters(groups)
+        self._apply_filters()
         levels = {name: effect_levels(parameters, name) for name in EFFECTS}
         self._requested.on_boxes = {
             name: some
             for name, some in levels.items()
             if not all(self._warm.has((name, level)) for level in some)
         }
-        self._apply_effects(groups)
-
-    def apply_effects(self) -> None:
-        """Set the effects anew, of which some were on boxes until their kernels were ready."""
-        self._apply_effects(Groups(self._parameters.groups))
+        self.apply_effects()
 
     def allow(self, rules: list[Rule]) -> None:
         """Set the further rules."""
         self.allowed = rules
-        self._apply_filters(Groups(self._parameters.groups))
+        self._apply_filters()
 
-    def _apply_effects(self, groups: Groups) -> None:
-        """Set the effects, and the region, whose halo depends on them."""
+    def apply_effects(self) -> None:
+        """Set the effects, some on boxes until their kernels are ready, and the region.
+
+        Its halo depends on them.
+        """
         parameters, scene = self._parameters, self._objects.scene
+        groups = Groups(parameters.groups)
         settings = {name: self._effect_setting(name, groups) for name in EFFECTS}
         if self._effects != settings or scene.region != parameters.share:
             scene.region = None  # its halo fits the new options, maybe not the old ones
@@ -105,9 +104,10 @@ class SceneParameters:
             setting[ACCURACY] = "obb"
         return setting
 
-    def _apply_filters(self, groups: Groups) -> None:
+    def _apply_filters(self) -> None:
         """Set which pairs count, and the paddings by name."""
         parameters, scene = self._parameters, self._objects.scene
+        groups = Groups(parameters.groups)
         allowed = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
         only = [groups.sides(pair) for pair in parameters.check_only_pairs]
         filters = ([*self.allowed, *allowed], only, parameters.allowed_within)
