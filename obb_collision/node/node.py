@@ -179,7 +179,7 @@ class CollisionNode(ManagedNode):
             f"frames by {self.frames.description}"
         )
         log(
-            f"ready: fixed frame {'{self.parameters.fixed_frame[:80]}'}, "
+            f"ready: fixed frame '{self.parameters.fixed_frame[:80]}', "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz, "
             f"kernels loaded in {self._warm_up_time:.1f} s"
         )
