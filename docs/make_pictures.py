@@ -14,10 +14,11 @@
 
 """Makes the pictures in this folder anew: all, or those that are named.
 
-    python docs/make_pictures.py [accuracy] [effects] [separating_axis] [demo] [arm_cell] [robots]
+    python docs/make_pictures.py [accuracy] [effects] [speed] [promises] [separating_axis] [demo]
+        [arm_cell] [robots]
 
 The plots are drawn from the tables on the pages, so that both say the same; the commands beside the
-tables measure anew. `speed.svg` is drawn by its command. ``demo`` makes ``view.png`` and
+tables measure anew. ``demo`` makes ``view.png`` and
 ``demo.png``, ``arm_cell`` that of the tutorial: they need the extra ``ros``,
 ``demo`` the extra ``view`` and Chromium or Chrome, too.
 """
@@ -43,7 +44,7 @@ ARM_TIME = 10.0
 WINDOW, WARNING = (1640, 740), (0, 0, 345, 190)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 #: Nanoseconds.
-UNITS = {"ns": 1.0, "µs": 1e3}
+UNITS = {"ns": 1.0, "µs": 1e3, "ms": 1e6}
 
 
 def table(page: str, head: str) -> list[list[str]]:
@@ -58,49 +59,144 @@ def table(page: str, head: str) -> list[list[str]]:
     return rows
 
 
-def draw_accuracy() -> None:
-    """Draw what accuracy costs: the time per pair against false alarms."""
+def _numbers(cell: str) -> list[tuple[str, float]]:
+    """Return the numbers of a cell such as ``3.6 / 10.7 µs`` with their unit; none is 0."""
+    unit = cell.rsplit(" ", 1)[-1]
+    parts = [part.split(" ")[0].replace(",", "") for part in cell.split(" / ")]
+    return [(unit, 0.0 if part == "none" else float(part)) for part in parts]
+
+
+def _kinds(name: str) -> list[str]:
+    """Return the contestants of a row such as ``coal hull / mesh``."""
+    library, *kinds = re.split(r" / | ", name)
+    return [f"{library} {kind}" for kind in kinds]
+
+
+def _price() -> Any:
     from obb_collision.benchmarks.contest import ContestRow, Price
-    from obb_collision.benchmarks.plots import save_accuracy
 
     text = (FOLDER / "accuracy.md").read_text(encoding="utf-8")
-    shapes, pairs = re.findall(r"On (\d+) meshes .*? all ([\d,]+) pairs", text, re.DOTALL)[0]
+    shapes, pairs = re.findall(r"(\d+) meshes.*? ([\d,]+) pairs", text, re.DOTALL)[0]
     price = Price("real meshes", "", int(shapes), 0, int(pairs.replace(",", "")))
-    ours = [row[0] for row in table("accuracy.md", "| accuracy |")]
     for name, time, *_, false in table("accuracy.md", "| level |"):
-        numbers, unit = time.rsplit(" ", 1)
-        library, *kinds = re.split(r" / | ", name)
-        peer = name.split(",")[0] not in ours
-        names = [f"{library} {kind}" for kind in kinds] if peer else [name]
-        shares = false.split(" / ")
-        for one, number, share in zip(names, numbers.split(" / "), shares, strict=True):
-            percent = 0 if share == "none" else int(share.removesuffix(" %"))
-            price.rows.append(
-                ContestRow(one, peer, float(number) * UNITS[unit], reports=100, false=percent)
-            )
-    save_accuracy([price], [], FOLDER / "accuracy.svg")
+        names = _kinds(name) if " " in name else [name]
+        for one, (unit, number), (_, share) in zip(
+            names, _numbers(time), _numbers(false), strict=True
+        ):
+            row = ContestRow(one, " " in name, number * UNITS[unit], reports=100, false=int(share))
+            price.rows.append(row)
+    return price
 
 
-def draw_effects() -> None:
-    """Draw what each effect adds to a step, in the scenes that come with the package."""
-    from obb_collision.benchmarks.effects import ALL, CostRow
-    from obb_collision.benchmarks.plots import save_effect_costs
+def draw_accuracy() -> None:
+    """Draw what accuracy costs: the time per pair against false alarms and errors of effects."""
+    from obb_collision.benchmarks.effects import EffectRow
+    from obb_collision.benchmarks.plots import save_accuracy
+
+    effect, rows = "", []
+    for name, time, mean, _ in table("accuracy.md", "| effect | time per pair"):
+        what, _, level = name.partition(" at ")
+        names = [level] if level else _kinds(name)
+        effect = {"time of impact": "sweep"}.get(what, what) if level else effect
+        for one, (unit, number), (_, error) in zip(
+            names, _numbers(time), _numbers(mean), strict=True
+        ):
+            rows.append(EffectRow(effect, one, not level, 1, number * UNITS[unit], 1e-3 * error))
+    save_accuracy([_price()], rows, FOLDER / "accuracy.svg")
+
+
+def _effect_costs() -> list[Any]:
+    from obb_collision.benchmarks.effects import ALL, OFF, PAIRS, CostRow
 
     lines = (FOLDER / "effects.md").read_text(encoding="utf-8").splitlines()
     head = next(line for line in lines if line.startswith("| | tabletop"))
-    scenes = re.findall(r"(\w+), (\d+)", head)
     rows = []
-    for column, (scene, objects) in enumerate(scenes, start=1):
+    for column, (scene, objects) in enumerate(re.findall(r"(\w+), (\d+)", head), start=1):
         base = 0.0
         for cells in table("effects.md", head):
             name, cell = cells[0].removeprefix("and ").split(",")[0], cells[column]
             if not cell:
                 continue
-            base = base if cell.startswith("+") else float(cell)
-            extra = float(cell) if cell.startswith("+") else 0.0
+            number = float(cell.replace(",", ""))
+            base = number if name == OFF else base
+            step = base + number if cell.startswith("+") else number
             name = ALL if name.startswith("all") else name
-            rows.append(CostRow(scene, name, int(objects), base, extra, 0.0, 0.0))
-    save_effect_costs(rows, FOLDER / "effects.svg")
+            rows.append(CostRow(scene, name, int(objects), step, 0.0, 0.0, 0.0))
+    assert {PAIRS, OFF, ALL} <= {row.variant for row in rows}
+    return rows
+
+
+def draw_effects() -> None:
+    """Draw what each effect adds to a step, in the scenes that come with the package."""
+    from obb_collision.benchmarks.plots import save_effect_costs
+
+    save_effect_costs(_effect_costs(), FOLDER / "effects.svg")
+
+
+def draw_speed() -> None:
+    """Draw the tables of the full step: by number of boxes, and by form of the scene."""
+    from obb_collision.benchmarks.plots import save_speed
+    from obb_collision.benchmarks.steps import StepRow
+
+    rows = []
+    heads = {
+        "uniform": "| ms per step | 10 |",
+        "": "| ms per step | uniform |",
+    }
+    for form, start in heads.items():
+        text = (FOLDER / "speed.md").read_text(encoding="utf-8")
+        head = next(line for line in text.splitlines() if line.startswith(start))
+        columns = [cell.strip() for cell in head.strip("|").split("|")][1:]
+        for name, *cells in table("speed.md", start):
+            name, _, threads = name.replace(", best broad phase", ", 1 thread").rpartition(", ")
+            for column, cell in zip(columns, cells, strict=True):
+                if cell and not (column == "uniform" and not form):
+                    boxes = int(column.replace(",", "")) if form else 10_000
+                    ms, count = float(cell.split(" ")[0].rstrip("*")), int(threads.split(" ")[0])
+                    case = form or column, boxes, 1.0
+                    rows.append(StepRow(name, count, *case, ms, ms, 0, 0.0, 0, 0, 0, 0.0))
+    save_speed(rows, FOLDER / "speed.svg")
+
+
+def draw_promises() -> None:
+    """Draw the three promises beside each other, from the tables that prove them."""
+    from obb_collision.benchmarks import plots
+    from obb_collision.benchmarks.effects import ALL, PAIRS
+
+    with plots.picture(FOLDER / "promises.svg", (13.0, 3.8), "abc") as (_, panels):
+        levels = [row for row in _price().rows if not row.peer]
+        names = [f"{row.name}\n{plots.time(row.pair_ns)} per pair" for row in levels]
+        shares = [100.0 * row.false_of_reports for row in levels]
+        bars = panels["a"].barh(names, shares, color=plots.OURS)
+        panels["a"].bar_label(bars, [f"{share:.0f} %" for share in shares], padding=4)
+        panels["a"].set_title("You see what accuracy costs")
+        panels["a"].set_xlabel("share of the alarms that are false")
+
+        text = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
+        head = next(line for line in text.splitlines() if line.startswith("| pairs | this library"))
+        checkers = [cell.strip() for cell in head.strip("|").split("|")][1:]
+        rows = table("../README.md", "| pairs | this library")
+        wrong = [
+            sum(int(n) for row in rows for n in row[column].split(" / "))
+            for column in range(1, len(checkers) + 1)
+        ]
+        colors = [plots.OURS, *["#b9bec5"] * len(checkers)][: len(checkers)]
+        bars = panels["b"].barh(checkers, wrong, color=colors)
+        panels["b"].bar_label(bars, [f"{count:,}" for count in wrong], padding=4)
+        panels["b"].set_title("It is right")
+        panels["b"].set_xlabel(f"wrong answers in {len(rows)}00,000 pairs")
+
+        costs = _effect_costs()
+        scene = max({row.scene for row in costs}, key=[row.scene for row in costs].count)
+        variants = [row.variant for row in costs if row.scene == scene and row.variant != PAIRS]
+        plots.draw_effect_costs(panels["c"], costs, variants, [scene])
+        panels["c"].set_title("You pay for what you ask for")
+        assert ALL in variants
+        for name in "ab":
+            panels[name].invert_yaxis()
+            panels[name].margins(x=0.22)
+            panels[name].grid(visible=False)
+            panels[name].set_xticks([])
 
 
 def draw_separating_axis() -> None:
@@ -238,6 +334,8 @@ def draw_robots() -> None:
 PICTURES = {
     "accuracy": draw_accuracy,
     "effects": draw_effects,
+    "speed": draw_speed,
+    "promises": draw_promises,
     "separating_axis": draw_separating_axis,
     "demo": draw_demo,
     "arm_cell": draw_arm_cell,

@@ -16,64 +16,122 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from obb_collision.benchmarks.contest import Price
 from obb_collision.benchmarks.contestants import SCENE
-from obb_collision.benchmarks.effects import OFF, PAIRS, CostRow, EffectRow
+from obb_collision.benchmarks.effects import PAIRS, CostRow, EffectRow
 from obb_collision.benchmarks.speed import OWN
 from obb_collision.benchmarks.steps import StepRow
 
-#: Colour, line and mark of ours, which are thick and filled, and of each peer.
-STYLES: dict[str, tuple[str, Any, str]] = {
-    "find_pairs": ("#0b6e4f", "-", "o"),
-    "Scene, separations": ("#2ca25f", "-", "o"),
-    "Scene, contacts": ("#1f6fb4", "-", "o"),
+#: The look of all pictures of the project.
+STYLE: dict[str, Any] = {
+    "font.size": 10.0,
+    "axes.titlesize": 12.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+    "svg.hashsalt": "obb_collision",
+}
+OURS = "#1f5fa8"
+#: Colour, line and mark: ours one family, thick and filled; each peer another colour, thin.
+LOOKS: dict[str, tuple[str, Any, str]] = {
+    "find_pairs": ("#08306b", "-", "o"),
+    "Scene, separations": (OURS, "-", "o"),
+    "Scene, contacts": ("#6baed6", "-", "o"),
+    "obb_collision": (OURS, "-", "o"),
     "MuJoCo": ("#7a3b96", "--", "s"),
+    "parry3d": ("#a50f15", "--", "D"),
     "rapier3d": ("#b8860b", (0, (5, 1)), "P"),
     "coal": ("#c8500a", "-.", "^"),
+    "pinocchio": ("#c8500a", "-.", "^"),
     "python-fcl": ("0.35", ":", "v"),
-    "pybullet": ("0.5", (0, (1, 1)), "D"),
+    "pybullet": ("0.55", (0, (1, 1)), "X"),
 }
-OURS = "#0b5fa5"
-#: Effects in the picture of accuracy, and what is below the panel of each.
-EFFECTS = {
-    "clearance": "clearance: time per pair",
-    "contacts": "depth of contacts: time per pair",
-    "sweep": "time of impact: time per pair",
-}
-LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.02, 0.5), "frameon": False}
+#: Effects in the picture of accuracy, and the titles of their panels.
+EFFECTS = {"clearance": "Clearance", "contacts": "Depth of contacts", "sweep": "Time of impact"}
+#: Marks of the scenes in the picture of what effects cost.
+MARKS = "osD^"
+#: Where a label may stand: points from its spot, and its alignments; the first free one is taken.
+PLACES = [
+    (x * scale, y * scale, ("right", "center", "left")[1 + (x > 0) - (x < 0)], va)
+    for scale in (1.0, 2.0, 3.0, 4.5)
+    for x, y, va in (
+        *((6, 6, "bottom"), (0, 8, "bottom"), (-6, 6, "bottom"), (9, 0, "center")),
+        *((0, -8, "top"), (-9, 0, "center"), (6, -6, "top"), (-6, -6, "top")),
+    )
+]
 
 
-def _figure(panels: Any, size: tuple[float, float], **options: Any) -> tuple[Any, Any]:
+@contextmanager
+def picture(
+    path: Path, size: tuple[float, float], mosaic: Any = "a", **options: Any
+) -> Iterator[Any]:
+    """Give a figure in the project's style, with named panels, and save it at the end.
+
+    Yields (figure, panels by name).
+    """
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
-    return figure, figure.subplots(*panels, squeeze=False, **options)
+    with rc_context(STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure, figure.subplot_mosaic(mosaic, **options)
+        figure.savefig(path, dpi=130)
 
 
-def _style(name: str) -> dict[str, Any]:
-    color, line, mark = STYLES[name if name in OWN else name.split(" ")[0]]
-    width = 3.0 if name in OWN else 1.4
+def look(name: str) -> dict[str, Any]:
+    """Return the colour, line and mark of a contestant."""
+    is_ours = name in OWN or name == "obb_collision"
+    key = name if is_ours else name.split(" ")[0]
+    color, line, mark = LOOKS[key]
+    width = 3.0 if is_ours else 1.4
     return {"color": color, "linestyle": line, "marker": mark, "linewidth": width}
 
 
-def _finish(axes: Any, label: str, scales: Iterable[Any], shown: Any) -> None:
-    for axis in scales:
-        axis.set_major_formatter(lambda value, _: shown(value))
-        axis.set_minor_formatter("")
-    axes.set_xlabel(label)
-    axes.grid(which="major", alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
+def place_labels(axes: Any, labels: Sequence[tuple[str, float, float, dict[str, Any]]]) -> None:
+    """Write labels (text, x, y, style) beside their spots, where none covers another or a spot."""
+    figure = axes.figure
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # what is placed stays
+    spots = [axes.transData.transform((x, y)) for _, x, y, _ in labels]
+    taken: list[Any] = []
+    for text, x, y, style in labels:
+        for right, up, ha, va in PLACES:
+            note = axes.annotate(
+                text, (x, y), (right, up), textcoords="offset points", ha=ha, va=va, **style
+            )  # fmt: skip
+            box = note.get_window_extent()
+            free = not any(box.overlaps(other) for other in taken)
+            free = free and axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1
+            if free and not any(box.padded(3).contains(*spot) for spot in spots):
+                break
+            note.remove()
+        else:
+            note = axes.annotate(text, (x, y), (8, 0), textcoords="offset points", **style)
+        taken.append(note.get_window_extent())
 
 
-def _count(value: float) -> str:
+def name_values(axis: Any, shown: Callable[[float], str]) -> None:
+    """Write the values of an axis in words."""
+    axis.set_major_formatter(lambda value, _: shown(value))
+    axis.set_minor_formatter("")
+
+
+def number(value: float) -> str:
+    """Return a number with its thousands apart."""
     return f"{value:,.0f}" if value >= 1 else f"{value:g}"
 
 
-def _time(nanoseconds: float) -> str:
+def time(nanoseconds: float) -> str:
     """Return a time with a convenient unit."""
     if nanoseconds < 1e3:
         return f"{nanoseconds:g} ns"
@@ -82,55 +140,56 @@ def _time(nanoseconds: float) -> str:
 
 def save_accuracy(prices: Sequence[Price], effects: Sequence[EffectRow], path: Path) -> None:
     """Draw levels and peers on the last corpus measured, and below the errors of effects."""
-    from matplotlib.figure import Figure
-
     price = [price for price in prices if price.rows][-1]
     rows: Any = [["levels"] * len(EFFECTS), list(EFFECTS)][: 2 if effects else 1]
-    figure = Figure(figsize=(10.0, 4.8 * len(rows)), layout="constrained")
-    panels = figure.subplot_mosaic(rows)
-    axes = panels.pop("levels")
-    spots = [(r.name, r.peer, r.pair_ns, 100.0 * r.false_of_reports) for r in price.rows]
-    _draw_spots(axes, spots, "time per pair, logarithmic: what counts are ratios within the run")
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
-    axes.set_ylabel("false alarms among the reports")
-    axes.set_title("A more accurate level takes longer and gives fewer false alarms")
-    for effect, axes in panels.items():
-        own = [row for row in effects if row.effect == effect]
-        spots = [(row.name, row.peer, row.pair_ns, 1e3 * row.mean_error) for row in own]
-        if spots:
-            _draw_spots(axes, spots, EFFECTS[effect])
-        else:
-            axes.set_axis_off()
-        axes.set_ylabel("mean error, mm: shapes of 1 m, 1 m/s")
-    what = f"{price.shapes} {price.corpus}, {price.pairs:,} pairs. "
-    figure.suptitle(f"{what}Filled: levels of obb_collision. Hollow: peers, from Python.")
-    figure.savefig(path, dpi=130)
-
-
-def _draw_spots(axes: Any, spots: Sequence[tuple[str, bool, float, float]], label: str) -> None:
-    """Draw a line of ours and marks of peers, their names beside them."""
-    line = sorted((time, height) for _, peer, time, height in spots if not peer)
-    axes.plot(*zip(*line, strict=True), color=OURS, linewidth=2.0, marker="o", zorder=3)
-    axes.set_xscale("log")
-    axes.margins(0.2, 0.15)
-    for k, (name, peer, time, height) in enumerate(sorted(spots, key=lambda spot: spot[2])):
-        color = _style(name)["color"] if peer else OURS
-        if peer:
-            mark = {"marker": _style(name)["marker"], "markerfacecolor": "white"}
-            axes.plot(time, height, color=color, zorder=4, clip_on=False, **mark)
-        up = (9, -14, 20, -25)[k % 4]  # neighbours on different sides
-        weight = "normal" if peer else "bold"
-        axes.annotate(
-            name,
-            (time, height),
-            (0, up),
-            textcoords="offset points",
-            ha="center",
-            color=color,
-            fontsize=8.5,
-            fontweight=weight,
+    with picture(path, (11.0, 4.6 * len(rows)), rows) as (figure, panels):
+        axes = panels.pop("levels")
+        levels = [(r.name, r.peer, r.pair_ns, 100.0 * r.false_of_reports) for r in price.rows]
+        drawn = [(axes, levels)]
+        name_values(axes.yaxis, lambda value: f"{value:.0f} %")
+        axes.set_ylabel("false alarms among the reports")
+        axes.set_title(
+            f"A more accurate level takes longer and gives fewer false alarms\n"
+            f"{price.shapes} {price.corpus}, {price.pairs:,} pairs; hollow: peers, from Python"
         )
-    _finish(axes, label, [axes.xaxis], _time)
+        for effect, panel in panels.items():
+            own = [row for row in effects if row.effect == effect]
+            drawn.append((panel, [(r.name, r.peer, r.pair_ns, 1e3 * r.mean_error) for r in own]))
+            panel.set_title(EFFECTS[effect])
+            panel.set_ylabel("mean error, mm")
+        for panel, spots in drawn:
+            _draw_spots(panel, spots)
+        figure.draw_without_rendering()
+        for panel, spots in drawn:
+            _name_spots(panel, spots)
+
+
+Spot = tuple[str, bool, float, float]
+"""Name, whether it is a peer, time in ns, and height."""
+
+
+def _draw_spots(axes: Any, spots: Sequence[Spot]) -> None:
+    """Draw a line of ours and marks of peers."""
+    line = sorted((time, height) for _, peer, time, height in spots if not peer)
+    if line:
+        axes.plot(*zip(*line, strict=True), zorder=3, **look("obb_collision"))
+    for name, peer, when, height in spots:
+        if peer:
+            style = look(name) | {"linestyle": "none", "markerfacecolor": "white"}
+            axes.plot(when, height, zorder=4, clip_on=False, **style)
+    axes.set_xscale("log")
+    axes.margins(0.22, 0.14)
+    axes.set_xlabel("time per pair")
+    name_values(axes.xaxis, time)
+
+
+def _name_spots(axes: Any, spots: Sequence[Spot]) -> None:
+    labels = []
+    for name, peer, when, height in sorted(spots, key=lambda spot: spot[1]):
+        color = look(name if peer else "obb_collision")["color"]
+        weight = "normal" if peer else "bold"
+        labels.append((name, when, height, {"color": color, "fontsize": 9.0, "weight": weight}))
+    place_labels(axes, labels)
 
 
 def save_speed(rows: Sequence[StepRow], path: Path) -> None:
@@ -140,73 +199,85 @@ def save_speed(rows: Sequence[StepRow], path: Path) -> None:
     common = max({row.boxes for row in drawn}, key=lambda n: sum(r.boxes == n for r in drawn))
     by_form = [row for row in drawn if row.boxes == common]
     forms = list(dict.fromkeys(row.form for row in by_form))
-    figure, panels = _figure((1, min(2, len(forms))), (13.0 if len(forms) > 1 else 9.0, 5.0))
-    axes = panels[0, 0]
-    for name in dict.fromkeys(row.name.split(" ")[0] for row in sizes if row.name not in OWN):
-        own = [row for row in sizes if row.name.startswith(name) and row.name not in OWN]
-        _draw_sizes(axes, name, own)
-    for name in dict.fromkeys(row.name for row in sizes if row.name in OWN):
-        _draw_sizes(axes, name, [row for row in sizes if row.name == name])
-    _finish(axes, "boxes, all over a room", [axes.yaxis, axes.xaxis], _count)
-    if len(forms) > 1:
-        axes = panels[0, 1]
-        for row in by_form:
-            style = _style(row.name) | {"linestyle": "none"}
-            axes.semilogx(row.median_ms, forms.index(row.form), zorder=3, **style)
-        axes.set_yticks(range(len(forms)), forms)
-        axes.invert_yaxis()
-        label = f"milliseconds per step, {common:,} boxes, by form of the scene"
-        _finish(axes, label, [axes.xaxis], _count)
-    handles, names = panels[0, 0].get_legend_handles_labels()
-    panels[0, -1].legend(handles, names, labelspacing=1.2, **LEGEND)
-    figure.suptitle("New poses in, colliding pairs out: milliseconds per step, all boxes moving")
-    figure.savefig(path, dpi=130)
+    panels = ["sizes", "forms"] if len(forms) > 1 else ["sizes"]
+    with picture(path, (13.0 if len(forms) > 1 else 9.0, 5.0), [panels]) as (figure, axes):
+        for name in sorted({short_name(row.name) for row in sizes}, key=list(LOOKS).index):
+            own = sorted((r.boxes, r.median_ms) for r in sizes if short_name(r.name) == name)
+            label = f"obb_collision: {name}" if name in OWN else name
+            axes["sizes"].loglog(*zip(*own, strict=True), label=label, **look(name))
+        axes["sizes"].set(xlabel="boxes, all over a room", ylabel="ms per step")
+        axes["sizes"].set_title("New poses in, colliding pairs out; ours on one thread")
+        name_values(axes["sizes"].xaxis, number)
+        name_values(axes["sizes"].yaxis, number)
+        if len(forms) > 1:
+            for row in by_form:
+                style = look(short_name(row.name)) | {"linestyle": "none"}
+                axes["forms"].semilogx(row.median_ms, forms.index(row.form), zorder=3, **style)
+            axes["forms"].set_yticks(range(len(forms)), forms)
+            axes["forms"].invert_yaxis()
+            axes["forms"].set(xlabel="ms per step", ylabel="form of the scene")
+            axes["forms"].set_title(f"{common:,} boxes")
+            name_values(axes["forms"].xaxis, number)
+        handles, names = axes["sizes"].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside right center", labelspacing=1.2)
+
+
+def short_name(name: str) -> str:
+    """Return the name of a contestant without its way, as of a broad phase."""
+    return name if name in OWN else name.split(" ")[0]
 
 
 def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
-    """Return what is drawn: ours with the most threads, and the quickest of each peer per case."""
+    """Return what is drawn: ours with the fewest threads, the quickest of each peer per case."""
     best: dict[tuple[object, str], StepRow] = {}
     for row in rows:
-        name = row.name if row.name in OWN else row.name.split(" ")[0]
+        name = short_name(row.name)
         if name == SCENE.name:
             continue
-        key = row.case, name
-        rival = best.get(key)
-        if rival is None or (
-            row.threads > rival.threads if name in OWN else row.median_ms < rival.median_ms
-        ):
-            best[key] = row
+        rival = best.get((row.case, name))
+        key = "threads" if name in OWN else "median_ms"
+        if rival is None or getattr(row, key) < getattr(rival, key):
+            best[row.case, name] = row
     return list(best.values())
 
 
-def _draw_sizes(axes: Any, name: str, rows: Sequence[StepRow]) -> None:
-    own = sorted(rows, key=lambda row: row.boxes)
-    label = f"obb_collision: {name}" if name in OWN else name
-    points = [row.boxes for row in own], [row.median_ms for row in own]
-    axes.loglog(*points, label=label, **_style(name))
-
-
-def save_effect_costs(rows: list[CostRow], path: Path) -> None:
-    """Draw what each effect adds to a step as bars, one panel per scene."""
-    rows = [row for row in rows if row.variant != PAIRS]
+def save_effect_costs(rows: Sequence[CostRow], path: Path) -> None:
+    """Draw how many times as long as the pairs alone a step takes with each effect."""
+    variants = [name for name in dict.fromkeys(row.variant for row in rows) if name != PAIRS]
     scenes = list(dict.fromkeys(row.scene for row in rows))
-    counts = [sum(row.scene == scene for row in rows) for scene in scenes]
-    size = (7.5, 0.42 * sum(counts) + 2.0)
-    ratios = {"height_ratios": counts}
-    figure, panels = _figure((len(scenes), 1), size, sharex=True, gridspec_kw=ratios)
-    for axes, scene in zip(panels[:, 0], scenes, strict=True):
-        own = [row for row in rows if row.scene == scene]
-        (base,) = (row.step_us for row in own if row.variant == OFF)
-        labels = [row.variant for row in own]
-        more = [max(row.extra_us, 0.0) for row in own]
-        axes.barh(labels, [base] * len(own), color="0.78")
-        bars = axes.barh(labels, more, left=base, color="#d1495b")
-        texts = [f"{base:.0f} µs" if x.variant == OFF else f"+{x.extra_us:.0f} µs" for x in own]
-        axes.bar_label(bars, texts, padding=4)
-        axes.set_title(f"{scene}, {own[0].objects} objects", loc="left", weight="bold")
-        axes.invert_yaxis()
-        axes.margins(x=0.12)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[-1, 0].set_xlabel("µs per step (median)")
-    figure.suptitle("What a step costs: grey the pairs, red what the effects add")
-    figure.savefig(path, dpi=130)
+    with picture(path, (9.0, 0.55 * len(variants) + 1.8)) as (figure, panels):
+        axes = panels["a"]
+        draw_effect_costs(axes, rows, variants, scenes)
+        axes.set_title("A step beside its pairs alone: what is off costs next to nothing")
+        figure.legend(loc="outside right center")
+
+
+def draw_effect_costs(
+    axes: Any, rows: Iterable[CostRow], variants: Sequence[str], scenes: Sequence[str]
+) -> None:
+    """Draw the ratios of steps to the pairs alone: a row per variant, a mark per scene."""
+    rows = [row for row in rows if row.scene in scenes]
+    base = {row.scene: row.step_us for row in rows if row.variant == PAIRS}
+    for scene, mark, color in zip(scenes, MARKS, ("#08306b", OURS, "#6baed6"), strict=False):
+        own = [row for row in rows if row.scene == scene and row.variant in variants]
+        ratios = [row.step_us / base[scene] for row in own]
+        places = [variants.index(row.variant) for row in own]
+        label = f"{scene}, {own[0].objects} objects"
+        axes.semilogx(ratios, places, mark, color=color, markersize=8, label=label, zorder=3)
+        for ratio, place in zip(ratios, places, strict=True):
+            axes.hlines(place, 1.0, ratio, color=color, alpha=0.35, linewidth=4, zorder=2)
+    for place, variant in enumerate(variants):
+        own = [row.step_us / base[row.scene] for row in rows if row.variant == variant]
+        low, high = min(own), max(own)
+        text = f"+{100 * (high - 1):.2g} %" if high < 1.5 else f"{high:.1f} times"
+        axes.annotate(
+            text, (high, place), (9, 0), textcoords="offset points", va="center", fontsize=9
+        )  # fmt: skip
+        axes.set_xlim(min(1.0, low) * 0.97, None)
+    axes.axvline(1.0, color="0.3", linewidth=1.2)
+    axes.margins(x=0.25)
+    axes.set_yticks(range(len(variants)), variants)
+    axes.invert_yaxis()
+    axes.set_xlabel("time of a step, pairs alone = 1")
+    name_values(axes.xaxis, lambda value: f"{value:g}")
+    axes.set_xticks([1, 2, 4, 8], minor=False)
