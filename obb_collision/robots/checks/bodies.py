@@ -178,14 +178,13 @@ class LinkMeshes:
         self._frames = np.array([part.link for part in parts], np.int64)
         self._poses = np.array([part.pose for part in parts], np.float64)
         self.radii = np.array([part.padding for part in parts], np.float64)
-        self.kinds = np.array([kind_of(part.shape) for part in parts], np.int64)
         self._rows = np.zeros(len(parts), np.int64)
         built: dict[object, tuple[int, MeshTrees]] = {}
         for n, (shape, *_) in enumerate(parts):
             if isinstance(shape, OBB):  # in the middle of its pose from now on
                 place = np.append(shape.center, shape.quaternion)
                 self._poses[n] = compose_poses(self._poses[n], place)
-            elif self.kinds[n] == ROUND:
+            elif kind_of(shape) == ROUND:
                 self.radii[n] += round_sizes(shape)[0]
             key = shape if isinstance(shape, Shape) else n
             if key not in built:

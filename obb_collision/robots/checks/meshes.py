@@ -33,7 +33,7 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.robots.checks.arrays import LINK_PLACING
 from obb_collision.robots.checks.model import Prepared
-from obb_collision.scene.store.kinds import ROUND, TRIANGLES
+from obb_collision.scene.store.kinds import ROUND
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
@@ -123,11 +123,11 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
     if len(pairs) == 0:
         return
     own, world, (tree, bodies, tests) = prepared.own.meshes, prepared.world, prepared.checked
-    kinds = np.concatenate([own.kinds, world.kinds])
-    decided = (kinds[pairs] == TRIANGLES).any(axis=1)
+    decided = prepared.meshes[pairs].any(axis=1)
     i, j = np.ascontiguousarray(pairs.T)
     outside = j >= tests.first
-    segments = outside & (kinds[j] == ROUND)
+    segments = outside.copy()
+    segments[outside] = world.kinds[j[outside] - tests.first] == ROUND
     for part in (~outside, outside & ~segments, segments):
         rows = np.flatnonzero(part & decided)
         if len(rows) == 0:

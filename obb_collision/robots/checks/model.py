@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.arrays import (
     Checked,
@@ -49,7 +50,9 @@ from obb_collision.robots.checks.bodies import (
     largest_padding,
     world_of,
 )
+from obb_collision.robots.checks.chains import Chains
 from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.kinds import TRIANGLES, kind_of
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
@@ -127,6 +130,24 @@ class Prepared:
         """Distances of zero: bodies must touch to collide."""
         tests = self.checked.tests
         return PairValues(np.zeros((1, tests.first)), np.zeros((1, len(tests.pairs))))
+
+    @cached_property
+    def meshes(self) -> Mask:
+        """(b,) which bodies are meshes, whose pairs hulls do not decide."""
+        own = [kind_of(part.shape) for part in self.own.parts]
+        return np.append(np.array(own, np.int64), self.world.kinds) == TRIANGLES
+
+    @cached_property
+    def _chains(self) -> dict[bool, Chains]:
+        return {}
+
+    def chains(self, accuracy: Accuracy) -> Chains:
+        """Return what moves bodies, for checks of motions."""
+        boxes = bool(accuracy < Accuracy.HULL)
+        if boxes not in self._chains:
+            tree, bodies, tests = self.checked
+            self._chains[boxes] = Chains.of(tree, bodies, tests.pairs, tests.first, boxes)
+        return self._chains[boxes]
 
     def owners_of(self, bodies: Integers) -> Integers:
         """Return pairs of rows of ``names``, the smaller first, for pairs of bodies (m, 2)."""

@@ -159,11 +159,12 @@ class MotionReport(ValidityReport):
     Attributes
     ----------
     parameters : (n,) numpy.ndarray
-        From 0 at the start to 1 at the end: up to there the motion is certainly free, and there,
-        or within ``resolution`` of it, it collides; NaN where it does not.
+        From 0 at the start to 1 at the end: where the motion collides, NaN where it does not.
+        With ``first=True`` it is certainly free up to there, and collides there or within
+        ``resolution`` of it.
     undecided : (n,) numpy.ndarray
         Motions that count as colliding though no state of theirs was found that does: a pair comes
-        nearer than ``resolution``.
+        too near to be proved free.
     out_of_limits : (n, joints) numpy.ndarray
         The joints that leave their limits.
     first_pairs : (n, 2) numpy.ndarray

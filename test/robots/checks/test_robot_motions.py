@@ -72,7 +72,7 @@ def sampled(checker: oc.RobotScene, starts: np.ndarray, ends: np.ndarray) -> np.
 
 def compare(checker: oc.RobotScene, starts: np.ndarray, ends: np.ndarray) -> int:
     """Compare with samples; return how many motions collide."""
-    report = checker.check_motions(starts, ends)
+    report = checker.check_motions(starts, ends, first=True)
     first = sampled(checker, starts, ends)
     collides = ~np.isnan(first)
     assert report.colliding[collides].all()
@@ -97,6 +97,27 @@ def test_no_collision_of_fine_samples_is_missed(seed: int) -> None:
     compare(checker, starts, ends)
 
 
+@each("accuracy", ["sphere", "aabb", "obb", "hull"])
+@each("seed", [0, 3, 5])
+def test_motions_on_a_level_are_those_of_its_states(accuracy: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = oc.Robot.from_urdf(random_arm(rng, 5))
+    checker = oc.RobotScene([robot], random_world(rng, 3), accuracy)
+    states = random_states(rng, robot, 400)
+    starts = states[checker.check(states).valid][:40]
+    ends = starts + rng.choice((0.05, 0.5), (len(starts), 1)) * (states[: len(starts)] - starts)
+    collides = compare(checker, starts, ends)
+    report = checker.check_motions(starts, ends)
+    assert len(starts) > 20
+    assert report.valid.sum() >= 0.9 * (len(starts) - collides)
+    any_, first = (checker.check_motions(starts, ends, first=where) for where in (False, True))
+    assert np.array_equal(any_.valid, first.valid)
+    found = any_.colliding & ~any_.undecided
+    at = any_.parameters[found, None]
+    assert checker.check(starts[found] + at * (ends - starts)[found]).colliding.all()
+    assert (first.parameters[found] <= any_.parameters[found]).all()
+
+
 @settings(deadline=None, max_examples=6, suppress_health_check=[*HealthCheck])
 @given(seed=st.integers(0, 10**6))
 def test_no_collision_of_meshes_is_missed(seed: int, tmp_path: Path) -> None:
@@ -105,10 +126,10 @@ def test_no_collision_of_meshes_is_missed(seed: int, tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(text)
     checker = oc.RobotScene([oc.Robot.from_urdf(tmp_path / "arm.urdf")], random_world(rng, 4))
     starts, ends = (random_states(rng, checker.robots[0], 8) for _ in range(2))
-    hulls = checker.check_motions(starts, ends)
+    hulls = checker.check_motions(starts, ends, first=True)
     checker.accuracy = "mesh"
     compare(checker, starts, ends)
-    found = checker.check_motions(starts, ends)
+    found = checker.check_motions(starts, ends, first=True)
     assert not (found.colliding & ~hulls.colliding).any()
     both = found.colliding
     assert (found.parameters[both] >= hulls.parameters[both] - 1e-9).all()
@@ -127,7 +148,7 @@ def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> Non
     checker.padding = 0.07  # the pole, a prism of many sides, is 0.074 from either bar
     assert checker.check_motions([[0.0]], [[4.0]]).valid[0]
     checker.padding = 0.08
-    report = checker.check_motions([[0.0]], [[4.0]])
+    report = checker.check_motions([[0.0]], [[4.0]], first=True)
     assert report.pairs == [("ball", "pole")]
     assert not report.undecided[0]
     # where a corner at x = 0.125, y = 0.2 is 0.13 from the middle of the pole
@@ -151,7 +172,7 @@ def test_a_quaternion_through_zero_is_refused() -> None:
 
 def test_where_a_ball_first_touches_a_wall() -> None:
     checker = ball(0.5, wall=True)
-    report = checker.check_motions([[0.0], [0.0], [1.5]], [[2.0], [0.9], [0.0]])
+    report = checker.check_motions([[0.0], [0.0], [1.5]], [[2.0], [0.9], [0.0]], first=True)
     assert report.pairs == [("ball", "wall"), None, ("ball", "wall")]
     # the face of the wall is at x = 1.1
     assert report.parameters[0] == pytest.approx(0.5, abs=1e-4)
@@ -162,12 +183,16 @@ def test_where_a_ball_first_touches_a_wall() -> None:
 
 
 def test_near_misses_are_undecided_by_the_resolution() -> None:
-    checker = ball(2e-5)
-    loose = checker.check_motions([[0.0]], [[1.0]])
+    assert ball(1e-9).check_motions([[0.0]], [[1.0]]).valid[0]  # a straight line is no near miss
+    scene = oc.Scene()
+    reach = np.hypot(1.0, 0.05)  # of the corners of the blade
+    scene.add("wall", oc.shapes.Box([1, 1, 1]), [0.5 + reach + 1e-5, 0, 0, 0, 0, 0, 1])
+    checker = oc.RobotScene([oc.Robot.from_urdf(ROTOR)], scene)
+    loose = checker.check_motions([[-1.0]], [[1.0]], resolution=0.01)
     assert loose.undecided.tolist() == [True]
     assert loose.valid.tolist() == [False]
-    assert loose.pairs == [("ball", "floor")]
-    fine = checker.check_motions([[0.0]], [[0.1]], resolution=1e-5)
+    assert loose.pairs == [("blade", "wall")]
+    fine = checker.check_motions([[-1.0]], [[1.0]])
     assert fine.valid.tolist() == [True]
 
 
@@ -186,7 +211,7 @@ def test_what_turns_too_often_beside_something_is_undecided(accuracy: str, turns
 def test_a_path_names_its_first_bad_motion() -> None:
     checker = ball(0.5, wall=True)
     assert checker.check_path([[0.0], [0.5], [0.9]]).first_invalid is None
-    report = checker.check_path([[0.0], [0.5], [2.8], [0.0]])
+    report = checker.check_path([[0.0], [0.5], [2.8], [0.0]], first=True)
     assert report.first_invalid == 1
     assert report.parameters[1] == pytest.approx((1.0 - 0.5) / 2.3, abs=1e-4)
     assert checker.check_path([[0.5]]).valid.tolist() == [True]
