@@ -433,6 +433,7 @@ def _robots() -> None:
         checker.check_motions(states[:2], states[1:])
         checker.distances(states)
     checker.check_path(states)
+    checker.displacements(states, states)
     robot.prove_pairs(1.0)
 
 

@@ -35,7 +35,6 @@ from obb_collision.robots.checks.motions import (
     MotionQuestion,
     MovingPairs,
     OpenSpans,
-    displacements_kernel,
     motions_kernel,
     moves_kernel,
 )
@@ -60,6 +59,10 @@ class Spans(NamedTuple):
     pairs: Integers
     times: Floats
     collide: Mask  #: whether the meshes collide at the end
+
+    def take(self, rows: Rows | Mask) -> Spans:
+        """Return some of them."""
+        return Spans(self.motions[rows], self.pairs[rows], self.times[rows], self.collide[rows])
 
 
 def check_motions(
@@ -98,12 +101,17 @@ def displacements(prepared: Prepared, states: Floats, deviations: Floats) -> Flo
 
     states (m, joints): between which joints are; no joint may be planar or floating.
     """
-    count, far = len(deviations), np.abs(states).max(axis=0, initial=0.0)
-    begin = np.tile(far, (count, 1))
+    begin = np.tile(np.abs(states).max(axis=0, initial=0.0), (len(deviations), 1))
     question = _question(prepared, Accuracy.HULL, begin, begin + np.abs(deviations), 0.0, False)
-    found = np.empty(count)
-    run(displacements_kernel, count, FEWEST_MOTIONS, question, found)
-    return found
+    rows = np.arange(len(deviations))
+    return _moves(question, rows, np.full((len(rows), 3), -1), np.zeros((len(rows), 2)))[:, 0]
+
+
+def _moves(question: MotionQuestion, motions: Rows, pairs: Integers, times: Floats) -> Floats:
+    """Return (k, 2) how far pairs (k, 3) move between times (k, 2), and how far off the line."""
+    moving = MovingPairs(motions, pairs, times, np.empty((len(motions), 2)))
+    run(moves_kernel, len(motions), FEWEST_MOTIONS, question, moving)
+    return moving.moves
 
 
 def _question(
@@ -129,14 +137,14 @@ def _decide_meshes(
         open_ = spans.times[:, 0] < limits[spans.motions]
         if not question.first:
             open_ &= np.isinf(limits[spans.motions])
-        spans = Spans(*(values[open_] for values in spans))
+        spans = spans.take(open_)
         if len(spans.motions) == 0:
             break
         order = np.lexsort([spans.times[:, 0], spans.motions])
         ranks = np.arange(len(order)) - np.searchsorted(spans.motions[order], spans.motions[order])
         now = order[ranks < AT_ONCE]
         later = order[ranks >= AT_ONCE]
-        some = Spans(*(values[now] for values in spans))
+        some = spans.take(now)
         found, rest = _halved(prepared, question, some, step == MOST_ROUNDS - 1)
         latest_first = np.argsort(-found.times)
         for values, new in ((limits, found.times), (hits.undecided, ~found.collide)):
@@ -156,14 +164,9 @@ def _halved(
     count, middle = len(motions), 0.5 * (first + last)
     starts, ends = question.starts[motions], question.ends[motions]
     states = np.ascontiguousarray(starts + middle[:, None] * (ends - starts))
-    moves = MovingPairs(
-        np.tile(motions, 2),
-        np.tile(pairs, (2, 1)),
-        np.column_stack([np.append(first, middle), np.append(middle, last)]),
-        np.empty((2 * count, 2)),
-    )
-    run(moves_kernel, 2 * count, FEWEST_MOTIONS, question, moves)
-    way, bend = moves.moves.reshape(2, count, 2).max(axis=0).T
+    times = np.column_stack([np.append(first, middle), np.append(middle, last)])
+    moves = _moves(question, np.tile(motions, 2), np.tile(pairs, (2, 1)), times)
+    way, bend = moves.reshape(2, count, 2).max(axis=0).T
     limit = float((way + bend).max())
     bodies = np.where(pairs[:, 2:] < 0, pairs[:, 1::-1], pairs[:, :2])
     found = hull_distances(question.checked, states, bodies, limit)

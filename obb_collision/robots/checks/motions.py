@@ -135,10 +135,10 @@ class OpenSpans(NamedTuple):
 
 
 class MovingPairs(NamedTuple):
-    """Pairs (k, 3), as candidates, of motions (k,) at two times (k, 2), and how far they move."""
+    """Pairs of motions (k,) at two times (k, 2), and how far they move."""
 
     motions: Integers
-    pairs: Integers
+    pairs: Integers  #: (k, 3) as candidates; -1: the body that moves farthest, in all the motion
     times: Floats
     moves: Floats  #: (k, 2) on a line at most, and off it
 
@@ -660,34 +660,25 @@ def motions_kernel(
 
 
 @njit
-def displacements_kernel(
-    question: MotionQuestion, displacements: Floats, start: int, stop: int
-) -> None:
-    """Write how far a point of a body moves at most in each motion."""
-    bends = _new_room(question).bends
-    for n in range(start, stop):
-        _set_joints(question.checked.tree, question.starts, question.ends, n, bends.joints)
-        _set_bends(question, bends)
-        displacements[n] = 0.0
-        for i in range(len(bends.bodies)):
-            displacements[n] = max(displacements[n], BOUND_GROWTH * bends.bodies[i, 2])
-
-
-@njit
-def moves_kernel(question: MotionQuestion, spans: MovingPairs, start: int, stop: int) -> None:
-    """Write how far pairs move between two times, and by how much they are off the line."""
+def moves_kernel(question: MotionQuestion, moving: MovingPairs, start: int, stop: int) -> None:
+    """Write how far pairs move between two times, and how far off the line."""
     room = _new_room(question)
     bends, candidates = room.bends, room.placed.candidates
     for k in range(start, stop):
-        n = spans.motions[k]
+        n = moving.motions[k]
         blur = _set_joints(question.checked.tree, question.starts, question.ends, n, bends.joints)
         _set_bends(question, bends)
+        if moving.pairs[k, 0] < 0:
+            moving.moves[k, 0] = moving.moves[k, 1] = 0.0
+            for i in range(len(bends.bodies)):
+                moving.moves[k, 0] = max(moving.moves[k, 0], BOUND_GROWTH * bends.bodies[i, 2])
+            continue
         room.times[0] = room.times[1] = np.nan
-        _place(question, n, spans.times[k, 0], 0, room)
-        _place(question, n, spans.times[k, 1], 1, room)
+        _place(question, n, moving.times[k, 0], 0, room)
+        _place(question, n, moving.times[k, 1], 1, room)
         for m in range(3):
-            candidates[0, m] = spans.pairs[k, m]
-        spans.moves[k, 0], spans.moves[k, 1] = _moves(question, room, blur, 0, 0, 1)
+            candidates[0, m] = moving.pairs[k, m]
+        moving.moves[k, 0], moving.moves[k, 1] = _moves(question, room, blur, 0, 0, 1)
 
 
 @njit(inline=True, refcount=False)
