@@ -14,7 +14,8 @@
 
 """The demo's still picture, by matplotlib: the only module that needs it, which is an extra.
 
-Texts stand in margins of their own, so that they never cover an object or each other.
+Texts stand in a margin of their own, so that they never cover an object or each other; the first
+ones have a number where they are about.
 """
 
 from __future__ import annotations
@@ -51,13 +52,12 @@ from obb_collision.typing import Floats
 
 #: Inches, and pixels per inch.
 SIZE, DPI = (16.0, 9.0), 100
-#: Share of the width at either side for notes; notes per side; characters of a note.
-MARGIN, NOTES, LETTERS = 0.215, 16, 38
-#: Where notes end and begin, and from one to the next, shares of the height.
-TOP, BOTTOM, LINE = 0.84, 0.09, 0.042
+#: Share of the width at the right for notes; how many, and how many have a number in the scene;
+#: characters of a note.
+MARGIN, NOTES, MARKED, LETTERS = 0.235, 17, 5, 42
+#: Where notes begin, and from one to the next, shares of the height.
+TOP, LINE = 0.84, 0.042
 LEGEND_COLUMNS = 9
-#: With more objects than this, lines from notes to their places would hide what they are about.
-MAX_NOTED = 100
 #: Faces and edges are drawn in pieces of this share of the scene's diagonal, the farthest first.
 PIECE = 0.03
 #: More triangles than these of one body are drawn as their convex hull.
@@ -77,14 +77,13 @@ def save_picture(
 def draw_picture(
     snapshot: DrawnScene, title: str, subtitle: str, view: View | None = None
 ) -> Figure:
-    """Return the figure: the scene in the middle, texts around it."""
-    notes = snapshot.notes if len(snapshot.names) <= MAX_NOTED else []
-    margin = MARGIN if notes else 0.02
+    """Return the figure: the scene, and texts around it."""
     figure = Figure(figsize=SIZE, dpi=DPI)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((margin, 0.1, 1.0 - 2.0 * margin, 0.76))
+    width = 1.0 - (MARGIN + 0.03 if snapshot.notes else 0.0)
+    axes = figure.add_axes((0.0, 0.08, width, 0.8))
     axes.set_axis_off()
-    axes.set_aspect("equal", adjustable="box")
+    axes.set_aspect("equal", adjustable="datalim")  # nothing is cut off
     camera = _Camera(*look_at(view, snapshot.boxes))
     _draw_floor(axes, camera, snapshot.boxes)
     _draw_solids(axes, camera, snapshot)
@@ -93,7 +92,7 @@ def draw_picture(
     ends = camera.project(edge_points(snapshot.boxes))[:, :2]
     axes.set(xlim=(ends[:, 0].min(), ends[:, 0].max()), ylim=(ends[:, 1].min(), ends[:, 1].max()))
     axes.apply_aspect()
-    _draw_notes(axes, camera, notes)
+    _draw_notes(axes, camera, snapshot.notes)
     figure.text(0.02, 0.935, title, fontsize=26, weight="bold", color=INK)
     figure.text(0.02, 0.895, subtitle, fontsize=14, color=GREY)
     handles = [_sign(*entry) for entry in snapshot.legend()]
@@ -218,36 +217,20 @@ def _draw_marks(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
 
 
 def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label]) -> None:
-    """Write the first notes at the sides, each at the one that it is nearer to, top down."""
-    if not notes:
-        return
-    figure = axes.figure
-    shown = notes[: 2 * NOTES]
-    places = axes.transData.transform(camera.project(np.array([n.place for n in shown]))[:, :2])
-    places = figure.transFigure.inverted().transform(places)
-    rows = sorted(range(len(shown)), key=lambda k: float(places[k, 0]))
-    middle = max(len(rows) - NOTES, min(NOTES, sum(places[k, 0] < 0.5 for k in rows)))
-    for side, x in ((rows[:middle], 0.01), (rows[middle:], 1.0 - MARGIN + 0.01)):
-        side.sort(key=lambda k: -places[k, 1])
-        y = TOP
-        for row, k in enumerate(side):  # at its place's height, as far as there is room
-            y = min(y - LINE, max(float(places[k, 1]), BOTTOM + LINE * (len(side) - row)))
-            text, color = shown[k].text, shown[k].color
-            line = {"arrowstyle": "-", "color": color, "linewidth": 0.8, "alpha": 0.7, "shrinkB": 4}
-            axes.annotate(
-                text if len(text) <= LETTERS else text[: LETTERS - 1] + "…",
-                tuple(places[k]),
-                (x, y),
-                "figure fraction",
-                "figure fraction",
-                arrowprops={**line, "relpos": (1.0 if x < 0.5 else 0.0, 0.5)},
-                va="center",
-                fontsize=11,
-                color=INK,
-                annotation_clip=False,
-            )
-    if len(notes) > len(shown):
-        figure.text(0.98, 0.895, f"{len(notes) - len(shown)} more", ha="right", color=GREY)
+    """List the first notes at the right, and mark the places of the first few by their numbers."""
+    for k, note in enumerate(notes[:NOTES]):
+        text = note.text if len(note.text) <= LETTERS else note.text[: LETTERS - 1] + "…"
+        y = TOP - k * LINE
+        axes.figure.text(1.0 - MARGIN, y, text, fontsize=11, color=INK, va="center")
+        if k < MARKED:
+            style = {"color": "white", "weight": "bold", "ha": "center", "va": "center"}
+            sign: Any = {"boxstyle": "circle,pad=0.25", "facecolor": note.color, "linewidth": 0}
+            axes.figure.text(1.0 - MARGIN - 0.013, y, str(k + 1), bbox=sign, fontsize=9, **style)
+            x, y, _ = camera.project(note.place)
+            axes.text(x, y, str(k + 1), bbox=sign, fontsize=9, zorder=7, **style)
+    if len(notes) > NOTES:
+        more = f"{len(notes) - NOTES} more"
+        axes.figure.text(1.0 - MARGIN, TOP - NOTES * LINE, more, color=GREY, va="center")
 
 
 def _sign(text: str, color: Color, form: str) -> Any:
