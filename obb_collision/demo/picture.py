@@ -57,6 +57,9 @@ SIZE, DPI = (16.0, 9.0), 100
 MARGIN, NOTES, MARKED, LETTERS = 0.235, 17, 5, 42
 #: Where notes begin, and from one to the next, shares of the height.
 TOP, LINE = 0.84, 0.042
+#: Share of the height that the scene has, and half of it in terms of what the boxes take.
+HEIGHT, FILL = 0.8, 0.51
+SIDES = np.array((-1.0, 1.0))
 LEGEND_COLUMNS = 9
 #: Faces and edges are drawn in pieces of this share of the scene's diagonal, the farthest first.
 PIECE = 0.03
@@ -81,17 +84,20 @@ def draw_picture(
     figure = Figure(figsize=SIZE, dpi=DPI)
     FigureCanvasAgg(figure)
     width = 1.0 - (MARGIN + 0.03 if snapshot.notes else 0.0)
-    axes = figure.add_axes((0.0, 0.08, width, 0.8))
+    axes = figure.add_axes((0.0, 0.08, width, HEIGHT))
     axes.set_axis_off()
-    axes.set_aspect("equal", adjustable="datalim")  # nothing is cut off
     camera = _Camera(*look_at(view, snapshot.boxes))
     _draw_floor(axes, camera, snapshot.boxes)
     _draw_solids(axes, camera, snapshot)
     _draw_zones(axes, camera, snapshot)
     _draw_marks(axes, camera, snapshot)
     ends = camera.project(edge_points(snapshot.boxes))[:, :2]
-    axes.set(xlim=(ends[:, 0].min(), ends[:, 0].max()), ylim=(ends[:, 1].min(), ends[:, 1].max()))
-    axes.apply_aspect()
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    shape = np.array((SIZE[0] * width, SIZE[1] * HEIGHT))  # nothing is cut off, or stretched
+    reach = FILL * shape * float(((high - low) / shape).max())
+    axes.set(
+        xlim=(low + high)[0] / 2 + reach[0] * SIDES, ylim=(low + high)[1] / 2 + reach[1] * SIDES
+    )
     _draw_notes(axes, camera, snapshot.notes)
     figure.text(0.02, 0.935, title, fontsize=26, weight="bold", color=INK)
     figure.text(0.02, 0.895, subtitle, fontsize=14, color=GREY)
