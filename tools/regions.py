@@ -38,7 +38,16 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.cli import (
+    MAX_SEED,
+    Parser,
+    Progress,
+    interruptible,
+    new_file,
+    option,
+    real,
+    whole,
+)
 from obb_collision.node.messages.clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
@@ -282,10 +291,12 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     costs = far_costs(options.objects, options.seed)
     print(table([{"region": name, **row} for name, row in costs.items()]), flush=True)
-    rows = [
-        measure(options.objects, count, options.seconds, options.halo, options.seed)
-        for count in range(1, options.processes + 1)
-    ]
+    rows = []
+    with Progress() as progress:
+        for count in range(1, options.processes + 1):
+            progress.show(f"processes that share the hall: {count}")
+            given = options.seconds, options.halo, options.seed
+            rows.append(measure(options.objects, count, *given))
     print(f"\n{table(rows)}")
     if options.json:
         options.json.write_text(json.dumps({"check": costs, "processes": rows}, indent=1))

@@ -30,7 +30,16 @@ import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
+from obb_collision.benchmarks.measuring import Show
+from obb_collision.cli import (
+    MAX_SEED,
+    Parser,
+    Progress,
+    interruptible,
+    new_file,
+    option,
+    whole,
+)
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.scene import Scene
@@ -209,11 +218,12 @@ def chunk_row(options: argparse.Namespace) -> Row:
     )
 
 
-def run(options: argparse.Namespace) -> tuple[list[Row], list[Row]]:
+def run(options: argparse.Namespace, show: Show) -> tuple[list[Row], list[Row]]:
     """Measure in all worlds; print what is left out, and why."""
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     rows, motions = [], []
     for world, objects, scene in worlds(options):
+        show(f"states and motions among {world}")
         rng = np.random.default_rng([options.seed, 1])
         checker = RobotScene([robot], scene, options.accuracy)
         case = case_of(robot, str(options.robot), objects, checker)
@@ -306,12 +316,14 @@ def parser() -> Parser:
     return made
 
 
-def measure(options: argparse.Namespace) -> dict[str, list[Row]]:
+def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
     """Measure a node, or the library beside others; return rows by name of the table."""
     if options.latency:
+        show("chunks of states through a node")
         return {"latency": [chunk_row(options)]}
+    show("kinematics")
     kinematics = kinematics_rows(options)
-    rows, motions = run(options)
+    rows, motions = run(options, show)
     ours = {row["world"]: row["microseconds"] for row in rows if row["checker"] == OURS}
     for row in rows:
         row["times"] = row["microseconds"] / ours[row["world"]]
@@ -332,7 +344,8 @@ def main(args: Sequence[str] | None = None) -> int:
     before = threads()
     set_threads(1)
     try:
-        report = measure(options)
+        with Progress() as progress:
+            report = measure(options, progress.show)
     except (ValueError, OSError, RuntimeError) as error:
         made.error(str(error))
     finally:
