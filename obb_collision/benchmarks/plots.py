@@ -28,7 +28,7 @@ from obb_collision.benchmarks.speed import OWN
 from obb_collision.benchmarks.steps import StepRow
 
 #: The look of all pictures of the project.
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 10.0,
     "axes.titlesize": 12.0,
     "axes.titleweight": "bold",
@@ -267,8 +267,8 @@ def draw_effect_costs(
         for ratio, place in zip(ratios, places, strict=True):
             axes.hlines(place, 1.0, ratio, color=color, alpha=0.35, linewidth=4, zorder=2)
     for place, variant in enumerate(variants):
-        own = [row.step_us / base[row.scene] for row in rows if row.variant == variant]
-        low, high = min(own), max(own)
+        times = [row.step_us / base[row.scene] for row in rows if row.variant == variant]
+        low, high = min(times), max(times)
         text = f"+{100 * (high - 1):.2g} %" if high < 1.5 else f"{high:.1f} times"
         axes.annotate(
             text, (high, place), (9, 0), textcoords="offset points", va="center", fontsize=9

@@ -233,7 +233,7 @@ def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label]) -> None:
             sign: Any = {"boxstyle": "circle,pad=0.25", "facecolor": note.color, "linewidth": 0}
             axes.figure.text(1.0 - MARGIN - 0.013, y, str(k + 1), bbox=sign, fontsize=9, **style)
             x, y, _ = camera.project(note.place)
-            axes.text(x, y, str(k + 1), bbox=sign, fontsize=9, zorder=7, **style)
+            axes.text(x, y, str(k + 1), bbox=sign, fontsize=9, zorder=20 - k, **style)
     if len(notes) > NOTES:
         more = f"{len(notes) - NOTES} more"
         axes.figure.text(1.0 - MARGIN, TOP - NOTES * LINE, more, color=GREY, va="center")
