@@ -34,8 +34,7 @@ pytest.importorskip("rclpy")
 from node_process import cached, environment, running
 from processes import PATIENCE, output_until
 
-from obb_collision import _jit, _kernel_cache
-from obb_collision.warm_up.steps import NODE_STEPS, ROBOTS, run
+from obb_collision import _kernel_cache
 
 EVERYTHING = Path(__file__).with_name("everything.py")
 ROBOT = Path(__file__).parents[1] / "robots" / "all_of_a_robot.py"
@@ -61,17 +60,12 @@ def run_script(script: Path, *arguments: str, cache: Path | None = None) -> Any:
 def test_no_cycle_loads_a_kernel_for_robots(tmp_path: Path) -> None:
     pytest.importorskip("lxml")
     pytest.importorskip("trajectory_msgs")
-    for step in (*NODE_STEPS, ROBOTS):
-        run(step)
     assert run_script(ROBOT, str(tmp_path)) == []
 
 
 def copy_kernels(folder: Path, *without: str) -> None:
-    """Copy what this process has of the kernels to another cache, but for some modules."""
-    for step in NODE_STEPS:
-        run(step)
-    for cache in _jit.caches:
-        source = _kernel_cache.places[0] / cache.folder
+    """Copy the kernels to another cache, but for some modules; what is missing is compiled."""
+    for source in _kernel_cache.places[0].iterdir():
         if source.is_dir() and not source.name.startswith(without):
             shutil.copytree(source, folder / "obb_collision" / source.name)
 
