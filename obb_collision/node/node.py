@@ -68,7 +68,7 @@ from obb_collision.node.settings import (
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene_files import describe_scene
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.warm_up.steps import ROBOTS

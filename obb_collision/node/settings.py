@@ -33,7 +33,7 @@ from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene.store.overrides import Overrides, limited
+from obb_collision.scene.store.patterns import Overrides, limited
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode

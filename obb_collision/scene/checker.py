@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,16 +44,68 @@ from obb_collision.scene.broad_phase.find_pairs import (
 )
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.findings import Findings, Layout
+from obb_collision.scene.effects.base import Outcome
 from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.pair_updates import FEW, few_pairs, merge_keys, merge_pairs
-from obb_collision.scene.refinement.budget import Budget
-from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
-from obb_collision.scene.store.allowed import PairRules
-from obb_collision.scene.store.pair_table import PairFilter
-from obb_collision.scene.store.region import Region, boxes_near, owns_pairs
+from obb_collision.scene.refinement.budget import Budget, Levels
+from obb_collision.scene.refinement.ladder import (
+    NONE,
+    Found,
+    decide_pairs,
+    is_plain,
+    needs_spheres,
+    pair_levels,
+)
+from obb_collision.scene.store.allowed import PairFilter, PairRules
+from obb_collision.scene.store.region import Region, balls_near, owns_pairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
+
+
+class Layout(NamedTuple):
+    """What a check needs to know of the objects that doesn't change when they move."""
+
+    revision: int  #: of the store
+    active: Rows  #: slots, ascending
+    whole: bool  #: whether these are the first ones, with no gap
+    plain: bool  #: whether every pair is decided on OBB
+    spheres: bool  #: whether the broad phase must look for spheres, too
+
+    @classmethod
+    def of(cls, store: ObjectStore) -> Layout:
+        """Return what there is to know of a store now."""
+        active = np.flatnonzero(store.active)
+        whole = len(active) == 0 or int(active[-1]) == len(active) - 1
+        return cls(store.revision, active, whole, is_plain(store), needs_spheres(store))
+
+
+@dataclass(eq=False)
+class Findings:
+    """What a check found, and what its effects gave so far.
+
+    behind: whether a budget left pairs on a lower level than they ask for; cap: the highest level
+    it allowed, None without a budget.
+    old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
+    were.
+    total: how many pairs collide, at least, where a limit has left some out, else None; colliding
+    (n,): then which slots do, in whatever pair.
+    """
+
+    pairs: Pairs
+    verdicts: Verdicts
+    accuracies: Levels
+    behind: bool = False
+    cap: Accuracy | None = None
+    old: Rows | None = None
+    total: int | None = None
+    colliding: Mask | None = None
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
+
+    @property
+    def found(self) -> Found:
+        """Pairs, verdicts and levels."""
+        return self.pairs, self.verdicts, self.accuracies
+
 
 NO_ROWS, NO_KEYS = np.empty(0, np.bool_), np.empty(0, np.int64)
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
@@ -104,7 +159,8 @@ class Checker:
         rows = np.flatnonzero(store.changed & store.used)
         before = rows < len(self._near)
         before[before] = self._near[rows[before]]
-        near = boxes_near(self.region, store.centers, store.half_extents, rows)
+        radii = np.linalg.norm(store.half_extents[rows], axis=1)
+        near = balls_near(self.region, store.centers[rows], radii)
         store.set_near(rows, near)
         store.changed[rows[~(before | near)]] = False
         store.touched = bool(store.changed.any())

@@ -23,11 +23,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from obb_collision.scene.checker import Checker
+from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Outcome
 from obb_collision.scene.effects.settings import EffectSettings
-from obb_collision.scene.findings import Findings
 from obb_collision.scene.objects import SceneObjects
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import needs_spheres

@@ -33,7 +33,7 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.obb import OBB
 from obb_collision.scene.objects import SceneObjects, check_padding, halves, local_boxes
-from obb_collision.scene.store.placed import about_origins, placed
+from obb_collision.scene.store.placing import about_origins, placed
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown

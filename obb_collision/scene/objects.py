@@ -30,9 +30,8 @@ from obb_collision.scene.building.shape_cache import ShapeCache, SlotShape
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import BOX
-from obb_collision.scene.store.overrides import Overrides
-from obb_collision.scene.store.patterns import as_patterns, as_tuples
-from obb_collision.scene.store.placed import LocalBoxes, about_origins, extents, placed
+from obb_collision.scene.store.patterns import Overrides, as_patterns, as_tuples
+from obb_collision.scene.store.placing import LocalBoxes, about_origins, extents, placed
 from obb_collision.scene.store.store import NO_ROWS, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows

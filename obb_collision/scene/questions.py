@@ -35,50 +35,41 @@ from obb_collision.queries.rays.rays import (
     cast_rays,
 )
 from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
-from obb_collision.scene.broad_phase.any_collision import find_first
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import find_candidates_of
-from obb_collision.scene.broad_phase.crowds import ordered_candidates
+from obb_collision.scene.broad_phase.crowds import growing_candidates
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import NONE, decide_pairs, is_plain, needs_spheres
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, PlacedShapes
+from obb_collision.scene.store.allowed import PairFilter
 from obb_collision.scene.store.kinds import TRIANGLES, kind_of
-from obb_collision.scene.store.pair_table import PairFilter
-from obb_collision.scene.store.placed import LocalBoxes
+from obb_collision.scene.store.placing import LocalBoxes
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
 
-#: Candidates decided at first, where levels or rules need more than the test of two boxes ...
-FIRST_PIECE = 16
-#: ... and by how much more each time.
-GROWTH = 4
-
 
 def any_collides(
     store: ObjectStore, cache: ShapeCache, pair_filter: PairFilter | None, exact: bool
-) -> tuple[bool, int]:
-    """Return whether any two objects collide, and how many pairs were tested for that."""
+) -> bool:
+    """Return whether any two objects collide."""
     active = np.flatnonzero(store.active)
     boxes = store.boxes(active)
-    if pair_filter is None and is_plain(store):
-        return find_first(boxes, None, exact)
     if len(active) < 2:
-        return False, 0
-    tested, size = 0, FIRST_PIECE
-    for candidates, _ in ordered_candidates(BoundsTree.build(*_bounds(store, boxes)), len(active)):
+        return False
+    plain = is_plain(store)
+    for candidates in growing_candidates(BoundsTree.build(*_bounds(store, boxes))):
         pairs = active[candidates]
         if pair_filter is not None:
             pairs = pairs[pair_filter(*pairs.T)]
-        start = 0
-        while start < len(pairs):
-            some = pairs[start : start + size]
-            start, size = start + size, size * GROWTH
-            tested += len(some)
-            if len(decide_pairs(store, cache, some, exact)[0][0]):
-                return True, tested
-    return False, tested
+        if plain:
+            found = colliding_pairs(store.all_boxes(), pairs, exact)[0]
+        else:
+            found = decide_pairs(store, cache, pairs, exact)[0][0]
+        if len(found):
+            return True
+    return False
 
 
 def colliding_with(store: ObjectStore, cache: ShapeCache, slot: int, exact: bool) -> Rows:

@@ -32,12 +32,12 @@ from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.queries.verdict.verdict import Separations, Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
-from obb_collision.scene.findings import Findings
-from obb_collision.scene.refinement.refine import Levels
+from obb_collision.scene.refinement.budget import Levels
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 

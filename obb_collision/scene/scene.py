@@ -354,7 +354,7 @@ class Scene(NamedObjects):
         if self._checks.region is not None:
             return len(self.check()) > 0
         pair_filter = self._rules.pair_filter(store.names, store.version)
-        return any_collides(store, self._objects.cache, pair_filter, self._checks.exact)[0]
+        return any_collides(store, self._objects.cache, pair_filter, self._checks.exact)
 
     def query(
         self,

@@ -38,6 +38,7 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files.motion import JointLoop, Motion, states_at
+from obb_collision.scene_files.yaml_values import Triple
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown
@@ -107,7 +108,6 @@ NODE_EFFECTS = (
 )
 #: Largest time (s): a century.
 MAX_TIME = 3.2e9
-Triple = tuple[float, float, float]
 Color = tuple[float, float, float, float]
 
 

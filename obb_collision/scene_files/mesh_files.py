@@ -32,8 +32,7 @@ from obb_collision.geometry.shapes.files import (
 )
 from obb_collision.scene.building.jobs import MeshFile
 from obb_collision.scene.building.process import Limits, WorkerProcess
-from obb_collision.scene_files.description import Triple
-from obb_collision.scene_files.yaml_values import Value
+from obb_collision.scene_files.yaml_values import Triple, Value
 from obb_collision.shapes import Mesh
 from obb_collision.words import MAX_PATH
 

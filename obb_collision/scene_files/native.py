@@ -18,15 +18,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
+from functools import partial
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import MODES
 from obb_collision.scene_files.description import (
     NODE_EFFECTS,
@@ -35,12 +38,12 @@ from obb_collision.scene_files.description import (
     Lidar,
     SceneDescription,
     SceneRobot,
-    Triple,
     View,
 )
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.motion import JointLoop
 from obb_collision.scene_files.objects import (
+    ORIGIN,
     PATTERN_LETTERS,
     quaternion_of,
     read_accuracy,
@@ -48,7 +51,7 @@ from obb_collision.scene_files.objects import (
     read_period,
     read_times,
 )
-from obb_collision.scene_files.yaml_values import Problems, Value
+from obb_collision.scene_files.yaml_values import Problems, Reader, Value
 from obb_collision.words import printable
 
 #: Patterns that a word or a list of words stands for.
@@ -67,19 +70,21 @@ def read_effects(value: Value, patterns: Patterns) -> dict[str, EffectChoice]:
 def _read_effect(name: str, value: Value, patterns: Patterns) -> EffectChoice:
     if not value.is_mapping:
         return EffectChoice(value.choice(MODES))
-    known = EFFECTS[name].options if name in EFFECTS else {}
-    places = ("objects",) if name in EFFECTS else ()
-    fields = value.fields(("mode", *places, *known))
-    mode = fields["mode"].choice(MODES) if "mode" in fields else None
-    objects = patterns(fields["objects"]) if "objects" in fields else None
-    options: dict[str, float | str] = {}
-    for key, option in known.items():
-        if key in fields:
-            with fields[key].reasons():
-                entry = fields[key]
-                word = isinstance(option.default, str)
-                options[key] = option.checked(key, entry.text() if word else entry.number())
-    return EffectChoice(mode, objects, MappingProxyType(options))
+    readers: dict[str, Reader] = {"mode": lambda entry: entry.choice(MODES)}
+    options = EFFECTS[name].options if name in EFFECTS else {}
+    if name in EFFECTS:
+        readers["objects"] = patterns
+    readers |= {key: partial(_read_option, key, option) for key, option in options.items()}
+    given = value.read({}, readers)
+    chosen = {key: given.pop(key) for key in options if key in given}
+    return EffectChoice(**given, options=MappingProxyType(chosen))
+
+
+def _read_option(key: str, option: Option, value: Value) -> float | str:
+    with value.reasons():
+        word = isinstance(option.default, str)
+        return option.checked(key, value.text() if word else value.number())
+    raise AssertionError  # for the type checker: what is within does not go on
 
 
 ROBOT_KEYS = ("name", "urdf", "srdf", "position", "rpy", "quaternion", "joints", "motion")
@@ -109,7 +114,7 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
         fields["name"].expected("letters, digits and _, the first a letter")
     urdf = files.path(fields["urdf"], "URDF")
     srdf = files.path(fields["srdf"], "SRDF") if "srdf" in fields else None
-    x, y, z = fields["position"].numbers(3) if "position" in fields else (0.0, 0.0, 0.0)
+    place = fields["position"].triple() if "position" in fields else ORIGIN
     with fields["urdf"].reasons():
         robot = Robot.from_urdf(urdf, srdf, files.folders, read_mesh=files.read)
     for doubt in robot.doubts:
@@ -118,7 +123,7 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
     if "joints" in fields:
         start = _read_state(fields["joints"], robot, start)
     motion = _read_motion(fields["motion"], robot, start) if "motion" in fields else None
-    pose = (x, y, z, *quaternion_of(fields))
+    pose = (*place, *quaternion_of(fields))
     state = start if motion is None else motion.states[0]
     return SceneRobot(name, urdf, srdf, robot, pose, state, motion)
 
@@ -147,16 +152,17 @@ def _read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[
 def _read_motion(value: Value, robot: Robot, start: tuple[float, ...]) -> JointLoop:
     fields = value.fields(MOTION_KEYS, MOTION_KEYS)
     period = read_period(fields["period"])
-    points = fields["waypoints"].items()
-    if len(points) < 2:
-        fields["waypoints"].expected("at least 2 waypoints")
-    states, given = [], []
-    for point in points:
-        parts = point.fields(("joints", "time"), ("joints",))
-        start = _read_state(parts["joints"], robot, start)
-        states.append(start)
-        given.append(parts["time"].not_negative() if "time" in parts else None)
-    return JointLoop(tuple(states), read_times(fields["waypoints"], given, period), period)
+    state = start
+
+    def read_state(entry: Value) -> tuple[float, ...]:
+        nonlocal state
+        state = _read_state(entry, robot, state)
+        return state
+
+    points = fields["waypoints"].several("waypoints")
+    read = [point.read({"joints": read_state}, {"time": Value.not_negative}) for point in points]
+    times = read_times(fields["waypoints"], [point.get("time") for point in read], period)
+    return JointLoop(tuple(point["joints"] for point in read), times, period)
 
 
 KEYS = (
@@ -180,8 +186,7 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
     fields = top.fields(KEYS, ("objects",))
     objects, named = read_objects(fields["objects"].items(), files, problems)
     words = Words(named)
-    said: dict[str, object] = {}
-    readers: dict[str, Callable[[Value], object]] = {
+    readers: dict[str, Reader] = {
         "groups": words.read_groups,  # first: the others use them
         "name": Value.text,
         "description": Value.prose,
@@ -192,17 +197,17 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
         "lidar": lambda value: _read_lidar(value, words),
         "robots": lambda value: read_robots(value.items(), files, problems),
         "view": _read_view,
+        "accuracy": lambda value: _read_accuracies(value, words),
     }
+    said: dict[str, Any] = {"name": printable(path.stem)}
     for key, read in readers.items():
         if key in fields:
             with problems.kept():
                 said[key] = read(fields[key])
-    if "accuracy" in fields:
-        with problems.kept():
-            said["accuracy"], said["accuracies"] = _read_accuracies(fields["accuracy"], words)
     problems.finish()
-    given = {"name": printable(path.stem), "notes": problems.doubts(), **said}
-    return SceneDescription(**{**given, "objects": tuple(objects)})  # type: ignore[arg-type]
+    if "accuracy" in said:
+        said["accuracy"], said["accuracies"] = said["accuracy"]
+    return SceneDescription(objects=tuple(objects), notes=problems.doubts(), **said)
 
 
 class Words:
@@ -283,15 +288,10 @@ def _read_accuracies(
 
 
 def _read_lidar(value: Value, words: Words) -> Lidar:
-    fields = value.fields(("count", "range", "position", "sees", "seed"), ("count", "range"))
-    place = fields["position"].numbers(3) if "position" in fields else Lidar.position
-    return Lidar(
-        fields["count"].whole(1, MAX_RAYS),
-        fields["range"].positive(),
-        (place[0], place[1], place[2]),
-        words.patterns(fields["sees"]) if "sees" in fields else Lidar.sees,
-        fields["seed"].whole(0, 2**32 - 1) if "seed" in fields else Lidar.seed,
-    )
+    required = {"count": lambda entry: entry.whole(1, MAX_RAYS), "range": Value.positive}
+    seed = lambda entry: entry.whole(0, 2**32 - 1)  # noqa: E731
+    optional = {"position": Value.triple, "sees": words.patterns, "seed": seed}
+    return Lidar(**value.read(required, optional))
 
 
 def _read_budget(value: Value) -> float:
@@ -301,13 +301,7 @@ def _read_budget(value: Value) -> float:
 
 
 def _read_view(value: Value) -> View:
-    fields = value.fields(("eye", "target"), ("eye", "target"))
-    eye, target = (_triple(fields[key]) for key in ("eye", "target"))
-    if eye[:2] == target[:2]:
+    view = View(**value.read({"eye": Value.triple, "target": Value.triple}))
+    if view.eye[:2] == view.target[:2]:
         value.refuse("eye and target must not stand above each other: no way is up")
-    return View(eye, target)
-
-
-def _triple(value: Value) -> Triple:
-    x, y, z = value.numbers(3)
-    return x, y, z
+    return view

@@ -27,10 +27,10 @@ from obb_collision import shapes
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
 from obb_collision.geometry.poses import Pose, Quaternion, unit_quaternions
 from obb_collision.geometry.validation import is_far_from_unit
-from obb_collision.scene_files.description import Color, SceneDescription, SceneObject, Triple
+from obb_collision.scene_files.description import Color, SceneDescription, SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady
-from obb_collision.scene_files.yaml_values import Problems, Value
+from obb_collision.scene_files.yaml_values import Problems, Reader, Triple, Value
 
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 #: Maximum angle (rad): a full turn, and what rounding it to 6.3 adds. More must be degrees.
@@ -127,10 +127,7 @@ def read_motion(value: Value, turn: Quaternion) -> Motion:
 
 
 def _read_loop(value: Value, turn: Quaternion, period: float) -> Loop:
-    points = value.items()
-    if len(points) < 2:
-        value.expected("at least 2 waypoints")
-    read = [_read_waypoint(point, turn) for point in points]
+    read = [_read_waypoint(point, turn) for point in value.several("waypoints")]
     times = read_times(value, [time for _, time in read], period)
     loop = Loop(tuple(pose for pose, _ in read), times, period)
     for time, speed in zip(times, np.abs(loop.twists).max(axis=1), strict=True):
@@ -214,27 +211,36 @@ def check_followers(
 
 Fields = dict[str, Value]
 
-#: Keys for the size of a shape, all required.
-SIZES = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "ellipsoid": ("radii",),
-    "cylinder": ("radius", "length"),
-    "cone": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "hull": ("points",),
-    "mesh": ("file",),
-}
-ALL_SIZES = frozenset(key for keys in SIZES.values() for key in keys)
-KEYS = (
-    *("name", "shape", "position", "rpy", "quaternion", "scale"),
-    *("padding", "accuracy", "color", "motion"),
-)
-TURNED: dict[str, Callable[..., shapes.Shape]] = {
+#: What makes a shape of its sizes, all required; a mesh is read from its file.
+SHAPES: dict[str, Callable[..., shapes.Shape]] = {
+    "box": shapes.Box.trusted,
+    "sphere": shapes.Sphere,
+    "ellipsoid": shapes.Ellipsoid,
     "cylinder": shapes.Cylinder,
     "cone": shapes.Cone,
     "capsule": shapes.Capsule,
+    "hull": shapes.Hull,
 }
+TURNED: dict[str, Reader] = {"radius": Value.positive, "length": Value.positive}
+#: Keys for the size of a shape, and what reads them.
+SIZES: dict[str, dict[str, Reader]] = {
+    "box": {"size": Value.sizes},
+    "sphere": {"radius": Value.positive},
+    "ellipsoid": {"radii": Value.sizes},
+    "cylinder": TURNED,
+    "cone": TURNED,
+    "capsule": TURNED,
+    "hull": {"points": lambda value: _read_points(value)},
+    "mesh": {"file": lambda value: value},
+}
+#: Properties of an object itself.
+OWN: dict[str, Reader] = {
+    "padding": Value.not_negative,
+    "accuracy": lambda value: read_accuracy(value),
+    "color": lambda value: _read_color(value),
+}
+KEYS = ("name", "shape", "position", "rpy", "quaternion", "scale", "motion", *OWN)
+ORIGIN: Triple = (0.0, 0.0, 0.0)
 #: Characters of patterns; in a name they would match something else.
 PATTERN_LETTERS = "*?[]"
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
@@ -280,7 +286,9 @@ def read_accuracy(value: Value) -> Accuracy:
 def _read_object(value: Value, files: MeshFiles) -> SceneObject:
     kind = value.peek("shape")
     if kind is None:
-        value.fields((*KEYS, *ALL_SIZES), ("name", "shape"))  # says what is missing
+        value.fields(
+            (*KEYS, *(key for keys in SIZES.values() for key in keys)), ("name", "shape")
+        )  # says what is missing
         value.refuse("needs shape")
     word = kind.choice(tuple(SIZES))
     sizes = SIZES[word]
@@ -289,18 +297,16 @@ def _read_object(value: Value, files: MeshFiles) -> SceneObject:
     if any(letter in PATTERN_LETTERS for letter in name):
         fields["name"].refuse(f"must not hold any of {PATTERN_LETTERS}, got {name}")
     pose, motion = _read_place(fields)
+    scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     with value.reasons():
-        shape = _read_shape(word, fields, files)
+        given = {key: read(fields[key]) for key, read in sizes.items()}
+        if word == "mesh":
+            shape: shapes.Shape = files.mesh(given["file"], scale)
+        else:
+            shape = SHAPES[word](**given, scale=scale)
         _ = shape.local_box  # fitted here, where a shape that has none can be refused
-    return SceneObject(
-        name,
-        shape,
-        pose,
-        padding=fields["padding"].not_negative() if "padding" in fields else None,
-        accuracy=read_accuracy(fields["accuracy"]) if "accuracy" in fields else None,
-        color=_read_color(fields["color"]) if "color" in fields else None,
-        motion=motion,
-    )
+    own = {key: read(fields[key]) for key, read in OWN.items() if key in fields}
+    return SceneObject(name, shape, pose, motion=motion, **own)
 
 
 def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
@@ -311,29 +317,17 @@ def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
         if "position" in fields:
             fields["position"].refuse("the waypoints of the motion say where it is")
         return loop.poses[0], motion
-    x, y, z = fields["position"].numbers(3) if "position" in fields else (0.0, 0.0, 0.0)
-    if motion is not None and max(abs(x), abs(y), abs(z)) > MAX_MOVING:
+    place = fields["position"].triple() if "position" in fields else ORIGIN
+    if motion is not None and max(map(abs, place)) > MAX_MOVING:
         fields["position"].refuse(f"what moves must be within {MAX_MOVING:g} m")
-    return (x, y, z, *turn), motion
+    return (*place, *turn), motion
 
 
-def _read_shape(word: str, fields: Fields, files: MeshFiles) -> shapes.Shape:
-    scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
-    if word == "box":
-        x, y, z = fields["size"].numbers(3, positive=True)
-        return shapes.Box.trusted(size=(x, y, z), scale=scale)
-    if word == "sphere":
-        return shapes.Sphere(fields["radius"].positive(), scale)
-    if word == "ellipsoid":
-        return shapes.Ellipsoid(fields["radii"].numbers(3, positive=True), scale)
-    if word in TURNED:
-        return TURNED[word](fields["radius"].positive(), fields["length"].positive(), scale)
-    if word == "hull":
-        points = [point.numbers(3) for point in fields["points"].items()]
-        if not points:
-            fields["points"].expected("points [x, y, z], at least one")
-        return shapes.Hull(points, scale)
-    return files.mesh(fields["file"], scale)
+def _read_points(value: Value) -> list[Triple]:
+    points = [point.triple() for point in value.items()]
+    if not points:
+        value.expected("points [x, y, z], at least one")
+    return points
 
 
 def _read_color(value: Value) -> Color:
@@ -349,8 +343,7 @@ def _read_color(value: Value) -> Color:
 def read_scale(value: Value) -> Triple:
     """Return a scale: one positive number, or three."""
     if value.is_list:
-        x, y, z = value.numbers(3, positive=True)
-        return x, y, z
+        return value.sizes()
     number = value.positive()
     return number, number, number
 

@@ -21,7 +21,7 @@ Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` f
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -109,6 +109,8 @@ SHOWN_LEVELS, SHOWN_ITEMS, SHOWN_LETTERS = 3, 8, 60
 MAX_GUESSES, MAX_LISTED = 500, 20
 #: Maximum characters of a text for people.
 MAX_PROSE = 10_000
+NO_KEYS: Mapping[str, Any] = {}
+Triple = tuple[float, float, float]
 
 
 class Node:
@@ -185,6 +187,13 @@ class Value:
             Value(node, f"{self.key}[{k}]", self.problems) for k, node in enumerate(self.node.value)
         ]
 
+    def several(self, what: str) -> list[Value]:
+        """Return the values of a list of at least two."""
+        found = self.items()
+        if len(found) < 2:
+            self.expected(f"at least 2 {what}")
+        return found
+
     def entries(self) -> dict[str, Value]:
         """Return the values of a mapping by key; duplicate keys are problems."""
         if not self.is_mapping:
@@ -232,6 +241,14 @@ class Value:
         if missing:
             self.refuse(f"needs {', '.join(missing)}")
         return given
+
+    def read(
+        self, required: Mapping[str, Reader], optional: Mapping[str, Reader] = NO_KEYS
+    ) -> dict[str, Any]:
+        """Return what readers make of the values of a mapping, by key."""
+        readers = {**required, **optional}
+        fields = self.fields(readers, required)
+        return {key: readers[key](value) for key, value in fields.items()}
 
     def guess(self, word: str, known: Collection[str]) -> str:
         """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
@@ -304,6 +321,16 @@ class Value:
         )
         return int(number)
 
+    def triple(self) -> Triple:
+        """Return a list of three finite numbers."""
+        x, y, z = self.numbers(3)
+        return x, y, z
+
+    def sizes(self) -> Triple:
+        """Return a list of three positive numbers."""
+        x, y, z = self.numbers(3, positive=True)
+        return x, y, z
+
     def numbers(self, count: int, positive: bool = False) -> tuple[float, ...]:
         """Return a list of a given number of finite numbers."""
         numbers = [_as_number(node) for node in self.node.value] if self.is_list else []
@@ -311,6 +338,10 @@ class Value:
         if len(numbers) != count or len(good) != count:
             self.expected(f"{count} {'positive ' if positive else ''}numbers")
         return tuple(good)
+
+
+#: Makes something of a value.
+Reader = Callable[[Value], Any]
 
 
 def items_of(fields: dict[str, Value], key: str) -> list[Value]:

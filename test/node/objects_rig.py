@@ -31,7 +31,7 @@ from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 

@@ -153,19 +153,6 @@ def test_padded_meshes_are_decided_by_their_distance_and_others_by_their_hulls()
         assert levels(scene) == [oc.Accuracy.HULL]
 
 
-def test_spheres_reach_further_than_boxes() -> None:
-    scene = oc.Scene()
-    for name, height in (("a", 0.0), ("b", 1.0), ("c", 2.0)):
-        scene.add(name, Box([2.0, 2.0, 0.1]), [0, 0, height, *UPRIGHT])
-    for k in range(100):
-        scene.add(f"far {k}", Box([1, 1, 1]), [10.0 + 3 * k, 0, 0, *UPRIGHT])
-    assert len(scene.check()) == 0
-    scene.set_accuracy("a", "sphere")
-    assert scene.check().names() == [("a", "b"), ("a", "c")]
-    scene.set_accuracy("a", None)
-    assert len(scene.check()) == 0
-
-
 def test_trees_are_built_only_when_asked_for_and_once_a_shape(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -264,15 +251,3 @@ def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     scene.padding = 0.0
     scene.add("ball", Sphere(0.25), [0.75, 0.0, 0.0, *UPRIGHT])
     assert scene.check().verdicts.tolist() == [oc.Verdict.TOUCHING]  # rests on it
-
-
-@each("level", FINE)
-@each("shape", [Sphere(0.45), Cylinder(0.45, 0.9), Ellipsoid([0.4, 0.45, 0.5])])
-def test_round_shapes_leave_the_corners_of_their_boxes_free(shape: Shape, level: str) -> None:
-    """Beside a ball of triangles, each in a corner of the other's box."""
-    scene = oc.Scene(accuracy=level)
-    scene.add("ball", Mesh(*ZOO["sphere2"]))
-    scene.add("other", shape, [0.75, 0.75, 0.0, *UPRIGHT])
-    assert len(scene.check()) == 0
-    scene.move("other", [0.55, 0.55, 0.0, *UPRIGHT])
-    assert levels(scene) == [oc.Accuracy[level.upper()]]

@@ -27,7 +27,7 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import filled_scene, random_poses
+from scenes import filled_scene
 from scipy.spatial.transform import Rotation
 from support import stored
 
@@ -106,20 +106,6 @@ def test_any_history_of_changes_is_what_exact_arithmetic_says(
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@each("exact", [False, True])
-def test_a_wall_of_bricks_turned_as_one(exact: bool) -> None:
-    """Resting contact everywhere, off by roundings after the turn: nothing may be lost."""
-    scene = oc.Scene(exact=exact)
-    rng = np.random.default_rng(2)
-    turn = oc.OBB.from_quaternion(np.zeros(3), rng.normal(size=4), np.ones(3))
-    for k, cell in enumerate(np.ndindex(4, 3, 2)):
-        position = turn.rotation @ (np.array(cell) * [1.0, 0.5, 0.25])
-        pose = np.concatenate([position, turn.quaternion])
-        scene.add(f"brick {k}", Box([1.0, 0.5, 0.25]), pose)
-    check_report(scene, exact)
-
-
-@pytest.mark.filterwarnings("ignore:.*far from unit length")
 def test_axes_of_a_scene_stay_as_orthonormal_as_the_proof_needs() -> None:
     """A turned local box under a turned pose: boxes so made pass for those of a user."""
     rng = np.random.default_rng(3)
@@ -167,18 +153,6 @@ def test_an_unchanged_scene_is_not_computed_again() -> None:
     assert moved is not report
     scene.move("box/3", IDENTITY)
     assert scene.check() is moved
-
-
-def test_moves_by_name_and_by_index_agree() -> None:
-    one, many, indexed = (filled_scene(30) for _ in range(3))
-    poses = random_poses(30, np.random.default_rng(4), 2.0)
-    for name, pose in zip(one.names, poses, strict=True):
-        one.move(name, pose)
-    many.move(one.names, poses)
-    indexed.move_indices(indexed.indices, poses)
-    for scene in (many, indexed):
-        assert (scene.boxes.centers == one.boxes.centers).all()
-        assert (scene.boxes.rotations == one.boxes.rotations).all()
 
 
 def test_a_box_follows_the_pose_of_its_object() -> None:

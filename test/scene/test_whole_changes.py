@@ -34,7 +34,7 @@ from scenes import random_poses
 
 import obb_collision as oc
 from obb_collision.scene import checker
-from obb_collision.scene.store import placed, store
+from obb_collision.scene.store import placing, store
 from obb_collision.shapes import Box, Capsule, Mesh, Sphere
 
 PACKAGE = str(Path(oc.__file__).parent)
@@ -267,8 +267,8 @@ def test_a_move_that_is_interrupted_can_be_made_again(
     monkeypatch: pytest.MonkeyPatch, quaternion: tuple[float, ...]
 ) -> None:
     scene = two_boxes()
-    for name in ("run", "place_boxes"):
-        monkeypatch.setattr(placed, name, interrupt)
+    monkeypatch.setattr(store, "run", interrupt)
+    monkeypatch.setattr(placing, "place_boxes", interrupt)
     with pytest.raises(KeyboardInterrupt):
         scene.move("b", [0.5, 0, 0, *quaternion])
     monkeypatch.undo()

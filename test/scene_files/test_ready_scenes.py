@@ -12,30 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The scenes that come with the package: they load, say what they promise, and move as told."""
+"""The scenes that come with the package and the page about scene files: both say what is so."""
 
 from __future__ import annotations
 
+import fnmatch
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from each import each
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.poses import Pose
-from obb_collision.scene.store.patterns import matching
+from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene_files import (
     READY,
     SceneDescription,
     SceneFileError,
     find_scene,
     load_scene,
+    moveit,
+    native,
+    objects,
 )
-from obb_collision.scene_files.description import NOISE, Lidar
+from obb_collision.scene_files.description import NODE_EFFECTS, NOISE, Lidar
 from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady, states_at
+from obb_collision.scene_files.objects import KINDS
 
 #: Seconds between two poses of which the difference is compared with the twist.
 STEP = 1e-6
@@ -83,7 +90,7 @@ def test_their_patterns_are_about_something(ready: SceneDescription) -> None:
     links = [f"{r.name}/{link}/0" for r in ready.robots for link in r.robot.link_names]
     groups = [pattern for patterns in ready.groups.values() for pattern in patterns]
     for pattern in (*rules, *effects, *groups, *(pattern for pattern, _ in ready.accuracies)):
-        assert matching([pattern], [*ready.names, *links]).any(), pattern
+        assert fnmatch.filter([*ready.names, *links], pattern), pattern
 
 
 def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:
@@ -129,54 +136,10 @@ def write(folder: Path, motion: str) -> SceneDescription:
     return load_scene(path)
 
 
-def test_a_loop_is_at_its_waypoints_at_their_times(tmp_path: Path) -> None:
-    points = "[{position: [0, 0, 0], time: 0}, {position: [4, 0, 0], rpy: [0, 0, 1], time: 1}]"
-    scene = write(tmp_path, f"{{period: 3, waypoints: {points}}}")
-    for time, x, yaw in ((0.5, 2, 0.5), (1, 4, 1), (2, 2, 0.5), (3, 0, 0), (6.25, 1, 0.25)):
-        (pose,), _ = scene.states(time)
-        half = yaw / 2
-        np.testing.assert_allclose(pose, [x, 0, 0, 0, 0, np.sin(half), np.cos(half)], atol=1e-12)
-
-
 def test_waypoints_without_times_are_even(tmp_path: Path) -> None:
     scene = write(tmp_path, "{period: 3, waypoints: [[0, 0, 0], [3, 0, 0, 0], [3, 3, 0]]}")
     places = [scene.states(time)[0][0, :2].tolist() for time in (0.5, 1.5, 2.5)]
     np.testing.assert_allclose(places, [[1.5, 0], [3, 1.5], [1.5, 1.5]], atol=1e-12)
-
-
-def test_a_steady_motion_starts_again_after_its_period(tmp_path: Path) -> None:
-    scene = write(tmp_path, "{twist: [2, 0, 0, 0, 0, 3], period: 1.5}")
-    (pose,), (twist,) = scene.states(2.0)
-    np.testing.assert_allclose(pose, [1, 0, 0, 0, 0, np.sin(0.75), np.cos(0.75)], atol=1e-12)
-    assert twist.tolist() == [2, 0, 0, 0, 0, 3]
-
-
-def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
-    lidar = Lidar(5000, 8.0, (0.0, 0.0, 1.5), seed=3)
-    poses = np.array([[3, 0, 1, 0, 0, np.sin(0.46), np.cos(0.46)], [6, 0, 1, 0, 0, 0, 1.0]])
-    boxes = oc.Boxes.from_poses(poses, np.tile([0.5, 1.0, 1.0], (2, 1)))
-    scene = oc.Scene()
-    scene.add("near", oc.shapes.Box([1.0, 2.0, 2.0]), poses[0])
-    scene.add("far", oc.shapes.Box([1.0, 2.0, 2.0]), poses[1])
-    points = lidar.scan(scene, 0.5)
-    assert points.dtype == np.float32
-    assert np.array_equal(points, lidar.scan(scene, 0.5))
-    assert not np.array_equal(points, lidar.scan(scene, 0.6))
-    local = [(points - c) @ r for c, r in zip(boxes.centers, boxes.rotations, strict=True)]
-    inside = [(np.abs(p) <= h).all(axis=1) for p, h in zip(local, boxes.half_extents, strict=True)]
-    deep = [
-        (np.abs(p) < h - 6 * NOISE).all(axis=1)
-        for p, h in zip(local, boxes.half_extents, strict=True)
-    ]
-    assert not (deep[0] | deep[1]).any()
-    assert inside[0].sum() > 100
-    at_first = [
-        (np.abs(p) <= h + 6 * NOISE).all(axis=1)
-        for p, h in zip(local, boxes.half_extents, strict=True)
-    ]
-    floor = np.abs(points[:, 2]) < 6 * NOISE
-    assert (at_first[0] | at_first[1] | floor).all()
-    assert np.linalg.norm(points - [0, 0, 1.5], axis=1).max() < 8.0 + 6 * NOISE
 
 
 def test_a_lidar_sees_cylinders_as_they_are() -> None:
@@ -185,7 +148,14 @@ def test_a_lidar_sees_cylinders_as_they_are() -> None:
     scene.add("cylinder", oc.shapes.Cylinder(0.5, 1.5), pose)
     scene.add("not seen", oc.shapes.Box([0.1, 9.0, 9.0]), [1, 0, 0, 0, 0, 0, 1])
     box = oc.Boxes.from_poses([pose], [[0.5, 0.5, 0.75]])
-    points = replace(lidar, sees=("cyl*",)).scan(scene, 0.0).astype(float)
+    lidar = replace(lidar, sees=("cyl*",), seed=3)
+    seen = lidar.scan(scene, 0.5)
+    assert seen.dtype == np.float32
+    assert np.array_equal(seen, lidar.scan(scene, 0.5))
+    assert not np.array_equal(seen, lidar.scan(scene, 0.6))
+    assert np.linalg.norm(seen - [0, 0, 1.5], axis=1).max() < 8.0 + 6 * NOISE
+    assert (seen[:, 2] > -6 * NOISE).all()
+    points = seen.astype(float)
     local = (points[points[:, 2] > 0.1] - box.centers[0]) @ box.rotations[0]
     radii, heights = np.hypot(local[:, 0], local[:, 1]), np.abs(local[:, 2])
     assert len(local) > 100
@@ -288,3 +258,74 @@ def test_states_agree_with_one_object_at_a_time(time: float) -> None:
 def test_a_circle_of_followers_is_refused() -> None:
     with pytest.raises(ValueError, match="follow one another in a circle"):
         states_at(np.zeros((2, 7)), [Follow("b"), Follow("a")], {"a": 0, "b": 1}, 0.0)
+
+
+ROOT = Path(__file__).parents[2]
+DOCS = (ROOT / "docs" / "scene_files.md").read_text()
+
+
+def first_cells(heading: str) -> list[set[str]]:
+    """Return the words in code font in the first cell of each row of a section's tables."""
+    section = DOCS.split(f"{heading}\n", 1)[1].split("\n## ", 1)[0]
+    cells = re.findall(r"^\| ([^|]*) \|", section, re.MULTILINE)
+    return [set(re.findall(r"`(\w+)", cell)) for cell in cells if not cell.startswith("-")]
+
+
+def words(heading: str) -> set[str]:
+    return set().union(*first_cells(heading))
+
+
+def test_keys_are_those_of_the_code() -> None:
+    assert words("## Keys of a file") == set(native.KEYS)
+    kinds = {key for keys in KINDS.values() for key in keys}
+    sizes = {key for keys in objects.SIZES.values() for key in keys}
+    assert words("## Keys of an object") == {*objects.KEYS, *sizes, *kinds}
+    assert words("## Robots") == set(native.ROBOT_KEYS)
+    assert words("## Effects") == {*EFFECTS, *NODE_EFFECTS}
+    parts = words("## MoveIt planning scenes")
+    assert {part for part in parts if part != "is_diff"} <= set(moveit.KEYS)
+    lines = DOCS.split("## Effects\n", 1)[1].splitlines()
+    for effect, values in EFFECTS.items():
+        row = next(line for line in lines if line.startswith(f"| `{effect}` |"))
+        named = set(re.findall(r"`(\w+)`", row.split("|")[2]))
+        assert named == {"mode", "objects", *values.options}
+
+
+def test_ready_scenes_are_listed() -> None:
+    rows = re.findall(r"^\| `(\w+)\.yaml` \|", DOCS, re.MULTILINE)
+    assert tuple(rows) == READY
+
+
+def test_the_example_loads_and_the_snippet_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example, robots = re.findall(r"```yaml\n(.*?)```", DOCS, re.DOTALL)
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box().export(tmp_path / "meshes" / "hand.stl")
+    path = tmp_path / "cell.yaml"
+    path.write_text(example)
+    assert load_scene(path).names == ["table/0", "cup/0", "gripper/0"]
+    for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
+        (tmp_path / name).write_bytes((ROOT / "config" / name).read_bytes())
+    path.write_text(robots)
+    assert load_scene(path).robots[0].motion is not None
+
+    (code,) = re.findall(r"```python\n(.*?)```", DOCS, re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    exec(compile(code, "scene_files.md", "exec"), {})
+    assert capsys.readouterr().out == "[]\n"
+
+
+def test_the_errors_are_as_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (shown,) = re.findall(r"```text\n(.*?)```", DOCS, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    text = [
+        "groups: {gripper: [g/*]}", *["# words"] * 9, "objects:",
+        "- {name: a, shape: box, size: [1, 1, 1]}", "- {name: b, shape: box, size: [1, 1, 1]}",
+        "- {name: c, shape: box, size: [1, -1]}", *["# words"] * 4, "effects:",
+        "  contact: on", "allowed: [[a, b],", "  [griper, a]]",
+    ]  # fmt: skip
+    Path("cell.yaml").write_text("\n".join(text))
+    with pytest.raises(SceneFileError) as error:
+        load_scene("cell.yaml")
+    assert str(error.value).splitlines() == shown.splitlines()

@@ -32,8 +32,6 @@ from each import each
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load, load_scene
 from obb_collision.scene_files import yaml_values as values
-from obb_collision.scene_files.load import parse
-from obb_collision.scene_files.yaml_values import MAX_PROBLEMS
 from obb_collision.words import text_fault
 
 DATA = Path(__file__).parents[1] / "data" / "moveit"
@@ -320,7 +318,7 @@ def test_no_more_is_guessed_than_told(write: Any, monkeypatch: pytest.MonkeyPatc
     lines = [f"- {{name: a{k}, {BOX}, postion{k}: 3}}" for k in range(2000)]
     rules = [f"- [b{k}, c{k}]" for k in range(500)]
     refusal(write("objects:\n" + "\n".join(lines) + "\nallowed:\n" + "\n".join(rules)))
-    assert 0 < len(calls) <= MAX_PROBLEMS
+    assert 0 < len(calls) <= values.MAX_PROBLEMS
     refusal(write("objects:\n" + f"- {{name: a, {BOX}}}\nallowed:\n" + "\n".join(rules)))
     assert max(calls) <= values.MAX_GUESSES
 
@@ -396,9 +394,9 @@ def test_reading_an_object_takes_few_calls(write: Any) -> None:
 def test_both_parsers_of_yaml_read_the_same(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("yaml.cyaml")
     text = path.read_text()
-    ways = [parse("scene.yaml", text)]
+    ways = [load.parse("scene.yaml", text)]
     monkeypatch.setattr(load, "FastParser", load.PythonParser)
-    ways.append(parse("scene.yaml", text))
+    ways.append(load.parse("scene.yaml", text))
     quick, slow = ([*nodes_in(way.node)] for way in ways)
     assert quick == slow
 

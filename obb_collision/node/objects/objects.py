@@ -37,7 +37,7 @@ from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.typing import Mask
 
 NO_SLOTS: Slots = np.empty(0, np.int64)

@@ -61,7 +61,7 @@ from obb_collision.node.objects.waiting import (
 )
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.placed import as_slice
+from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
 
 RETRY_PERIOD = NANOSECONDS // 2

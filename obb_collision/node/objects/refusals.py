@@ -24,7 +24,7 @@ from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_
 from obb_collision.node.messages.marker_shapes import NO_BODY
 from obb_collision.node.messages.names import namespace_number, shortened, stand_in, whole_from_text
 from obb_collision.node.objects.table import NEVER, ObjectTable
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 
 
 class Notice(NamedTuple):

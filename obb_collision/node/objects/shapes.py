@@ -49,7 +49,7 @@ from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats, Mask

@@ -43,7 +43,7 @@ from obb_collision.node.objects.table import (
     Slots,
 )
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.typing import Floats, Mask
 
 

@@ -35,7 +35,7 @@ from obb_collision.node.objects.conditions import (
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.table import ObjectTable, Slots
-from obb_collision.scene.store.placed import as_slice
+from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
 
 OLDER = "older stamp"

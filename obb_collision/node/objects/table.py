@@ -43,7 +43,7 @@ from obb_collision.node.objects.conditions import (
     happen,
     judge,
 )
-from obb_collision.scene.store.placed import as_slice, doubled
+from obb_collision.scene.store.placing import as_slice, doubled
 from obb_collision.typing import Floats, Mask, Rows
 
 Slots = Rows

@@ -33,8 +33,7 @@ from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds
 from obb_collision.node.parameters.specs import MAX_PATTERNS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF
-from obb_collision.scene.store.overrides import MAX_OVERRIDES
-from obb_collision.scene.store.patterns import as_patterns
+from obb_collision.scene.store.patterns import MAX_OVERRIDES, as_patterns
 from obb_collision.scene.store.region import Region, split_regions
 from obb_collision.scene_files.native import ROBOT_NAME
 from obb_collision.words import shown

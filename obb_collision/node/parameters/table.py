@@ -38,13 +38,13 @@ from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
-from obb_collision.scene.store.overrides import (
+from obb_collision.scene.store.patterns import (
     MAX_OVERRIDES,
+    as_patterns,
     override_from_text,
     padding_from_text,
     read_override,
 )
-from obb_collision.scene.store.patterns import as_patterns
 
 
 def _pattern(text: str) -> str:

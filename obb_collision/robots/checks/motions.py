@@ -79,8 +79,7 @@ from obb_collision.robots.checks.arrays import (
 from obb_collision.robots.checks.chains import Chains
 from obb_collision.robots.checks.states import HULL, SPHERE, may_collide, square_distance
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
-from obb_collision.scene.broad_phase.bounds_tree import STACK
-from obb_collision.scene.broad_phase.lanes import LANES, lowest, overlaps
+from obb_collision.scene.broad_phase.bounds_tree import LANES, STACK, lowest, overlaps
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Relative growth of bounds: more than the roundings of all that goes into them.

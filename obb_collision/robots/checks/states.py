@@ -59,7 +59,7 @@ from obb_collision.robots.checks.arrays import (
 from obb_collision.robots.checks.meshes import mesh_collisions_of
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StatePairs, StateReport
-from obb_collision.scene.broad_phase.lanes import LANES, lowest, overlaps
+from obb_collision.scene.broad_phase.bounds_tree import LANES, lowest, overlaps
 from obb_collision.typing import Floats, Integers, Rows, Vector
 
 SPHERE, AABB, HULL = (int(level) for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.HULL))

@@ -32,8 +32,15 @@ from obb_collision import _threads
 from obb_collision._jit import njit
 from obb_collision.numerics.intrinsics import fetch
 from obb_collision.numerics.vec3 import vector_at
-from obb_collision.scene.broad_phase.bounds_tree import STACK, BoundsTree, overlapping
-from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
+from obb_collision.scene.broad_phase.bounds_tree import (
+    LANE_BITS,
+    LANES,
+    STACK,
+    BoundsTree,
+    lowest,
+    overlapping,
+    overlaps,
+)
 from obb_collision.typing import Floats, Rows
 
 Pairs = NDArray[np.int64]

@@ -29,26 +29,41 @@ from obb_collision.numerics.sorting import bits_of, sort_numbers
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.typing import Rows
+from obb_collision.typing import Floats, Rows
 
 #: Partners of an object looked at first, where one that collides is enough ...
 FIRST_PARTNERS = 8
 #: ... and by how much more the next time.
 GROWTH = 4
+#: Candidates decided at first, where one that collides is enough.
+FIRST_PIECE = 16
+Bounds = tuple[Floats, Floats]
 
 
-def ordered_candidates(tree: BoundsTree, room: int) -> Iterator[tuple[Pairs, int]]:
+def ordered_candidates(
+    tree: BoundsTree, room: int, own: Bounds | None = None
+) -> Iterator[tuple[Pairs, int]]:
     """Yield all i < j whose bounds overlap, in lexicographic order, and the first row not done.
 
-    Each piece has all pairs of its rows i, at most max(room, n) in all.
+    Each piece has all pairs of its rows i, at most max(room, n) in all. own: bounds (m, 3), (m, 3)
+    of another set, whose rows i are; then with all j of the tree.
     """
-    count = len(tree.order)
+    count, bounds = len(tree.order), own or (tree.minimum, tree.maximum)
     pairs = np.empty((max(room, count), 2), np.int64)
     column, spare = np.empty((2, count), np.int64)
     row = 0
-    while row < count:
-        found, row = _rows_kernel(tree, row, column, spare, pairs)
+    while row < len(bounds[0]):
+        found, row = _rows_kernel(tree, *bounds, own is None, row, column, spare, pairs)
         yield pairs[:found].copy(), row
+
+
+def growing_candidates(tree: BoundsTree, own: Bounds | None = None) -> Iterator[Pairs]:
+    """Yield ``ordered_candidates`` in pieces that grow, for whoever stops at one that collides."""
+    size = FIRST_PIECE
+    for pairs, _ in ordered_candidates(tree, len(tree.order), own):
+        while len(pairs):
+            yield pairs[:size]
+            pairs, size = pairs[size:], size * GROWTH
 
 
 def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> tuple[Pairs, Rows]:
@@ -64,13 +79,14 @@ def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> 
 
 @njit
 def _rows_kernel(
-    tree: BoundsTree, row: int, column: np.ndarray, spare: np.ndarray, pairs: np.ndarray
-) -> tuple[int, int]:
+    tree: BoundsTree, minimum: Floats, maximum: Floats, same: bool, row: int,
+    column: np.ndarray, spare: np.ndarray, pairs: np.ndarray,
+) -> tuple[int, int]:  # fmt: skip
     """Write the pairs of rows from ``row`` on while they fit; return their number and the next."""
     found, bits = 0, bits_of(len(tree.order))
-    while row < len(tree.order):
-        low, high = vector_at(tree.minimum, row), vector_at(tree.maximum, row)
-        more = overlapping(tree, low, high, row + 1, column)
+    while row < len(minimum):
+        low, high = vector_at(minimum, row), vector_at(maximum, row)
+        more = overlapping(tree, low, high, row + 1 if same else 0, column)
         if found + more > len(pairs):
             return found, row
         sort_numbers(column[:more], spare[:more], 0, bits)

@@ -12,18 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Find every colliding pair of one or two sets of boxes: broad phase, then the certified test."""
+"""Colliding pairs of boxes: all, any, and which boxes non-maximum suppression keeps.
+
+The broad phase finds candidates, the certified test decides.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import BoxArrays, Boxes
-from obb_collision.geometry.validation import as_flag, check_kind
+from obb_collision.geometry.validation import as_array, as_flag, check_kind, check_lengths
 from obb_collision.numerics.intrinsics import fetch_pairs
 from obb_collision.numerics.sorting import (
     BUCKET_BITS,
@@ -39,6 +42,7 @@ from obb_collision.queries.verdict.coarse import (
     sphere_bounds,
     spheres_may_collide,
 )
+from obb_collision.queries.verdict.overlap import iou
 from obb_collision.queries.verdict.pair_rows import RowPairs, one_set
 from obb_collision.queries.verdict.verdict import (
     FEWEST_PAIRS,
@@ -48,13 +52,16 @@ from obb_collision.queries.verdict.verdict import (
     decide_block,
     decide_exactly,
 )
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
     Pairs,
     find_candidates,
     find_candidates_between,
 )
-from obb_collision.typing import Floats
+from obb_collision.scene.broad_phase.crowds import growing_candidates
+from obb_collision.typing import Floats, Rows
+from obb_collision.words import shown
 
 #: Bits of a pair's key, below those of its rows, that are its verdict.
 VERDICT_BITS = 2
@@ -108,6 +115,47 @@ def find_pairs(
         return find_pairs_and_verdicts(a, as_flag(exact, "exact"), accuracy)[0]
     check_kind(b, Boxes, "b")
     return _find_between(a, b, as_flag(exact, "exact"), as_box_accuracy(accuracy))
+
+
+def any_collision(a: Boxes, b: Boxes | None = None, *, exact: bool = False) -> bool:
+    """Return whether any two boxes collide, of one set or between two; stops at the first pair.
+
+    Parameters
+    ----------
+    a : Boxes
+    b : Boxes, optional
+        Without, any two of a; with it, one of a and one of b.
+    exact : bool
+        Decide by integer arithmetic what doubles can't tell from touching, which else counts.
+
+    Returns
+    -------
+    bool
+        Whether ``find_pairs`` with the same arguments finds a pair.
+
+    Raises
+    ------
+    TypeError
+        For anything but boxes.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[0, 0, 0], [1, 0, 0], [9, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
+    >>> oc.any_collision(boxes), oc.any_collision(boxes[:2], boxes[2:])
+    (True, False)
+    """
+    check_kind(a, Boxes, "a")
+    if b is not None:
+        check_kind(b, Boxes, "b")
+    certain, others = as_flag(exact, "exact"), a if b is None else b
+    if len(a) == 0 or len(others) == 0:
+        return False
+    tree = BoundsTree.build(*meeting_bounds(others))
+    for pairs in growing_candidates(tree, None if b is None else meeting_bounds(a)):
+        both, candidates = (a, pairs) if b is None else one_set(a, b, pairs)
+        if len(colliding_pairs(both, candidates, certain)[0]):
+            return True
+    return False
 
 
 def find_pairs_and_verdicts(
@@ -250,3 +298,56 @@ def _bucket_kernel(
         part = keys[start:stop]
         sort_numbers(part, spare[start:stop], VERDICT_BITS, VERDICT_BITS + 2 * bits - BUCKET_BITS)
         _part_keys(bits, part, pairs[start:stop], verdicts[start:stop])
+
+
+def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
+    """Return the boxes that greedy non-maximum suppression keeps.
+
+    From the best score down, a box is kept unless its ``iou`` with one that is kept exceeds the
+    threshold. Only boxes that overlap are compared.
+
+    Parameters
+    ----------
+    boxes : Boxes
+    scores : (n,) array_like
+        Of equal ones the first row is the better one.
+    threshold : float
+        From 0, which keeps no two boxes that share volume, to 1, which keeps all.
+
+    Returns
+    -------
+    (m,) array of int64
+        Their rows, best first.
+
+    Raises
+    ------
+    ValueError
+        For scores that are not finite, or not one per box, and for another threshold.
+    TypeError
+        For anything but boxes.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[0, 0, 0], [0.1, 0, 0], [9, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
+    >>> oc.nms(boxes, [0.7, 0.9, 0.8], threshold=0.5).tolist()
+    [1, 2]
+    """
+    check_kind(boxes, Boxes, "boxes")
+    values = as_array(scores, "scores", (None,))
+    check_lengths(boxes=boxes, scores=values)
+    most = float(as_array(threshold, "threshold", ()))
+    if not 0.0 <= most <= 1.0:
+        raise ValueError(f"threshold must be from 0 to 1, got {shown(threshold)}")
+    order = np.argsort(-values, kind="stable")
+    ranks = np.empty_like(order)
+    ranks[order] = np.arange(len(order))
+    pairs = find_pairs(boxes)
+    better, worse = np.sort(ranks[pairs[iou(boxes, boxes, pairs) > most]], axis=1).T
+    worse = worse[np.argsort(better)]
+    counts = np.bincount(better, minlength=len(order))
+    ends = np.cumsum(counts)
+    kept = np.ones(len(order), np.bool_)
+    for rank in np.flatnonzero(counts):
+        if kept[rank]:  # all that are better have been asked
+            kept[worse[ends[rank] - counts[rank] : ends[rank]]] = False
+    return order[kept]

@@ -21,7 +21,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.queries.verdict.coarse import bounds_kernel
-from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, move_kernel
+from obb_collision.scene.broad_phase.bounds_tree import LANES, BoundsTree, move_kernel
 from obb_collision.scene.broad_phase.broad_phase import (
     ROOM_PER_ROW,
     UNLIMITED,
@@ -29,7 +29,6 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_some_candidates_of,
     row_overlaps,
 )
-from obb_collision.scene.broad_phase.lanes import LANES
 from obb_collision.typing import Floats, Mask, Rows
 
 #: A tree is built anew once so many rows have moved, as a part of all: its blocks have grown then.

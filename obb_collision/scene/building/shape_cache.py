@@ -202,6 +202,7 @@ class SlotShape(NamedTuple):
 
 
 Packed = tuple[Pool[Item], dict[Entry[Item], int]]
+Lent = tuple[dict[int, Any], NDArray[np.float64]]
 
 
 class ShapeCache:
@@ -269,21 +270,22 @@ class ShapeCache:
         if slot in self._shapes:
             del self._own_shapes()[slot]
 
-    def lend_shapes(self) -> dict[int, Any]:
-        """Return the shapes by slot, which stay as they are."""
+    def lend_shapes(self) -> Lent:
+        """Return the shapes by slot and their numbers, which stay as they are."""
         self._lent = True
-        return self._shapes
+        return self._shapes, self._numbers
 
     def _own_shapes(self) -> dict[int, Any]:
         """Return the shapes by slot, to be changed."""
         if self._lent:
-            self._shapes, self._lent = dict(self._shapes), False
+            self._shapes, self._numbers = dict(self._shapes), self._numbers.copy()
+            self._lent = False
         return self._shapes
 
-    def with_shapes(self, shapes: dict[int, Any]) -> ShapeCache:
+    def with_shapes(self, lent: Lent) -> ShapeCache:
         """Return another cache, of other shapes; what is built of equal ones is not built again."""
         other = ShapeCache()
-        other._shapes, other._lent = shapes, True
+        (other._shapes, other._numbers), other._lent = lent, True
         for here, there in zip(self._all, other._all, strict=True):
             there.known = {entry.key: item for entry, item in here.built.items()}
         return other

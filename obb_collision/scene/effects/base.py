@@ -35,9 +35,9 @@ from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, CHOICES, PlacedShapes
-from obb_collision.scene.refinement.refine import Levels
-from obb_collision.scene.store.pair_table import PairFilter
+from obb_collision.scene.store.allowed import PairFilter
 from obb_collision.scene.store.region import Region, owns, owns_pairs
 from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.scene.store.store import ObjectStore

@@ -32,9 +32,8 @@ from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, 
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.broad_phase.find_pairs import coarse_meet, columns
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement.budget import Budget, Levels, refine
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
-from obb_collision.scene.refinement.refine import Levels, refine
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows

@@ -30,7 +30,6 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
@@ -39,8 +38,8 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.refinement.ladder import decide_pairs, levels_of
-from obb_collision.scene.refinement.refine import Levels
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
@@ -99,32 +98,22 @@ class PlacedShapes:
         complete: bool = True,
     ) -> None:
         self._complete = complete
-        self._store, self._cache, self._version = store.with_shapes(), cache, cache.version
-        self._shapes = cache.lend_shapes()
+        self._store = store.with_shapes()
+        self._store.poses = store.poses.copy()
+        self._cache, self._version, self._shapes = cache, cache.version, cache.lend_shapes()
         self._pairs, self._decided, self._cap = pairs, levels, cap
         self._exact = exact
         self.kinds, self.paddings = store.kinds, store.paddings
         self._accuracies = store.accuracies
-        self._shaped = np.flatnonzero(store.used & (store.kinds > BOX))
-        self._poses = store.poses[self._shaped]
-        self._cores = cache.cores(self._shaped)
-        self._take_hulls()
-        self._trees: tuple[MeshTrees, Rows] | None = None  # and the row of each slot among them
         self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
         self.depths: tuple[Pairs, Separations] | None = None
         """Depths that an effect found on MESH, for others of the same pairs."""
 
-    def _take_hulls(self) -> None:
-        """Take the hulls there are now, with their rows: both change when a pool is exchanged."""
-        self._rows = self._cache.hull_rows(self._shaped)
-        self._hulls = self._cache.all_hulls if (self._rows >= 0).any() else NO_HULLS
-
     def _current_cache(self) -> ShapeCache:
         """Return the cache of the scene, or one of its own once shapes have changed there."""
         if self._cache.version != self._version:
-            self._cache, self._trees = self._cache.with_shapes(self._shapes), None
+            self._cache = self._cache.with_shapes(self._shapes)
             self._version = self._cache.version
-            self._take_hulls()
         return self._cache
 
     def levels(self, pairs: Pairs, choice: str, highest: Accuracy) -> Levels:
@@ -182,20 +171,28 @@ class PlacedShapes:
     def _have_trees(self, pairs: Pairs) -> Mask:
         """Build the trees that pairs (k, 2) need; return (k,) which have them."""
         slots = np.unique(pairs)
-        slots = slots[self.kinds[slots] != ROUND]
-        cache = self._current_cache()
-        if cache.build(self._store, slots, False, None).any():
-            self._trees = cache.trees(np.arange(len(self.kinds)))
-        if self._trees is None:
-            return np.zeros(len(pairs), np.bool_)
-        have = (self._trees[1] >= 0) | (self.kinds == ROUND)
-        return np.all(have[pairs], axis=1)
+        return self._have(slots[self.kinds[slots] != ROUND], False)[pairs].all(axis=1)
+
+    def _have_hulls(self, pairs: Pairs) -> Mask:
+        """Build the hulls that pairs (k, 2) need; return (k,) which have them."""
+        slots = np.unique(pairs)
+        slots = slots[self.kinds[slots] > BOX]
+        cornered = self._current_cache().cores(slots)[:, 0] == CORNERS
+        have = self._have(slots[cornered], True) & (self.kinds != BOXED)
+        return have[pairs].all(axis=1)
+
+    def _have(self, slots: Rows, hull: bool) -> Mask:
+        """Build what slots lack; return (n,) of all slots which do not lack it then."""
+        have = np.ones(len(self.kinds), np.bool_)
+        have[slots] = self._current_cache().build(self._store, slots, hull, None)
+        return have
 
     def curved(self, pairs: Pairs) -> Mask:
         """Return (m, 2) which slots of pairs are cylinders, cones or ellipsoids."""
-        mask = np.zeros(len(self.kinds), np.bool_)
-        mask[self._shaped] = np.isin(self._cores[:, 0], CURVED)
-        return np.asarray(mask[pairs])
+        slots, ends = np.unique(pairs, return_inverse=True)
+        mask, shaped = np.zeros(len(slots), np.bool_), self.kinds[slots] > BOX
+        mask[shaped] = np.isin(self._current_cache().cores(slots[shaped])[:, 0], CURVED)
+        return mask[ends].reshape(pairs.shape)
 
     def round_sides(self, boxes: Boxes, pairs: Pairs) -> tuple[Rows, RoundSides | None]:
         """Return which of pairs (m, 2) with a mesh have no cylinder, cone or ellipsoid.
@@ -229,17 +226,21 @@ class PlacedShapes:
         The radii have the padding. Of spheres and capsules the trees are those of their segments;
         either all of them are round or none.
         """
+        shaped, centers, rotations = self._places(boxes, slots)
+        cache, radii = self._current_cache(), self.paddings[slots]
+        if (self.kinds[slots] == ROUND).any():
+            cores = cache.cores(slots[shaped])
+            trees, rows = segment_trees(cores[:, 4])
+            return PlacedMeshes.trusted(trees, rows, centers, rotations), cores[:, 5] + radii
+        return PlacedMeshes.trusted(*cache.trees(slots), centers, rotations), radii
+
+    def _places(self, boxes: Boxes, slots: Rows) -> tuple[Rows, Floats, Floats]:
+        """Return which of slots (k,) are no boxes, and where what stands for them is."""
         centers, rotations = boxes.centers[slots], boxes.rotations[slots]
         shaped = np.flatnonzero(self.kinds[slots] > BOX)
-        places = np.searchsorted(self._shaped, slots[shaped])
-        centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
-        if (self.kinds[slots] == ROUND).any():
-            trees, rows = segment_trees(self._cores[places, 4])
-            radii = self._cores[places, 5] + self.paddings[slots]
-            return PlacedMeshes.trusted(trees, rows, centers, rotations), radii
-        assert self._trees is not None
-        trees, by_slot = self._trees
-        return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), self.paddings[slots]
+        poses = self._store.poses[slots[shaped]]
+        centers[shaped], rotations[shaped] = as_poses(poses, warn=False)
+        return shaped, centers, rotations
 
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
         """Return distances (m,), at most zero for pairs (m, 2) that collide on a level or above.
@@ -273,22 +274,6 @@ class PlacedShapes:
         known[known] = keys[rows[known]] == wanted[known]
         return known, rows[known]
 
-    def _have_hulls(self, pairs: Pairs) -> Mask:
-        """Build the hulls that pairs (k, 2) need; return (k,) which have them."""
-        places = np.searchsorted(self._shaped, pairs)
-        shaped = self.kinds[pairs] > BOX
-        needed = np.zeros(len(self._shaped), np.bool_)
-        needed[places[shaped]] = True
-        cache = self._current_cache()
-        lacking = np.flatnonzero(needed & (self._cores[:, 0] == CORNERS) & (self._rows < 0))
-        if len(lacking):
-            cache.build(self._store, self._shaped[lacking], True, None)
-            self._take_hulls()
-        have = np.ones(len(self.kinds), np.bool_)
-        have[self._shaped[(self._cores[:, 0] == CORNERS) & (self._rows < 0)]] = False
-        have &= self.kinds != BOXED
-        return np.all(have[pairs], axis=1)
-
     def bodies(self, boxes: Boxes, pairs: Pairs) -> tuple[ConvexBodies, Rows, Rows]:
         """Return the bodies of pairs (m, 2) of slots, padded, and their rows (m,), (m,) in them.
 
@@ -313,15 +298,14 @@ class PlacedShapes:
         """Return the bodies of slots (k,), padded, all of which have hulls if they need one."""
         kinds = np.full(len(slots), BOX_CORE, np.int8)
         sizes, radii = np.zeros((len(slots), 4)), np.zeros(len(slots))
-        rows = np.zeros(len(slots), np.int64)
-        centers, rotations = boxes.centers[slots], boxes.rotations[slots]
+        rows, hulls = np.zeros(len(slots), np.int64), NO_HULLS
         sizes[:, :3] = boxes.half_extents[slots]
-        shaped = np.flatnonzero(self.kinds[slots] > BOX)
-        places = np.searchsorted(self._shaped, slots[shaped])
-        kinds[shaped] = self._cores[places, 0]
-        sizes[shaped] = self._cores[places, 1:5]
-        radii[shaped] = self._cores[places, 5] + self.paddings[slots[shaped]]
-        assert (self._rows[places][kinds[shaped] == CORNERS] >= 0).all()
-        rows[shaped] = np.maximum(self._rows[places], 0)
-        centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
-        return ConvexBodies(kinds, sizes, radii, self._hulls, rows, centers, rotations)
+        shaped, centers, rotations = self._places(boxes, slots)
+        cache, there = self._current_cache(), slots[shaped]
+        cores, found = cache.cores(there), cache.hull_rows(there)
+        kinds[shaped], sizes[shaped] = cores[:, 0], cores[:, 1:5]
+        radii[shaped] = cores[:, 5] + self.paddings[there]
+        assert (found[kinds[shaped] == CORNERS] >= 0).all()
+        if (found >= 0).any():
+            rows[shaped], hulls = np.maximum(found, 0), cache.all_hulls
+        return ConvexBodies(kinds, sizes, radii, hulls, rows, centers, rotations)

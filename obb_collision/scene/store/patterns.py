@@ -12,18 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Patterns for names of objects: ``gripper/*``, ``*`` or a whole name; case counts."""
+"""Patterns for names of objects, and values by them: ``gripper/*``, a whole name; case counts."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from fnmatch import translate
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.words import MAX_PATTERN, shown, text_fault
 
 
@@ -62,3 +63,86 @@ def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[
         for name in names
     )
     return np.fromiter(found, np.bool_, len(names))
+
+
+#: Most overrides: one for each object that a node takes unless told otherwise.
+MAX_OVERRIDES = 20000
+#: Largest padding by name, metres.
+MAX_PADDING = 1000.0
+
+Value = TypeVar("Value")
+Override = tuple[str, Accuracy]
+"""A pattern of names ``ns/id``, and the level of the objects that match it."""
+
+
+def override_from_text(text: str) -> Override:
+    """Read ``PATTERN: LEVEL``, or ``NAMESPACE=LEVEL`` for all of a namespace.
+
+    ValueError with the reason.
+    """
+    return read_override(text, "mesh", as_accuracy)
+
+
+def padding_from_text(text: str) -> tuple[str, float]:
+    """Read ``PATTERN: METRES``, or ``NAMESPACE=METRES`` for all of a namespace.
+
+    ValueError with the reason.
+    """
+    return read_override(text, "0.02", _as_padding)
+
+
+def read_override(text: str, example: str, read: Callable[[str], Value]) -> tuple[str, Value]:
+    """Read ``PATTERN: VALUE``, or ``NAMESPACE=VALUE`` for all of a namespace.
+
+    example: of a value, for the ValueError.
+    """
+    found = re.fullmatch(r"(.*?)\s*([:=])\s*([\w.+-]*)", text)
+    if found is None:
+        raise ValueError(f"{text!r} is not like 'gripper/*: {example}' or 'gripper={example}'")
+    where, sign, value = found.groups()
+    return where + ("/*" if sign == "=" else ""), read(value)
+
+
+def _as_padding(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"padding must be a number, got {text!r}") from None
+    if not 0.0 <= value <= MAX_PADDING:
+        raise ValueError(f"padding must be between 0 and {MAX_PADDING:g} m, not {text}")
+    return value
+
+
+class Overrides(Generic[Value]):
+    """Overrides, of which the last one that fits a name counts."""
+
+    def __init__(self, overrides: Sequence[tuple[str, Value]] = ()) -> None:
+        self.overrides = tuple(overrides)
+        numbered = list(enumerate(self.overrides))
+        self._names = {where: number for number, (where, _) in numbered if not _is_pattern(where)}
+        self._tests = [
+            (number, re.compile(translate(where)).match)
+            for number, (where, _) in reversed(numbered)
+            if _is_pattern(where)
+        ]
+
+    def __bool__(self) -> bool:
+        return bool(self.overrides)
+
+    def value(self, name: str) -> Value | None:
+        """Return the value for an object by its name, None for the scene's."""
+        by_name = self._names.get(name, -1)
+        by_pattern = (number for number, match in self._tests if number > by_name and match(name))
+        last = next(by_pattern, by_name)
+        return None if last < 0 else self.overrides[last][1]
+
+
+def limited(
+    overrides: Sequence[Override], lowest: Accuracy, highest: Accuracy
+) -> Overrides[Accuracy]:
+    """Return overrides with the nearest level from ``lowest`` to ``highest`` each."""
+    return Overrides([(where, min(max(level, lowest), highest)) for where, level in overrides])
+
+
+def _is_pattern(where: str) -> bool:
+    return any(letter in where for letter in "*?[")

@@ -30,8 +30,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obb_collision._jit import njit
-from obb_collision._threads import run
 from obb_collision.geometry.validation import (
     ArrayValue,
     as_any_array,
@@ -40,15 +38,12 @@ from obb_collision.geometry.validation import (
     as_whole,
 )
 from obb_collision.numerics.constants import UNDERFLOW
-from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
 from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.words import shown
 
 #: Relative growth of what an object reaches: more than the slack of all bounds of boxes and
 #: spheres in use, 2^-38 at the most.
 REACH_SLACK = 2.0**-35
-#: Balls and pairs below which a second thread does not pay.
-FEWEST_BALLS = 4096
 #: Regions of one split at most: far more than there are machines.
 MOST_PARTS = 4096
 
@@ -187,54 +182,15 @@ def owns(region: Region, points: Floats) -> Mask:
 
 def owns_pairs(region: Region, minimum: Floats, pairs: Rows) -> Mask:
     """Return which pairs (m, 2) of rows of bounds, of which ``minimum`` (n, 3), are its own."""
-    owned = np.empty(len(pairs), np.bool_)
-    ends = region.minimum, region.maximum
-    run(_owner_kernel, len(pairs), FEWEST_BALLS, minimum, pairs, *ends, owned)
-    return owned
+    return owns(region, np.maximum(minimum[pairs[:, 0]], minimum[pairs[:, 1]]))
 
 
 def balls_near(region: Region, centers: Floats, radii: Floats) -> Mask:
-    """Return which balls about (n, 3), radii (n,), may come within the halo of it."""
-    extents = np.zeros((len(radii), 3))
-    extents[:, 0] = radii
-    return boxes_near(region, centers, extents, np.arange(len(radii)))
+    """Return which balls about (n, 3), radii (n,), may come within the halo of it.
 
-
-def boxes_near(region: Region, centers: Floats, half_extents: Floats, rows: Rows) -> Mask:
-    """Return (m,) which rows of boxes (n, 3), (n, 3) may come within the halo of it.
-
-    By the spheres around them: never False where any bounds in use reach there.
+    With the radii of the spheres around boxes: never False where any bounds in use reach there.
     """
-    near = np.empty(len(rows), np.bool_)
-    arrays = centers, half_extents, rows, region.minimum, region.maximum
-    run(_reach_kernel, len(rows), FEWEST_BALLS, *arrays, region.halo, near)
-    return near
-
-
-@njit
-def _reach_kernel(
-    centers: Floats, extents: Floats, rows: np.ndarray, minimum: Floats, maximum: Floats,
-    halo: float, near: np.ndarray, start: int, stop: int,
-) -> None:  # fmt: skip
-    for number in range(start, stop):
-        n = rows[number]
-        reach = halo + norm(vector_at(extents, n))
-        reach += REACH_SLACK * (reach + sum_abs(vector_at(centers, n))) + UNDERFLOW
-        near[number] = True
-        for k in range(3):
-            near[number] &= (centers[n, k] + reach >= minimum[k]) & (
-                centers[n, k] - reach <= maximum[k]
-            )
-
-
-@njit
-def _owner_kernel(
-    lower: Floats, pairs: np.ndarray, minimum: Floats, maximum: Floats, owned: np.ndarray,
-    start: int, stop: int,
-) -> None:  # fmt: skip
-    for n in range(start, stop):
-        i, j = pairs[n, 0], pairs[n, 1]
-        owned[n] = True
-        for k in range(3):
-            place = max(lower[i, k], lower[j, k])
-            owned[n] &= (place >= minimum[k]) & ((place < maximum[k]) | (maximum[k] == np.inf))
+    reach = region.halo + radii
+    reach += REACH_SLACK * (reach + np.abs(centers).sum(axis=1)) + UNDERFLOW
+    low, high = centers + reach[:, None], centers - reach[:, None]
+    return np.asarray(((low >= region.minimum) & (high <= region.maximum)).all(axis=1))

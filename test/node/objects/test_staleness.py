@@ -34,7 +34,7 @@ from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP, UNKNOWN
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere
 from obb_collision.typing import Floats
 

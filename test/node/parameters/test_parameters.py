@@ -32,7 +32,7 @@ from rig import Rig, cube
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.parameters.specs import MAX_PATTERNS, Spec
-from obb_collision.scene.store.overrides import (
+from obb_collision.scene.store.patterns import (
     Overrides,
     limited,
     override_from_text,

@@ -21,6 +21,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import oracle
@@ -33,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from support import row_of, stored
 
 import obb_collision as oc
-from obb_collision.scene.broad_phase.any_collision import find_first
+from obb_collision.scene.broad_phase import find_pairs
 from tools.cases.placement import random_rotations
 
 Rng = np.random.Generator
@@ -303,16 +304,28 @@ def test_the_order_of_the_boxes_does_not_matter_and_a_set_may_be_both_sides() ->
     assert len(twice) == 2 * len(expected) + len(boxes)
 
 
-def test_the_first_collision_ends_the_search_but_not_what_only_seems_to_touch() -> None:
+def test_the_first_collision_ends_the_search_but_not_what_only_seems_to_touch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tested: list[int] = []
+    decide = find_pairs.colliding_pairs
+
+    def counted(boxes: oc.Boxes, pairs: np.ndarray, exact: bool) -> Any:
+        tested.append(len(pairs))
+        return decide(boxes, pairs, exact)
+
+    def tests(a: oc.Boxes, b: oc.Boxes | None, exact: bool, expected: bool) -> int:
+        tested.clear()
+        assert oc.any_collision(a, b, exact=exact) == expected
+        return sum(tested)
+
+    monkeypatch.setattr(find_pairs, "colliding_pairs", counted)
     rng = np.random.default_rng(10)
     places = 3.0 * np.array(list(np.ndindex(10, 10, 10)))
     apart = oc.Boxes(places, random_rotations(rng, 1000), np.full((1000, 3), 0.6))
-    found, tests = find_first(apart, None, False)
-    assert (found, tests) == (False, len(oc.find_pairs(apart, accuracy="aabb")))
+    assert tests(apart, None, False, False) == len(oc.find_pairs(apart, accuracy="aabb"))
     crowd = identical(rng, 120)
-    assert find_first(crowd, None, False) == find_first(crowd, crowd, True) == (True, 1)
-    both = oc.Boxes(*map(np.concatenate, zip(stored(apart), stored(crowd), strict=True)))
-    assert find_first(both, None, False) == (True, tests + 1)
+    assert tests(crowd, None, False, True) == tests(crowd, crowd, True, True) == 16
 
     step = 2.0 + 2.0**-51
     boxes = upright(np.concatenate([[np.zeros(3)], step * np.eye(3), -step * np.eye(3)]),
@@ -320,8 +333,8 @@ def test_the_first_collision_ends_the_search_but_not_what_only_seems_to_touch() 
     doubtful = len(brute_force(boxes))
     assert doubtful > 7
     assert oc.any_collision(boxes)
-    assert find_first(boxes, None, True) == (False, doubtful)
-    assert find_first(boxes[:1], boxes[1:], True) == (False, 6)
+    assert tests(boxes, None, True, False) == doubtful
+    assert tests(boxes[:1], boxes[1:], True, False) == 6
 
 
 INTERPRETED = """

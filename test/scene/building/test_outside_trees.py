@@ -31,12 +31,10 @@ import obb_collision as oc
 from obb_collision import _kernel_cache
 from obb_collision.geometry.trees import pool as pools
 from obb_collision.geometry.trees.pool import TreePool, mesh_tree
-from obb_collision.scene.building import outside
+from obb_collision.scene.building import outside, shape_cache
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import BuildError, BuildJob, Task, perform
-from obb_collision.scene.building.outside import OutsideTrees
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.shape_cache import PerShape
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
 MOST_CHECKS = 100
@@ -78,7 +76,7 @@ def checked_on(scene: oc.Scene) -> list[oc.Accuracy]:
     return [oc.Accuracy(level) for level in scene.check().accuracies]
 
 
-def settled(scene: oc.Scene, trees: OutsideTrees, builder: Builder) -> oc.Report:
+def settled(scene: oc.Scene, trees: outside.OutsideTrees, builder: Builder) -> oc.Report:
     """Check until nothing is being built, and a check finds nothing to do; return its report."""
     for _ in range(MOST_CHECKS):
         report = scene.check()
@@ -230,8 +228,8 @@ def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
             assert results(settled(scenes[0], trees, builder)) == expected
 
 
-def per_shape_of(kind: type[TreePool] = TreePool) -> PerShape[oc.MeshTrees]:
-    made: PerShape[oc.MeshTrees] = PerShape(TreePool)
+def per_shape_of(kind: type[TreePool] = TreePool) -> shape_cache.PerShape[oc.MeshTrees]:
+    made: shape_cache.PerShape[oc.MeshTrees] = shape_cache.PerShape(TreePool)
     made.pool = kind()
     return made
 
@@ -240,14 +238,16 @@ def triangle(number: int) -> Mesh:
     return Mesh(np.eye(3) * (1.0 + number), [[0, 1, 2]])
 
 
-def add_outside(trees: PerShape[oc.MeshTrees], number: int) -> tuple[Any, oc.MeshTrees, int]:
+def add_outside(
+    trees: shape_cache.PerShape[oc.MeshTrees], number: int
+) -> tuple[Any, oc.MeshTrees, int]:
     """Build a triangle, and add its tree as another thread does."""
     job = BuildJob(triangle(number), trees)
     pool, item, row = job.finish(perform(job.task()))
     return pool, item, row
 
 
-def first_corners(trees: PerShape[oc.MeshTrees], slots: list[int]) -> list[float]:
+def first_corners(trees: shape_cache.PerShape[oc.MeshTrees], slots: list[int]) -> list[float]:
     """Return what the trees of slots say, read as a kernel does: by row."""
     rows, arrays = trees.rows(np.array(slots)), trees.pool.all
     assert (rows < len(arrays.roots)).all(), "a row beyond the arrays"

@@ -86,20 +86,6 @@ def test_all_colliding_pairs_have_the_patch_of_their_boxes(max_points: int) -> N
     check_patches(scene, report, max_points)
 
 
-def test_patches_of_callers_only_and_what_rests_is_copied() -> None:
-    scene = filled_scene(400)
-    scene.set_effect("contacts", "on", objects=[f"box/{k}" for k in range(100)])
-    scene.check()
-    scene.move("box/3", [*scene.obb("box/5").center.tolist(), 0, 0, 0, 1])
-    report = scene.check()
-    pairs = report.contacts.pairs.tolist()
-    assert pairs == [pair for pair in report.pairs.tolist() if min(pair) < 100]
-    assert 0 < report.costs["contacts"].count < 20 < len(pairs)
-    check_patches(scene, report)
-    scene.set_effect("contacts", max_points=8)  # other options: nothing can be copied
-    assert scene.check().costs["contacts"].count == len(pairs)
-
-
 def test_a_patch_option_that_cannot_be_used_is_refused() -> None:
     for value in (5, 0, np.nan):
         with pytest.raises(ValueError, match="contacts max_points must be"):

@@ -157,10 +157,3 @@ def test_each_object_has_its_own_accuracy_and_the_report_says_which() -> None:
     assert own.tolist() == expected.tolist()
     levels = [oc.Accuracy(k).name for k in report.accuracies_of("points")[[0, 1, 3, 9]]]
     assert levels == ["OBB", "HULL", "OBB", "MESH"]
-
-
-def test_shapes_are_those_of_the_check_also_later() -> None:
-    scene, other = mixed(accuracy="mesh"), mixed(accuracy="mesh")
-    report = scene.check()
-    scene.move(scene.names, [[50, 0, 0, 0, 0, 0, 1]] * len(scene))
-    assert report.points_inside.counts.tolist() == counts(other, "pairs").tolist()

@@ -23,7 +23,7 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.refinement import placed_shapes
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 MESHES = [Mesh(*zoo()[n]) for n in ("star1", "bumpy1", "torus1", "open_sphere1", "fine_box0")]
@@ -102,7 +102,9 @@ def test_verdicts_say_what_effects_say(
     shape: Shape, padding: float, order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Near touching, where effects are those of the shapes, not corrected by verdicts."""
-    monkeypatch.setattr(PlacedShapes, "parted", lambda shapes, distances, pairs, level: distances)
+    monkeypatch.setattr(
+        placed_shapes.PlacedShapes, "parted", lambda shapes, distances, *_: distances
+    )
     rng = np.random.default_rng(17)
     outcomes = {True: 0, False: 0}
     for mesh in [*MESHES, *MESHES]:

@@ -121,20 +121,6 @@ def test_odd_meshes_collide_where_they_are_and_not_where_they_are_not(
     assert scene.check().names() == []
 
 
-def test_meshes_that_are_none_are_refused_before_anything_changes() -> None:
-    scene = oc.Scene(accuracy="mesh")
-    vertices, faces = ZOO["box0"]
-    broken = vertices.copy()
-    broken[5, 2] = np.nan
-    with pytest.raises(ValueError, match="vertices must be finite in row 5"):
-        scene.add("broken", Mesh(broken, faces))
-    with pytest.raises(ValueError, match=r"faces must name vertices 0 to 7 in row 1"):
-        Mesh(vertices, [[0, 1, 2], [0, 1, 8]])
-    with pytest.raises(ValueError, match="must not be empty"):
-        Mesh(np.empty((0, 3)), [])
-    assert len(scene) == 0
-
-
 def test_huge_meshes_are_decided_on_every_level(pairs: int) -> None:
     """20,480 triangles; with ``--pairs`` of 10,000 or more 1.3 million."""
     part = creation.icosphere(subdivisions=8 if pairs >= 10_000 else 5, radius=0.5)

@@ -28,8 +28,8 @@ from scenes import builds, random_poses
 import obb_collision as oc
 from obb_collision import Accuracy
 from obb_collision.scene.effects import clearance
+from obb_collision.scene.refinement import mesh_pairs
 from obb_collision.scene.refinement.budget import Budget
-from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 
 OBB, HULL, MESH = Accuracy.OBB, Accuracy.HULL, Accuracy.MESH
 #: Seconds a pair takes.
@@ -48,13 +48,15 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    made, decide = Clock(), MeshPairs.decide
+    made, decide = Clock(), mesh_pairs.MeshPairs.decide
 
-    def timed(pairs: MeshPairs, level: Accuracy, rows: NDArray[np.int64]) -> NDArray[np.int8]:
+    def timed(
+        pairs: mesh_pairs.MeshPairs, level: Accuracy, rows: NDArray[np.int64]
+    ) -> NDArray[np.int8]:
         made.now += COSTS[level] * len(rows)
         return decide(pairs, level, rows)
 
-    monkeypatch.setattr(MeshPairs, "decide", timed)
+    monkeypatch.setattr(mesh_pairs.MeshPairs, "decide", timed)
     return made
 
 

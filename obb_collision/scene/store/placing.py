@@ -12,21 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels that give objects new poses: one look at what came, then one write of what differs."""
+"""Places and sizes of boxes in slots: those of new ones, and kernels that write what differs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.poses import BLOCK, ROWS, FrameArrays, matrix_in, place_box, turn_block
+from obb_collision.geometry.boxes import add_outwards
+from obb_collision.geometry.poses import (
+    BLOCK,
+    ROWS,
+    FrameArrays,
+    as_poses,
+    matrix_in,
+    place_box,
+    place_boxes,
+    turn_block,
+)
 from obb_collision.numerics.constants import MAX_MAGNITUDE
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Rows
 
 #: Squared lengths of quaternions that need no second look: well within ``UNIT_TOLERANCE``.
 LEAST_SQUARE, MOST_SQUARE = 0.85, 1.15
 #: What ``find_moves`` returns for poses that need more than a kernel: an error, or a warning.
 UNUSUAL = -1
+
+
+LocalBoxes = tuple[Floats, Floats, Floats]
+"""Centers (n, 3), rotations (n, 3, 3) and half extents (n, 3) in frames of their own."""
 
 
 @njit
@@ -89,3 +107,57 @@ def write_moves(
             position = new[number, 0], new[number, 1], new[number, 2]
             rotation = matrix_in(block, n)
             place_box(position, rotation, local, row, placed)
+
+
+def about_origins(half_extents: Floats) -> LocalBoxes:
+    """Return local boxes about the origins, along the axes."""
+    count = len(half_extents)
+    return np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), half_extents
+
+
+def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[str, Floats]:
+    """Return the columns of places of n slots with local boxes, by poses (n, 7)."""
+    positions, matrices = as_poses(poses, name)
+    local_centers, local_rotations, _ = local_boxes
+    centers, rotations = np.empty_like(positions), np.empty_like(matrices)
+    local, out = FrameArrays(local_centers, local_rotations), FrameArrays(centers, rotations)
+    place_boxes(FrameArrays(positions, matrices), local, np.arange(len(poses)), out)
+    return {
+        "poses": poses,
+        "local_centers": local_centers,
+        "local_rotations": local_rotations,
+        "centers": centers,
+        "rotations": rotations,
+    }
+
+
+def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -> dict[str, Floats]:
+    """Return the columns of sizes of n slots."""
+    paddings = add_outwards(own_paddings, growths)
+    return {
+        "local_half_extents": local_half_extents,
+        "own_paddings": own_paddings,
+        "growths": growths,
+        "paddings": paddings,
+        "half_extents": add_outwards(local_half_extents, paddings[:, None]),
+    }
+
+
+def doubled(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return arrays with as many rows of zeros at their ends as they have."""
+    return {name: np.concatenate((rows, np.zeros_like(rows))) for name, rows in columns.items()}
+
+
+def as_slice(rows: Rows) -> Rows | slice:
+    """Return rows (n,) as a slice if they follow one another: columns are written faster so."""
+    if len(rows) == 0:
+        return rows
+    first, last = int(rows[0]), int(rows[-1])
+    if last - first + 1 == len(rows) and (len(rows) == 1 or (np.diff(rows) == 1).all()):
+        return slice(first, last + 1)
+    return rows
+
+
+def suits(value: object, kind: type) -> bool:
+    """Return whether a kernel can take an array as it is."""
+    return isinstance(value, np.ndarray) and value.dtype == kind and value.flags.carray
