@@ -26,11 +26,11 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-from obb_collision.geometry.poses import Pose, compose_poses
+from obb_collision.geometry.poses import Pose, Quaternion, compose_poses
 from obb_collision.scene_files.description import AllowedRule, Color, SceneDescription, SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.objects import NO_SCALE, NO_TURN, read_scale, settled
-from obb_collision.scene_files.yaml_values import Value, items_of
+from obb_collision.scene_files.yaml_values import Reader, Value, items_of
 from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 from obb_collision.words import printable
 
@@ -119,9 +119,15 @@ OBJECT_KEYS = (
     *("header", "pose", "id", "type", "primitives", "primitive_poses", "meshes", "mesh_poses"),
     *("planes", "plane_poses", "subframe_names", "subframe_poses", "operation"),
 )
-#: Numbers of ``shape_msgs/SolidPrimitive``, by which its types may be given, and its dimensions.
+#: Numbers of ``shape_msgs/SolidPrimitive``, by which its types may be given.
 TYPES = {"1": "box", "2": "sphere", "3": "cylinder", "4": "cone"}
-DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
+#: How many dimensions each has, and what makes a shape of them; MoveIt names the height first.
+PRIMITIVES: dict[str, tuple[int, Callable[..., Shape]]] = {
+    "box": (3, lambda *edges: Box(edges)),
+    "sphere": (1, Sphere),
+    "cylinder": (2, lambda height, radius: Cylinder(radius, height)),
+    "cone": (2, lambda height, radius: Cone(radius, height)),
+}
 #: The operation ADD, as a number and as the byte that the message has.
 ADD = ("0", "\x00")
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -209,17 +215,12 @@ def _read_primitive(value: Value) -> Shape:
     fields = value.fields(("type", "dimensions", "polygon"), ("type", "dimensions"))
     word = fields["type"].text("a type").lower()
     word = TYPES.get(word, word)
-    if word not in DIMENSIONS:
-        fields["type"].expected(f"one of {', '.join(DIMENSIONS)}")
-    sizes = fields["dimensions"].numbers(DIMENSIONS[word], positive=True)
+    if word not in PRIMITIVES:
+        fields["type"].expected(f"one of {', '.join(PRIMITIVES)}")
+    count, make = PRIMITIVES[word]
+    sizes = fields["dimensions"].numbers(count, positive=True)
     with value.reasons():
-        if word == "box":
-            shape: Shape = Box(sizes)
-        elif word == "sphere":
-            shape = Sphere(sizes[0])
-        else:  # MoveIt names the height first
-            height, radius = sizes
-            shape = Cylinder(radius, height) if word == "cylinder" else Cone(radius, height)
+        shape = make(*sizes)
         _ = shape.local_box
     return shape
 
@@ -258,18 +259,20 @@ def read_pose(value: Value) -> Pose:
 
     A quaternion of zeros is no rotation, as in MoveIt.
     """
-    keys = ("position", "orientation", "translation", "rotation")
-    fields = value.fields(keys)
-    place, turn = (0.0, 0.0, 0.0), NO_TURN
-    for key in ("position", "translation"):
-        if key in fields:
-            x, y, z = _read_vector(fields[key], VECTOR)
-            place = x, y, z
-    for key in ("orientation", "rotation"):
-        if key in fields:
-            x, y, z, w = _read_vector(fields[key], QUATERNION)
-            turn = settled(fields[key], (x, y, z, w)) if any((x, y, z, w)) else NO_TURN
-    return (*place, *turn)
+    readers: dict[str, Reader] = dict.fromkeys(("position", "translation"), _read_place)
+    readers |= dict.fromkeys(("orientation", "rotation"), _read_turn)
+    given = value.read({}, readers)
+    x, y, z = given.get("translation", given.get("position", (0.0, 0.0, 0.0)))
+    return (x, y, z, *given.get("rotation", given.get("orientation", NO_TURN)))
+
+
+def _read_place(value: Value) -> tuple[float, ...]:
+    return _read_vector(value, VECTOR)
+
+
+def _read_turn(value: Value) -> Quaternion:
+    x, y, z, w = _read_vector(value, QUATERNION)
+    return settled(value, (x, y, z, w)) if any((x, y, z, w)) else NO_TURN
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
@@ -281,8 +284,8 @@ def composed(outer: Pose, inner: Pose) -> Pose:
 def _read_vector(value: Value, parts: tuple[str, ...]) -> tuple[float, ...]:
     if not value.is_mapping:
         return value.numbers(len(parts))
-    fields = value.fields(parts, parts)
-    return tuple(fields[part].number() for part in parts)
+    numbers = value.read(dict.fromkeys(parts, Value.number))
+    return tuple(numbers[part] for part in parts)
 
 
 KEYS = (
@@ -320,7 +323,7 @@ class _PlanningScene:
             ("fixed_frame_transforms", self._read_frames),
             ("world", self._read_world),
             ("robot_state", self._read_robot_state),
-            ("allowed_collision_matrix", self._read_matrix),
+            ("allowed_collision_matrix", lambda value: self._matrix.extend(read_matrix(value))),
             ("object_colors", self._read_colors),
             ("robot_model_name", self._read_robot),
             ("is_diff", self._read_diff),
@@ -392,9 +395,6 @@ class _PlanningScene:
             self._notes.append(f"the attached object {name} is left out: {reason}")
         else:
             self._take(fields["object"], parts)
-
-    def _read_matrix(self, value: Value) -> None:
-        self._matrix = read_matrix(value)
 
     def _read_colors(self, value: Value) -> None:
         colors: dict[str, Color] = {}

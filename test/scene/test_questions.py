@@ -64,13 +64,13 @@ def test_any_collision_is_what_a_check_finds(accuracy: str) -> None:
 def test_the_first_pair_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     tested: list[int] = []
     given: Any = questions
-    decide = given.decide_pairs
+    decide = given.colliding_pairs
 
-    def counted(store: Any, cache: Any, pairs: Any, *rest: Any) -> Any:
+    def counted(boxes: Any, pairs: Any, exact: bool) -> Any:
         tested.append(len(pairs))
-        return decide(store, cache, pairs, *rest)
+        return decide(boxes, pairs, exact)
 
-    monkeypatch.setattr(questions, "decide_pairs", counted)
+    monkeypatch.setattr(questions, "colliding_pairs", counted)
     crowd = oc.Scene()
     for k in range(300):
         crowd.add(f"{k}", Box([1, 1, 1]))

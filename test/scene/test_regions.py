@@ -373,7 +373,7 @@ def test_objects_that_come_and_go_make_no_region_missing(run: Run) -> None:
 
 
 def test_rows_without_objects_unknown_regions_and_bad_names_are_refused(run: Run) -> None:
-    with pytest.raises(ValueError, match="pair_rows must be"):
+    with pytest.raises(ValueError, match="rows must be"):
         run.merger.take("west", 1, np.zeros(2), run.now)
     with pytest.raises(KeyError, match="no region named 'north'"):
         run.merger.mark_alive("north", 1, run.now)

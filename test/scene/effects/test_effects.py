@@ -34,8 +34,8 @@ pair_separations = vars(separations)["pair_separations"]
 def row_of_cubes(count: int = 5, gap: float = 0.75) -> oc.Scene:
     """Return unit cubes along x, each overlapping the next."""
     scene = oc.Scene()
-    for k in range(count):
-        scene.add(f"{'even' if k % 2 == 0 else 'odd'}/{k}", oc.shapes.Box([1, 1, 1]), at(gap * k))
+    names = [f"{'odd' if k % 2 else 'even'}/{k}" for k in range(count)]
+    scene.add_boxes(names, np.ones((count, 3)), [at(gap * k) for k in range(count)])
     return scene
 
 
@@ -235,13 +235,6 @@ def test_what_cannot_be_set_is_refused(arguments: Any, message: str) -> None:
     with pytest.raises(ValueError, match="effect must be one of"):
         scene.check(effects=["nothing"])
     assert scene.effects["separations"] == before
-
-
-def test_objects_may_come_one_by_one_between_checks() -> None:
-    scene = oc.Scene()
-    for k in range(70):
-        scene.add(str(k), oc.shapes.Box([1, 1, 1]), at(0.75 * k))
-        assert len(scene.check()) == k
 
 
 def test_where_nothing_collides_no_kernel_of_an_effect_is_called(
