@@ -52,7 +52,11 @@ def njit(function: F) -> F: ...
 
 @overload
 def njit(
-    *, inline: bool = False, refcount: bool = True, each_number: bool = False
+    *,
+    inline: bool = False,
+    merge: bool = False,
+    refcount: bool = True,
+    each_number: bool = False,
 ) -> Callable[[F], F]: ...
 
 
@@ -60,6 +64,7 @@ def njit(
     function: Callable[..., Any] | None = None,
     *,
     inline: bool = False,
+    merge: bool = False,
     refcount: bool = True,
     each_number: bool = False,
 ) -> Any:
@@ -69,13 +74,18 @@ def njit(
     which Python would: a seventh of all compiling.
 
     inline: into whatever calls it, however long it is; a loop over several numbers at once must not
-    call anything. refcount: whether references to the arrays it is given are counted, which takes
-    5 ns for each it names, as much as a test of two spheres; not in a kernel that makes or returns
-    none. each_number: whether it is compiled apart for every number written out in a call, as numba
+    call anything. merge: into its callers, one or few, as if it stood there, before these are
+    compiled, and never alone: LLVM optimizes a kernel again in each that calls it, directly or not,
+    so that each level between saves as much as all below it. Its callers may count references or
+    not. refcount: whether references to the arrays it is given are counted, which takes 5 ns for
+    each it names, as much as a test of two spheres; not in a kernel that makes or returns any.
+    each_number: whether it is compiled apart for every number written out in a call, as numba
     does (a quarter of all compiling); for what indexes with it and is not inlined: it need not ask
     whether it is negative.
     """
-    options: dict[str, bool] = {}
+    options: dict[str, Any] = {}
+    if merge:
+        return lambda function: numba.njit(**known(OPTIONS), inline="always")(function)
     if inline:
         options["forceinline"] = True
     if not refcount:
@@ -85,7 +95,7 @@ def njit(
     return _compiled(function, each_number, options)
 
 
-def _compiled(function: F, each_number: bool, options: dict[str, bool]) -> F:
+def _compiled(function: F, each_number: bool, options: dict[str, Any]) -> F:
     kernel: Any = numba.njit(**known({**OPTIONS, **options}))(function)
     if kernel is function:  # numba is disabled
         return function

@@ -131,13 +131,7 @@ def _collision_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -
 def _distance_kernel(
     pairs: RowPairs, limit: float, out: DistanceArrays, start: int, stop: int
 ) -> None:
-    _write_distances(pairs, limit, room_for_depth(), out, start, stop)
-
-
-@njit(refcount=False)
-def _write_distances(
-    pairs: RowPairs, limit: float, room: Polytope, out: DistanceArrays, start: int, stop: int
-) -> None:
+    room = room_for_depth()
     a, rows_a, b, rows_b = pairs
     near, bounds, vectors = out
     for n in range(start, stop):
@@ -348,7 +342,7 @@ def nearest_triangle(
     return Near(max(lower, 0.0), best.upper, best.normal, best.p, best.q)
 
 
-@njit
+@njit(merge=True)
 def _triangle_apart(
     trees: TreeArrays, k: int, core: Core, pose: Pose, start: Vector, enough: float, room: Floats
 ) -> Near:

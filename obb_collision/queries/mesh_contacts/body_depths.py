@@ -31,7 +31,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
-from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
+from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at, write_at
 from obb_collision.queries.convex.distance import CLOSE, gap_along, search
 from obb_collision.queries.convex.distances import (
     NOWHERE,
@@ -114,11 +114,11 @@ def _kernel(
         middle = plus(combined(mesh.place.axes, scaled(plus(p, q), 0.5)), mesh.place.center)
         n = combined(mesh.place.axes, n)
         depths[k] = best.length
-        for c in range(3):
-            normals[k, c], positions[k, c] = n[c], middle[c]
+        write_at(normals, k, n)
+        write_at(positions, k, middle)
 
 
-@njit
+@njit(merge=True)
 def _shortened(
     trees: TreeArrays, pair: MeshAndCore, n: Vector, most: float, room: CoreRoom
 ) -> tuple[Push, Vector]:
@@ -135,7 +135,7 @@ def _shortened(
     return best, n
 
 
-@njit
+@njit(merge=True)
 def push_body_out(
     trees: TreeArrays, pair: MeshAndCore, n: Vector, most: float, room: CoreRoom
 ) -> Push:
@@ -165,12 +165,12 @@ def push_body_out(
     return Push(np.inf, NOWHERE, NOWHERE, n)
 
 
-@njit
+@njit(merge=True)
 def _is_inside(trees: TreeArrays, mesh: int, pose: Pose, room: CoreRoom) -> bool:
     return point_side(trees, mesh, pose.offset, pose.point_bound, room.stack) != OUTSIDE
 
 
-@njit
+@njit(merge=True)
 def _farthest_way_out(
     trees: TreeArrays, pair: MeshAndCore, pose: Pose, n: Vector, needed: float, room: CoreRoom
 ) -> float:
@@ -195,7 +195,7 @@ def _farthest_way_out(
     return best
 
 
-@njit
+@njit(merge=True)
 def _way_out(
     triangle: Core, core: Core, pose: Pose, n: Vector, needed: float, best: float
 ) -> float:

@@ -111,13 +111,6 @@ def depth_kernel(pairs: RowPairs, radii: Radii, found: DepthArrays, start: int, 
     contacts = np.empty((LOOKED_AT, 4), np.int64)
     all_n, short = np.empty((LOOKED_AT, 3)), np.empty(LOOKED_AT)
     ways = PushDirections(all_n, short, chosen, least, contacts, tree_room(CONTACTS))
-    _depth_range(pairs, radii, found, ways, start, stop)
-
-
-@njit(refcount=False)
-def _depth_range(
-    pairs: RowPairs, radii: Radii, found: DepthArrays, ways: PushDirections, start: int, stop: int
-) -> None:
     depths, normals, positions = found
     for row in range(start, stop):
         place = body_at(pairs.a, pairs.rows_a[row]).place
@@ -134,11 +127,11 @@ def _depth_range(
         middle = plus(combined(place.axes, scaled(plus(p, q), 0.5)), place.center)
         n = combined(place.axes, n)
         depths[row] = best.length
-        for k in range(3):
-            normals[row, k], positions[row, k] = n[k], middle[k]
+        write_at(normals, row, n)
+        write_at(positions, row, middle)
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def _shortest(
     bodies: MeshPair, needed: float, n: Vector, most: float, ways: PushDirections
 ) -> tuple[Push, Vector]:
@@ -180,7 +173,7 @@ def _shortest(
     return best, n
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def _write_directions(bodies: MeshPair, n: Vector, contacts: int, ways: PushDirections) -> int:
     """Write directions to try, the given one first; return their number."""
     room = ways.room

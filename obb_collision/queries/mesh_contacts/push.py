@@ -167,7 +167,7 @@ class Push(NamedTuple):
     across: Vector  #: unit, from a to b: along it they are apart then
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def seen_from_first(pairs: RowPairs, n: int, more: Vector) -> MeshPair:
     """Return a pair seen from the centre of its first body; more: radii of both, and a push."""
     trees_a, trees_b = pairs.a.trees, pairs.b.trees
@@ -186,7 +186,7 @@ def moved_by(pose: Pose, n: Vector, length: float) -> Pose:
     return Pose(pose.axes, offset, pose.size, pose.gap_bound, pose.point_bound)
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def pushed(bodies: MeshPair, n: Vector, length: float) -> MeshPair:
     """Return the bodies with b pushed along n, unit, in the frame of a."""
     trees_a, a, trees_b, b, pose = bodies

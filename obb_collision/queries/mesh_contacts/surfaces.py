@@ -161,13 +161,7 @@ def patches_of(
 def _patch_kernel(pairs: RowPairs, out: ContactArrays, start: int, stop: int) -> None:
     """Write the points of pairs whose surfaces cross, in place of the one that is there."""
     curve = Curve(np.empty((POINTS * CONTACTS, 3)), np.empty(POINTS * CONTACTS))
-    _patch_range(pairs, out, tree_room(CONTACTS), curve, start, stop)
-
-
-@njit(refcount=False)
-def _patch_range(
-    pairs: RowPairs, out: ContactArrays, room: TreeRoom, curve: Curve, start: int, stop: int
-) -> None:
+    room = tree_room(CONTACTS)
     normals, depths, counts, positions, position_depths, _ = out
     for row in range(start, stop):
         if counts[row] == 0:
@@ -187,7 +181,7 @@ def _patch_range(
         counts[row] = max(count, 1)
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def _write_curve(bodies: MeshPair, n: Vector, depth: float, room: TreeRoom, curve: Curve) -> int:
     """Write where triangles cross; return the number of points."""
     unit, back = unit_scale(bodies.pose.size)

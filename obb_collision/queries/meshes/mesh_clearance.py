@@ -145,20 +145,8 @@ def clearance_kernel(
     pairs: RowPairs, radii: Radii, limit: float, out: ClearanceArrays, start: int, stop: int
 ) -> None:
     """Write whether pairs are within the limit, and the clearance of those that are."""
-    _clearance_range(pairs, radii, limit, out, tree_room(1), start, stop)
-
-
-@njit(refcount=False)
-def _clearance_range(
-    pairs: RowPairs,
-    radii: Radii,
-    limit: float,
-    out: ClearanceArrays,
-    room: TreeRoom,
-    start: int,
-    stop: int,
-) -> None:
     near, bounds, vectors, faces = out
+    room = tree_room(1)
     for row in range(start, stop):
         bodies = mesh_pair_at(pairs, row)
         radius, other = radii[0][pairs.rows_a[row]], radii[1][pairs.rows_b[row]]

@@ -354,14 +354,14 @@ def body_at(bodies: Meshes, i: int) -> MeshAt:
     return MeshAt(bodies.meshes[i], place_at(bodies.centers, bodies.rotations, i))
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def mesh_pair(trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt) -> MeshPair:
     """Return two bodies and their pose."""
     pose = relative_pose(a.place, b.place, trees_a.radii[a.mesh] + trees_b.radii[b.mesh])
     return MeshPair(trees_a, a, trees_b, b, pose)
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def mesh_pair_at(pairs: RowPairs, n: int) -> MeshPair:
     """Return pair n of rows of ``Meshes``."""
     a, b = body_at(pairs.a, pairs.rows_a[n]), body_at(pairs.b, pairs.rows_b[n])
