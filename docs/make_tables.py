@@ -34,7 +34,7 @@ from obb_collision.node.diagnostics.answer import CODES, REMEDIES
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import INPUTS, Input
 from obb_collision.node.parameters import table as parameters
-from obb_collision.node.parameters.specs import Spec
+from obb_collision.node.parameters.entries import Spec
 from obb_collision.node.robots import robots, validity
 from obb_collision.node.topics import topics as out
 from obb_collision.node.topics.cloud import MEANINGS, Cloud, Topic

@@ -37,21 +37,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision import node
 from obb_collision.node import collisions_from_ros, named_pairs
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_scan import (
-    ACTION,
-    FRAME,
-    ID,
-    NS,
-    POINTS,
-    STAMP_NANOSEC,
-    STAMP_SEC,
-    TYPE,
-    Scanned,
-    scan_markers,
-)
 from obb_collision.node.messages.marker_shapes import shape_from_ros
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.shapes import Shape
@@ -228,10 +217,6 @@ NARRATORS: dict[str, tuple[Callable[..., list[Any]], type]] = {
 
 Color = tuple[float, float, float]
 
-#: Bytes from where a marker's colour begins to where its points do: colour, lifetime, frame_locked,
-#: three of alignment, count.
-COLOR_TO_POINTS = 32
-
 
 class MarkerBoxes(NamedTuple):
     """Boxes of n objects: names, poses (n, 7), edge lengths (n, 3), stale or refused ones (n,).
@@ -254,31 +239,25 @@ NO_BOXES = MarkerBoxes([], np.empty((0, 7)), np.empty((0, 3)), np.empty(0, np.bo
 
 def boxes_from_bytes(data: bytes) -> MarkerBoxes:
     """Return the boxes of a serialised MarkerArray. RefusedError if it is none."""
-    scanned = scan_markers(data)
-    if not len(scanned):
+    markers = markers_from_bytes(data)
+    if not len(markers):
         return NO_BOXES
-    columns = scanned.integers
-    starts = columns[:, POINTS] - COLOR_TO_POINTS
-    octets = np.frombuffer(scanned.data, np.uint8)[starts[:, None] + np.arange(12)]
-    colors = octets.view("<f4").astype(np.float64)
-    added = columns[:, ACTION] == Marker.ADD
-    cubes = np.flatnonzero(added & (columns[:, TYPE] == Marker.CUBE))
-    lines = np.flatnonzero(added & (columns[:, TYPE] == Marker.LINE_LIST)).tolist()
-    stamps = columns[:, STAMP_SEC] * NANOSECONDS + columns[:, STAMP_NANOSEC]
+    numbers = markers.numbers
+    head, body, stamps = numbers["head"], numbers["body"], numbers["stamp"]
+    colors = body["color"][:, :3].astype(np.float64)
+    added = head["action"] == Marker.ADD
+    cubes = np.flatnonzero(added & (head["type"] == Marker.CUBE))
+    lines = np.flatnonzero(added & (head["type"] == Marker.LINE_LIST)).tolist()
+    namespaces = [markers.text("ns", row).decode(errors="replace") for row in cubes.tolist()]
     return MarkerBoxes(
-        [_name(scanned, row) for row in cubes.tolist()],
-        scanned.floats[cubes, :7],
-        scanned.floats[cubes, 7:],
+        list(map(name_from_key, zip(namespaces, head["id"][cubes].tolist(), strict=True))),
+        body["pose"][cubes],
+        body["scale"][cubes],
         np.abs(colors[cubes] - COLORS[DOUBTFUL][:3]).max(axis=1, initial=0.0) < 1e-3,
-        [(scanned.points(row), tuple(colors[row].tolist())) for row in lines],
-        scanned.text(0, FRAME).decode(errors="replace"),
-        int(stamps.max()),
+        [(markers.points("points", row), tuple(colors[row].tolist())) for row in lines],
+        markers.text("frame", 0).decode(errors="replace"),
+        int((stamps["sec"].astype(np.int64) * NANOSECONDS + stamps["nanosec"]).max()),
     )
-
-
-def _name(scanned: Scanned, row: int) -> str:
-    namespace = scanned.text(row, NS).decode(errors="replace")
-    return name_from_key((namespace, int(scanned.integers[row, ID])))
 
 
 class Listener(Node):

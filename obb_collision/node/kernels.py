@@ -20,21 +20,16 @@ import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.node.inputs.batch import Faults, gather, settle
-from obb_collision.node.inputs.detections import FLOATS, INTEGERS, scan_detections
 from obb_collision.node.messages.box_markers import FREE, Markers
-from obb_collision.node.messages.cdr import texts
+from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.conversions import pose_kinds
-from obb_collision.node.messages.marker_scan import scan_markers
 
 
 def compile_kernels() -> None:
-    """Write markers and take them in, and read lists of other messages."""
+    """Write markers and take them in."""
     boxes = Boxes(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.ones((2, 3)))
     keys = [("", 1), ("", 2)]
     data = Markers("").write(keys, boxes, np.full(2, FREE), 0, 0.0, None)
-    markers = gather([scan_markers(data)], [0])
+    markers = gather([markers_from_bytes(data)], [0])
     pose_kinds(markers.poses)
     settle(markers, Faults(len(markers)), 0, 0)
-    texts(np.frombuffer(data, np.uint8), 0, np.empty((0, 2), np.int64))
-    detections = np.empty((0, INTEGERS), np.int64), np.empty((0, FLOATS), np.uint64)
-    scan_detections(np.frombuffer(data, np.uint8), 0, *detections)

@@ -37,8 +37,8 @@ from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.evidence import Evidence
 from obb_collision.node.inputs import detections
+from obb_collision.node.inputs.clouds import Obstacles
 from obb_collision.node.inputs.inputs import Inputs
-from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
 from obb_collision.node.lifecycle import ManagedNode
 from obb_collision.node.messages.conversions import NANOSECONDS

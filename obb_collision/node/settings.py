@@ -23,7 +23,7 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
-from obb_collision.node.objects.staleness import AgeLimits
+from obb_collision.node.objects.states import AgeLimits
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.scene.building.process import Limits

@@ -27,8 +27,7 @@ from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.staleness import AgeLimits
-from obb_collision.node.objects.states import State
+from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.store.patterns import Overrides

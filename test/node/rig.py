@@ -54,7 +54,7 @@ from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
-    namespaces_from_ros,
+    namespace_table,
     pose_to_ros,
     stamp_from_ros,
     stamp_to_ros,
@@ -257,10 +257,10 @@ class Client:
 
         def complete() -> bool:
             table = self.last.get("namespaces")
-            return table is not None and numbers <= namespaces_from_ros(table).keys()
+            return table is not None and numbers <= namespace_table(table).keys()
 
         self.until(complete, f"a table with {sorted(numbers)}")
-        return namespaces_from_ros(self.last["namespaces"])
+        return namespace_table(self.last["namespaces"])
 
     def next(self, topic: str) -> Any:
         """Wait for another message of a topic."""

@@ -23,13 +23,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
 from obb_collision._jit import njit
+from obb_collision.node.messages.cdr import Items
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
@@ -38,21 +39,6 @@ from obb_collision.node.messages.conversions import (
     pose_faults,
 )
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_scan import (
-    ACTION,
-    FRAME,
-    ID,
-    LIFETIME_NANOSEC,
-    LIFETIME_SEC,
-    LOCKED,
-    NS,
-    SAME_FRAME,
-    SAME_NS,
-    STAMP_NANOSEC,
-    STAMP_SEC,
-    TYPE,
-    Scanned,
-)
 from obb_collision.node.messages.names import MAX_FRAMES, check_name, shortened
 from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, PRIMITIVES
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
@@ -139,89 +125,72 @@ class Faults:
 class Batch:
     """The markers of messages in order, n of them, as arrays; times in nanoseconds.
 
-    part: the number of the message that each is from; row: where it is there.
+    part: the number of the message that each is from; row: where it is there. stamp: -1 for one
+    that no clock gives.
     """
 
-    parts: Sequence[Scanned]
+    parts: Sequence[Items]
     part: Rows
     row: Rows
     received: Rows
     expiry: Rows
-    numbers: npt.NDArray[np.int64]
-    floats: Floats
+    stamp: Rows
+    id: Rows
+    type: Rows
+    action: Rows
+    locked: Mask
+    poses: Floats
+    scales: Floats
     ns: Names
     frame: Names
 
     def __len__(self) -> int:
         return len(self.row)
 
-    @property
-    def id(self) -> Rows:
-        """(n,) as given."""
-        return self.numbers[:, ID]
-
-    @property
-    def type(self) -> Rows:
-        """(n,) as given."""
-        return self.numbers[:, TYPE]
-
-    @property
-    def action(self) -> Rows:
-        """(n,) as given."""
-        return self.numbers[:, ACTION]
-
-    @property
-    def locked(self) -> Mask:
-        """(n,) as given."""
-        return self.numbers[:, LOCKED] != 0
-
-    @property
-    def stamp(self) -> Rows:
-        """(n,) nanoseconds."""
-        return self.numbers[:, STAMP_SEC] * NANOSECONDS + self.numbers[:, STAMP_NANOSEC]
-
-    @property
-    def poses(self) -> Floats:
-        """(n, 7) as given."""
-        return self.floats[:, :7]
-
-    @property
-    def scales(self) -> Floats:
-        """(n, 3) as given."""
-        return self.floats[:, 7:]
-
     def key(self, row: int) -> Key:
         """Key of a marker; a namespace that can't be used is shortened."""
         return self.ns.texts[self.ns.of[row]], int(self.id[row])
 
 
-def gather(parts: Sequence[Scanned], received: Sequence[int]) -> Batch:
+def gather(parts: Sequence[Items], received: Sequence[int]) -> Batch:
     """Return the markers of messages, in order."""
     sizes = [len(part) for part in parts]
     part = np.repeat(np.arange(len(parts)), sizes)
     times = np.asarray(received, np.int64)[part]
-    numbers = np.concatenate([part.integers for part in parts])
-    lifetime = numbers[:, LIFETIME_SEC] * NANOSECONDS + numbers[:, LIFETIME_NANOSEC]
+    numbers = np.concatenate([part.numbers for part in parts])
+    head, body, stamp = numbers["head"], numbers["body"], numbers["stamp"]
+    lifetime = _nanoseconds(body["lifetime"])
     lives = lifetime > SHORTEST_LIFETIME
+    legal = (stamp["sec"] >= 0) & (stamp["nanosec"] < NANOSECONDS)
     return Batch(
         parts,
         part,
         row=np.concatenate([np.arange(size) for size in sizes]),
         received=times,
         expiry=np.where(lives, times + np.where(lives, lifetime, 0), NEVER),
-        numbers=numbers,
-        floats=np.concatenate([part.floats for part in parts]),
-        ns=_names(parts, NS, SAME_NS, "namespace"),
-        frame=_names(parts, FRAME, SAME_FRAME, "frame"),
+        stamp=np.where(legal, _nanoseconds(stamp), -1),
+        id=head["id"].astype(np.int64),
+        type=head["type"].astype(np.int64),
+        action=head["action"].astype(np.int64),
+        locked=body["locked"] != 0,
+        poses=body["pose"].astype(np.float64),
+        scales=body["scale"].astype(np.float64),
+        ns=_names(parts, "ns", "namespace"),
+        frame=_names(parts, "frame", "frame"),
     )
 
 
-def _names(parts: Sequence[Scanned], column: int, same: int, what: str) -> Names:
+def _nanoseconds(times: npt.NDArray[Any]) -> Rows:
+    result: Rows = times["sec"].astype(np.int64) * NANOSECONDS + times["nanosec"]
+    return result
+
+
+def _names(parts: Sequence[Items], field: str, what: str) -> Names:
     known: dict[bytes, int] = {}
     indices = []
     for part in parts:
-        starts = np.flatnonzero(part.integers[:, same] == 0)
-        found = [known.setdefault(part.text(row, column), len(known)) for row in starts.tolist()]
+        starts = np.flatnonzero(part.of(field)[:, 2] == 0)
+        found = [known.setdefault(part.text(field, row), len(known)) for row in starts.tolist()]
         lengths = np.diff(np.append(starts, len(part)))
         indices.append(np.repeat(np.array(found, np.int64), lengths))
     names, faults = [], dict[int, RefusedError]()
@@ -261,8 +230,7 @@ def find_faults(markers: Batch, index_frame: Callable[[str], int]) -> Faults:
     adds = markers.action == Marker.ADD
     faults.note(~(adds | deletes), RefusedError("unknown action"), of_shape=True)
     faults.note_groups(adds, markers.ns.of, markers.ns.bad, of_shape=True)
-    seconds, rest = markers.numbers[:, STAMP_SEC], markers.numbers[:, STAMP_NANOSEC]
-    faults.note(adds & ((seconds < 0) | (rest >= NANOSECONDS)), RefusedError("bad stamp"))
+    faults.note(adds & (markers.stamp < 0), RefusedError("bad stamp"))
     numbers, quaternions = pose_faults(markers.poses)
     faults.note(adds & numbers, RefusedError("bad pose", "not finite or too large"))
     faults.note(adds & quaternions, RefusedError("zero quaternion"))

@@ -30,9 +30,9 @@ from visualization_msgs.msg import Marker
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.batch import GOOD, Faults, each
-from obb_collision.node.inputs.waiting_clouds import QueuedCloud, WaitingClouds
-from obb_collision.node.messages.cdr import cloud_from_bytes
-from obb_collision.node.messages.clouds import NO_LIMIT, boxes_from_ros
+from obb_collision.node.inputs.clouds import QueuedCloud, WaitingClouds
+from obb_collision.node.messages.cdr import NO_LIMIT, cloud_from_bytes
+from obb_collision.node.messages.clouds import boxes_from_ros
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
@@ -68,121 +68,6 @@ BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason)
 """Reasons that do not concern an object: another row has the same key, or the key is invalid."""
 OWNED = RefusedError("object of another input", "markers, boxes and robots do not share objects")
-
-
-class BoxSet:
-    """Updates the objects that were added by sets of boxes to the newest set."""
-
-    def __init__(self, objects: Objects, guard: Guard, source: Source = BOXES) -> None:
-        self._objects, self._guard, self._source = objects, guard, source
-        self._table = objects.table
-        self._unplaceable: list[Key] = []  # new objects of the last set that were refused
-
-    def key(self, number: int, ident: int) -> Key:
-        """Key of a box, by the number of its namespace, and its id."""
-        return self._table.namespaces.names.get(number, stand_in(number)), ident
-
-    @property
-    def _own(self) -> Mask:
-        """(rows,) the objects of these sets."""
-        return np.asarray(self._table.live & (self._table.of_set == self._source.number))
-
-    def doubt(self) -> None:
-        """Mark that a newer set could not be used: the boxes of the last one stay."""
-        self._table.mark(np.flatnonzero(self._own), POSE_REFUSED)
-
-    def refuse(self, numbers: Rows, ids: Rows, reason: str) -> None:
-        """Mark that a set could not be used, with the boxes in it that are not known yet."""
-        self.doubt()
-        new = np.flatnonzero(self._table.find(numbers, ids) < 0)
-        self._refuse_new(numbers[new], ids[new], reason)
-
-    def apply(
-        self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats, faults: Faults, state: State
-    ) -> None:
-        """Bring the objects in line with a set of keys (n,), poses (n, 7) and sizes (n, 3).
-
-        What else is found to be wrong is noted in ``faults``, with those that are known already.
-        """
-        table = self._table
-        slots = table.find(numbers, ids)
-        faults.note((slots >= 0) & ~self._own[slots], OWNED)
-        self._forget_unplaceable()
-
-        def fail(row: int, error: RefusedError) -> None:
-            faults.note(np.arange(len(ids)) == row, error, of_shape=True)
-
-        def refuse(beyond: Mask, error: RefusedError) -> None:
-            faults.note(beyond, error, of_shape=True)
-
-        new = (slots < 0) & (faults.number == GOOD)
-        with self._removed(slots), self._objects.shapes.room(new, numbers, self._admit, refuse):
-
-            def put(rows: Rows) -> None:
-                slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
-
-            rows = np.flatnonzero(faults.number == GOOD)
-            each(rows, put, fail, self._guard, f"input {self._source.topic}")
-        rows = np.flatnonzero(faults.number == GOOD)
-        old = np.zeros(len(ids), np.bool_)
-        old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
-        self._mark(numbers, ids, slots, faults)
-        faults.note(old, RefusedError(OLDER, "a newer pose is known"))
-
-    @contextmanager
-    def _removed(self, slots: Rows) -> Iterator[None]:
-        """Remove the boxes at other slots than these, in the scene once others may take theirs."""
-        shapes, gone = self._objects.shapes, self._own
-        gone[slots[slots >= 0]] = False
-        shapes.release(np.flatnonzero(gone))
-        try:
-            yield
-        finally:
-            shapes.scene.objects.remove(shapes.strangers())
-            self._objects.declare_empty()
-
-    def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats) -> Rows:
-        """Create boxes, and resize those that have other sizes; returns their slots."""
-        table, shapes = self._table, self._objects.shapes
-        slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
-        same = table.have_shapes(slots, kinds, sizes)
-        shapes.touch(slots[same], NEVER)
-        rest = np.flatnonzero(~same)
-        if len(rest):
-            keys, given = (numbers[rest], ids[rest]), (kinds[rest], sizes[rest], poses[rest])
-            slots[rest] = shapes.put_primitives(keys, *given, instead=shapes.strangers())
-            table.of_set[slots[rest]] = self._source.number
-        return slots
-
-    def _admit(self, number: int) -> int:
-        if number == namespace_number(self._source.namespace):
-            return self._table.namespaces.admit(self._source.namespace)
-        return self._table.namespaces.admit_number(number)
-
-    def _mark(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults) -> None:
-        """Mark boxes whose latest row can't be used, and remember those that are not there."""
-        for index, error in enumerate(faults.errors):
-            rows = np.flatnonzero(faults.number == index)
-            if error.reason in UNMARKED:
-                continue
-            known = slots[rows] >= 0
-            known[known] = self._own[slots[rows[known]]]
-            event = SHAPE_REFUSED if faults.of_shape[index] else POSE_REFUSED
-            self._table.mark(slots[rows[known]], event)
-            self._refuse_new(numbers[rows[~known]], ids[rows[~known]], error.reason)
-
-    def _refuse_new(self, numbers: Rows, ids: Rows, reason: str) -> None:
-        numbers, ids = numbers[-MAX_UNPLACEABLE:], ids[-MAX_UNPLACEABLE:]
-        pairs = zip(numbers.tolist(), ids.tolist(), strict=True)
-        for key in [self.key(*pair) for pair in pairs]:
-            self._objects.shapes.unplaceable.add(key, reason, of_set=True)
-            self._unplaceable.append(key)
-        del self._unplaceable[:-MAX_UNPLACEABLE]
-
-    def _forget_unplaceable(self) -> None:
-        for key in self._unplaceable:
-            self._objects.shapes.unplaceable.forget(key)
-        self._unplaceable.clear()
 
 
 class BoxRows(NamedTuple):
@@ -244,7 +129,7 @@ class BoxInput:
         self.source, self._read = source, read
         fixed_frame = objects.placement.frame_table.name(0)
         self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
-        self._set = BoxSet(objects, guard, source)
+        self._table, self._guard = objects.table, guard
         self.max_points = NO_LIMIT
         """Rows of a set."""
         self._order = 0  # sets with an older stamp are late
@@ -263,7 +148,7 @@ class BoxInput:
                 self._monitor.refuse(now, error.reason, "whole message", error.detail)
             else:
                 self._monitor.refuse_whole(now, error.reason, error.detail)
-                self._set.doubt()
+                self._doubt()
             return
         cloud = QueuedCloud(given, frame, stamp, now, size)
         self._monitor.superseded += self.waiting.add(cloud)
@@ -308,7 +193,7 @@ class BoxInput:
             bad = np.any(pose_faults(poses), axis=0)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
         state = State("", cloud.stamp, cloud.received, self.source.topic)
-        self._set.apply(numbers, ids, poses, given.sizes, faults, state)
+        self._update(numbers, ids, poses, given.sizes, faults, state)
         self._count(numbers, ids, faults)
 
     def _count(self, numbers: Rows, ids: Rows, faults: Faults) -> None:
@@ -316,7 +201,7 @@ class BoxInput:
         for number, error in enumerate(faults.errors):
             rows = np.flatnonzero(faults.number == number)
             if len(rows):
-                item = name_from_key(self._set.key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
+                item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
                 self._monitor.refuse(now, error.reason, item, error.detail, len(rows))
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
@@ -324,7 +209,103 @@ class BoxInput:
         rows = np.flatnonzero(given.are_keys)
         if len(rows) < len(given.ids) or len(rows) == 0:
             self._monitor.unreadable = error.reason
-        self._set.refuse(given.numbers[rows], given.ids[rows], error.reason)
+        self._doubt()
+        numbers, ids = given.numbers[rows], given.ids[rows]
+        new = self._table.find(numbers, ids) < 0
+        self._refuse_new(numbers[new], ids[new], error.reason)
+
+    def _key(self, number: int, ident: int) -> Key:
+        return self._table.namespaces.names.get(number, stand_in(number)), ident
+
+    @property
+    def _own(self) -> Mask:
+        """(rows,) the objects of these sets."""
+        return np.asarray(self._table.live & (self._table.of_set == self.source.number))
+
+    def _doubt(self) -> None:
+        """Mark that a newer set could not be used: the boxes of the last one stay."""
+        self._table.mark(np.flatnonzero(self._own), POSE_REFUSED)
+
+    def _update(
+        self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats, faults: Faults, state: State
+    ) -> None:
+        """Bring the objects in line with a set of keys (n,), poses (n, 7) and sizes (n, 3).
+
+        What else is found to be wrong is noted in ``faults``, with those that are known already.
+        """
+        table = self._table
+        slots = table.find(numbers, ids)
+        faults.note((slots >= 0) & ~self._own[slots], OWNED)
+        self._objects.shapes.unplaceable.forget_set(self.source.number)
+
+        def fail(row: int, error: RefusedError) -> None:
+            faults.note(np.arange(len(ids)) == row, error, of_shape=True)
+
+        def refuse(beyond: Mask, error: RefusedError) -> None:
+            faults.note(beyond, error, of_shape=True)
+
+        new = (slots < 0) & (faults.number == GOOD)
+        with self._removed(slots), self._objects.shapes.room(new, numbers, self._admit, refuse):
+
+            def put(rows: Rows) -> None:
+                slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
+
+            rows = np.flatnonzero(faults.number == GOOD)
+            each(rows, put, fail, self._guard, f"input {self.source.topic}")
+        rows = np.flatnonzero(faults.number == GOOD)
+        old = np.zeros(len(ids), np.bool_)
+        old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
+        self._mark(numbers, ids, slots, faults)
+        faults.note(old, RefusedError(OLDER, "a newer pose is known"))
+
+    @contextmanager
+    def _removed(self, slots: Rows) -> Iterator[None]:
+        """Remove the boxes at other slots than these, in the scene once others may take theirs."""
+        shapes, gone = self._objects.shapes, self._own
+        gone[slots[slots >= 0]] = False
+        shapes.release(np.flatnonzero(gone))
+        try:
+            yield
+        finally:
+            shapes.scene.objects.remove(shapes.strangers())
+            self._objects.declare_empty()
+
+    def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats) -> Rows:
+        """Create boxes, and resize those that have other sizes; returns their slots."""
+        table, shapes = self._table, self._objects.shapes
+        slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
+        same = table.have_shapes(slots, kinds, sizes)
+        shapes.touch(slots[same], NEVER)
+        rest = np.flatnonzero(~same)
+        if len(rest):
+            keys, given = (numbers[rest], ids[rest]), (kinds[rest], sizes[rest], poses[rest])
+            slots[rest] = shapes.put_primitives(keys, *given, instead=shapes.strangers())
+            table.of_set[slots[rest]] = self.source.number
+        return slots
+
+    def _admit(self, number: int) -> int:
+        if number == namespace_number(self.source.namespace):
+            return self._table.namespaces.admit(self.source.namespace)
+        return self._table.namespaces.admit_number(number)
+
+    def _mark(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults) -> None:
+        """Mark boxes whose latest row can't be used, and remember those that are not there."""
+        for index, error in enumerate(faults.errors):
+            rows = np.flatnonzero(faults.number == index)
+            if error.reason in UNMARKED:
+                continue
+            known = slots[rows] >= 0
+            known[known] = self._own[slots[rows[known]]]
+            event = SHAPE_REFUSED if faults.of_shape[index] else POSE_REFUSED
+            self._table.mark(slots[rows[known]], event)
+            self._refuse_new(numbers[rows[~known]], ids[rows[~known]], error.reason)
+
+    def _refuse_new(self, numbers: Rows, ids: Rows, reason: str) -> None:
+        numbers, ids = numbers[-MAX_UNPLACEABLE:], ids[-MAX_UNPLACEABLE:]
+        pairs = zip(numbers.tolist(), ids.tolist(), strict=True)
+        for pair in pairs:
+            source = self.source.number
+            self._objects.shapes.unplaceable.add(self._key(*pair), reason, of_set=source)
 
 
 def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:

@@ -24,22 +24,11 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
-import numpy.typing as npt
 from rclpy.qos import ReliabilityPolicy
 
-from obb_collision._jit import njit
 from obb_collision.node.inputs.boxes import BoxRows, Message, Source
 from obb_collision.node.inputs.subscriptions import Input
-from obb_collision.node.messages.cdr import (
-    Bytes,
-    Header,
-    Reader,
-    aligned,
-    doubles,
-    equal,
-    text,
-    whole,
-)
+from obb_collision.node.messages.cdr import PAIRS, STRING, TIME, Header, Layout, Reader
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import whole_from_text
@@ -47,64 +36,16 @@ from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.objects.table import ID_OFFSET
 from obb_collision.typing import Floats, Rows
 
-RESULT = 44
-"""Numbers of a result: a score, and a pose with its covariance."""
-FRAME, ID, SAME_FRAME, INTEGERS = 0, 2, 4, 5
-"""Columns of a detection: where texts begin and end, whether its frame is that of the one before;
-and their number."""
-FLOATS = 10
-"""Position, quaternion x y z w and size."""
-
-
-@njit
-def _skip_results(data: Bytes, at: int) -> int:
-    """Return where the results of a detection end, or -1."""
-    at = aligned(at, 4)
-    if at + 4 > len(data):
-        return -1
-    count = whole(data, at)
-    at += 4
-    if count > (len(data) - at) // (8 * RESULT):
-        return -1
-    for _ in range(count):
-        _, _, at = text(data, at)  # class
-        if at < 0:
-            return -1
-        at = aligned(at, 8) + 8 * RESULT
-        if at > len(data):
-            return -1
-    return at
-
-
-@njit
-def scan_detections(
-    data: Bytes, at: int, integers: npt.NDArray[np.int64], bits: npt.NDArray[np.uint64]
-) -> tuple[int, int]:
-    """Fill one row per detection; return how many are sound, and where the last of them ends."""
-    for n in range(len(integers)):
-        row = integers[n]
-        frame, size, end = text(data, aligned(at, 4) + 8)  # behind a stamp
-        if end >= 0:
-            end = _skip_results(data, end)
-        if end < 0:
-            return n, at
-        row[FRAME], row[FRAME + 1] = frame, frame + size
-        end = aligned(end, 8)
-        if end + 8 * FLOATS > len(data):
-            return n, at
-        doubles(data, end, bits[n])
-        ident, length, end = text(data, end + 8 * FLOATS)
-        if end < 0:
-            return n, at
-        row[ID], row[ID + 1] = ident, ident + length
-        at = end
-        if n > 0:
-            last = integers[n - 1]
-            same = size == last[FRAME + 1] - last[FRAME]
-            row[SAME_FRAME] = same and equal(data, frame, last[FRAME], size)
-    return len(integers), at
-
-
+DETECTION = Layout(
+    stamp=TIME,
+    frame=STRING,
+    results=(PAIRS, 4 + 352, 1),
+    result_class=STRING,
+    result=(1, 352, 8),  # a score, and a pose with its covariance
+    box=np.dtype([("pose", "<f8", (7,)), ("size", "<f8", (3,))]),
+    id=STRING,
+)
+"""Of a vision_msgs/Detection3D."""
 MessageType: Any = optional_type("vision_msgs.msg", "Detection3DArray")
 """None where vision_msgs cannot be used."""
 
@@ -116,8 +57,6 @@ INPUTS = (
     {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, *QUEUE, meaning=MEANING)}
 )
 """The topic, where there is the type of its messages."""
-SMALLEST = 100
-"""Bytes of a detection, at least."""
 
 
 class Detections(NamedTuple):
@@ -136,16 +75,12 @@ def detections_from_bytes(data: bytes, most: int) -> Detections:
     RefusedError ("malformed message", "too many points" for more than ``most``).
     """
     reader = Reader(data, MessageType)
-    header, count = reader.header(), reader.count(SMALLEST)
-    if count > most:
-        raise RefusedError("too many points", f"{count} detections, {most} is the limit")
-    integers, bits = np.zeros((count, INTEGERS), np.int64), np.empty((count, FLOATS), np.uint64)
-    reader.walk(scan_detections, integers, bits)
+    header = reader.header()
+    found = reader.items(DETECTION, most)
     reader.end()
-    changes = integers[integers[:, SAME_FRAME] == 0]
-    frames = set(reader.texts_at(changes[:, FRAME : FRAME + 2]))
-    ids, boxes = reader.texts_at(integers[:, ID : ID + 2]), bits.view(np.float64)
-    return Detections(header, ids, boxes[:, :7].copy(), boxes[:, 7:].copy(), frames)
+    box, changes = found.numbers["box"], found.of("frame")[:, 2] == 0
+    poses, sizes = box["pose"].astype(np.float64), box["size"].astype(np.float64)
+    return Detections(header, found.texts("id"), poses, sizes, set(found.texts("frame", changes)))
 
 
 def read_detections(data: bytes, most: int) -> Message:

@@ -29,6 +29,8 @@ from obb_collision.node.inputs.boxes import OWNED, BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
 from obb_collision.node.messages.cdr import (
+    CloudMessage,
+    Header,
     NamedPose,
     NamedStates,
     cloud_from_bytes,
@@ -92,9 +94,9 @@ class Inputs:
         """Return the callback per input topic; they take serialised messages."""
         return {
             "objects": self.guarded("objects", self.markers.take),
-            "object_transform": self.guarded("object_transform", self.take_transform, True),
-            "object_states": self.guarded("object_states", self.take_states, True),
-            "object_poses": self.guarded("object_poses", self.take_poses, True),
+            "object_transform": self._stored("object_transform", pose_from_bytes, self._transform),
+            "object_states": self._stored("object_states", states_from_bytes, self._states),
+            "object_poses": self._stored("object_poses", cloud_from_bytes, self._poses),
             **{each.source.topic: self.guarded(each.source.topic, each.take) for each in self.sets},
         }
 
@@ -126,21 +128,35 @@ class Inputs:
 
         return callback
 
-    def take_transform(self, data: bytes) -> None:
-        """Store one pose."""
-        now = self._clock()
-        message = self._read("object_transform", pose_from_bytes, data, now)
-        if message is not None and message.name in self.bases:
-            self.bases[message.name](message, now, self._monitors["object_transform"])
-        elif message is not None:
-            self._take_named("object_transform", [message.name], message.pose, message.header, now)
+    def _stored(
+        self,
+        topic: str,
+        read: Callable[[bytes], Message],
+        store: Callable[[Message, InputMonitor, int], None],
+    ) -> Callable[[bytes], None]:
+        """Return a callback that reads and stores states, behind what came before."""
+        monitor = self._monitors[topic]
 
-    def take_states(self, data: bytes) -> None:
+        def take(data: bytes) -> None:
+            now = self._clock()
+            monitor.received(now)
+            try:
+                store(read(data), monitor, now)
+            except RefusedError as error:
+                monitor.refuse_whole(now, error.reason, error.detail)
+
+        return self.guarded(topic, take, in_order=True)
+
+    def _transform(self, message: NamedPose, monitor: InputMonitor, now: int) -> None:
+        """Store one pose."""
+        if message.name in self.bases:
+            self.bases[message.name](message, now, monitor)
+        else:
+            names = [message.name]
+            self._store_named("object_transform", names, message.pose, message.header, now)
+
+    def _states(self, message: NamedStates, monitor: InputMonitor, now: int) -> None:
         """Store poses by name, and twists if there is one for each; else they are counted."""
-        monitor, now = self._monitors["object_states"], self._clock()
-        message = self._read("object_states", states_from_bytes, data, now)
-        if message is None:
-            return
         names, poses = message.names, message.poses
         if len(names) != len(poses):  # then the pose of a name is ambiguous
             detail = f"{len(names)} joint_names, {len(poses)} transforms"
@@ -152,19 +168,7 @@ class Inputs:
                 monitor.unreadable = LENGTHS_DIFFER
             return
         twists = self._twists(message)
-        self._take_named("object_states", names, poses, message.header, now, twists)
-
-    def _read(
-        self, topic: str, read: Callable[[bytes], Message], data: bytes, now: int
-    ) -> Message | None:
-        """Return a message, None if it is refused."""
-        monitor = self._monitors[topic]
-        monitor.received(now)
-        try:
-            return read(data)
-        except RefusedError as error:
-            monitor.refuse_whole(now, error.reason, error.detail)
-            return None
+        self._store_named("object_states", names, poses, message.header, now, twists)
 
     def _twists(self, message: NamedStates) -> Floats | None:
         """Return twists (n, 6), zero where they are invalid; None where they are not used."""
@@ -183,27 +187,20 @@ class Inputs:
             twists[bad] = 0.0
         return twists
 
-    def take_poses(self, data: bytes) -> None:
+    def _poses(self, message: CloudMessage, monitor: InputMonitor, now: int) -> None:
         """Store bulk poses by namespace number and id."""
-        monitor, now, table = self._monitors["object_poses"], self._clock(), self._objects.table
-        message = self._read("object_poses", cloud_from_bytes, data, now)
-        if message is None:
-            return
-        try:
-            namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
-            slots = table.find(namespaces, ids)
-            name = self._names_of(namespaces, ids)
-            if namespaces is not None and (slots < 0).any():
-                known = table.has_namespaces(namespaces)
-                if not known.all():
-                    first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
-                    self._note_unknown(~known, name, now)
-                    monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
-                    slots, ids, poses = slots[known], ids[known], poses[known]
-                    name = self._names_of(namespaces[known], ids)
-        except RefusedError as error:
-            monitor.refuse_whole(now, error.reason, error.detail)
-            return
+        table = self._objects.table
+        namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
+        slots = table.find(namespaces, ids)
+        name = self._names_of(namespaces, ids)
+        if namespaces is not None and (slots < 0).any():
+            known = table.has_namespaces(namespaces)
+            if not known.all():
+                first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
+                self._note_unknown(~known, name, now)
+                monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
+                slots, ids, poses = slots[known], ids[known], poses[known]
+                name = self._names_of(namespaces[known], ids)
         self._note_unknown(slots < 0, name, now)
         self._store("object_poses", slots, poses, message.header, now, lambda row: f"id {ids[row]}")
 
@@ -224,12 +221,12 @@ class Inputs:
         if rows.any():
             self.unknown.note(map(name, np.flatnonzero(rows).tolist()), now)
 
-    def _take_named(
+    def _store_named(
         self,
         topic: str,
         names: list[str],
         poses: Floats,
-        header: object,
+        header: Header,
         now: int,
         twists: Floats | None = None,
     ) -> None:
@@ -242,7 +239,7 @@ class Inputs:
         topic: str,
         slots: Slots,
         poses: Floats,
-        header: object,
+        header: Header,
         now: int,
         describe: Callable[[int], str],
         twists: Floats | None = None,
@@ -250,25 +247,25 @@ class Inputs:
         """Store the good rows; count the others by reason and mark their objects."""
         monitor = self._monitors[topic]
         unknown, kinds = slots < 0, pose_kinds(poses)
-        bad = (kinds == UNUSABLE) | (kinds == ZERO)
-        owned = self._objects.table.of_robot[slots] & ~unknown if self.bases else unknown & False
-        good = ~(bad | unknown | owned)
-        refused = slots[bad & ~unknown & ~owned]
-        if not good.all():
+        owned = self._objects.table.of_robot[slots] if self.bases else unknown
+        free, refused = ~(unknown | owned), slots[:0]
+        if not free.all() or kinds.max(initial=0) >= UNUSABLE:
             for reason, rows in (
                 ("unknown object", unknown),
-                (OWNED.reason, owned),
-                ("bad pose", (kinds == UNUSABLE) & ~unknown & ~owned),
-                ("zero quaternion", (kinds == ZERO) & ~unknown & ~owned),
+                (OWNED.reason, owned & ~unknown),
+                ("bad pose", free & (kinds == UNUSABLE)),
+                ("zero quaternion", free & (kinds == ZERO)),
             ):
                 if rows.any():
                     item = describe(int(np.argmax(rows)))
                     monitor.refuse(now, reason, item, count=int(np.count_nonzero(rows)))
-            slots, poses = slots[good], poses[good]
-            twists = None if twists is None else twists[good]
+            usable = free & (kinds != UNUSABLE) & (kinds != ZERO)
+            refused = slots[free & ~usable]
+            slots, poses = slots[usable], poses[usable]
+            twists = None if twists is None else twists[usable]
         try:
-            stamp = stamp_from_ros(header.stamp)  # type: ignore[attr-defined]
-            state = State(header.frame_id, stamp, now, topic)  # type: ignore[attr-defined]
+            stamp = stamp_from_ros(header.stamp)
+            state = State(header.frame_id, stamp, now, topic)
             old = self._objects.states.store(slots, poses, state, 0.0 if twists is None else twists)
             if old.any():
                 monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))

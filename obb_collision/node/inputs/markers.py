@@ -39,9 +39,9 @@ from obb_collision.node.inputs.batch import (
     settle,
 )
 from obb_collision.node.inputs.boxes import OWNED
+from obb_collision.node.messages.cdr import Items, markers_from_bytes
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_scan import ACTION, FILE, MESH, NS, Scanned, scan_markers
 from obb_collision.node.messages.marker_shapes import (
     ANNOTATIONS,
     IMMEDIATE,
@@ -110,31 +110,31 @@ class MarkerInput:
                 self._monitor.refuse_whole(self._clock(), INTERNAL_ERROR)
                 self._objects.broken = "input objects"
 
-    def _scan_all(self, waiting: list[tuple[bytes, int]]) -> list[tuple[Scanned, int]]:
+    def _scan_all(self, waiting: list[tuple[bytes, int]]) -> list[tuple[Items, int]]:
         """Return the markers of messages with their times of receipt.
 
         The newest message is read first: what comes before a DELETEALL is dropped unread.
         """
-        found: list[tuple[Scanned, int]] = []
+        found: list[tuple[Items, int]] = []
         is_read = False
         for data, at in reversed(waiting):
             part = self._scan(data, is_read)
             is_read |= part is not None
             if part is not None and len(part):
                 found.insert(0, (part, at))
-                deletes = part.integers[:, ACTION] == Marker.DELETEALL
-                if (deletes & (part.integers[:, NS + 1] == 0)).any():
+                deletes = part.numbers["head"]["action"] == Marker.DELETEALL
+                if (deletes & (part.of("ns")[:, 1] == 0)).any():
                     break
         return found
 
-    def _scan(self, data: bytes, is_read_since: bool) -> Scanned | None:
+    def _scan(self, data: bytes, is_read_since: bool) -> Items | None:
         """Return the markers of a message, None if it is refused.
 
         is_read_since: whether a newer one could be read.
         """
         now, refuse = self._clock(), self._monitor.refuse_whole
         try:
-            return scan_markers(data)
+            return markers_from_bytes(data)
         except RefusedError as error:
             refuse(now, error.reason, error.detail)
         except Exception as error:
@@ -144,7 +144,7 @@ class MarkerInput:
             self._monitor.unreadable = ""
         return None
 
-    def _run(self, messages: list[tuple[Scanned, int]]) -> bool:
+    def _run(self, messages: list[tuple[Items, int]]) -> bool:
         """Apply the markers of messages; return whether that went through."""
 
         def run() -> None:
@@ -379,10 +379,10 @@ class MarkerUpdate:
             given = MarkerShape(
                 int(markers.type[row]),
                 markers.scales[row].copy(),
-                part.points(at).copy(),
-                part.text(at, MESH).decode(errors="replace"),
-                part.text(at, FILE).decode(errors="replace"),
-                bytes(part.content(at)),
+                part.points("points", at).copy(),
+                part.text("mesh", at).decode(errors="replace"),
+                part.text("file", at).decode(errors="replace"),
+                part.text("content", at),
             )
             self._plans[row] = plan_shape(given)
         return self._plans[row]

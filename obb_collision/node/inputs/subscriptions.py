@@ -121,7 +121,7 @@ LATCHED_DEPTH = 1000
 class Subscriptions:
     """Subscribes to inputs, and unsubscribes from those that are not needed.
 
-    Messages are received serialised: see ``messages/cdr`` and ``messages/marker_scan``.
+    Messages are received serialised: see ``messages/cdr``.
 
     callbacks: callback per input topic; arrived: called with the topic once a message is stored.
     latched: topics of which publishers keep messages for subscribers that come later.

@@ -31,7 +31,7 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.node.messages.cdr import ENCAPSULATION, written_text
+from obb_collision.node.messages.cdr import ENCAPSULATION, padded, written_text
 from obb_collision.node.messages.conversions import NANOSECONDS, Key
 from obb_collision.typing import Floats
 
@@ -39,6 +39,14 @@ NO_POINTS: Floats = np.empty((0, 3))
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 NO_SIZE = (0.0, 0.0, 0.0)
 CLEAR = (0.0, 0.0, 0.0, 0.0)
+EMPTY_TAIL = b"".join(
+    (
+        *(bytes(4), padded("")),  # colors, texture_resource
+        *(bytes(8), padded(""), padded(""), bytes(8)),  # texture, uv_coordinates
+        *(padded(""), padded(""), padded(""), bytes(5)),  # text, mesh_resource, mesh_file
+    )
+)
+"""The fields behind ``points``, all empty; the last byte is mesh_use_embedded_materials."""
 
 
 class MarkerArrayWriter:
@@ -76,25 +84,8 @@ class MarkerArrayWriter:
         if len(points):
             self._align(8)
             self._bytes += np.ascontiguousarray(points, dtype="<f8").tobytes()
-        self._finish()
+        self._bytes += EMPTY_TAIL
         self._count += 1
-
-    def _finish(self) -> None:
-        """Append the fields behind ``points``, all empty."""
-        self._bytes += bytes(4)  # colors
-        self._string("")  # texture_resource
-        self._bytes += bytes(8)  # texture.header.stamp
-        self._string("")  # texture.header.frame_id
-        self._string("")  # texture.format
-        self._bytes += bytes(8)  # texture.data, uv_coordinates
-        self._string("")  # text
-        self._string("")  # mesh_resource
-        self._string("")  # mesh_file.filename
-        self._bytes += bytes(5)  # mesh_file.data, mesh_use_embedded_materials
-
-    def _string(self, text: str) -> None:
-        self._bytes += written_text(text)
-        self._align(4)
 
     def _align(self, size: int) -> None:
         self._bytes += bytes(-(len(self._bytes) - len(ENCAPSULATION)) % size)
@@ -152,45 +143,28 @@ class Markers:
         else:
             keys = [(LINES_NAMESPACE, int(color)) for color in np.unique(colors)]
             shown = dict.fromkeys(keys, Marker.LINE_LIST)
-        for key, kind in self.shown.items():
-            if key not in shown:
-                writer.add(key, kind, Marker.DELETE)
+        self._delete(writer, [key for key in self.shown if key not in shown])
         self.shown = shown
         if line_width is None:
-            _write_cubes(writer, keys, boxes, colors)
-        else:
-            _write_lines(writer, keys, boxes, colors, line_width)
+            poses = np.hstack((boxes.centers, quaternions_from_matrices(boxes.rotations)))
+            sizes = np.maximum(2.0 * boxes.half_extents, THINNEST).tolist()
+            rows = zip(keys, poses.tolist(), sizes, colors.tolist(), strict=True)
+            for key, pose, size, color in rows:
+                writer.add(key, Marker.CUBE, Marker.ADD, pose, size, COLORS[color])
+            return writer.message()
+        points, size = edge_points(boxes).reshape(-1, 24, 3), (line_width, 0.0, 0.0)
+        for key in keys:
+            ends, look = points[colors == key[1]].reshape(-1, 3), COLORS[key[1]]
+            writer.add(key, Marker.LINE_LIST, Marker.ADD, IDENTITY, size, look, ends)
         return writer.message()
+
+    def _delete(self, writer: MarkerArrayWriter, keys: list[Key]) -> None:
+        for key in keys:
+            writer.add(key, self.shown[key], Marker.DELETE)
 
     def clear(self, stamp: int) -> bytes:
         """Return the serialised MarkerArray that deletes all boxes."""
         writer = MarkerArrayWriter(self._frame, stamp, 0.0)
-        for key, kind in self.shown.items():
-            writer.add(key, kind, Marker.DELETE)
+        self._delete(writer, list(self.shown))
         self.shown = {}
         return writer.message()
-
-
-def _write_cubes(
-    writer: MarkerArrayWriter, keys: list[Key], boxes: Boxes, colors: npt.NDArray[np.int64]
-) -> None:
-    poses = np.hstack((boxes.centers, quaternions_from_matrices(boxes.rotations))).tolist()
-    sizes = np.maximum(2.0 * boxes.half_extents, THINNEST).tolist()
-    for key, pose, size, color in zip(keys, poses, sizes, colors.tolist(), strict=True):
-        writer.add(key, Marker.CUBE, Marker.ADD, pose, size, COLORS[color])
-
-
-def _write_lines(
-    writer: MarkerArrayWriter,
-    keys: list[Key],
-    boxes: Boxes,
-    colors: npt.NDArray[np.int64],
-    width: float,
-) -> None:
-    points = edge_points(boxes).reshape(-1, 24, 3)
-    for key in keys:
-        ends = points[colors == key[1]].reshape(-1, 3)
-        size = (width, 0.0, 0.0)
-        writer.add(
-            key, Marker.LINE_LIST, Marker.ADD, (0.0,) * 6 + (1.0,), size, COLORS[key[1]], ends
-        )

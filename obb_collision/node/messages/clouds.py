@@ -17,25 +17,21 @@
 from __future__ import annotations
 
 import struct
-import sys
-from array import array
 from collections.abc import Collection, Mapping
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from obb_collision.node.messages.cdr import ENCAPSULATION, padded
+from obb_collision.node.messages.cdr import ENCAPSULATION, NO_LIMIT, TOO_MANY_POINTS, padded
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats, Integers
 
-TOO_MANY_POINTS = "too many points"
-"""Reason: a cloud or a marker has more of them than the limit."""
-NO_LIMIT = sys.maxsize
 DATATYPES = {
     PointField.INT8: "i1",
     PointField.UINT8: "u1",
@@ -66,7 +62,8 @@ def cloud_from_ros(
     where there are more than ``most``.
     """
     step, width, height = int(message.point_step), int(message.width), int(message.height)
-    dtype = _dtype_from_ros(message, names, step)
+    fields = ((f.name, f.datatype, f.count, f.offset) for f in message.fields if f.name in names)
+    dtype = _layout(tuple(fields), bool(message.is_bigendian), step)
     if width * height == 0:
         return np.zeros(0, dtype)
     rows, size = int(message.row_step) or width * step, len(message.data)
@@ -81,12 +78,6 @@ def cloud_from_ros(
         raise RefusedError(TOO_MANY_POINTS, f"{width * height}, {most} is the limit")
     grid = np.ndarray((height, width), dtype, memoryview(message.data), 0, (rows, step))
     return grid.reshape(-1)
-
-
-def _dtype_from_ros(message: PointCloud2, names: Collection[str], step: int) -> np.dtype[Any]:
-    """Layout of the named fields."""
-    fields = ((f.name, f.datatype, f.count, f.offset) for f in message.fields if f.name in names)
-    return _layout(tuple(fields), bool(message.is_bigendian), step)
 
 
 @lru_cache(KNOWN_LAYOUTS)
@@ -117,66 +108,41 @@ def _layout(
     return np.dtype(layout)
 
 
-def fields_to_ros(dtype: np.dtype[Any]) -> list[PointField]:
-    """Return the fields of clouds whose rows are of a structured type."""
-    assert dtype.names is not None
-    assert dtype.fields is not None
-    fields = []
-    for name in dtype.names:
-        kind, offset = dtype.fields[name][:2]
-        datatype = DATATYPE_OF[kind.newbyteorder("=")]
-        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=1))
-    return fields
-
-
-def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
-    """Unordered cloud of a (n,) structured array; fields follow the array's dtype."""
-    message = PointCloud2(header=header) if header is not None else PointCloud2()
-    dtype = rows.dtype
-    message.fields = fields_to_ros(dtype)
-    message.is_bigendian = _is_bigendian(dtype)
-    message.height, message.width = 1, len(rows)
-    message.point_step, message.row_step = dtype.itemsize, dtype.itemsize * len(rows)
-    message.is_dense = _is_dense(rows)
-    # rclpy checks every element of anything but array('B'): hundreds of times slower
-    data = array("B")
-    data.frombytes(np.ascontiguousarray(rows).tobytes())
-    message.data = data
-    return message
+def field_bytes(dtype: np.dtype[Any]) -> bytes:
+    """Return the serialised fields of clouds whose rows are of a structured type."""
+    fields: Mapping[str, Any] = dtype.fields or {}
+    parts = [struct.pack("<I", len(fields))]
+    for name in dtype.names or ():
+        kind, offset = fields[name][:2]
+        parts += padded(name), FIELD.pack(offset, DATATYPE_OF[kind.newbyteorder("=")], 1)
+    return b"".join(parts)
 
 
 def cloud_to_bytes(rows: npt.NDArray[Any], stamp: int, frame: str, fields: bytes) -> bytes:
-    """Return the serialised message of ``cloud_to_ros``: rclpy takes 20 us to write its fields.
+    """Return a serialised unordered cloud of a (n,) structured array: rclpy takes 20 us for fields.
 
     stamp: nanoseconds. fields: those of the rows, see ``field_bytes``.
     """
-    data = np.ascontiguousarray(rows).tobytes()
-    step = rows.dtype.itemsize
+    data, dtype = np.ascontiguousarray(rows).tobytes(), rows.dtype
+    names = dtype.names or ()
+    is_bigendian = any(dtype[name].byteorder == ">" for name in names)
+    is_dense = "x" not in names or bool(np.isfinite(rows["x"]).all())
     parts = (
         *(ENCAPSULATION, STAMP.pack(*divmod(stamp, NANOSECONDS)), padded(frame)),
         *(SIZE.pack(1, len(rows)), fields),
-        *(LAYOUT.pack(_is_bigendian(rows.dtype), step, len(data), len(data)), data),
-        FLAG.pack(_is_dense(rows)),
+        *(LAYOUT.pack(is_bigendian, dtype.itemsize, len(data), len(data)), data),
+        FLAG.pack(is_dense),
     )
     return b"".join(parts)
 
 
-def field_bytes(dtype: np.dtype[Any]) -> bytes:
-    """Return the serialised fields of clouds whose rows are of a structured type."""
-    fields = fields_to_ros(dtype)
-    parts = [struct.pack("<I", len(fields))]
-    for one in fields:
-        parts += padded(one.name), FIELD.pack(one.offset, one.datatype, one.count)
-    return b"".join(parts)
-
-
-def _is_bigendian(dtype: np.dtype[Any]) -> bool:
-    assert dtype.names is not None
-    return any(dtype[name].byteorder == ">" for name in dtype.names)
-
-
-def _is_dense(rows: npt.NDArray[Any]) -> bool:
-    return "x" not in (rows.dtype.names or ()) or bool(np.isfinite(rows["x"]).all())
+def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
+    """Unordered cloud of a (n,) structured array; fields follow the array's dtype."""
+    data = cloud_to_bytes(rows, 0, "", field_bytes(rows.dtype))
+    message: PointCloud2 = deserialize_message(data, PointCloud2)
+    if header is not None:
+        message.header = header
+    return message
 
 
 def points_from_ros(message: PointCloud2, most: int = NO_LIMIT) -> npt.NDArray[Any]:
@@ -185,20 +151,14 @@ def points_from_ros(message: PointCloud2, most: int = NO_LIMIT) -> npt.NDArray[A
     Where they stand side by side in the message they are not copied. Raises RefusedError ("field
     layout") where one of them is missing or no float, ("too many points") for more than ``most``.
     """
-    rows = cloud_from_ros(message, ("x", "y", "z"), most)
-    fields: Mapping[str, Any] = rows.dtype.fields or {}
-    for name in "xyz":
-        if name not in fields:
-            raise RefusedError("field layout", f"no field {name!r}")
-        if fields[name][0].kind != "f":
-            raise RefusedError("field layout", f"field {name!r} is not a float")
-    together = side_by_side(rows.dtype, ("x", "y", "z"))
+    rows = cloud_from_ros(message, POINT_FIELDS, most)
+    _, together = _layout_of(rows.dtype, POINT_FIELDS, ())
     if together is not None:
         points: npt.NDArray[Any] = rows.view(together)["all"]
         if points.dtype.isnative and points.flags.aligned:
             return points
-    single = max(fields[name][0].itemsize for name in "xyz") == 4
-    return np.stack([rows[name] for name in "xyz"], axis=1, dtype="f4" if single else "f8")
+    single = max(rows.dtype[name].itemsize for name in POINT_FIELDS) == 4
+    return np.stack([rows[name] for name in POINT_FIELDS], axis=1, dtype="f4" if single else "f8")
 
 
 def side_by_side(dtype: np.dtype[Any], names: tuple[str, ...]) -> np.dtype[Any] | None:
@@ -217,7 +177,8 @@ def side_by_side(dtype: np.dtype[Any], names: tuple[str, ...]) -> np.dtype[Any] 
     return np.dtype(layout)
 
 
-POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+POINT_FIELDS = ("x", "y", "z")
+POSE_FIELDS = (*POINT_FIELDS, "qx", "qy", "qz", "qw")
 SIZE_FIELDS = ("size_x", "size_y", "size_z")
 KEY_FIELDS = ("ns", "id")
 
@@ -250,7 +211,7 @@ def _rows_from_ros(
 ) -> tuple[Integers | None, Integers, Floats]:
     """Return namespace numbers (n,) or None, ids (n,), and the values of fields (n, k)."""
     rows = cloud_from_ros(message, (*KEY_FIELDS, *names), most)
-    has_namespaces, together = _layout_of(rows.dtype, names)
+    has_namespaces, together = _layout_of(rows.dtype, names, ("id",))
     if together is None:
         values = np.empty((len(rows), len(names)))
         for column, name in enumerate(names):
@@ -262,13 +223,15 @@ def _rows_from_ros(
 
 
 @lru_cache(KNOWN_LAYOUTS)
-def _layout_of(dtype: np.dtype[Any], names: tuple[str, ...]) -> tuple[bool, np.dtype[Any] | None]:
+def _layout_of(
+    dtype: np.dtype[Any], names: tuple[str, ...], needed: tuple[str, ...]
+) -> tuple[bool, np.dtype[Any] | None]:
     """Return whether rows have a field ``ns``, and a type that has the other fields together.
 
     None for it where they are not side by side. RefusedError ("field layout").
     """
     fields: Mapping[str, Any] = dtype.fields or {}
-    for name in ("id", *names):
+    for name in (*needed, *names):
         if name not in fields:
             raise RefusedError("field layout", f"no field {name!r}")
     for name in KEY_FIELDS:
@@ -306,12 +269,8 @@ def boxes_to_ros(
 
     sizes: (n, 3) edge lengths in metres. Without namespaces all are in ``boxes``.
     """
-    values = np.hstack(
-        (
-            np.asarray(poses, np.float64).reshape(-1, len(POSE_FIELDS)),
-            np.asarray(sizes, np.float64).reshape(-1, len(SIZE_FIELDS)),
-        )
-    )
+    parts = (poses, POSE_FIELDS), (sizes, SIZE_FIELDS)
+    values = np.hstack([np.asarray(p, np.float64).reshape(-1, len(names)) for p, names in parts])
     return _rows_to_ros(ids, values, (*POSE_FIELDS, *SIZE_FIELDS), namespaces, header, single)
 
 

@@ -27,12 +27,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Duration, Time
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Pose, Transform, Twist, Vector3
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point, Pose, Quaternion, Transform, Twist, Vector3
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import MultiDOFJointState
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import UNIT_TOLERANCE
+from obb_collision.node.messages.cdr import Stamp, namespace_bytes
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats
@@ -50,7 +52,7 @@ SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
 a float field: an int there arrives as the bits of its object header, a subnormal number."""
 
 
-def stamp_from_ros(stamp: Time) -> int:
+def stamp_from_ros(stamp: Time | Stamp) -> int:
     """Nanoseconds of a Time.
 
     Raises RefusedError ("bad stamp") for one before 1970 or with a second of nanoseconds or more,
@@ -81,12 +83,8 @@ def name_from_key(key: Key) -> str:
 
 def pose_to_ros(pose: Sequence[float] | Floats) -> Pose:
     """Pose of a (7,) array."""
-    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
-    message = Pose()
-    message.position.x, message.position.y, message.position.z = x, y, z
-    q = message.orientation
-    q.x, q.y, q.z, q.w = qx, qy, qz, qw
-    return message
+    position, orientation = _position_and_quaternion(pose)
+    return Pose(position=Point(**position), orientation=orientation)
 
 
 def transform_from_ros(transform: Transform) -> Floats:
@@ -97,11 +95,15 @@ def transform_from_ros(transform: Transform) -> Floats:
 
 def transform_to_ros(pose: Sequence[float] | Floats) -> Transform:
     """Transform of a (7,) array."""
+    position, rotation = _position_and_quaternion(pose)
+    return Transform(translation=Vector3(**position), rotation=rotation)
+
+
+def _position_and_quaternion(
+    pose: Sequence[float] | Floats,
+) -> tuple[dict[str, float], Quaternion]:
     x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
-    message = Transform(translation=Vector3(x=x, y=y, z=z))
-    q = message.rotation
-    q.x, q.y, q.z, q.w = qx, qy, qz, qw
-    return message
+    return {"x": x, "y": y, "z": z}, Quaternion(x=qx, y=qy, z=qz, w=qw)
 
 
 def twist_to_ros(twist: Sequence[float] | Floats) -> Twist:
@@ -123,24 +125,14 @@ def states_to_ros(
     return message
 
 
-def namespaces_from_ros(message: DiagnosticStatus) -> dict[int, str]:
-    """Namespaces by number out of the latched ``namespaces`` message."""
-    return {int(pair.key): pair.value for pair in message.values}
-
-
 def namespaces_to_ros(namespaces: Mapping[int, str] | Iterable[str]) -> DiagnosticStatus:
     """Return the table of the ``ns`` numbers: key is the number, value the namespace.
 
     namespaces: by number, or just their names.
     """
-    table = namespace_table(namespaces)
-    values = [KeyValue(key=str(number), value=name) for number, name in table.items()]
-    return DiagnosticStatus(
-        level=DiagnosticStatus.OK,
-        name="namespaces",
-        message=f"{len(values)} namespaces",
-        values=values,
-    )
+    data = namespace_bytes(namespace_table(namespaces))
+    message: DiagnosticStatus = deserialize_message(data, DiagnosticStatus)
+    return message
 
 
 def namespace_table(
@@ -151,7 +143,7 @@ def namespace_table(
     Tables of several nodes can be merged: ``{**namespace_table(a), **namespace_table(b)}``.
     """
     if isinstance(namespaces, DiagnosticStatus):
-        return namespaces_from_ros(namespaces)
+        return {int(pair.key): pair.value for pair in namespaces.values}
     if isinstance(namespaces, Mapping):
         return namespaces
     return {namespace_number(name): name for name in namespaces}

@@ -143,18 +143,6 @@ def _simple(given: MarkerShape, scale: Floats, shape: shapes.Shape) -> ShapePlan
     return ShapePlan((given.kind, *scale.tolist()), shape)
 
 
-def _cube(given: MarkerShape, scale: Floats) -> ShapePlan:
-    return _simple(given, scale, shapes.Box(scale))
-
-
-def _sphere(given: MarkerShape, scale: Floats) -> ShapePlan:
-    return _simple(given, scale, shapes.Ellipsoid(0.5 * scale))
-
-
-def _cylinder(given: MarkerShape, scale: Floats) -> ShapePlan:
-    return _simple(given, scale, shapes.Cylinder(0.5, 1.0, scale=scale))
-
-
 def _arrow(given: MarkerShape, scale: Floats) -> ShapePlan:
     """Along x from the origin, or between two points with scale.x, scale.y as diameters."""
     if len(given.points) == 1:
@@ -247,9 +235,11 @@ def _short(text: str) -> str:
 
 
 PLANNERS: dict[int, Callable[[MarkerShape, Floats], ShapePlan]] = {
-    Marker.CUBE: _cube,
-    Marker.SPHERE: _sphere,
-    Marker.CYLINDER: _cylinder,
+    Marker.CUBE: lambda given, scale: _simple(given, scale, shapes.Box(scale)),
+    Marker.SPHERE: lambda given, scale: _simple(given, scale, shapes.Ellipsoid(0.5 * scale)),
+    Marker.CYLINDER: lambda given, scale: _simple(
+        given, scale, shapes.Cylinder(0.5, 1.0, scale=scale)
+    ),
     Marker.ARROW: _arrow,
     Marker.TRIANGLE_LIST: _triangles,
     Marker.MESH_RESOURCE: _mesh,

@@ -24,13 +24,12 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.messages.conversions import Key, name_from_key
+from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.shapes import ObjectShapes
-from obb_collision.node.objects.staleness import Staleness
-from obb_collision.node.objects.states import States
+from obb_collision.node.objects.states import Staleness, States
 from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder
@@ -55,6 +54,8 @@ class Objects:
         self.staleness = Staleness(self.scene, self.table, self.placement)
         self.states = States(self.table, self.placement, self.notices)
         self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notices)
+        self.unplaceable = self.shapes.unplaceable
+        """Newcomers that were refused, and why."""
         self.table.namespaces.named = self._rename
         self._tree_builder = Builder()
         self.broken = ""
@@ -65,11 +66,6 @@ class Objects:
         """Links of robots in pairs that the last check left on boxes, their hulls being built."""
         self.trees = self.scene.objects.build_outside(self._tree_builder)
         """What is built of shapes for an accuracy above obb."""
-
-    @property
-    def unplaceable(self) -> dict[Key, str]:
-        """Newcomers that were refused, and why."""
-        return self.shapes.unplaceable
 
     def _rename(self, namespace: int) -> None:
         """Give the objects of a namespace, by its number, the names that they have now."""

@@ -44,17 +44,19 @@ class Notices:
     def __init__(self) -> None:
         self._notices: dict[tuple[str, str, bool], Notice] = {}
 
-    def refuse(self, topic: str, reason: str, item: str, detail: str, count: int = 1) -> None:
-        """Note items that could not be used."""
-        self._add(Notice(topic, reason, True, item, detail, count))
-
-    def doubt(self, topic: str, reason: str, item: str, detail: str, count: int = 1) -> None:
-        """Note items that are used, but not trusted."""
-        self._add(Notice(topic, reason, False, item, detail, count))
-
-    def _add(self, notice: Notice) -> None:
+    def add(
+        self,
+        topic: str,
+        reason: str,
+        item: str,
+        detail: str,
+        count: int = 1,
+        is_refused: bool = True,
+    ) -> None:
+        """Note items that could not be used, or are used but not trusted."""
+        notice = Notice(topic, reason, is_refused, item, detail, count)
         before = self._notices.get(notice[:3])
-        total = notice.total + (0 if before is None else before.total)
+        total = count + (0 if before is None else before.total)
         self._notices[notice[:3]] = notice._replace(total=total)
 
     def take(self) -> list[Notice]:
@@ -72,23 +74,18 @@ class Unplaceable(dict[Key, str]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._expiry: dict[Key, int] = {}
-        self._of_sets: set[Key] = set()
+        self._more: dict[Key, tuple[int, int]] = {}  # when each expires, and the set it was in
 
-    def add(self, key: Key, reason: str, expiry: int = NEVER, of_set: bool = False) -> None:
+    def add(self, key: Key, reason: str, expiry: int = NEVER, of_set: int = 0) -> None:
         """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations.
 
-        of_set: whether it was in a complete set; then only the next set says that it is gone.
+        of_set: the input of complete sets it came by; then only its next set says that it is gone.
         """
         self.forget(key)
         if reason == NO_BODY:
             return
         key = shortened(key[0]), key[1]
-        self[key] = reason
-        if expiry != NEVER:
-            self._expiry[key] = expiry
-        if of_set:
-            self._of_sets.add(key)
+        self[key], self._more[key] = reason, (expiry, of_set)
         if len(self) > MAX_UNPLACEABLE:
             self.forget(next(iter(self)))
 
@@ -96,12 +93,12 @@ class Unplaceable(dict[Key, str]):
         """Remove one, if it is stored."""
         key = shortened(key[0]), key[1]
         self.pop(key, None)
-        self._expiry.pop(key, None)
-        self._of_sets.discard(key)
+        self._more.pop(key, None)
 
     def delete(self, key: Key) -> None:
         """Remove one that a marker deletes."""
-        if (shortened(key[0]), key[1]) not in self._of_sets:
+        key = shortened(key[0]), key[1]
+        if key in self and not self._more[key][1]:
             self.forget(key)
 
     def delete_all(self, namespace: str | None) -> None:
@@ -110,15 +107,20 @@ class Unplaceable(dict[Key, str]):
         for key in [key for key in self if shown in (None, key[0])]:
             self.delete(key)
 
+    def forget_set(self, of_set: int) -> None:
+        """Remove those of the last set of an input."""
+        for key in [key for key, (_, source) in self._more.items() if source == of_set]:
+            self.forget(key)
+
     def expire(self, now: int) -> None:
         """Remove those whose lifetime is over."""
-        for key in [key for key, expiry in self._expiry.items() if expiry <= now]:
+        for key in [key for key, (expiry, _) in self._more.items() if expiry <= now]:
             self.forget(key)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        for key in self._expiry:
-            self._expiry[key] += shift
+        for key, (expiry, source) in self._more.items():
+            self._more[key] = expiry if expiry == NEVER else expiry + shift, source
 
 
 MEMORY = NANOSECONDS

@@ -34,7 +34,7 @@ from obb_collision.geometry.shapes.files import (
     MeshFolders,
     Version,
 )
-from obb_collision.node.messages.clouds import TOO_MANY_POINTS
+from obb_collision.node.messages.cdr import TOO_MANY_POINTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
@@ -151,14 +151,6 @@ class ShapeRequests:
             self._builder.request(key, plan.signature, job)
         except BuildError as error:
             raise RefusedError(error.reason, error.detail) from error
-
-    def cancel(self, key: Key) -> None:
-        """Cancel the request of an object."""
-        self._builder.cancel(key)
-
-    def is_waiting(self, key: Key) -> bool:
-        """Return whether an object waits for a shape."""
-        return self._builder.wants(key)
 
     def poll(self) -> Iterator[BuiltShape]:
         """Yield what objects get since the last time."""

@@ -86,7 +86,8 @@ class ObjectShapes:
         slot = self.table.slots.get(key)
         if slot is not None and self.table.signature(key) == plan.signature:
             self.requests.check_file(plan)
-            return self._touch_one(slot, expiry)
+            self.touch(np.array([slot]), expiry)
+            return slot
         shape = plan.shape or self.requests.built(plan)
         if shape is not None:
             return self.put(key, shape, plan.signature, expiry)
@@ -113,7 +114,9 @@ class ObjectShapes:
         """
         if key not in self.table.slots:
             self._admit(key)
-        return self._touch_one(self._give(key, shape, signature), expiry)
+        slot = self._give(key, shape, signature)
+        self.touch(np.array([slot]), expiry)
+        return slot
 
     def _admit(self, key: Key) -> None:
         """Make room for a new object, or refuse it."""
@@ -180,10 +183,6 @@ class ObjectShapes:
         self.placement.enable(np.array([index]))
         return index
 
-    def _touch_one(self, slot: int, expiry: int) -> int:
-        self.touch(np.array([slot]), expiry)
-        return slot
-
     def touch(self, slots: Slots, expiry: Slots | int) -> None:
         """Extend objects to their new expiry (n,) with the shapes that they have."""
         self.cancel_pending(slots)
@@ -199,7 +198,7 @@ class ObjectShapes:
         """Continue with the present shapes of objects: cancel what is being built for them."""
         waiting = slots[self.table.has(RESHAPED, slots)]
         for slot in waiting.tolist():
-            self.requests.cancel(self.table.key(slot))
+            self.builder.cancel(self.table.key(slot))
         self.table.mark(waiting, SHAPE_SETTLED)
 
     def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NEVER) -> None:
@@ -343,7 +342,7 @@ class ObjectShapes:
             return [key for key in given.keys if key in self.table.slots]
         signatures = self.table.signatures.items()
         keys = [self.table.key(slot) for slot, known in signatures if known == given.signature]
-        return [key for key in keys if not self.requests.is_waiting(key)]
+        return [key for key in keys if not self.builder.wants(key)]
 
     def _take_built(self, key: Key, given: BuiltShape) -> None:
         error = given.error
@@ -356,11 +355,11 @@ class ObjectShapes:
                 self.placement.guard.caught("shapes", failure, name_from_key(key))
                 error = RefusedError(INTERNAL_ERROR, str(failure))
         slot = self.table.slots[key]
-        if self.requests.is_waiting(key):  # for a newer shape
+        if self.builder.wants(key):  # for a newer shape
             return
         self.table.mark(slot, SHAPE_SETTLED)
         if error is not None:
-            self._notices.refuse("objects", error.reason, name_from_key(key), error.detail)
+            self._notices.add("objects", error.reason, name_from_key(key), error.detail)
             expiry = int(self.table.expiry[slot])
             if self.table.has(UNSHAPED, slot):
                 self.remove(np.array([slot]))

@@ -156,10 +156,6 @@ class ObjectTable:
         while rows > len(self.condition):
             vars(self).update(doubled({column: getattr(self, column) for column in COLUMNS}))
 
-    def release(self, slot: int) -> None:
-        """End the object at a slot."""
-        self.release_many(np.array([slot]))
-
     def release_many(self, slots: Slots) -> None:
         """End the objects at slots (n,), all in use and distinct."""
         if len(slots) == 0:

@@ -43,7 +43,13 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.rows import CheckedState, StructuredRows, text_from_rows
-from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS, mode_names
+from obb_collision.node.topics.topics import (
+    COLLISIONS,
+    EVENTS,
+    NAMESPACES,
+    TOPICS,
+    mode_names,
+)
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF, ON
 

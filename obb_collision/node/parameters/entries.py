@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Entries of lists of parameters: groups of objects, folders, ranges of the region, and robots.
+"""How parameters are read: their values and ranges, and the entries of lists.
 
-Groups are names for sets of objects, which other parameters use like names and patterns.
+Entries are groups of objects, folders, ranges of the region, and robots. Groups are names for sets
+of objects, which other parameters use like names and patterns.
 """
 
 from __future__ import annotations
@@ -22,21 +23,117 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
+from obb_collision.accuracy import instead_of
 from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds
-from obb_collision.node.parameters.specs import MAX_PATTERNS
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.settings import OFF
+from obb_collision.scene.effects.settings import MODES, OFF, ON
 from obb_collision.scene.store.patterns import MAX_OVERRIDES, as_patterns
 from obb_collision.scene.store.region import Region, split_regions
 from obb_collision.scene_files.native import ROBOT_NAME
-from obb_collision.words import shown
+from obb_collision.words import MAX_NAME, MAX_OBJECT_NAME, MAX_PATH, check_name, shown
+
+#: Most entries of a list, unless its parameter says otherwise, and most patterns among them: each
+#: is compared with the names of all objects.
+MAX_ENTRIES = MAX_PATTERNS = 1000
+#: Most characters of an entry: two names and what stands between.
+MAX_ENTRY = 2 * MAX_OBJECT_NAME + 10
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One parameter. ``limits`` are inclusive; ``choices`` are the words or numbers allowed."""
+
+    name: str
+    default: Any
+    limits: tuple[float, float] | None = None
+    choices: tuple[Any, ...] = ()
+    fixed: bool = False
+    """Read at the start only."""
+    optional: bool = False
+    """Whether a text may be empty."""
+    entry: Callable[[str], Any] | None = None
+    """How an entry of a list is read: it raises ValueError for one that can't be used."""
+    most: int = MAX_ENTRIES
+    """Most entries of a list."""
+    description: str = ""
+
+    def means(self, text: str) -> Spec:
+        """Return the same with a description."""
+        return replace(self, description=text + (" Read at the start only." if self.fixed else ""))
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what ``ros2 param describe`` shows."""
+        descriptor = ParameterDescriptor(
+            name=self.name,
+            description=self.description,
+            read_only=self.fixed,
+            # Unquoted off and on are booleans in YAML, and an empty list has no type in ROS.
+            dynamic_typing=self.choices == MODES or isinstance(self.default, list),
+        )
+        if self.choices:
+            descriptor.additional_constraints = "one of " + _words(self.choices)
+        if self.limits is not None and isinstance(self.default, float):
+            low, high = self.limits
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif isinstance(self.default, int) and not isinstance(self.default, bool):
+            low, high = (int(limit) for limit in self.limits or (self.choices[0], self.choices[-1]))
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        return descriptor
+
+    def read(self, value: Any) -> Any:
+        """Return a value as the node uses it; ValueError with the reason if it can't be used.
+
+        rclpy has verified type and range, which the descriptor says.
+        """
+        if isinstance(self.default, list):
+            return self._read_list(value)
+        if self.choices == MODES and isinstance(value, bool):
+            value = ON if value else OFF
+        if self.choices and value not in self.choices:
+            words = _words(self.choices)
+            raise ValueError(
+                f"{self.name} must be one of {words}, not {shown(value)}{instead_of(value)}"
+            )
+        if isinstance(value, str) and (value or not self.optional):
+            check_name(value, self.name, MAX_PATH if self.optional else MAX_NAME)
+        return value
+
+    def _read_list(self, value: Any) -> list[Any]:
+        """Return the entries; an empty text counts as none, for [] has no type in ROS."""
+        entries = [value] if isinstance(value, str) else [] if value is None else value
+        is_list = isinstance(entries, (list, tuple, array)) and len(entries) <= self.most
+        if not is_list or not all(isinstance(entry, str) for entry in entries):
+            most = f" of at most {self.most}" if isinstance(entries, (list, tuple, array)) else ""
+            raise ValueError(f"{self.name} must be a list of texts{most}, got {shown(value)}")
+        kept = [entry.strip() for entry in entries if entry.strip()]
+        patterns = sum(any(letter in entry for letter in "*?[") for entry in kept)
+        if patterns > MAX_PATTERNS:
+            raise ValueError(
+                f"{self.name} must have at most {MAX_PATTERNS} patterns, got {patterns}"
+            )
+        for entry in kept:
+            check_name(entry, f"an entry of {self.name}", MAX_ENTRY)
+        if self.entry is None:
+            return kept
+        try:
+            return [self.entry(entry) for entry in kept]
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
+
+
+def _words(choices: tuple[Any, ...]) -> str:
+    return ", ".join(str(choice) for choice in choices)
+
 
 ENTRY = re.compile(r"(?:([A-Za-z][A-Za-z0-9_-]*):\s+)?(/.*)")
 """An absolute path, before it perhaps the name of a package, which is no part of a path."""

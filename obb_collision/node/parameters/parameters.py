@@ -30,13 +30,13 @@ from rclpy.parameter import Parameter
 from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.node.parameters.entries import (
     Base,
+    Spec,
     bases_of,
     check_words,
     folders_from,
     option_name,
     region_from,
 )
-from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.node.runtime.inner import parameter_overrides
 from obb_collision.scene.effects import EFFECTS

@@ -24,6 +24,7 @@ from obb_collision.node.messages.names import MAX_NAME_BYTES
 from obb_collision.node.objects.table import POLICIES
 from obb_collision.node.parameters.entries import (
     MAX_ROBOTS,
+    Spec,
     base_from_text,
     folder_from_text,
     group_from_text,
@@ -33,7 +34,6 @@ from obb_collision.node.parameters.entries import (
     robot_from_text,
     touches_from_text,
 )
-from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option

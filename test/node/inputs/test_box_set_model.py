@@ -174,6 +174,12 @@ class Real:
         self._markers(given, take, Marker.DELETEALL)
 
     @property
+    def born(self) -> dict[Key, int]:
+        """Return what no two objects share."""
+        serial = self.objects.scene.objects.store.born
+        return {key: int(serial[slot]) for key, slot in self.objects.table.slots.items()}
+
+    @property
     def state(self) -> dict[Key, tuple[str, int, float]]:
         table, scene = self.objects.table, self.objects.scene
         found = {}
@@ -194,9 +200,13 @@ class Real:
 def test_any_sequence_comes_to_what_a_dict_comes_to(sequence: list[Sent]) -> None:
     model, real = Model(), Real()
     for sent in sequence:
+        before, born = dict(model.objects), real.born
         model.apply(sent)
         real.send(sent)
         assert real.state == model.objects
+        if sent.kind == "set":
+            stay = {key for key in before if before[key][0] == model.objects.get(key, ("",))[0]}
+            assert all(real.born[key] == born[key] for key in stay), "the same objects all along"
         if sent.kind == "set":
             assert model.missing <= set(real.objects.unplaceable), "what is not checked is said"
     assert not real.errors

@@ -22,8 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from each import each
@@ -31,9 +29,8 @@ from rig import FRAME, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node.inputs import detections
-from obb_collision.node.inputs.detections import RESULT, detections_from_bytes, numbers_of
+from obb_collision.node.inputs.detections import detections_from_bytes, numbers_of
 from obb_collision.node.inputs.subscriptions import Input
-from obb_collision.node.messages.cdr import Reader
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.conditions import BAD_POSE
 
@@ -142,27 +139,6 @@ def test_sets_of_boxes_and_markers_are_others(rig: DetectionRig) -> None:
     assert rig.refused("objects") == {"object of another input": 1}
 
 
-@each(
-    "bad, reason",
-    [
-        (Seen(pose(3.0), (1.0, 0.0, 1.0), "2"), "bad size"),
-        (Seen(pose(3.0), (1.0, float("nan"), 1.0), "2"), "bad size"),
-        (Seen(pose(float("inf")), EDGES, "2"), "bad pose"),
-        (Seen([0.0] * 7, EDGES, "2"), "zero quaternion"),
-    ],
-)
-def test_one_that_is_not_usable_is_not_known_and_the_others_count(
-    rig: DetectionRig, bad: Seen, reason: str
-) -> None:
-    rig.listen("collision_status")
-    rig.see(Seen(pose(0.0), ident="1"), bad, Seen(pose(9.0), ident="3"))
-    rig.answer()
-    assert rig.refused(TOPIC) == {reason: 1}
-    assert rig.keys() == {("detections", 1), ("detections", 3)}
-    table = rig.node.objects.unplaceable
-    assert ("detections", 2) in table
-
-
 @each("frame", ["", FRAME])
 def test_the_frame_of_all_is_that_of_the_message(rig: DetectionRig, frame: str) -> None:
     rig.see(Seen(pose(0.0), frame=""), Seen(pose(0.9), frame=FRAME), frame=frame)
@@ -185,54 +161,6 @@ def test_what_is_cut_short_is_refused_whole() -> None:
             detections_from_bytes(data[:end], 10)
     with pytest.raises(RefusedError, match="too many points"):
         detections_from_bytes(data, 1)
-
-
-def read_slowly(data: bytes) -> tuple[list[str], list[list[float]], set[str]]:
-    """Return ids, numbers of the boxes and frames of a message, read field by field."""
-    reader = Reader(data, PointCloud2)
-    reader.header()
-    ids, boxes, frames = [], [], set()
-    for _ in range(reader.count()):
-        frames.add(reader.header().frame_id)
-        for _ in range(reader.count()):
-            reader.text()
-            reader.doubles(1, RESULT)
-        boxes += reader.doubles(1, 10).tolist()
-        ids.append(reader.text())
-    reader.end()
-    return ids, boxes, frames
-
-
-some_detections = st.lists(
-    st.builds(
-        Seen,
-        pose=st.just(pose(1.0)),
-        ident=st.text(max_size=9),
-        results=st.lists(st.tuples(st.text(max_size=9), st.floats()), max_size=3),
-        frame=st.sampled_from(("", FRAME, "camera", "cameras")),
-    ),
-    max_size=5,
-)
-
-
-@settings(max_examples=300)
-@given(some_detections, st.lists(st.tuples(st.integers(4, 10**4), st.integers(0, 255)), max_size=3))
-def test_whole_and_damaged_messages_are_read_as_field_by_field(
-    some: list[Seen], damages: list[tuple[int, int]]
-) -> None:
-    data = bytearray(bytes_of(some))
-    for at, byte in damages:
-        data[4 + at % (len(data) - 4)] = byte
-    try:
-        expected = read_slowly(bytes(data))
-    except RefusedError:
-        with pytest.raises(RefusedError, match="malformed message"):
-            detections_from_bytes(bytes(data), 10**9)
-        return
-    found = detections_from_bytes(bytes(data), 10**9)
-    assert (found.ids, found.frames) == (expected[0], expected[2])
-    boxes = np.array(expected[1]).reshape(-1, 10)
-    np.testing.assert_array_equal(np.hstack((found.poses, found.sizes)), boxes)
 
 
 def test_none_is_lost_by_its_id() -> None:

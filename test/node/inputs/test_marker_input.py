@@ -12,14 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages of ``objects`` that wait: what they come to, in what order, and within which bounds."""
+"""Messages of ``objects`` that wait come to what they come to one after another, within bounds."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
@@ -30,7 +32,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.inputs import markers as marker_input
+from obb_collision.node.inputs.batch import Batch, find_faults, gather, settle
+from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
+from obb_collision.node.messages.errors import RefusedError
 
 SECOND = 1_000_000_000
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -70,19 +75,6 @@ def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
     wait(rig, *(serialized(cube(A1, (x, 0, 0))) for x in range(50)))
     sync(rig)
     assert sum(put) == 3, "an unchanged shape is a pose update"
-
-
-def test_no_add_and_no_delete_of_a_backlog_is_lost(rig: Rig) -> None:
-    wait(
-        rig,
-        serialized(cube(A1), cube(A2), cube(B1)),
-        serialized(Marker(ns="a", id=1, action=Marker.DELETE)),
-        serialized(cube(("c", 1))),
-        serialized(Marker(ns="b", action=Marker.DELETEALL), cube(("b", 2))),
-        serialized(cube(A1, (9, 0, 0)), Marker(ns="c", id=1, action=Marker.DELETE)),
-    )
-    sync(rig)
-    assert keys(rig) == {A1, A2, ("b", 2), ("sync", 0)}
 
 
 def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,16 +126,6 @@ def test_many_new_objects_without_end_are_refused_within_bounds(
         rig.cycles(2)
         assert rig.refused("objects") == {"too many objects": 4900}
         assert len(keys(rig)) == 100
-
-
-def test_a_message_that_is_cut_short_is_refused_whole_and_the_next_one_used(rig: Rig) -> None:
-    message = serialized(cube(A1), cube(A2))
-    wait(rig, message[:-20])
-    rig.until(lambda: rig.refused("objects"), "refusal")
-    assert rig.refused("objects") == {"malformed message": 1}
-    assert keys(rig) == set()
-    wait(rig, message)
-    rig.until(lambda: keys(rig) == {A1, A2}, "the next one")
 
 
 def test_where_the_last_state_cannot_be_built_the_one_before_counts(rig: Rig) -> None:
@@ -252,26 +234,171 @@ def test_all_that_waits_is_taken_before_one_cycle() -> None:
         assert table.stamp[table.slots[A1]] == sent
 
 
-def test_states_with_stamps_of_their_own_are_stored_together(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+ANY = 1 << 62
+"""A tolerance for stamps that believes each."""
+NAMESPACES = ["", "a", "b"]
+
+
+class Action(NamedTuple):
+    """A marker of a test: kind is add, bad, delete or all."""
+
+    kind: str
+    ns: str
+    id: int
+    stamp: int
+    lifetime: int
+
+
+actions = st.builds(
+    Action,
+    kind=st.sampled_from(["add", "add", "add", "bad", "delete", "all"]),
+    ns=st.sampled_from(NAMESPACES),
+    id=st.integers(-1, 1),
+    stamp=st.integers(0, 3),
+    lifetime=st.sampled_from([0, 0, 1, 5]),
+)
+messages = st.lists(st.lists(actions, max_size=6), min_size=1, max_size=5)
+
+
+def marker_of(action: Action) -> Marker:
+    """Return the marker; what is bad has no size."""
+    marker = cube((action.ns, action.id), size=(0, 1, 1) if action.kind == "bad" else (1, 1, 1))
+    marker.action = {"delete": Marker.DELETE, "all": Marker.DELETEALL}.get(action.kind, Marker.ADD)
+    marker.header.stamp = stamp_to_ros(action.stamp)
+    marker.lifetime = Duration(sec=action.lifetime)
+    return marker
+
+
+def gathered(sent: list[list[Action]]) -> Batch:
+    """Return messages, received a second apart."""
+    arrays = [MarkerArray(markers=[marker_of(action) for action in one]) for one in sent]
+    scans = [markers_from_bytes(serialize_message(message)) for message in arrays]
+    return gather(scans, [number * SECOND for number in range(len(scans))])
+
+
+class Model:
+    """What one marker after another does to objects that are all there at the beginning."""
+
+    def __init__(self, ended: set[int]) -> None:
+        keys = [(ns, number) for ns in NAMESPACES for number in (-1, 0, 1)]
+        self.rows: dict[Key, int] = dict.fromkeys(keys, -1)  # -1: as it was
+        self.order: dict[Key, int] = {}
+        self.until: dict[Key, float] = {}
+        self.doubtful: dict[Key, int] = {}
+        self._ended = ended
+
+    def apply(self, row: int, action: Action, received: int) -> None:
+        key = action.ns, action.id
+        if received >= self.until.get(key, math.inf):  # the object has expired
+            self.order.pop(key, None)
+        if action.kind == "all":
+            for other in {*self.rows, *self.order, *self.doubtful}:
+                if action.ns in ("", other[0]):
+                    self._remove(other)
+        elif action.kind == "delete":
+            self._remove(key)
+        elif action.kind == "bad":
+            self.doubtful[key] = row
+        elif not 0 < action.stamp < self.order.get(key, 0):
+            order = action.stamp or self.order.get(key, 0)
+            if row in self._ended:
+                self._remove(key)
+            else:
+                self.rows[key] = row
+            self.order[key] = order
+            self.until[key] = received + action.lifetime if action.lifetime else math.inf
+            self.doubtful.pop(key, None)
+
+    def _remove(self, key: Key) -> None:
+        for table in (self.rows, self.order, self.until, self.doubtful):
+            table.pop(key, None)
+
+
+def outlived(sent: list[list[Action]], now: int) -> set[int]:
+    """Rows whose lifetime was over before ``now`` (s), with a later message about the namespace."""
+    rows, numbered = set(), []
+    for part, one in enumerate(sent):
+        numbered += [(part, action) for action in one]
+    for row, (part, action) in enumerate(numbered):
+        later = any(p > part and a.ns == action.ns and a.kind == "add" for p, a in numbered)
+        if action.kind == "add" and action.lifetime and part + action.lifetime <= now and later:
+            rows.add(row)
+    return rows
+
+
+@settings(max_examples=150)
+@given(messages, st.integers(0, 8))
+def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
+    sent: list[list[Action]], now: int
 ) -> None:
-    stored: list[int] = []
-    objects = rig.node.objects
-    given = objects.states.store
+    markers = gathered(sent)
+    model = Model(outlived(sent, now))
+    numbered = ((part, action) for part, one in enumerate(sent) for action in one)
+    for row, (part, action) in enumerate(numbered):
+        model.apply(row, action, part)
+    assert results(markers, sent, now) == (model.rows, model.doubtful)
 
-    def store(slots: Any, *more: Any) -> Any:
-        stored.append(len(slots))
-        return given(slots, *more)
 
-    monkeypatch.setattr(objects.states, "store", store)
-    markers = [cube(("c", number), (3.0 * number, 0, 0)) for number in range(50)]
-    for number, marker in enumerate(markers):
-        marker.header.stamp = stamp_to_ros(SECOND + number)
-        marker.type = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)[number % 3]
-    wait(rig, serialized(*markers))
-    rig.until(lambda: len(keys(rig)) == 50, "objects")
-    assert stored == [50]
-    table = objects.table
-    slots = [table.slots["c", number] for number in range(50)]
-    assert (table.stamp[slots] == SECOND + np.arange(50)).all()
-    assert objects.table.signature(("c", 1)) == (Marker.SPHERE, 1.0, 1.0, 1.0)
+def results(
+    markers: Batch, sent: list[list[Action]], now: int
+) -> tuple[dict[Key, int], dict[Key, int]]:
+    """Return the number of the marker that each object has in the end, and of that it refused."""
+    found = settle(markers, find_faults(markers, lambda frame: 0), now * SECOND, ANY)
+    rows = {(ns, number): -1 for ns in NAMESPACES for number in (-1, 0, 1)}
+    for action in (action for one in sent for action in one if action.kind == "all"):
+        rows = {key: row for key, row in rows.items() if action.ns not in ("", key[0])}
+    doubtful = {}
+    for index, first in enumerate(found.first.tolist()):
+        key, winner, bad = markers.key(first), found.winner[index], found.bad[index]
+        if found.remover[index] >= 0:
+            rows.pop(key, None)
+        if winner >= 0:
+            rows[key] = int(winner)
+        if bad >= 0:
+            doubtful[key] = int(bad)
+    return rows, doubtful
+
+
+def test_states_before_the_last_one_are_at_hand_where_that_cannot_be_built() -> None:
+    sent = [Action("add", "a", 1, stamp, 0) for stamp in (0, 2, 1, 3)]
+    markers = gathered([sent[:2], sent[2:]])
+    found = settle(markers, find_faults(markers, lambda frame: 0), 0, ANY)
+    assert found.winner.tolist() == [3]
+    assert found.previous.tolist() == [-1, 0, -1, 1]
+    assert found.late.tolist() == [False, False, True, False]
+
+
+def test_what_is_wrong_is_said_by_reason() -> None:
+    def refuse(frame: str) -> int:
+        if frame == "nowhere":
+            raise RefusedError("unknown frame")
+        return 0
+
+    good = Action("add", "a", 1, 1, 0)
+    markers = [marker_of(good) for _ in range(9)]
+    markers[1].pose.position.x = float("nan")
+    markers[2].pose.orientation.w = 0.0
+    markers[3].header.frame_id = "nowhere"
+    markers[4].ns = "x" * 256
+    markers[5].action = 7
+    markers[6].header.stamp.sec = -1
+    markers[7].scale.z = -1.0
+    markers[8].type, markers[8].scale.z = Marker.TRIANGLE_LIST, -1.0  # seen when it is built
+    scan = markers_from_bytes(serialize_message(MarkerArray(markers=markers)))
+    faults = find_faults(gather([scan], [0]), refuse)
+    reasons = [None if n < 0 else faults.errors[n].reason for n in faults.number.tolist()]
+    assert reasons == [
+        *(None, "bad pose", "zero quaternion", "unknown frame", "bad name", "unknown action"),
+        *("bad stamp", "bad scale", None),
+    ]
+    assert [faults.of_shape[n] for n in faults.number.tolist() if n >= 0] == [
+        *(False, False, False, True, True, False, True)
+    ]
+
+
+def test_names_are_told_apart_by_their_bytes() -> None:
+    data = serialize_message(MarkerArray(markers=[Marker(ns="abc"), Marker(ns="abd")]))
+    scan = markers_from_bytes(data.replace(b"abc", b"a\xffc").replace(b"abd", b"a\xfec"))
+    markers = gather([scan, scan], [0, 1])
+    assert markers.ns.of.tolist() == [0, 1, 0, 1]
+    assert {error.reason for error in markers.ns.bad.values()} == {"bad name"}

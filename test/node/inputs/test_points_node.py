@@ -24,15 +24,12 @@ import pytest
 pytest.importorskip("rclpy")
 from each import each
 from effect_topics import answer, listening
-from rig import FRAME, FakeFrames, Rig, cube, pose
+from rig import FakeFrames, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 
 from obb_collision.node import named_points_inside
-from obb_collision.node.inputs import points as obstacles
-from obb_collision.node.inputs.points import placed_points
-from obb_collision.node.messages.clouds import cloud_to_ros, points_from_ros
-from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.inputs import clouds as obstacles
+from obb_collision.node.messages.clouds import points_from_ros
 
 
 def inside(rig: Rig) -> list[tuple[str, int]]:
@@ -115,26 +112,6 @@ def latest(rig: Rig) -> int:
     return waiting[-1].stamp if waiting else 0
 
 
-def cloud(**fields: Any) -> PointCloud2:
-    rows = np.zeros(3, list(fields.items()))
-    return cloud_to_ros(rows, Header(frame_id=FRAME))
-
-
-@each(
-    "message, reason",
-    [
-        (PointCloud2(), "no field 'x'"),
-        (cloud(x="<f4", y="<f4"), "no field 'z'"),
-        (cloud(x="<f4", y="<i4", z="<f4"), "'y' is not a float"),
-    ],
-)
-def test_clouds_of_a_wrong_layout_are_refused_with_a_reason(
-    message: PointCloud2, reason: str
-) -> None:
-    with pytest.raises(RefusedError, match=reason):
-        points_from_ros(message)
-
-
 def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> None:
     listening(rig, "points_inside")
     rig.listen("/diagnostics")
@@ -185,15 +162,3 @@ def test_off_gives_the_subscription_up_and_auto_takes_it_again() -> None:
         rig.until(lambda: publisher.get_subscription_count() == 0, "no subscription")
         rig.set(**{"effects.points": "on"})
         rig.until(publisher.get_subscription_count, "subscription")
-
-
-@pytest.mark.filterwarnings("ignore:.*far from unit length")
-def test_placed_points_agree_with_matrices() -> None:
-    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
-    rng = np.random.default_rng(4)
-    frame, points = rng.normal(size=7), rng.normal(size=(50, 3))
-    frame[3:] /= np.linalg.norm(frame[3:])
-    expected = rotation.from_quat(frame[3:]).apply(points) + frame[:3]
-    np.testing.assert_allclose(placed_points(points, frame), expected, atol=1e-12)
-    single = placed_points(points.astype(np.float32), frame)
-    assert single.dtype == np.float64

@@ -28,11 +28,10 @@ from each import each
 from geometry_msgs.msg import Twist
 from rig import Rig, cube, pose, sync
 from robot_rig import URDF, RobotRig
-from sensor_msgs.msg import PointCloud2, PointField
 from shape_markers import BOX, mesh_marker, triangle
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import namespace_number, poses_to_ros
+from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN, Reason
 from obb_collision.node.messages.conversions import states_to_ros
 
@@ -174,17 +173,6 @@ def test_annotations_are_counted_as_refused_and_no_objects_that_are_not_checked(
     assert rig.node.objects.unplaceable == {}
 
 
-def test_objects_beyond_the_limit_are_refused_and_reported() -> None:
-    with Rig(max_objects=2) as rig:
-        rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (0.6, 0, 0)))
-        assert rig.pairs() == {("a/1", "a/2")}
-        assert rig.refused("objects") == {"too many objects": 1}
-        assert rig.node.objects.unplaceable == {B1: "too many objects"}
-        rig.set(max_objects=3)
-        rig.send(cube(B1, (0.6, 0, 0)))
-        assert len(rig.pairs()) == 3
-
-
 def test_mismatched_lengths_in_states_refuse_the_message_and_mark_its_objects(rig: Rig) -> None:
     rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
     rig.answer()
@@ -204,32 +192,6 @@ def test_a_twist_list_of_another_length_is_counted_and_the_poses_are_used(rig: R
     rig.pubs["object_states"].publish(message)
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("object_states") == {"array lengths differ": 1}
-
-
-def test_clouds_of_a_wrong_layout_are_refused(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
-    rig.answer()
-    message = poses_to_ros([1], [pose(9.0)])
-    for field in message.fields:
-        if field.name == "qw":
-            field.datatype = PointField.INT32
-    rig.pubs["object_poses"].publish(message)
-    rig.pubs["object_poses"].publish(PointCloud2())
-    rig.until(lambda: rig.refused("object_poses").get("field layout") == 2, "refusals")
-    assert sync(rig) == {("a/1", "a/2")}
-
-
-def test_an_unknown_frame_spoils_nothing_else_of_its_message(rig: Rig) -> None:
-    scene = cube(A1), cube(B1, (0.5, 0, 0))
-    rig.send(*scene)
-    assert rig.pairs() == {("a/1", "b/1")}
-    elsewhere = cube(A2)
-    elsewhere.header.frame_id = "nowhere"
-    for _ in range(2):
-        rig.send(Marker(action=Marker.DELETEALL), *scene, elsewhere)
-        assert rig.pairs() == {("a/1", "b/1")}
-    assert rig.refused("objects") == {"unknown frame": 2}
-    assert rig.node.guard.total == 0
 
 
 A, B = ("a", 1), ("b", 1)
@@ -284,12 +246,6 @@ def test_names_beyond_the_limit_are_refused(limited: Rig) -> None:
     limited.send(cube(A), cube(("123456", 1)), cube(("12345", 1)), cube(("\u00e9\u00e9\u00e9", 1)))
     assert limited.pairs() == {("12345/1", "a/1")}
     assert limited.refused("objects") == {"bad name": 2}
-
-
-def test_the_folders_of_meshes_cannot_be_changed_while_it_runs(limited: Rig) -> None:
-    (result,) = limited.set(mesh_folders=["/"])
-    assert not result.successful
-    assert "/" not in limited.node.parameters.folders.chosen
 
 
 @each("folder", ["meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b"])

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -26,82 +27,50 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
-from builtin_interfaces.msg import Duration, Time
 from each import each
 from geometry_msgs.msg import (
     Point,
-    Pose,
-    Quaternion,
     Transform,
     TransformStamped,
     Twist,
     Vector3,
-    Wrench,
 )
 from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import CompressedImage, MultiDOFJointState, PointCloud2, PointField
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
+from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.messages import cdr
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_scan import (
-    ACTION,
-    CONTENT,
-    FILE,
-    FRAME,
-    ID,
-    LIFETIME_NANOSEC,
-    LIFETIME_SEC,
-    LOCKED,
-    MESH,
-    NS,
-    POINTS,
-    SAME_FRAME,
-    SAME_NS,
-    STAMP_NANOSEC,
-    STAMP_SEC,
-    TYPE,
-    Scanned,
-    scan_markers,
-)
 
-int32 = st.integers(-(2**31), 2**31 - 1)
-uint32 = st.integers(0, 2**32 - 1)
-uint8 = st.integers(0, 255)
-doubles = st.floats()
-texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=9)
-vectors = st.builds(Vector3, x=doubles, y=doubles, z=doubles)
-transforms = st.builds(
-    Transform,
-    translation=vectors,
-    rotation=st.builds(Quaternion, x=doubles, y=doubles, z=doubles, w=doubles),
+TEXTS = st.sampled_from(["", "a", "crate"]) | st.text(
+    st.characters(exclude_characters="\0", codec="utf-8"), max_size=9
 )
-headers = st.builds(Header, stamp=st.builds(Time, sec=int32, nanosec=uint32), frame_id=texts)
-poses = st.builds(TransformStamped, header=headers, child_frame_id=texts, transform=transforms)
-states = st.builds(
-    MultiDOFJointState,
-    header=headers,
-    joint_names=st.lists(texts, max_size=4),
-    transforms=st.lists(transforms, max_size=4),
-    twist=st.lists(st.builds(Twist, linear=vectors, angular=vectors), max_size=4),
-    wrench=st.lists(st.builds(Wrench, force=vectors, torque=vectors), max_size=2),
-)
-clouds = st.builds(
-    PointCloud2,
-    header=headers,
-    height=uint32,
-    width=uint32,
-    fields=st.lists(
-        st.builds(PointField, name=texts, offset=uint32, datatype=uint8, count=uint32), max_size=4
-    ),
-    is_bigendian=st.booleans(),
-    point_step=uint32,
-    row_step=uint32,
-    data=st.binary(max_size=20),
-    is_dense=st.booleans(),
-)
+NUMBERS: dict[str, st.SearchStrategy[Any]] = {
+    "double": st.floats(),
+    "float": st.floats(width=32, allow_nan=False),
+    "boolean": st.booleans(),
+    "int32": st.integers(-(2**31), 2**31 - 1),
+    "uint32": st.integers(0, 2**32 - 1),
+    "uint8": st.integers(0, 255),
+    "string": TEXTS,
+}
+
+
+def messages(kind: Any) -> st.SearchStrategy[Any]:
+    """Return messages of a type with any values."""
+    fields = {}
+    for name, text in kind.get_fields_and_field_types().items():
+        inner = text.removeprefix("sequence<").removesuffix(">")
+        if inner in NUMBERS:
+            one = NUMBERS[inner]
+        else:
+            package, _, message = inner.partition("/")
+            one = messages(getattr(import_module(f"{package}.msg"), message))
+        several = st.binary(max_size=20) if inner == "uint8" else st.lists(one, max_size=4)
+        fields[name] = one if inner == text else several
+    return st.builds(kind, **fields)
 
 
 def seven(transform: Transform) -> list[float]:
@@ -165,105 +134,66 @@ def test_what_is_read_can_be_written_and_is_aligned() -> None:
     assert not memoryview(cloud.data).readonly
 
 
-singles = st.floats(width=32, allow_nan=False)
-octets = st.binary(max_size=9)
-colors = st.builds(ColorRGBA, r=singles, g=singles, b=singles, a=singles)
-few_headers = st.builds(
-    Header, stamp=st.builds(Time, sec=int32, nanosec=uint32), frame_id=st.sampled_from(["", "map"])
-)
-markers = st.builds(
-    Marker,
-    header=few_headers,
-    ns=st.one_of(texts, st.sampled_from(["", "a", "crate"])),
-    id=int32,
-    type=int32,
-    action=int32,
-    pose=st.builds(
-        Pose,
-        position=st.builds(Point, x=doubles, y=doubles, z=doubles),
-        orientation=st.builds(Quaternion, x=doubles, y=doubles, z=doubles, w=doubles),
-    ),
-    scale=st.builds(Vector3, x=doubles, y=doubles, z=doubles),
-    color=colors,
-    lifetime=st.builds(Duration, sec=int32, nanosec=uint32),
-    frame_locked=st.booleans(),
-    points=st.lists(st.builds(Point, x=doubles, y=doubles, z=doubles), max_size=3),
-    colors=st.lists(colors, max_size=3),
-    texture_resource=texts,
-    texture=st.builds(CompressedImage, header=few_headers, format=texts, data=octets),
-    uv_coordinates=st.lists(st.builds(UVCoordinate, u=singles, v=singles), max_size=3),
-    text=texts,
-    mesh_resource=texts,
-    mesh_file=st.builds(MeshFile, filename=texts, data=octets),
-    mesh_use_embedded_materials=st.booleans(),
-)
-arrays = st.builds(MarkerArray, markers=st.lists(markers, max_size=5))
-
-
-def same_markers(scanned: Scanned, message: MarkerArray) -> None:
-    assert len(scanned) == len(message.markers)
+def same_markers(read: cdr.Items, message: MarkerArray) -> None:
+    assert len(read) == len(message.markers)
     for row, marker in enumerate(message.markers):
-        whole, p, q, s = (
-            scanned.integers[row],
-            marker.pose.position,
-            marker.pose.orientation,
-            marker.scale,
-        )
-        stamp, lifetime = marker.header.stamp, marker.lifetime
-        assert whole[[ID, TYPE, ACTION, LOCKED]].tolist() == [
-            *(marker.id, marker.type, marker.action, marker.frame_locked)
-        ]
-        assert whole[[STAMP_SEC, STAMP_NANOSEC]].tolist() == [stamp.sec, stamp.nanosec]
-        assert whole[[LIFETIME_SEC, LIFETIME_NANOSEC]].tolist() == [lifetime.sec, lifetime.nanosec]
-        numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w, s.x, s.y, s.z]
-        np.testing.assert_array_equal(scanned.floats[row], numbers)
-        for column, text in (
-            (FRAME, marker.header.frame_id),
-            (NS, marker.ns),
-            (MESH, marker.mesh_resource),
-            (FILE, marker.mesh_file.filename),
+        head, body, stamp = (read.numbers[name][row] for name in ("head", "body", "stamp"))
+        p, q, s = marker.pose.position, marker.pose.orientation, marker.scale
+        assert head.tolist() == (marker.id, marker.type, marker.action)
+        assert stamp.tolist() == (marker.header.stamp.sec, marker.header.stamp.nanosec)
+        assert body["lifetime"].tolist() == (marker.lifetime.sec, marker.lifetime.nanosec)
+        assert body["locked"] == marker.frame_locked
+        np.testing.assert_array_equal(body["pose"], [p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+        np.testing.assert_array_equal(body["scale"], [s.x, s.y, s.z])
+        c = marker.color
+        np.testing.assert_array_equal(body["color"], np.array([c.r, c.g, c.b, c.a], np.float32))
+        for field, text in (
+            ("frame", marker.header.frame_id),
+            ("ns", marker.ns),
+            ("mesh", marker.mesh_resource),
+            ("file", marker.mesh_file.filename),
         ):
-            assert scanned.text(row, column).partition(b"\0")[0].decode(errors="replace") == text
+            assert read.text(field, row).partition(b"\0")[0].decode(errors="replace") == text
         points = [(point.x, point.y, point.z) for point in marker.points]
-        np.testing.assert_array_equal(scanned.points(row), np.array(points).reshape(-1, 3))
-        assert bytes(scanned.content(row)) == bytes(marker.mesh_file.data)
+        np.testing.assert_array_equal(read.points("points", row), np.array(points).reshape(-1, 3))
+        assert read.text("content", row) == bytes(marker.mesh_file.data)
 
 
-def read_markers(data: bytes) -> Scanned:
-    """Return a scan, all of which is within the message."""
-    scanned = scan_markers(data)
-    for column, size in ((FRAME, 1), (NS, 1), (POINTS, 24), (MESH, 1), (FILE, 1), (CONTENT, 1)):
-        at, count = scanned.integers[:, column], scanned.integers[:, column + 1]
+def read_markers(data: bytes) -> cdr.Items:
+    """Return markers, all of which are within the message."""
+    read = cdr.markers_from_bytes(data)
+    for field, (_, size, _) in zip(read.layout.columns, read.layout.spans.tolist(), strict=True):
+        at, count, _ = read.of(field).T
         assert ((at >= 0) & (count >= 0) & (at + count * size <= len(data))).all()
-    return scanned
+    return read
 
 
-@given(arrays)
+@given(messages(MarkerArray))
 def test_a_marker_has_the_namespace_and_frame_of_the_one_before_or_others(
     message: MarkerArray,
 ) -> None:
     data = serialize_message(message)
-    whole, read = scan_markers(data).integers, message.markers
+    found, read = cdr.markers_from_bytes(data), message.markers
     for row in range(1, len(read)):
-        assert bool(whole[row, SAME_NS]) == (read[row].ns == read[row - 1].ns)
+        assert found.of("ns")[row, 2] == (read[row].ns == read[row - 1].ns)
         frames = read[row].header.frame_id, read[row - 1].header.frame_id
-        assert bool(whole[row, SAME_FRAME]) == (frames[0] == frames[1])
+        assert found.of("frame")[row, 2] == (frames[0] == frames[1])
 
 
 def test_other_encodings_go_by_way_of_rclpy(monkeypatch: pytest.MonkeyPatch) -> None:
     message = MarkerArray(markers=[Marker(ns="a", id=7)])
     data = serialize_message(message)
     with pytest.raises(RefusedError, match=cdr.MALFORMED):
-        scan_markers(b"\x12\x34" + data[2:])
+        cdr.markers_from_bytes(b"\x12\x34" + data[2:])
     monkeypatch.setattr(cdr, "deserialize_message", lambda *_: message)
-    assert scan_markers(b"\0\7" + data[2:]).integers[0, ID] == 7
+    assert cdr.markers_from_bytes(b"\0\7" + data[2:]).numbers["head"]["id"][0] == 7
 
 
 KINDS: dict[str, tuple[Any, Callable[[bytes], Any], Callable[[Any, Any], None]]] = {
-    "pose": (poses, cdr.pose_from_bytes, same_pose),
-    "states": (states, cdr.states_from_bytes, same_states),
-    "cloud": (clouds, cdr.cloud_from_bytes, same_cloud),
-    "markers": (arrays, read_markers, same_markers),
+    "pose": (messages(TransformStamped), cdr.pose_from_bytes, same_pose),
+    "states": (messages(MultiDOFJointState), cdr.states_from_bytes, same_states),
+    "cloud": (messages(PointCloud2), cdr.cloud_from_bytes, same_cloud),
+    "markers": (messages(MarkerArray), read_markers, same_markers),
 }
 kinds = each("kind", KINDS)
 
@@ -285,7 +215,7 @@ def test_damaged_messages_are_refused_or_read_as_rclpy_reads_them(kind: str, dra
     message = draw.draw(strategy)
     data = bytearray(serialize_message(message))
     for _ in range(draw.draw(st.integers(1, 4))):
-        data[draw.draw(st.integers(4, len(data) - 1))] = draw.draw(uint8)
+        data[draw.draw(st.integers(4, len(data) - 1))] = draw.draw(NUMBERS["uint8"])
     damaged = bytes(data[: draw.draw(st.one_of(st.just(len(data)), st.integers(0, len(data))))])
     with suppress(RefusedError):
         found = read(damaged)

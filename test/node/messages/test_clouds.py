@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clouds whose headers contradict themselves: refused, and never read beyond what was sent."""
+"""Messages <-> arrays: bit for bit by round trip, or refused and never read beyond their data."""
 
 from __future__ import annotations
 
@@ -27,25 +27,40 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from each import each
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rig import pose
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from obb_collision.node import poses_from_ros, poses_to_ros
+from obb_collision import Verdict
+from obb_collision.node import (
+    collisions_to_ros,
+    named_pairs,
+    namespace_number,
+    poses_from_ros,
+)
+from obb_collision.node.messages import conversions as cv
+from obb_collision.node.messages.cdr import states_from_bytes
 from obb_collision.node.messages.clouds import (
     DATATYPES,
     POSE_FIELDS,
+    SIZE_FIELDS,
+    boxes_from_ros,
+    boxes_to_ros,
     cloud_to_bytes,
     cloud_to_ros,
     field_bytes,
     points_from_ros,
+    poses_to_ros,
 )
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.topics.topics import COLLISIONS
 
-NAMES = (*POSE_FIELDS, "id", "ns", "intensity", "")
+NAMES = (*POSE_FIELDS, *SIZE_FIELDS, "id", "ns", "intensity", "")
 EDGES = (0, 1, 4, 8, 31, 60, 2**16, 2**31 - 60, 2**31 - 4, 2**31, 2**32 - 4, 2**32 - 1)
 small = st.integers(0, 80)
 whole = st.sampled_from(EDGES) | small | st.integers(0, 2**32 - 1)
@@ -59,6 +74,7 @@ fields = st.builds(
 READERS: dict[str, Callable[[PointCloud2], Any]] = {
     "points": points_from_ros,
     "poses": lambda message: poses_from_ros(message)[2],
+    "boxes": lambda message: boxes_from_ros(message)[3],
 }
 
 
@@ -76,7 +92,8 @@ def xyz(*offsets: int, datatype: int = PointField.FLOAT32) -> list[PointField]:
 
 
 def good_poses(count: int = 2) -> PointCloud2:
-    return poses_to_ros(range(count), np.tile(pose(0.0), (count, 1)), [0] * count)
+    poses = np.tile(pose(0.0), (count, 1))
+    return boxes_to_ros(range(count), poses, np.ones((count, 3)), [0] * count)
 
 
 def read(reader: Callable[[PointCloud2], Any], message: PointCloud2) -> int | None:
@@ -123,7 +140,7 @@ def test_whatever_the_header_says_a_cloud_is_read_within_its_data_or_refused(
 
 @each("reader", READERS)
 @given(
-    name=st.sampled_from((*POSE_FIELDS, "id", "ns")),
+    name=st.sampled_from((*POSE_FIELDS, *SIZE_FIELDS, "id", "ns")),
     offset=whole,
     changes=st.dictionaries(
         st.sampled_from(("width", "height", "point_step", "row_step")), whole, max_size=2
@@ -140,7 +157,7 @@ def test_one_wrong_number_in_a_good_cloud_is_refused_or_harmless(
     count = read(READERS[reader], message)
     if count:
         assert count * message.point_step <= len(message.data)
-    used = reader == "poses" or name in "xyz"
+    used = reader == "boxes" or (reader == "poses" and name not in SIZE_FIELDS) or name in "xyz"
     if used and offset > message.point_step:
         assert count is None
 
@@ -227,13 +244,167 @@ def test_a_field_that_is_no_number_is_named(name: str, change: dict[str, int]) -
 
 @each("frame", ["", "map", "a/longer_frame", "\N{GREEK SMALL LETTER MU}"])
 @each("count", [0, 1, 5])
-def test_clouds_that_are_written_as_bytes_are_the_messages(frame: str, count: int) -> None:
+def test_clouds_are_written_as_rclpy_reads_them(frame: str, count: int) -> None:
     layout = [("x", "f4"), ("depth", "f8"), ("ns_a", "i4"), ("verdict", "u1"), ("late", "i2")]
     rows = np.zeros(count, np.dtype(layout, align=True))
-    rows["x"], rows["depth"], rows["late"] = 0.5, np.arange(count) / 3.0, -7
-    for _ in range(2 if count else 1):
-        stamp = 7_000_000_005
-        message = cloud_to_ros(rows, Header(stamp=stamp_to_ros(stamp), frame_id=frame))
-        data = cloud_to_bytes(rows, stamp, frame, field_bytes(rows.dtype))
-        assert deserialize_message(data, PointCloud2) == message
-        rows["x"][:1] = np.nan  # is_dense
+    rows["x"], rows["depth"], rows["late"] = np.nan, np.arange(count) / 3.0, -7
+    data = cloud_to_bytes(rows, 7_000_000_005, frame, field_bytes(rows.dtype))
+    message = deserialize_message(data, PointCloud2)
+    header = Header(stamp=stamp_to_ros(7_000_000_005), frame_id=frame)
+    assert message == cloud_to_ros(rows, header)
+    assert message.header == header
+    assert (message.height, message.width, message.is_dense) == (1, count, not count)
+    assert [(f.name, f.offset, f.datatype, f.count) for f in message.fields] == [
+        (name, rows.dtype.fields[name][1], kind, 1)  # type: ignore[index]
+        for name, kind in zip(rows.dtype.names or (), (7, 8, 5, 2, 3), strict=True)
+    ]
+    assert bytes(message.data) == rows.tobytes()
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+poses = st.lists(numbers, min_size=7, max_size=7)
+pose_rows = st.lists(poses, max_size=6)
+INTEGERS = ("i1", "u1", "i2", "u2", "i4", "u4")
+
+
+@given(poses)
+def test_poses_and_transforms_come_back_bit_for_bit(values: list[float]) -> None:
+    p, q = (pose := cv.pose_to_ros(values)).position, pose.orientation
+    assert [p.x, p.y, p.z, q.x, q.y, q.z, q.w] == values
+    assert cv.transform_from_ros(cv.transform_to_ros(values)).tolist() == values
+
+
+@given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
+def test_stamps_come_back(seconds: int, rest: int) -> None:
+    nanoseconds = seconds * 10**9 + rest
+    assert cv.stamp_from_ros(cv.stamp_to_ros(nanoseconds)) == nanoseconds
+
+
+@given(st.floats(0.0, 1e6))
+def test_durations_come_back_to_the_nanosecond(seconds: float) -> None:
+    found = cv.duration_to_ros(seconds)
+    assert found.sec * 10**9 + found.nanosec == round(seconds * 1e9)
+
+
+@given(pose_rows)
+def test_states_come_back_over_the_wire(rows: list[list[float]]) -> None:
+    names = [f"a/{number}" for number in range(len(rows))]
+    message = cv.states_to_ros(names, np.array(rows).reshape(-1, 7))
+    read = states_from_bytes(serialize_message(message))
+    assert read.names == names
+    assert read.poses.tolist() == rows
+
+
+@given(st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8")), max_size=15))
+def test_the_namespace_table_comes_back(names: list[str]) -> None:
+    table = {namespace_number(name): name for name in names}
+    message = cv.namespaces_to_ros(table)
+    wire = deserialize_message(serialize_message(message), DiagnosticStatus)
+    assert cv.namespace_table(wire) == table
+    assert cv.namespace_table(names) == table == cv.namespace_table(table)
+
+
+@given(
+    rows=pose_rows,
+    order=st.permutations([*POSE_FIELDS, "ns", "id", "intensity"]),
+    padding=st.lists(st.integers(0, 9), min_size=11, max_size=11),
+    big=st.booleans(),
+    kinds=st.tuples(st.sampled_from(INTEGERS), st.sampled_from(INTEGERS)),
+    floats=st.lists(st.sampled_from(("f4", "f8")), min_size=7, max_size=7),
+)
+def test_clouds_are_read_by_name_whatever_their_layout(
+    rows: list[list[float]],
+    order: list[str],
+    padding: list[int],
+    big: bool,
+    kinds: tuple[str, str],
+    floats: list[str],
+) -> None:
+    formats = dict(zip(POSE_FIELDS, floats, strict=True))
+    formats |= {"ns": kinds[0], "id": kinds[1], "intensity": "f4"}
+    offsets, end = [], 0
+    for name, gap in zip(order, padding, strict=False):
+        offsets.append(end + gap)
+        end = offsets[-1] + int(formats[name][1])
+    codes = [(">" if big else "<") + formats[name] for name in order]
+    dtype = np.dtype(
+        {"names": order, "formats": codes, "offsets": offsets, "itemsize": end + padding[-1]}
+    )
+    cloud = np.zeros(len(rows), dtype)
+    with np.errstate(over="ignore"):
+        for column, name in enumerate(POSE_FIELDS):
+            cloud[name] = [row[column] for row in rows]
+    cloud["id"], cloud["ns"] = np.arange(len(rows)) + 100, np.arange(len(rows))
+    wire = deserialize_message(serialize_message(cloud_to_ros(cloud)), PointCloud2)
+    assert wire.is_bigendian == big
+    namespaces, ids, got = poses_from_ros(wire)
+    assert namespaces is not None
+    assert namespaces.tolist() == cloud["ns"].tolist()
+    assert ids.tolist() == cloud["id"].tolist()
+    expected = np.array([cloud[name].astype(float) for name in POSE_FIELDS]).T.reshape(-1, 7)
+    np.testing.assert_array_equal(got, expected)
+
+
+def test_organised_clouds_with_padded_rows_are_read() -> None:
+    message = poses_to_ros([1, 2, 3, 4], np.arange(28.0).reshape(4, 7))
+    data, step = bytes(message.data), message.point_step
+    message.height, message.width, message.row_step = 2, 2, 2 * step + 5
+    message.data = data[: 2 * step] + bytes(5) + data[2 * step :]
+    assert poses_from_ros(message)[1].tolist() == [1, 2, 3, 4]
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "id": ({"name": "other"}, "no field 'id'"),
+    "qw": ({"name": "other"}, "no field 'qw'"),
+    " id": ({"datatype": PointField.FLOAT32}, "'id' is not an integer"),
+    "y": ({"datatype": PointField.INT32}, "'y' is not a float"),
+    "z": ({"offset": 60}, "field layout"),
+    "": ({"data": bytes(119)}, "bytes of data"),
+    " ": ({"point_step": 0}, "field layout"),
+}
+"""By a field, or nothing for the message: what is set to what, and what is said then."""
+
+
+@each("name", WRONG)
+def test_wrong_layouts_are_refused_with_what_is_wrong(name: str) -> None:
+    message: Any = poses_to_ros([1, 2], np.zeros((2, 7)))
+    fields = {field.name: field for field in message.fields}
+    values, reason = WRONG[name]
+    for key, value in values.items():
+        setattr(fields.get(name.strip(), message), key, value)
+    with pytest.raises(RefusedError, match=reason):
+        poses_from_ros(message)
+    if name in ("y", "z", "", " "):
+        with pytest.raises(RefusedError, match=reason):
+            points_from_ros(message)
+
+
+def test_pairs_get_their_names_in_one_line() -> None:
+    rows = np.zeros(1, COLLISIONS.dtype)
+    rows["ns_a"] = namespace_number("arm")
+    rows[["id_a", "id_b", "depth", "verdict"]] = (-3, 8, 0.25, Verdict.OVERLAP)
+    message = collisions_to_ros(rows)
+    table = cv.namespaces_to_ros(["arm", ""])
+    assert named_pairs(message, table) == [("arm/-3", "/8", 0.25, False)]
+    assert named_pairs(message, ["arm", ""]) == named_pairs(
+        message, {namespace_number("arm"): "arm", 0: ""}
+    )
+    with pytest.raises(RefusedError, match="unknown namespace"):
+        named_pairs(message, ["arm"])
+    with pytest.raises(RefusedError, match="not a collisions message"):
+        named_pairs(poses_to_ros([1], np.zeros((1, 7))), table)
+
+
+def test_faults_of_poses_are_told_apart() -> None:
+    rows = np.array([[1.0] * 7] * 6)
+    rows[1, 0], rows[2, 5], rows[3, 1], rows[4, 3:] = np.nan, np.inf, 1.1e300, 0.0
+    numbers, quaternions = cv.pose_faults(rows)
+    assert numbers.tolist() == [False, True, True, True, False, False]
+    assert quaternions.tolist() == [False, False, False, False, True, False]
+    assert all(len(fault) == 0 for fault in cv.pose_faults(np.empty((0, 7))))
+
+
+@each("sec, nanosec", [(-1, 0), (2**31 - 1, 2**32 - 1), (0, 10**9)])
+def test_stamps_that_no_clock_gives_are_refused(sec: int, nanosec: int) -> None:
+    with pytest.raises(RefusedError, match="bad stamp"):
+        cv.stamp_from_ros(Time(sec=sec, nanosec=nanosec))

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names from outside: stable numbers of namespaces, lengths, tables that stay small and recover."""
+"""Names from outside: numbers, lengths, tables that stay small; packages that are broken."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import zlib
@@ -26,21 +27,20 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from each import each
+from node_process import environment, running
+from processes import output_until
 from rclpy.serialization import deserialize_message
-from rig import Rig, cube, pose, sync
+from rig import NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import (
-    collisions_from_ros,
-    named_pairs,
     namespace_number,
     namespace_table,
 )
 from obb_collision.node.messages.cdr import namespace_bytes
-from obb_collision.node.messages.conversions import namespaces_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import (
     MAX_FRAMES,
@@ -70,38 +70,6 @@ def test_the_number_is_the_crc_32_as_int32_in_every_process() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout
     assert output.strip() == str(numbers)
-
-
-def test_poses_reach_the_same_object_in_nodes_that_met_the_names_in_another_order() -> None:
-    clouds, tables = [], []
-    for order in ([A1, A2, B1], [B1, A2, A1]):
-        with Rig() as rig:
-            for number, key in enumerate(order):
-                rig.send(cube(key, (3.0 * number, 0, 0)))
-            rig.answer()
-            number = namespace_number("b")
-            rig.send_poses([1, 2], [pose(50.0), pose(50.5)], [number, namespace_number("a")])
-            assert rig.pairs() == {("a/2", "b/1")}
-            clouds.append(rig.last["collisions"])
-            tables.append(rig.last["namespaces"])
-    first, second = (collisions_from_ros(cloud)[["ns_a", "id_a"]].tolist() for cloud in clouds)
-    assert first == second
-
-
-def test_the_outputs_of_two_nodes_can_be_merged() -> None:
-    clouds, tables = [], []
-    for names in (("a", "b"), ("b", "c")):
-        with Rig() as rig:
-            rig.send(*(cube((name, 1), (0.1, 0, 0)) for name in names))
-            assert len(rig.pairs()) == 1
-            clouds.append(collisions_from_ros(rig.last["collisions"]))
-            tables.append(rig.last["namespaces"])
-            message = rig.last["collisions"]
-    merged = {**namespace_table(tables[0]), **namespace_table(tables[1])}
-    assert set(merged.values()) == {"a", "b", "c"}
-    found = {(merged[row["ns_a"]], merged[row["ns_b"]]) for row in np.concatenate(clouds)}
-    assert {frozenset(pair) for pair in found} == {frozenset("ab"), frozenset("bc")}
-    assert named_pairs(message, merged) == named_pairs(message, ["c", "b"])
 
 
 def test_of_two_namespaces_with_one_number_the_second_is_refused_until_the_first_is_gone() -> None:
@@ -230,7 +198,9 @@ def test_unused_namespaces_stay_until_their_place_is_needed() -> None:
 def test_the_table_is_written_as_rclpy_would(count: int) -> None:
     names = {namespace_number("ä" * n): "ä" * n for n in range(count)}
     message = deserialize_message(namespace_bytes(names), DiagnosticStatus)
-    assert message == namespaces_to_ros(names)
+    values = [KeyValue(key=str(number), value=name) for number, name in names.items()]
+    text = f"{count} namespaces"
+    assert message == DiagnosticStatus(name="namespaces", message=text, values=values)
 
 
 def test_a_large_table_is_not_sent_at_every_cycle(
@@ -269,3 +239,37 @@ def test_frames_that_nothing_uses_give_their_place_to_others() -> None:
     assert len(frames) == MAX_FRAMES
     with pytest.raises(RefusedError, match="bad name"):
         frames.index(LONG)
+
+
+UNSUPPORTED = """
+class Meta(type):
+    _TYPE_SUPPORT = None
+
+    @classmethod
+    def __import_type_support__(cls):
+        {fault}
+
+class {name}(metaclass=Meta):
+    pass
+"""
+NOT_BUILT = "from rosidl_generator_py import import_type_support; import_type_support('nothing')"
+TYPES = {
+    "vision_msgs.msg.Detection3DArray": UNSUPPORTED.format(name="Detection3DArray", fault="pass"),
+    "moveit_msgs.msg.ContactInformation": "class ContactInformation: pass",
+    "moveit_msgs.srv.GetStateValidity": "raise OSError('libmoveit_msgs.so: cannot open')",
+    "tf2_msgs.msg.TFMessage": UNSUPPORTED.format(name="TFMessage", fault=NOT_BUILT),
+}
+
+
+def test_a_node_goes_on_without_packages_that_are_broken(tmp_path: Path) -> None:
+    for name, text in TYPES.items():
+        package, module, _ = name.split(".")
+        (tmp_path / package / module).mkdir(parents=True)
+        (tmp_path / package / module / "__init__.py").write_text(text)
+    path = os.pathsep.join([str(tmp_path), environment()["PYTHONPATH"]])
+    arguments = "--ros-args", "-r", f"__ns:={NAMESPACE}", "-p", "robots:=['arm']"
+    with running(*arguments, PYTHONPATH=path) as process:
+        output = output_until(process, "ready:")
+    for package in ("vision_msgs", "moveit_msgs", "tf2_msgs"):
+        assert f"{package} is installed and cannot be used" in output
+    assert "Traceback" not in output

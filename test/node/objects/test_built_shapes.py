@@ -32,7 +32,7 @@ import trimesh
 from each import each
 from gate import Gate
 from geometry_msgs.msg import Point
-from rig import Rig, cube, pose, sync
+from rig import Rig, cube, sync
 from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, triangle
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
@@ -69,17 +69,6 @@ def test_a_new_object_is_unplaceable_until_its_shape_is_there(rig: Rig, gate: Ga
     assert named(sync(rig)) == named(PAIR)
     assert rig.status(": objects")["unplaceable"] == "0"
     assert not doubtful(rig, BODY)
-
-
-def test_poses_that_come_while_a_shape_is_built_are_not_lost(rig: Rig, gate: Gate) -> None:
-    rig.send(cube(BOX), triangle(x=50.0))
-    rig.answer()
-    rig.send_transform("body/1", pose(0.2))
-    sync(rig)
-    gate.open()
-    rig.built(BODY)
-    assert named(sync(rig)) == named(PAIR)
-    assert not rig.refused("object_transform")
 
 
 def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, gate: Gate) -> None:
@@ -121,15 +110,6 @@ def test_a_newer_marker_supersedes_a_shape_that_waits(rig: Rig, gate: Gate) -> N
     assert named(sync(rig)) == named({("body/1", "body/2")})
 
 
-def test_a_shape_that_comes_back_to_what_it_was_waits_for_nothing(rig: Rig, gate: Gate) -> None:
-    rig.send(cube(BODY))
-    sync(rig)
-    rig.send(triangle(), cube(BODY))
-    sync(rig)
-    assert not doubtful(rig, BODY)
-    assert len(rig.node.objects.shapes.builder) == 0
-
-
 ENDS: dict[str, Callable[[Rig], Any]] = {
     "delete": lambda rig: rig.send(cube(BODY, action=Marker.DELETE)),
     "delete all": lambda rig: rig.send(Marker(action=Marker.DELETEALL)),
@@ -154,18 +134,6 @@ def test_what_is_deleted_does_not_come_back(rig: Rig, end: str, had_shape: bool)
     assert BODY not in rig.node.objects.table.slots
     assert rig.node.objects.unplaceable == {}
     assert not rig.refused("objects")
-
-
-def test_a_lifetime_ends_while_a_shape_is_built(rig: Rig, gate: Gate) -> None:
-    marker = triangle()
-    marker.lifetime.nanosec = 50_000_000
-    rig.send(marker)
-    rig.until(lambda: rig.node.objects.shapes.builder.is_busy, "its shape being built")
-    gone(rig, BODY)
-    gate.open()
-    rig.send(triangle(OTHER))
-    rig.built(OTHER)
-    assert BODY not in rig.node.objects.table.slots
 
 
 def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> None:

@@ -12,51 +12,53 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Poses in other frames: by frames of a test, by tf2 where it is installed, and by its stand-in."""
+"""States in other frames: placed by tf2 at their stamp, late or refused."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 import tf2_stand_in
+from each import each
 from geometry_msgs.msg import TransformStamped
-from rig import FRAME, FakeFrames, Rig, color, cube, pose
+from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, place
+from rclpy.serialization import serialize_message
+from rig import FRAME, Rig, color, cube, pose
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.box_markers import FREE as GREEN
+from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros, transform_to_ros
 from obb_collision.node.objects import frames as frames_of_node
+from obb_collision.node.objects.conditions import STALE, UNPLACED
+from obb_collision.node.objects.frames import EXTRAPOLATION
+from obb_collision.node.objects.placement import (
+    LONGEST_LAG,
+    MAX_LATE,
+    MOST_LATE,
+    STATE,
+    WaitingStates,
+    spaced,
+)
+from obb_collision.node.objects.states import State
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-NAN = float("nan")
 
 
 def in_frame(marker: Marker, frame: str) -> Marker:
     marker.header.frame_id = frame
     return marker
-
-
-def test_poses_in_other_frames_are_placed_at_their_stamp() -> None:
-    frames = FakeFrames()
-    turn = np.sqrt(0.5)
-    frames.known["robot"] = [5.0, 0.0, 0.0, 0.0, 0.0, turn, turn]
-    with Rig(frames) as rig:
-        rig.send(cube(A1, (5, 2, 0)), in_frame(cube(A2, (1.5, 0, 0)), "robot"))
-        assert rig.pairs() == {("a/1", "a/2")}
-        assert ("robot", rig.stamp) in frames.asked
-        frames.known["robot"][0] = 9.0
-        rig.send_transform("a/1", pose(5, 2))
-        assert rig.pairs() == {("a/1", "a/2")}, "not locked: stays where it was placed"
-        rig.send_poses([2], [pose(1.5)], frame="robot")
-        assert rig.pairs() == set()
 
 
 def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,31 +102,6 @@ def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
         rig.send(in_frame(cube(A2, (0.5, 0, 0)), "robot"), cube(A1, (3, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
         assert rig.pose_of(A2)[0] == 3.5
-
-
-def test_with_tf2_frames_that_it_does_not_know_are_refused(tf2_ros: Any) -> None:
-    with Rig(tf2=True, transform_timeout=0.0) as rig:
-        rig.send(in_frame(cube(A1), "nowhere"), cube(A2))
-        rig.until(lambda: rig.refused("objects"), "refusal")
-        assert rig.refused("objects") == {"unknown frame": 1}
-        assert rig.pairs() == set()
-
-
-def test_with_tf2_a_transform_that_comes_late_delays_an_object_only(tf2_ros: Any) -> None:
-    with Rig(tf2=True, transform_timeout=30.0) as rig:
-        rig.send(cube(A1), cube(A2, (9, 0, 0)))
-        rig.answer()
-        table = rig.node.objects.table
-        slot, stamps = table.slots[A2], []
-        set_transform(rig, 0.0, rig.stamp)
-        for x in range(4):
-            rig.send_transform("a/2", pose(x), "robot")
-            stamps.append(rig.stamp)
-        rig.until(lambda: table.stamp[slot] == stamps[-1], "taken in")
-        for number, stamp in enumerate(stamps):
-            set_transform(rig, 100.0, stamp)
-            rig.until(lambda n=number: rig.pose_of(A2)[0] == 100.0 + n, "placed")  # type: ignore[misc]
-        assert rig.refused("object_transform") == {}
 
 
 def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_own(
@@ -230,3 +207,226 @@ def test_with_tf2_what_cannot_be_placed_is_reported_coloured_counted_and_never_f
         assert (found["refused"], found["names refused"]) == ("1", "a/2")
         assert rig.status("input object_transform")["rejected: extrapolation"] == "1"
         assert rig.status("input objects")["rejected: unknown frame"] == "1"
+
+
+PERIOD = 20 * MILLISECOND
+"""Of the states, and of the cycles."""
+LATE = "object_states", EXTRAPOLATION
+
+
+def run(rig: ObjectsRig, steps: int, known: Callable[[int], int], frame: str = "robot") -> None:
+    """Send a state and run a cycle ``steps`` times; ``known``: until when, at a time."""
+    for _ in range(steps):
+        rig.now += PERIOD
+        rig.send(rig.now, frame)
+        rig.frames.spans[frame] = START, known(rig.now)
+        rig.cycle()
+
+
+def jitter(now: int) -> int:
+    """Return until when a transform is known that is up to 0.18 s late."""
+    return now - int(np.random.default_rng(now).integers(0, 180)) * MILLISECOND
+
+
+KNOWN: dict[str, Callable[[int], int]] = {
+    **{f"{late} ms late": lambda now, late=late: now - late * MILLISECOND for late in (5, 60, 150)},  # type: ignore[misc]
+    "at ten hertz": lambda now: now - now % (SECOND // 10),
+    "jitters": jitter,
+}
+
+
+@each("known", KNOWN.values())
+def test_an_object_is_where_the_newest_state_with_a_transform_says(
+    known: Callable[[int], int],
+) -> None:
+    rig, newest = ObjectsRig(A1), START
+    for _ in range(100):
+        newest = max(newest, known(rig.now + PERIOD))
+        run(rig, 1, lambda _: newest)  # noqa: B023
+        assert rig.x() == place(newest - newest % PERIOD)
+        assert len(rig.objects.placement.waiting) <= 180 // 20 + 1
+    assert not rig.refused
+    assert not rig.is_doubtful()
+
+
+def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> None:
+    rig = ObjectsRig(A1, object_timeout=0.5)
+    run(rig, 10, lambda now: now)
+    assert rig.x() == place(rig.now)
+    run(rig, 50, lambda now: now - SECOND)
+    assert rig.is_doubtful()
+    assert rig.refused[LATE] == 50 - 10 - 1, "each once it has waited for more than 0.2 s"
+    assert rig.objects.table.has(STALE, rig.slots[0]), "counted from the last state placed"
+    run(rig, 50, lambda now: now - SECOND)
+    assert rig.x() == place(rig.now - SECOND), "it follows as late as its transform"
+    assert [reason.code for reason in rig.known().reasons] == ["late_frame"]
+    run(rig, 1, lambda now: now)
+    assert not rig.is_doubtful()
+    assert rig.x() == place(rig.now)
+
+
+@settings(max_examples=15)
+@given(st.integers(300, 9000), st.integers(1, 50), st.integers(0, 2**32))
+def test_few_states_wait_for_a_transform_that_lags_and_the_object_follows(
+    lag: int, every: int, seed: int
+) -> None:
+    """lag: in ms; every: of so many cycles one has a state of the first object."""
+    rig, rng = ObjectsRig(A1, A2), np.random.default_rng(seed)
+    placement, behind = rig.objects.placement, lag * MILLISECOND
+    limit = round(placement.timeout * SECOND)
+    span = 2 * LONGEST_LAG // MOST_LATE  # one state of each is kept at least
+    for step in range((lag + 2000) // 20):
+        rig.now += PERIOD
+        for row in np.flatnonzero((step % every == 0, rng.random() < 0.5)).tolist():
+            rig.send(rig.now, "robot", row)
+        rig.frames.spans["robot"] = START - SECOND, rig.now - behind
+        rig.cycle()
+        waiting = placement.waiting.rows
+        late = waiting[rig.now - waiting["received"] > limit]
+        assert np.bincount(late["slot"], minlength=1).max() <= MOST_LATE
+        if rig.now - START > behind + SECOND:
+            furthest = place(rig.now - behind)
+            assert furthest - (span + every * PERIOD) / SECOND <= rig.x() <= furthest
+
+
+@each("objects", [1, 100, 1000, 15_000])
+def test_states_that_are_late_are_few_of_each_object_and_of_all(objects: int) -> None:
+    rng = np.random.default_rng(objects)
+    slots = rng.integers(0, objects, 60_000)
+    received = START + np.sort(rng.integers(0, LONGEST_LAG, len(slots)))
+    kept = spaced(slots, received)
+    counts = np.bincount(slots[kept], minlength=objects)
+    assert counts.max() <= MOST_LATE
+    assert kept.sum() <= max(MAX_LATE, 2 * objects)
+    oldest = np.unique(slots, return_index=True)[1]
+    assert kept[oldest].all(), "they reach back as far as before"
+    assert spaced(slots[kept], received[kept]).all(), "and stay"
+
+
+def test_the_age_counts_from_the_state_that_was_placed() -> None:
+    rig = ObjectsRig(A1, object_timeout=0.1)
+    run(rig, 50, lambda now: now - 150 * MILLISECOND)
+    assert rig.objects.table.has(STALE, rig.slots[0]), "0.15 s old, though states come every 0.02 s"
+    rig.limit(0.2)
+    rig.cycle()
+    assert not rig.objects.table.has(STALE, rig.slots[0])
+
+
+def test_a_timed_out_state_is_placed_when_its_frame_becomes_known_at_last() -> None:
+    rig = ObjectsRig(A1)
+    rig.send(START + 1, "late")
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {("object_states", "unknown frame"): 1}
+    assert rig.objects.table.has(UNPLACED, rig.slots[0])
+    rig.frames.spans["late"] = START, START + 10
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.x() == place(START + 1)
+    assert not rig.is_doubtful()
+    assert rig.refused.total() == 1, "counted once"
+
+
+@each("topic", ["objects", "object_transform", "object_states", "object_poses"])
+def test_late_refusals_are_counted_on_the_topic_by_which_the_state_came(topic: str) -> None:
+    rig = ObjectsRig(A1, A2)
+    rig.send(START + 1, "robot", 0, topic)
+    rig.send(START + 1, "nowhere", 1, topic)
+    rig.frames.spans["robot"] = START + 5, START + 10
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {(topic, "extrapolation"): 1, (topic, "unknown frame"): 1}
+
+
+def test_many_stamps_of_a_late_frame_take_few_look_ups() -> None:
+    rig = ObjectsRig(*(("a", number) for number in range(100)))
+    rig.frames.spans["robot"] = START, START + 40
+    for row in range(100):
+        rig.send(START + 1 + row, "robot", row)
+    rig.cycle()
+    late = [stamp for _, stamp in rig.frames.asked if stamp > START + 40]
+    assert len(late) < 20
+    placed = ~rig.objects.table.has(UNPLACED, rig.slots)
+    assert placed.tolist() == [row < 40 for row in range(100)]
+
+
+def test_a_transform_or_a_place_that_is_no_number_is_refused() -> None:
+    rig = ObjectsRig(A1)
+    rig.frames.lookup = lambda frame, stamp: np.zeros(7)  # type: ignore[method-assign]
+    rig.send(START + 1, "robot")
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {("object_states", "bad transform"): 1}
+    huge = np.array([-1e300, 0, 0, 0, 0, 0, 1.0])
+    rig.frames.lookup = lambda frame, stamp: huge  # type: ignore[method-assign]
+    far = np.array([[-1e300, 0, 0, 0, 0, 0, 1.0]])
+    rig.objects.states.store(rig.slots, far, State("robot", START + 2, rig.now, "object_states"))
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused["object_states", "bad pose"] == 1
+    assert not rig.errors
+
+
+def test_frames_that_fail_otherwise_are_internal_errors_and_the_rest_goes_on() -> None:
+    rig = ObjectsRig(A1, A2)
+
+    def broken(frame: str, stamp: int) -> np.ndarray:
+        raise ZeroDivisionError
+
+    rig.frames.lookup = broken  # type: ignore[method-assign]
+    rig.send(START + 1, "robot", 0)
+    rig.send(START + 1, "", 1)
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.x(1) == place(START + 1)
+    assert rig.refused == {("object_states", "internal error"): 1}
+    assert len(rig.errors) == 1
+
+
+def test_states_that_wait_are_bounded_and_reach_back_as_far_as_before() -> None:
+    waiting = WaitingStates(most=1000)
+    for number in range(5000):
+        states = np.zeros(3, STATE)
+        states["slot"], states["number"] = range(3), number
+        waiting.add(states)
+        assert len(waiting) <= 1000
+    rows = waiting.rows
+    for slot in range(3):
+        numbers = np.sort(rows["number"][rows["slot"] == slot])
+        assert numbers[-1] == 4999
+        assert numbers[0] < 1000
+        assert len(numbers) > 100
+
+
+def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
+    frames = KnownUntil()
+    with Rig(frames, transform_timeout=30.0) as rig:
+        rig.send(cube(A1))
+        rig.listen("points_inside")
+        rig.until(lambda: "points_inside" in rig.last, "points_inside")
+        frames.spans["lidar"] = 0, rig.stamp
+        stamps: list[int] = []
+        obstacles = rig.obstacles
+        for x in (0.0, 0.4, 9.0):
+            rig.send_points([[x, 0, 0]], "lidar")
+            stamps.append(rig.stamp)
+            rig.until(
+                lambda: [cloud.stamp for cloud in obstacles.waiting.clouds] == stamps, "taken in"
+            )
+        frames.spans["lidar"] = 0, stamps[1]
+        rig.until(lambda: obstacles.stamp == stamps[1], "the second of three")
+        assert [cloud.stamp for cloud in obstacles.waiting.clouds] == stamps[2:]
+
+
+def test_clouds_that_wait_are_bounded() -> None:
+    with Rig(KnownUntil(), transform_timeout=30.0) as rig:
+        obstacles = rig.obstacles
+        rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
+        for number in range(100):
+            header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")
+            obstacles.take(serialize_message(cloud_to_ros(rows, header)))
+        stamps = [cloud.stamp for cloud in obstacles.waiting.clouds]
+        assert len(stamps) <= 16
+        assert stamps == sorted(stamps)
+        assert stamps[-1] == 100
+        assert stamps[0] < 20, "they reach back"

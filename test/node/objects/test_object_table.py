@@ -143,7 +143,7 @@ def test_the_slots_are_those_of_a_search(
         if slot < 0:
             table.claim_many(np.array([next(free)]), np.array([number]), np.array([ident]))
         elif ends:
-            table.release(slot)
+            table.release_many(np.array([slot]))
             known.forget_unused()
     expected = [slot_of(name, table) for name in names]
     assert table.find_named(names).tolist() == expected

@@ -31,8 +31,7 @@ from obb_collision.node.diagnostics.answer import COLLIDING, FREE
 from obb_collision.node.diagnostics.answer import UNKNOWN as NOT_KNOWN
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.objects.conditions import STALE
-from obb_collision.node.objects.staleness import AgeLimits
-from obb_collision.node.objects.states import State
+from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP, UNKNOWN
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere

@@ -12,24 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stamps that make no sense: said, marked, and recovered from by rule."""
+"""Stamps of all kinds, twists, and quaternions far from unit length."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 from each import each
 from effect_topics import listening
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
-from rig import FRAME, Rig, cube, pose, sync
+from rig import FRAME, FakeFrames, Rig, cube, pose, sync
 from std_msgs.msg import Header
 
-from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros, states_to_ros
+from obb_collision.node import namespace_number
+from obb_collision.node.messages.conversions import (
+    pose_to_ros,
+    stamp_from_ros,
+    stamp_to_ros,
+    states_to_ros,
+)
+from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.objects.states import AHEAD, ANEW
 
 A1, A2 = ("a", 1), ("a", 2)
@@ -37,30 +47,60 @@ TOPIC = "object_states"
 HOUR = 3600 * SECOND
 
 
-def test_a_stamp_from_the_future_is_used_marked_and_neither_order_nor_output() -> None:
-    rig = ObjectsRig(A1, A2)
+class Model:
+    """One object, by the rules for stamps: a tolerance of 0.5 s, and a second for late ones."""
+
+    def __init__(self) -> None:
+        self.order = self.received = self.stamp = 0
+        self.is_overtaken = False
+        self.doubted: Counter[tuple[str, str]] = Counter()
+
+    def send(self, stamp: int, now: int) -> int:
+        """Take a state; returns whether it is too old, and refused."""
+        older = 0 < stamp < self.order
+        if older and now - self.received <= SECOND:
+            self.is_overtaken = True
+            return 1
+        is_ahead = stamp > now + SECOND // 2
+        self.doubted += Counter({(TOPIC, ANEW): int(older), (TOPIC, AHEAD): int(is_ahead)})
+        if stamp and not is_ahead:  # any other orders nothing
+            self.order = stamp
+        self.received, self.stamp, self.is_overtaken = now, stamp, False
+        return 0
+
+    def is_doubtful(self, now: int) -> bool:
+        held_back = self.is_overtaken and SECOND // 2 < now - self.received <= SECOND
+        return held_back or self.stamp > now + SECOND // 2
+
+    def newest(self, now: int) -> int:
+        """Return the stamp that is believed, 0 for none."""
+        return self.stamp if self.stamp <= now + SECOND // 2 else 0
+
+
+DELAYS = [0, 20 * MILLISECOND, 300 * MILLISECOND, 700 * MILLISECOND, 2 * SECOND]
+OFFSETS = [0, -10 * MILLISECOND, -HOUR // 9, SECOND // 2, SECOND // 2 + 1, HOUR]
+
+
+@given(st.lists(st.tuples(st.sampled_from(DELAYS), st.none() | st.sampled_from(OFFSETS))))
+def test_states_are_ordered_doubted_and_published_as_their_stamps_say(
+    steps: list[tuple[int, int | None]],
+) -> None:
+    """None: without a stamp. The second object gets no state after its first."""
+    rig, model = ObjectsRig(A1, A2), Model()
     rig.send(START)
-    rig.send(START + HOUR, row=0)
-    rig.cycle()
-    assert rig.x() == place(START + HOUR), "it is the latest word"
-    assert (rig.is_doubtful(0), rig.is_doubtful(1)) == (True, False)
-    assert rig.doubted == {(TOPIC, AHEAD): 1}
-    assert rig.objects.newest_stamp(rig.now) == START
-    rig.now += SECOND // 50
-    assert rig.send(rig.now) == 0
-    rig.cycle()
-    assert rig.x() == place(rig.now), "the next good one counts at once"
-    assert not rig.is_doubtful()
-    assert rig.objects.newest_stamp(rig.now) == rig.now
-
-
-def test_within_the_tolerance_a_clock_that_is_ahead_is_no_fault() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START + SECOND // 2)
-    rig.cycle()
-    assert not rig.is_doubtful()
-    assert rig.objects.newest_stamp(rig.now) == START + SECOND // 2
-    assert not rig.doubted
+    model.send(START, START)
+    for delay, offset in steps:
+        rig.now += delay
+        rig.cycle()
+        assert rig.is_doubtful() == model.is_doubtful(rig.now), "also without a new state"
+        stamp = 0 if offset is None else rig.now + offset
+        assert rig.send(stamp, row=0) == model.send(stamp, rig.now)
+        rig.cycle()
+        assert rig.x() == place(model.stamp)
+        assert rig.is_doubtful() == model.is_doubtful(rig.now)
+        assert not rig.is_doubtful(1)
+        assert rig.doubted == model.doubted
+        assert rig.objects.newest_stamp(rig.now) == max(model.newest(rig.now), START)
 
 
 def test_senders_far_ahead_of_the_node_move_their_objects_all_the_same() -> None:
@@ -77,82 +117,6 @@ def test_senders_far_ahead_of_the_node_move_their_objects_all_the_same() -> None
     rig.objects.clock_jumped(HOUR)
     rig.cycle()
     assert not rig.is_doubtful(), "once the clock is right"
-
-
-def test_senders_far_behind_the_node_are_no_fault() -> None:
-    rig = ObjectsRig(A1)
-    for step in range(1, 10):
-        rig.now += 20 * MILLISECOND
-        rig.send(step)
-        rig.cycle()
-        assert rig.objects.newest_stamp(rig.now) == step
-    assert not rig.is_doubtful()
-    assert not rig.doubted
-
-
-def test_stamps_that_begin_anew_are_refused_for_a_moment_marked_and_then_taken() -> None:
-    rig = ObjectsRig(A1)
-    loop, end = START - 100 * SECOND, START + SECOND
-    while rig.now < end:
-        rig.now += 20 * MILLISECOND
-        rig.send(rig.now)
-        rig.cycle()
-    held = [False]
-    refused = 0
-    while rig.now < end + 2 * SECOND:
-        rig.now += 20 * MILLISECOND
-        stamp = loop + rig.now - end
-        refused += rig.send(stamp)
-        rig.cycle()
-        held.append(rig.is_doubtful())
-    assert refused == 50, "one second of fifty a second"
-    assert rig.x() == place(loop + rig.now - end)
-    assert rig.doubted == {(TOPIC, ANEW): 1}
-    assert held.index(True) == 26, "grey after half a second"
-    assert held[50:] == [True] + [False] * (len(held) - 51)
-    assert rig.objects.newest_stamp(rig.now) == loop + rig.now - end
-
-
-def test_a_slow_sender_that_begins_anew_is_taken_at_once() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START)
-    rig.now += 2 * SECOND
-    assert rig.send(START - HOUR) == 0
-    rig.cycle()
-    assert rig.x() == place(START - HOUR)
-    assert rig.doubted == {(TOPIC, ANEW): 1}
-
-
-def test_messages_that_overtake_each_other_do_not_move_an_object_back() -> None:
-    rig = ObjectsRig(A1)
-    for step in range(20):
-        rig.now += 20 * MILLISECOND
-        rig.send(rig.now)
-        assert rig.send(rig.now - 10 * MILLISECOND) == 1
-        rig.cycle()
-        assert rig.x() == place(rig.now), step
-        assert not rig.is_doubtful(), "a newer one is there"
-    assert not rig.doubted
-
-
-def test_a_straggler_without_anything_after_it_marks_nothing_for_good() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START)
-    assert rig.send(START - MILLISECOND) == 1
-    for _ in range(3):
-        rig.now += 700 * MILLISECOND
-        rig.cycle()
-    assert not rig.is_doubtful()
-    assert rig.x() == place(START)
-
-
-def test_a_state_without_a_stamp_is_always_taken_and_orders_nothing() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START)
-    assert rig.send(0) == 0
-    assert rig.send(START + 1) == 0
-    rig.cycle()
-    assert rig.objects.newest_stamp(rig.now) == START + 1
 
 
 @each("newest", [START - 5, START + HOUR])
@@ -272,3 +236,131 @@ def test_a_bad_stamp_of_a_new_object_leaves_it_unplaceable_and_counted(rig: Rig)
     send_marker(rig, Time(sec=-1))
     rig.until(lambda: rig.refused("objects") == {"bad stamp": 1}, "refusal")
     assert rig.node.objects.unplaceable == {A1: "bad stamp"}
+
+
+NAN = float("nan")
+FORWARD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+
+
+def twist(rig: Rig, name: str) -> list[float]:
+    """Twist of an object in the scene."""
+    scene = rig.node.objects.scene
+    twists: list[float] = scene.objects.store.twists[scene.index(name)].tolist()
+    return twists
+
+
+def test_a_state_with_a_twist_sets_it_and_one_without_ends_it(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    rig.send_states(["a/1", "a/2"], [pose(0.0), pose(3.0)], twists=[FORWARD, [0.0] * 6])
+    rig.answer()
+    assert twist(rig, "a/1") == FORWARD
+    assert twist(rig, "a/2") == [0.0] * 6
+    rig.send_transform("a/1", pose(0.1))
+    rig.answer()
+    assert twist(rig, "a/1") == [0.0] * 6
+
+
+@each("way", ["states", "poses", "marker"])
+def test_any_other_state_ends_a_twist(rig: Rig, way: str) -> None:
+    rig.send(cube(A1))
+    rig.answer()
+    rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
+    rig.answer()
+    if way == "states":
+        rig.send_states(["a/1"], [pose(1.0)])
+    elif way == "poses":
+        rig.send_poses([1], [pose(1.0)])
+    else:
+        rig.send(cube(A1, (1.0, 0.0, 0.0)))
+    rig.answer()
+    assert twist(rig, "a/1") == [0.0] * 6
+
+
+def test_twists_of_a_turned_frame_are_turned_with_it() -> None:
+    frames = FakeFrames()
+    turn = np.sqrt(0.5)
+    frames.known["robot"] = [5.0, 0.0, 0.0, 0.0, 0.0, turn, turn]  # x of it is y of the map
+    with Rig(frames) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        rig.send_states(["a/1"], [pose(0.0)], "robot", twists=[FORWARD])
+        rig.answer()
+        assert twist(rig, "a/1") == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
+
+
+@each("bad", [[NAN, 0, 0, 0, 0, 0], [0, 0, 0, 0, np.inf, 0], [2e300] + [0] * 5])
+def test_a_twist_that_is_no_number_is_refused_alone_and_its_pose_is_used(
+    rig: Rig, bad: list[float]
+) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    rig.send_states(["a/1", "a/2"], [pose(2.5), pose(3.0)], twists=[bad, FORWARD])
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.refused("object_states") == {"bad twist": 1}
+    assert twist(rig, "a/1") == [0.0] * 6
+    assert twist(rig, "a/2") == FORWARD
+    assert not rig.node.objects.table.doubtful.any()
+
+
+def test_a_stale_object_is_not_taken_to_go_on() -> None:
+    with Rig(object_timeout=0.3) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
+        rig.answer()
+        rig.until(lambda: rig.node.objects.table.has(STALE).any(), "stale")
+        rig.cycles(2)
+        assert twist(rig, "a/1") == [0.0] * 6
+
+
+def test_twists_are_not_used_where_sweeps_are_off() -> None:
+    with Rig(given={"effects.sweep": "off"}) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        rig.send_states(["a/1"], [pose(1.0)], twists=[FORWARD])
+        rig.answer()
+        assert twist(rig, "a/1") == [0.0] * 6
+
+
+REASON = "doubtful: quaternion far from unit length"
+#: A quarter turn about z, twice as long as it should be: the bar then lies along y.
+FAR = [0.0, 0.0, 2.0**0.5, 2.0**0.5]
+PLACE = [0.0, 0.0, 0.0, *FAR]
+COLLIDE = ({("bar/1", "post/1")}, {("post/1", "bar/1")})
+FAR_SENDERS: dict[str, Callable[[Rig], None]] = {
+    "objects": lambda rig: rig.send(
+        cube(("bar", 1), size=(8.0, 0.5, 0.5), pose=pose_to_ros(PLACE))
+    ),
+    "object_transform": lambda rig: rig.send_transform("bar/1", PLACE),
+    "object_states": lambda rig: rig.send_states(["bar/1", "post/1"], [PLACE, pose(0.0, 3.0)]),
+    "object_poses": lambda rig: rig.send_poses([1], [PLACE], namespaces=[namespace_number("bar")]),
+}
+
+
+@each("topic", FAR_SENDERS)
+def test_it_is_normalised_counted_and_told_once(
+    topic: str, rig: Rig, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rig.listen("/diagnostics")
+    rig.send(cube(("bar", 1), size=(8.0, 0.5, 0.5)), cube(("post", 1), (0.0, 3.0, 0.0)))
+    assert rig.pairs() == set()
+    for count in (1, 2, 3):
+        FAR_SENDERS[topic](rig)
+        assert rig.pairs() in COLLIDE
+        while rig.status(f"input {topic}").get(REASON) != str(count):
+            pass  # the next report
+    box = rig.node.objects.scene.obb("bar/1")
+    np.testing.assert_allclose(box.rotation[:, 0], [0.0, 1.0, 0.0], atol=1e-15)
+    assert not any(rig.refused(topic).values())
+    told = [line for line in capfd.readouterr().err.splitlines() if "far from unit" in line]
+    assert len(told) == 1
+    assert f"{topic}: doubtful quaternion far from unit length: 1; last: bar/1" in told[0]
+
+
+def test_one_that_is_near_is_taken_as_it_is(rig: Rig) -> None:
+    rig.listen("/diagnostics")
+    rig.send(cube(("bar", 1), size=(8.0, 0.5, 0.5)), cube(("post", 1), (0.0, 3.0, 0.0)))
+    rig.send_transform("bar/1", [0.0, 0.0, 0.0, 0.0, 0.0, 0.7, 0.7])
+    assert rig.pairs() in COLLIDE
+    assert REASON not in rig.status("input object_transform")

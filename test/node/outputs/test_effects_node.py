@@ -27,7 +27,7 @@ from rig import Rig, cube, pose
 
 from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
 from obb_collision.node.diagnostics.answer import make_status
-from obb_collision.node.inputs import points as obstacles
+from obb_collision.node.inputs import clouds as obstacles
 from obb_collision.node.messages.box_markers import Markers
 from obb_collision.node.outputs import outputs
 from obb_collision.node.outputs.events import Events

@@ -28,7 +28,7 @@ from visualization_msgs.msg import Marker
 
 from obb_collision import Verdict
 from obb_collision.node import collisions_from_ros, namespace_number
-from obb_collision.node.messages.conversions import namespaces_from_ros, stamp_from_ros
+from obb_collision.node.messages.conversions import namespace_table, stamp_from_ros
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
@@ -192,7 +192,7 @@ def test_latched_topics_reach_late_subscribers(rig: Rig) -> None:
     rig.last.pop("namespaces")
     rig.listen("namespaces")
     message = rig.until(lambda: rig.last.get("namespaces"), "latched table")
-    assert namespaces_from_ros(message) == {namespace_number("a"): "a"}
+    assert namespace_table(message) == {namespace_number("a"): "a"}
 
 
 def test_a_moving_cube_meets_what_the_oracle_says(rig: Rig) -> None:

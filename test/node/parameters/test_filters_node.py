@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Filters, paddings by name and regions while the node runs: which pairs count and are drawn."""
+"""Filters, groups, regions and accuracy as parameters that change while the node runs."""
 
 from __future__ import annotations
 
@@ -23,19 +23,14 @@ import pytest
 from each import each
 
 pytest.importorskip("rclpy")
-from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
-from rig import LATCHED, NAMESPACE, Rig, cube, sync
-from sensor_msgs.msg import PointCloud2
+from rig import Rig, cube, pose, sync
+from rings import RING, crate, levels, ring
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import collisions_from_ros, named_events
-from obb_collision.node.merger import MergerNode, values_of
-from obb_collision.node.node import CollisionNode
-from obb_collision.node.objects.frames import FixedFrameOnly
+from obb_collision.node import collisions_from_ros
 from obb_collision.node.parameters.entries import (
     Groups,
     group_from_text,
@@ -199,63 +194,6 @@ def test_only_pairs_of_the_region_are_published_and_only_what_is_near_is_drawn()
         assert sync(rig) == {("a/0", "a/1"), ("a/2", "a/3")}
 
 
-def test_what_cannot_be_joined_without_stamps_is_said(capfd: pytest.CaptureFixture[str]) -> None:
-    with Rig(region=["x: -inf to 5.0"]) as rig:
-        regions = [NAMESPACE, f"{NAMESPACE}/east"]
-        east = CollisionNode(
-            context=rig.context,
-            namespace=regions[1],
-            frames=FixedFrameOnly("map"),
-            cli_args=["--ros-args", "-r", f"objects:={NAMESPACE}/objects"],
-            parameter_overrides=[Parameter("region", value=["x: 5.0 to inf"])],
-        )
-        merger = MergerNode(
-            context=rig.context,
-            namespace=f"{NAMESPACE}/merged",
-            parameter_overrides=[Parameter("regions", value=regions)],
-        )
-        rig.executor.add_node(east)
-        rig.executor.add_node(merger)
-        joined: list[Any] = []
-        said: list[Any] = []
-        listen = rig.client.create_subscription
-        listen(PointCloud2, "merged/collisions", joined.append, 10)
-        listen(DiagnosticArray, "merged/collision_status", said.append, LATCHED)
-
-        def status() -> dict[str, str]:
-            return values_of(said[-1].status[0]) if said else {}
-
-        pair = cube(("a", 0)), cube(("a", 1), (0.5, 0, 0))
-        rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both nodes")
-        rig.send(*pair, stamped=False)
-        rig.until(lambda: status().get("who") == ", ".join(regions), "both are named")
-        assert status()["reason"] == "region_unmatched"
-        assert len(east.objects.table) == 2
-        assert not joined
-        assert "no object of theirs has a stamp" in capfd.readouterr().err
-        rig.send(*pair)
-        rig.until(lambda: joined and not status()["reasons"], "the answers together")
-        assert joined[-1].width == 1
-        east.destroy_node()
-        merger.destroy_node()
-
-
-def test_a_collision_that_moves_to_another_region_is_not_checked_any_more() -> None:
-    with Rig(region=["x: -inf to 5.0"], given={"effects.events": "on"}) as rig:
-        rig.listen("events")
-        rig.send(cube(("a", 0)), cube(("a", 1), (0.5, 0, 0)))
-        rig.until(lambda: "events" in rig.last and rig.last["events"].width, "the begin")
-        rig.last.pop("events")
-        rig.send(cube(("a", 0), (9, 0, 0)), cube(("a", 1), (9.5, 0, 0)))
-
-        def ended() -> list[str]:
-            message = rig.last.get("events")
-            rows = [] if message is None else named_events(message, ["a"])
-            return [row.reason for row in rows if row.event == "end"]
-
-        assert rig.until(ended, "the end") == ["not checked"]
-
-
 def test_a_halo_smaller_than_what_effects_look_beyond_is_refused(rig: Rig) -> None:
     assert rig.set(region=["y: 0 to 1"])[0].successful
     (result,) = rig.set(**{"effects.clearance_max_distance": 1.5})
@@ -291,3 +229,75 @@ def test_a_region_is_the_same_after_it_was_a_parameter() -> None:
         ("z", 1 / 3, 1e300),
     ]
     assert text_from_region(Region([-math.inf] * 3, [math.inf] * 3)) == [""]
+
+
+def test_the_accuracy_changes_at_run_time_and_is_told() -> None:
+    with Rig() as rig:
+        rig.listen("collisions_text", "/diagnostics")
+        rig.send(ring(), crate())
+        rig.built(RING)
+        assert sync(rig) == {("mesh/1", "box/1")}
+        assert levels(rig) == ["obb"]
+        values = {pair.key: pair.value for pair in rig.next("collisions_text").status[1].values}
+        assert values["accuracy"] == "obb"
+        assert rig.status(": objects")["pairs on obb"] == "1"
+        assert all(result.successful for result in rig.set(accuracy="mesh"))
+        rig.until(lambda: levels(rig) == [], "kernels ready, pair gone")
+        assert "pairs on obb" not in rig.status(": objects")
+        rig.set(accuracy="sphere")
+        rig.until(lambda: levels(rig) == ["sphere"], "a coarser level")
+        assert rig.status(": objects")["pairs on sphere"] == "1"
+
+
+def test_diagnostics_say_what_effects_are_computed_on_and_that_a_budget_lowers_them() -> None:
+    given = {"effects.clearance": "on", "effects.clearance_max_distance": 5.0}
+    with Rig(accuracy="mesh", given=given) as rig:
+        rig.listen("/diagnostics")
+        rig.send(ring(), crate())
+        rig.built(RING)
+        seen = said(rig, "clearance on mesh")
+        assert seen["clearance on mesh"] == "1"
+        assert "highest accuracy in the time budget" not in seen
+        rig.set(time_budget=1e-9)
+        for step in range(20):  # what it has time for is measured first
+            rig.send_transform("box/1", pose(1e-4 * step))
+            rig.answer()
+        seen = said(rig, "clearance on obb")
+        assert seen["clearance on obb"] == "1"
+        assert "clearance on mesh" not in seen
+        assert seen["highest accuracy in the time budget"] == "obb"
+
+
+def said(rig: Rig, key: str) -> dict[str, str]:
+    """Return the status of the objects once it has a key."""
+    for _ in range(50):
+        status = rig.status(": objects")
+        if key in status:
+            return status
+    raise AssertionError(f"no {key!r} in {status}")
+
+
+def test_overrides_are_for_names_and_namespaces_also_of_objects_to_come() -> None:
+    with Rig(accuracy_overrides=["*: sphere", "box=obb", "mesh/1: obb"]) as rig:
+        rig.send(cube(("box", 1)), cube(("box", 2), (0.5, 0, 0)), cube(("a", 1), (9.0, 0.0, 0.0)))
+        assert rig.pairs() == {("box/1", "box/2")}
+        assert levels(rig) == ["obb"]
+        rig.send(cube(("mesh", 1)), cube(("a", 2), (10.2, 0.0, 0.0)))
+        assert rig.pairs() == {
+            ("box/1", "box/2"),
+            ("mesh/1", "box/1"),
+            ("mesh/1", "box/2"),
+            ("a/1", "a/2"),  # spheres meet where cubes are apart
+        }
+        assert sorted(levels(rig)) == ["obb", "obb", "obb", "sphere"]
+        rig.set(accuracy_overrides=[""])
+        rig.until(lambda: levels(rig) == ["obb"] * 3, "no overrides")
+
+
+def test_an_override_outlives_a_change_of_shape() -> None:
+    with Rig(accuracy_overrides=["a/*: aabb"]) as rig:
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        rig.answer()
+        rig.send(cube(("a", 1), size=(2.0, 2.0, 2.0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert levels(rig) == ["aabb"]

@@ -12,10 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topics of effects: rows, readers, and their layouts beside the documentation."""
+"""The topics of the effects; and a new effect, which is one file and one entry."""
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,8 +34,8 @@ from each import each
 from effect_topics import answer, listening
 from rig import FIRST_STAMP, Rig, cube, pose
 from sensor_msgs.msg import PointField
-from visualization_msgs.msg import Marker
 
+import obb_collision
 from obb_collision.node import (
     clearances_from_ros,
     contacts_from_ros,
@@ -83,15 +89,6 @@ def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig)
         assert 0.25 <= contact.point[0] <= 0.5
         assert contact.depth == pytest.approx(0.25)
     assert np.allclose(rows["x"], rows["point_x"])
-
-
-def test_eight_points_a_pair_if_asked_for() -> None:
-    with Rig(given={"effects.contacts_max_points": 8}) as rig:
-        listening(rig, "contacts")
-        turned = cube(("a", 2), (0.0, 0.0, 0.875))
-        turned.pose.orientation.z, turned.pose.orientation.w = np.sin(np.pi / 8), np.cos(np.pi / 8)
-        rig.send(cube(("a", 1)), turned)
-        assert contacts_from_ros(answer(rig, "contacts"))["count"].tolist() == [8] * 8
 
 
 def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() -> None:
@@ -153,47 +150,6 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
     assert normal == pytest.approx((-1.0, 0.0, 0.0))
     assert predictions_from_ros(message)["passed"].tolist() == [1]
     rig.until(lambda: rig.next("predicted_collisions").width == 0, "over")
-
-
-def test_predictions_are_of_shapes_where_these_decide_the_pairs() -> None:
-    """Two balls whose boxes meet, but not they; and one that meets later than its box."""
-    with Rig(given={"accuracy": "hull", "effects.sweep_horizon": 10.0}) as rig:
-        listening(rig, "predicted_collisions")
-        posts = cube(("post", 1), (3.0, 0.9, 0.9)), cube(("post", 2), (6.0, 0.6, 0.0))
-        balls = [*posts, cube(("ball", 1))]
-        for ball in balls:
-            ball.type = Marker.SPHERE
-        rig.send(*balls)
-        rig.answer()
-        rig.send_states(["ball/1"], [pose(0.0)], twists=[[1.0, 0, 0, 0, 0, 0]])
-        table = rig.namespaces("post", "ball")
-
-        def found() -> list[tuple[str, float]]:
-            rows = named_predictions(rig.next("predicted_collisions"), table)
-            return sorted((row.a, round(row.time, 6)) for row in rows)
-
-        rig.until(lambda: found() == [("post/2", 5.2)], "balls")
-        assert rig.set(**{"effects.sweep_accuracy": "obb"})[0].successful
-        rig.until(lambda: found() == [("post/1", 2.0), ("post/2", 5.0)], "boxes")
-
-
-def test_what_is_not_known_is_told_with_the_time_until_which_it_is_free(rig: Rig) -> None:
-    """A millimetre from 1e8 m: doubles have no digits left for the tolerance."""
-    listening(rig, "predicted_collisions")
-    small = (0.001, 0.001, 0.001)
-    rig.send(cube(("post", 1), size=small), cube(("grain", 1), (1e8, 0, 0), small))
-    rig.answer()
-    rig.send_states(["grain/1"], [pose(1e8)], twists=[[-1.5e8, 0, 0, 0.1, 0.2, 0.3]])
-    message = answer(rig, "predicted_collisions")
-    table = rig.namespaces("post", "grain")
-    (found,) = named_predictions(message, table)
-    assert found.undecided
-    assert {found.a, found.b} == {"post/1", "grain/1"}
-    assert found.time == pytest.approx(1.0 / 1.5, abs=1e-9)
-    assert np.isnan([*found.point, *found.normal]).all()
-    (row,) = predictions_from_ros(message)
-    assert (row["undecided"], row["passed"]) == (1, 0)
-    assert named_passed_collisions(message, table) == []
 
 
 def test_passed_coming_and_undecided_each_have_their_marks() -> None:
@@ -266,3 +222,120 @@ def test_points_inside_are_counted_by_object(rig: Rig) -> None:
     rows = points_inside_from_ros(message)
     assert rows["x"].tolist() == [0.125, pytest.approx(2.4)]
     assert FIRST_STAMP < stamp_from_ros(message.header.stamp) == rig.stamp, "that of the cloud"
+
+
+FILE = '''
+"""The effect ``heights``: how far the second object of each colliding pair is above the first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
+from obb_collision.scene.effects.base import Effect, Option, pair_rows
+
+
+@dataclass(frozen=True, eq=False)
+class Heights:
+    pairs: np.ndarray
+    heights: np.ndarray
+
+
+def heights(boxes, pairs):
+    first, second = boxes.centers[pairs, 2].T
+    return Heights(pairs, second - first)
+
+
+class HeightsEffect:
+    name = "heights"
+    description = "How far one object is above the other"
+    options = {"floor": Option(0.0, -1.0, 1.0, "Not used (m).")}
+    lazy = True
+
+    def run(self, cycle, setting):
+        return pair_rows(self.name, cycle, setting, heights, heights(cycle.boxes, NO_PAIRS))
+
+
+EFFECT: Effect = HeightsEffect()
+'''
+ENTRY = """
+
+from obb_collision.node.topics.rows import order_pairs, pair_rows
+
+def _height_rows(result, state, dtype):
+    found = order_pairs(result.pairs, state.table)
+    rows = pair_rows(dtype, found, state)
+    rows["height"] = found.flipped(result.heights[:, None])[:, 0]
+    return rows
+
+
+TOPICS["heights"] = Cloud(
+    name="object_heights",
+    fields=(("<f4", POSITION_FIELDS), ("<f8", ("height",)), ("<i4", PAIR_FIELDS)),
+    make_rows=_height_rows,
+    record=lambda a, b, height: (a, b, height),
+    values=("height",),
+)
+"""
+PROGRAM = """
+import json
+import numpy as np
+import obb_collision as oc
+from rig import Rig, cube
+from obb_collision.node.parameters.table import SPECS
+from obb_collision.node.topics.topics import TOPICS
+from obb_collision.warm_up.steps import NODE_STEPS
+
+scene = oc.Scene()
+for name, z in (("a", 0.0), ("b", 0.25), ("c", 9.0)):
+    scene.add(name, oc.OBB([0, 0, z], np.eye(3), [0.5] * 3))
+scene.set_effect("heights", floor=0.5)
+found = scene.check(effects=["heights"]).result("heights")
+with Rig() as rig:
+    rig.send(cube(("a", 2)), cube(("a", 1), (0, 0, 0.25)))
+    rig.listen("object_heights", "/diagnostics")
+    rig.until(lambda: "object_heights" in rig.last and rig.last["object_heights"].width, "rows")
+    named = TOPICS["heights"].named(rig.last["object_heights"], ["a"])
+    states = {rig.status(": cycle")["effect heights"]}
+print(json.dumps({
+    "package": oc.__file__,
+    "pairs": found.pairs.tolist(),
+    "heights": found.heights.tolist(),
+    "named": named,
+    "states": sorted(states),
+    "parameters": {s.name: s.description for s in SPECS if s.name.startswith("effects.heights")},
+    "steps": [step for step in NODE_STEPS if "heights" in step],
+}))
+"""
+
+
+def test_an_effect_is_one_file_and_one_entry(tmp_path: Path) -> None:
+    """Run a program with a copy of the package that has one more effect."""
+    folder = tmp_path
+    package = folder / "obb_collision"
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(obb_collision.__file__).parent, package, ignore=ignored)
+    (package / "scene" / "effects" / "heights.py").write_text(FILE)
+    with (package / "node" / "topics" / "topics.py").open("a") as table:
+        table.write(ENTRY)
+    tools = Path(__file__).parents[1]
+    others = os.environ.get("PYTHONPATH", "").split(os.pathsep)  # what is needed may be there
+    path = os.pathsep.join(map(str, (folder, tools, tools.parent / "support", *others)))
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], cwd=folder, env={**os.environ, "PYTHONPATH": path},
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert seen["package"].startswith(str(folder))
+    assert (seen["pairs"], seen["heights"]) == ([[0, 1]], [0.25])
+    assert seen["named"] == [["a/1", "a/2", -0.25]]
+    assert seen["states"] == ["auto, computed"]
+    parameters = seen["parameters"]
+    assert parameters["effects.heights"] == (
+        "How far one object is above the other: the topic object_heights."
+    )
+    assert set(parameters) == {f"effects.heights{end}" for end in ("", "_objects", "_floor")}
+    assert seen["steps"] == ["effect heights"]

@@ -12,10 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""Clouds queued for use: the newest one that can be placed is used; obstacle points are such.
 
-"""Clouds queued for use: the newest one that can be placed is used.
-
-Those that wait for their transforms are few and bounded.
+Those that wait for their transforms are few and bounded, and converted only when they are used.
 """
 
 from __future__ import annotations
@@ -23,11 +22,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
+from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults
+from obb_collision.node.messages.cdr import NO_LIMIT, cloud_from_bytes
+from obb_collision.node.messages.clouds import points_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LATER, FrameSource
+from obb_collision.node.objects.states import AHEAD
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.queries.points.points import PointsInside
+from obb_collision.scene.report import Report
+from obb_collision.scene.scene import Scene
 from obb_collision.typing import Floats
 
 MAX_CLOUDS = 16
@@ -128,3 +137,77 @@ class WaitingClouds:
     def _is_full(self) -> bool:
         size, count = sum(cloud.size for cloud in self.clouds), len(self.clouds)
         return count > 1 and (count > MAX_CLOUDS or size > MAX_CLOUD_BYTES)
+
+
+class Obstacles:
+    """Keeps the points of the scene up to date with the topic ``points``."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        frames: FrameSource,
+        fixed_frame: str,
+        monitor: InputMonitor,
+        clock: Callable[[], int],
+        guard: Guard,
+    ) -> None:
+        self._scene, self._monitor, self._clock = scene, monitor, clock
+        self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
+        self.stamp = 0
+        """Of the points in the scene (ns), 0 for none."""
+        self.max_points = NO_LIMIT
+        """Of a cloud."""
+        self.stamp_tolerance = NANOSECONDS // 2
+        """Stamps further than this ahead of the node's clock (ns) are not published."""
+
+    def take(self, data: bytes) -> None:
+        """Keep a serialised cloud."""
+        now = self._clock()
+        self._monitor.received(now)
+        try:
+            message = cloud_from_bytes(data)
+            stamp = stamp_from_ros(message.header.stamp)
+        except RefusedError as error:
+            self._monitor.refuse(now, error.reason, detail=error.detail)
+            return
+        if stamp > now + self.stamp_tolerance:
+            ahead = (stamp - now) / NANOSECONDS
+            self._monitor.doubt(now, AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
+        size = len(message.data)
+        self.waiting.add(QueuedCloud(message, message.header.frame_id, stamp, now, size))
+
+    def place(self, now: int) -> None:
+        """Give the scene the newest cloud that can be placed; the last good one stays otherwise."""
+        self.waiting.use_newest(now, self._use)
+
+    def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
+        """Give the scene a cloud; RefusedError if it can't be used."""
+        points = points_from_ros(cloud.content, self.max_points)
+        self._scene.obstacle_points = points if frame is None else placed_points(points, frame)
+        believed = cloud.stamp <= cloud.received + self.stamp_tolerance
+        self.stamp = (cloud.stamp if believed else 0) or cloud.received
+
+    def note(self, report: Report) -> None:
+        """Record the result of the effect on the points."""
+        found: PointsInside | None = report.results.get("points")
+        if found is not None and self.stamp:
+            self._monitor.ignored = found.ignored
+
+    def forget(self) -> None:
+        """Take all points away."""
+        self._scene.obstacle_points = None
+        self.waiting.clouds.clear()
+        self.stamp = 0
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        self.waiting.clock_jumped(shift)
+        self.stamp = max(1, self.stamp + shift) if self.stamp else 0
+
+
+def placed_points(points: npt.NDArray[Any], frame: Floats) -> Floats:
+    """Points (n, 3) of a frame, seen from where that frame is (7,): in doubles."""
+    position, rotation = as_poses(frame[None], warn=False)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is ignored later on
+        placed: Floats = points.astype(np.float64) @ rotation[0].T + position[0]
+    return placed
