@@ -296,17 +296,6 @@ def test_the_newest_set_that_can_be_placed_is_applied() -> None:
     assert sets.monitor.superseded == 1
 
 
-def test_sets_that_are_always_late_lag_and_do_not_freeze() -> None:
-    sets = Sets()
-    seen = []
-    for number in range(40):
-        sets.known_until(50 * number - 60)
-        sets.send(50 * number, number)
-        seen.append(list(sets.cycle(50 * number)))
-    assert seen[2:] == [[number] for number in range(38)]
-    assert not sets.monitor.refused
-
-
 def test_a_set_that_waits_too_long_is_refused_and_said() -> None:
     sets = Sets()
     sets.known_until(10)

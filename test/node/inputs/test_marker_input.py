@@ -30,7 +30,6 @@ from rclpy.serialization import serialize_message
 from rig import Rig, cube, pose, sync
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node import collisions_from_ros
 from obb_collision.node.inputs import markers as marker_input
 from obb_collision.node.inputs.batch import Batch, find_faults, gather, settle
 from obb_collision.node.messages.cdr import markers_from_bytes
@@ -143,28 +142,6 @@ def test_other_topics_come_after_the_markers_before_them(rig: Rig) -> None:
     rig.send_transform("a/2", pose(0.5))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("object_transform") == {}
-
-
-def test_an_object_whose_lifetime_is_over_before_a_cycle_is_seen_once() -> None:
-    with Rig(rate=1.0) as rig:
-        brief = Duration(nanosec=1_000_000)
-        rig.send(cube(A1, lifetime=brief), cube(A2, lifetime=brief))
-        assert rig.pairs() == {("a/1", "a/2")}
-        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "expiry")
-        assert keys(rig) == set()
-
-
-def test_of_frames_that_ended_while_they_waited_only_the_last_is_seen(rig: Rig) -> None:
-    markers, clock = rig.node.inputs.markers, [rig.now() - 10 * SECOND]
-    markers._clock = lambda: clock[0]
-    for number in range(5):
-        clock[0] += SECOND
-        life = Duration(nanosec=100_000_000)
-        wait(rig, serialized(*(cube(("c", 10 * number + k), lifetime=life) for k in range(3))))
-        wait(rig, serialized(cube(("other", number), lifetime=life if number < 3 else Duration())))
-    clock[0] += 5 * SECOND
-    markers.apply()
-    assert keys(rig) == {("c", 40), ("c", 41), ("c", 42), ("other", 3), ("other", 4)}
 
 
 def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:

@@ -303,30 +303,6 @@ def test_states_that_are_late_are_few_of_each_object_and_of_all(objects: int) ->
     assert spaced(slots[kept], received[kept]).all(), "and stay"
 
 
-def test_the_age_counts_from_the_state_that_was_placed() -> None:
-    rig = ObjectsRig(A1, object_timeout=0.1)
-    run(rig, 50, lambda now: now - 150 * MILLISECOND)
-    assert rig.objects.table.has(STALE, rig.slots[0]), "0.15 s old, though states come every 0.02 s"
-    rig.limit(0.2)
-    rig.cycle()
-    assert not rig.objects.table.has(STALE, rig.slots[0])
-
-
-def test_a_timed_out_state_is_placed_when_its_frame_becomes_known_at_last() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START + 1, "late")
-    rig.now += SECOND
-    rig.cycle()
-    assert rig.refused == {("object_states", "unknown frame"): 1}
-    assert rig.objects.table.has(UNPLACED, rig.slots[0])
-    rig.frames.spans["late"] = START, START + 10
-    rig.now += SECOND
-    rig.cycle()
-    assert rig.x() == place(START + 1)
-    assert not rig.is_doubtful()
-    assert rig.refused.total() == 1, "counted once"
-
-
 @each("topic", ["objects", "object_transform", "object_states", "object_poses"])
 def test_late_refusals_are_counted_on_the_topic_by_which_the_state_came(topic: str) -> None:
     rig = ObjectsRig(A1, A2)

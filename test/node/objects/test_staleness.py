@@ -99,15 +99,6 @@ def test_only_this_policy_grows_boxes(policy: str, found: int) -> None:
     assert (pairs(rig), half_extents(rig).tolist()) == (0, [0.5] * 3)
 
 
-def test_a_state_ends_the_growth() -> None:
-    rig = lost_sight()
-    step(rig, 1.5)
-    send(rig, 0, 1.0)
-    step(rig, 0.01)
-    assert half_extents(rig).tolist() == [0.5] * 3
-    assert rig.x() == 1.0
-
-
 def test_the_growth_is_bounded_and_then_it_is_not_known_what_collides() -> None:
     rig = lost_sight(x=100.0)
     step(rig, 1.5)
@@ -143,14 +134,6 @@ def test_a_faster_twist_counts_also_while_its_state_waits(waits: bool) -> None:
         rig.objects.states.store(rig.slots[:1], poses, state, 1.1 * twist)
     step(rig, 1.0)
     assert half_extents(rig) == pytest.approx(0.5 + (2.75 if waits else 2.5))
-
-
-def test_a_slower_twist_is_no_bound() -> None:
-    rig = lost_sight()
-    send(rig, 0, 0.0, twist=np.array([[0.1, 0.0, 0.0, 0.0, 0.0, 0.0]]))
-    rig.cycle()
-    step(rig, 1.0)
-    assert half_extents(rig) == pytest.approx(0.5 + SPEED)
 
 
 def test_a_grown_box_contains_the_object_however_it_moved_and_turned() -> None:

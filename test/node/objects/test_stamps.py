@@ -119,22 +119,6 @@ def test_senders_far_ahead_of_the_node_move_their_objects_all_the_same() -> None
     assert not rig.is_doubtful(), "once the clock is right"
 
 
-@each("newest", [START - 5, START + HOUR])
-def test_markers_follow_the_same_rule(newest: int) -> None:
-    rig = ObjectsRig(A1)
-    rig.send(newest)
-    slots, stamps = np.array([rig.slots[0], -1]), np.array([START - 10, 1])
-
-    def late(received: int) -> list[bool]:
-        found: list[bool] = rig.objects.states.find_late(
-            slots, stamps, np.full(2, received)
-        ).tolist()
-        return found
-
-    assert late(rig.now) == [newest < START, False], "-1 is a new object"
-    assert late(rig.now + 2 * SECOND) == [False, False]
-
-
 def test_by_topics_a_marker_of_the_future_among_others_does_not_outlast_them(rig: Rig) -> None:
     rig.send(cube(A2))
     rig.answer()
@@ -230,12 +214,6 @@ def test_by_topics_the_points_of_the_future_carry_their_time_of_receipt(rig: Rig
     message = rig.until(lambda: (m := rig.last.get("points_inside")) and m.width and m, "inside")
     assert stamp_from_ros(message.header.stamp) <= rig.now()
     assert dict(rig.monitor("points").doubted) == {AHEAD: 1}
-
-
-def test_a_bad_stamp_of_a_new_object_leaves_it_unplaceable_and_counted(rig: Rig) -> None:
-    send_marker(rig, Time(sec=-1))
-    rig.until(lambda: rig.refused("objects") == {"bad stamp": 1}, "refusal")
-    assert rig.node.objects.unplaceable == {A1: "bad stamp"}
 
 
 NAN = float("nan")
