@@ -260,7 +260,7 @@ class Client:
             return table is not None and numbers <= namespace_table(table).keys()
 
         self.until(complete, f"a table with {sorted(numbers)}")
-        return namespace_table(self.last["namespaces"])
+        return dict(namespace_table(self.last["namespaces"]))
 
     def next(self, topic: str) -> Any:
         """Wait for another message of a topic."""

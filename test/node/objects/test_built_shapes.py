@@ -17,14 +17,12 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -41,6 +39,7 @@ from obb_collision.geometry.shapes import meshes
 from obb_collision.geometry.trees import pool
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN, Reason
 from obb_collision.node.objects import shape_requests
+from obb_collision.scene.building.process import Limits
 
 
 @pytest.fixture
@@ -258,33 +257,18 @@ def test_without_a_process_that_builds_the_rest_goes_on(
     rig.built(BODY)
 
 
-def test_an_item_that_needs_too_much_memory_is_refused_alone() -> None:
-    with Rig(shape_memory=100) as rig:
-        points = np.random.default_rng(0).normal(size=(300_000, 3))
-        body = cube(BODY, type=Marker.TRIANGLE_LIST)
-        body.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
-        rig.send(body)
-        rig.send(cube(BOX), triangle(OTHER))
-        rig.built(OTHER)
-        rig.until(lambda: rig.refused("objects"), "refusal")
-        assert rig.refused("objects") == {"not enough memory": 1}
-        assert named(sync(rig)) == named({("box/1", "body/2")})
-
-
-def test_an_item_that_takes_too_long_is_refused_alone(rig: Rig) -> None:
-    rig.send(cube(BOX), triangle(OTHER))
-    rig.built(OTHER)
-    process = rig.node.objects.shapes.builder.process.number
-    assert process is not None
-    os.kill(process, signal.SIGSTOP)
-    rig.set(shape_timeout=0.2)
-    rig.send(triangle(size=2.0))
-    rig.until(lambda: rig.refused("objects"), "refusal")
-    assert rig.refused("objects") == {"building took too long": 1}
+def test_an_item_beyond_the_limits_is_refused_alone(rig: Rig) -> None:
+    rig.set(shape_timeout=0.5, shape_memory=100, shape_queue=1)
+    limits = rig.node.objects.shapes.builder.limits
+    assert limits == Limits(seconds=0.5, memory=100_000_000, waiting=1_000_000)
+    body = cube(BODY, type=Marker.TRIANGLE_LIST)
+    body.points = [Point(x=float(n % 7), y=float(n % 11), z=1.0) for n in range(60_000)]
     rig.set(shape_timeout=60.0)
-    rig.send(triangle(size=2.0))
-    rig.built(BODY)
-    assert named(sync(rig)) == named({("box/1", "body/2"), *PAIR, ("body/1", "body/2")})
+    rig.send(body, cube(BOX), triangle(OTHER))
+    rig.built(OTHER)
+    rig.until(lambda: rig.refused("objects"), "refusal")
+    assert list(rig.refused("objects").values()) == [1]
+    assert named(sync(rig)) == named({("box/1", "body/2")})
 
 
 def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
