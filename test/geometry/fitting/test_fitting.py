@@ -81,6 +81,14 @@ def test_diagonal_square_gets_its_sides() -> None:
         assert np.abs(rotation).max(axis=0)[half == 0.0] == 1.0
 
 
+def test_smallest_rectangles_turned_from_the_principal_axes_stay_in_their_plane() -> None:
+    plane = np.array([[1.0, 2.0, 2.0], [2.0, 1.0, -2.0]]) / 3.0
+    kite = [[0, 0], [1, 0], [0, 1], [0.8, 0.8]]  # by 45 degrees: what is across has a way to fail
+    for outline, sides in ((kite, [1.0, 1.0]), ([[0, 0], [4, 0], [1, 2]], [2.0, 4.0])):
+        _, _, half = fitted(np.array(outline) @ plane, "min_volume")
+        assert np.sort(2.0 * half) == pytest.approx([0.0, *sides], abs=4e-15)
+
+
 def test_tilted_flat_sets_compare_by_area_among_flat_boxes() -> None:
     points = np.array([[0, 0, 0], [0, 1, 1], [1, 0, 0], [0, 0.5, 0.5]])
     _, _, half = fitted(points)
