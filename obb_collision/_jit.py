@@ -52,11 +52,7 @@ def njit(function: F) -> F: ...
 
 @overload
 def njit(
-    *,
-    inline: bool = False,
-    merge: bool = False,
-    refcount: bool = True,
-    each_number: bool = False,
+    *, inline: bool = False, merge: bool = False, refcount: bool = True
 ) -> Callable[[F], F]: ...
 
 
@@ -66,7 +62,6 @@ def njit(
     inline: bool = False,
     merge: bool = False,
     refcount: bool = True,
-    each_number: bool = False,
 ) -> Any:
     """Compile a kernel with the options of the project.
 
@@ -79,9 +74,9 @@ def njit(
     so that each level between saves as much as all below it. Its callers may count references or
     not. refcount: whether references to the arrays it is given are counted, which takes 5 ns for
     each it names, as much as a test of two spheres; not in a kernel that makes or returns any.
-    each_number: whether it is compiled apart for every number written out in a call, as numba
-    does (a quarter of all compiling); for what indexes with it and is not inlined: it need not ask
-    whether it is negative.
+
+    A number written out in a call makes no kernel of its own, as it does with numba: a quarter of
+    all compiling. What indexes with it is inlined, so that it need not ask whether it is negative.
     """
     options: dict[str, Any] = {}
     if merge:
@@ -91,20 +86,19 @@ def njit(
     if not refcount:
         options["_nrt"] = False
     if function is None:
-        return lambda function: _compiled(function, each_number, options)
-    return _compiled(function, each_number, options)
+        return lambda function: _compiled(function, options)
+    return _compiled(function, options)
 
 
-def _compiled(function: F, each_number: bool, options: dict[str, Any]) -> F:
+def _compiled(function: F, options: dict[str, Any]) -> F:
     kernel: Any = numba.njit(**known({**OPTIONS, **options}))(function)
     if kernel is function:  # numba is disabled
         return function
     cache = KernelCache(kernel)
     keep(kernel, cache.for_numba())
-    if not each_number:
-        inner = numba.njit(**known({**OPTIONS, **options, "no_cpython_wrapper": True}))(function)
-        keep(inner, cache.for_numba(for_kernels=True))
-        redirect_calls(kernel, inner, types.unliteral)
+    inner = numba.njit(**known({**OPTIONS, **options, "no_cpython_wrapper": True}))(function)
+    keep(inner, cache.for_numba(for_kernels=True))
+    redirect_calls(kernel, inner, types.unliteral)
     kernels.append(kernel)
     caches.append(cache)
     made: F = kernel

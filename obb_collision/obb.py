@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards, box_volumes
+from obb_collision.geometry.fitting.enclosing import transform_box
 from obb_collision.geometry.fitting.fit import fit_clouds, fit_points
-from obb_collision.geometry.fitting.transform import transform_box
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     ArrayValue,

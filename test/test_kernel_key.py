@@ -140,10 +140,10 @@ print(item(np.arange(4.0)[:3], 3))
 """
 LENGTHS = """
 import numpy as np
-from obb_collision.queries.points.points import lengths_kernel
+from obb_collision.numerics.vec3 import fill_lengths
 
 lengths = np.zeros(3)
-lengths_kernel(np.ones((1, 3)), np.array([2]), lengths[:2])
+fill_lengths(np.ones((3, 3)), lengths[:2])
 print(round(lengths[2] ** 2, 9))
 """
 BOTH = f"""
@@ -174,12 +174,12 @@ CAUGHT = """
 import numpy as np
 import pytest
 from bounds_checks import none_out_of_bounds
-from obb_collision.queries.points.points import lengths_kernel
+from obb_collision.numerics.vec3 import fill_lengths
 
 with pytest.raises(AssertionError, match="accesses out of bounds, called from"):
     with none_out_of_bounds():
         try:
-            lengths_kernel(np.ones((1, 3)), np.array([2]), np.zeros(3)[:2])
+            fill_lengths(np.ones((3, 3)), np.zeros(3)[:2])
         except IndexError:
             pass
 """

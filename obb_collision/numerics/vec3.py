@@ -23,6 +23,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from obb_collision._jit import njit
 from obb_collision.numerics.error_free import determinant, length
 from obb_collision.typing import Axes, Floats, Vector
@@ -93,6 +95,20 @@ def absolute(v: Vector) -> Vector:
 def norm(v: Vector) -> float:
     """Return the Euclidean length, without under- or overflow on the way."""
     return length(v[0], v[1], v[2])
+
+
+def lengths(vectors: Floats) -> Floats:
+    """Return (n,) what ``norm`` does, of vectors (n, 3)."""
+    out = np.empty(len(vectors))
+    fill_lengths(np.ascontiguousarray(vectors), out)
+    return out
+
+
+@njit
+def fill_lengths(vectors: Floats, out: Floats) -> None:
+    """Write the lengths (n,) of vectors (n, 3)."""
+    for n in range(len(vectors)):
+        out[n] = norm(vector_at(vectors, n))
 
 
 @njit

@@ -12,23 +12,38 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Minimum half extents with which a box of given axes certainly contains points.
+"""Boxes that certainly contain points, or another box that is transformed.
 
 A box holds exactly the points center + sum t_i h_i a_i with abs(t_i) <= 1, for the doubles as
 stored. Its axes are orthonormal only to rounding, so the coordinates of a point p along them are
 x = R^-1 (p - center), not R^T (p - center). They don't depend on the half extents, hence each
 half extent is the largest abs(x_i), rounded up. Integers decide what rounding leaves open.
+
+Also a box under any invertible 4 x 4 matrix. Rigid motions, uniform scales, scales along the box
+axes and reflections give the box itself, up to the roundoff of its numbers. Under shear the
+transformed box is a skewed one; the smallest of several boxes around it is taken.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
+from obb_collision.geometry.fitting.candidates import complete_frame
+from obb_collision.geometry.validation import as_array, orthonormal_defect
+from obb_collision.numerics.constants import (
+    FLAT,
+    MAX_MAGNITUDE,
+    ORTHONORMAL_ROUNDING,
+    PRODUCT_UNDERFLOW,
+    ROUNDOFF,
+    VOLUME_TIE,
+)
 from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
 from obb_collision.typing import Floats
 
@@ -159,3 +174,149 @@ def _unscale_up(value: float, exponent: int) -> float:
     if math.ldexp(result, -exponent) < value:
         result = math.nextafter(result, math.inf)
     return result
+
+
+#: Axes that changed by no more than this, the error of the product and its normalisation, have not
+#: turned.
+UNTURNED = 8 * ROUNDOFF
+
+#: Edges orthonormal to this are those of a box: the matrix is a similarity, or scales along the
+#: box axes. Any other frame saves less than this squared.
+SQUARE = 2.0**-40
+
+
+def transform_box(
+    center: Floats, rotation: Floats, half_extents: Floats, matrix: ArrayLike
+) -> tuple[Floats, Floats, Floats]:
+    """Return (center, rotation, half_extents) of a box that contains the box moved by ``matrix``.
+
+    center (3,), rotation (3, 3) orthonormal to rounding, half_extents (3,) >= 0 are trusted;
+    ``matrix`` (4, 4) acts on columns. Containment is exact, for the exact products of the doubles
+    given: each half extent is the smallest double that suffices. Raises ValueError for a matrix
+    with numbers that are not finite, a last row other than 0 0 0 1, or no inverse, and for
+    results beyond 1e300.
+    """
+    moves = as_array(matrix, "matrix", (4, 4))
+    if moves[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"matrix must have the last row 0 0 0 1, got {moves[3].tolist()}")
+    columns, _ = exact_axes(moves[:3, :3])
+    if dot(cross(columns[0], columns[1]), columns[2]) == 0:
+        raise ValueError("matrix must be invertible, its determinant is zero")
+    frame = _choose_frame(moves[:3, :3], rotation, half_extents)
+    try:
+        return _enclose(center, rotation, half_extents, moves, frame)
+    except OverflowError:
+        raise ValueError(f"matrix moves the box beyond {MAX_MAGNITUDE:g}") from None
+
+
+def _choose_frame(linear: Floats, rotation: Floats, half_extents: Floats) -> Floats:
+    axes = _scaled(_scaled(linear) @ rotation)
+    sides = _scaled(axes * _scaled(half_extents))
+    best, smallest = rotation, np.inf
+    for candidate in _candidates(axes, sides, rotation):
+        extents = np.abs(candidate.T @ sides).sum(axis=1)
+        size = float(np.prod(np.maximum(extents, FLAT * extents.max())))
+        if size < smallest * (1.0 - VOLUME_TIE):
+            best, smallest = candidate, size
+    return best
+
+
+def _scaled(array: Floats) -> Floats:
+    """Return the array scaled by a power of two to a largest entry of about 1."""
+    return np.ldexp(array, -int(np.frexp(np.abs(array).max())[1]))
+
+
+def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Floats]:
+    """Yield frames for the skewed box whose edges are ``sides``, parallel to ``axes``."""
+    units = axes / np.abs(axes).max(axis=0)
+    units = units / np.sqrt((units * units).sum(axis=0))
+    same, reversed_ = np.abs(units - rotation), np.abs(units + rotation)
+    turned = np.minimum(same.max(axis=0), reversed_.max(axis=0))
+    if (turned <= UNTURNED).all():
+        yield rotation
+    straight = _straight(axes)
+    if straight is not None:
+        yield straight
+    if abs(orthonormal_defect(units[None])[0]) <= SQUARE:
+        yield complete_frame(units[:, 0], units[:, 1])
+        return  # still a box: no other frame gives a smaller one
+    for i, j, k in permutations(range(3)):  # a side of the box flush with a face and an edge
+        made = complete_frame(units[:, i], units[:, j])
+        yield _placed(made, (i, j, k))
+    for k in range(3):  # flush with a face, and with the projection onto it of the edge across
+        normal = np.cross(units[:, (k + 1) % 3], units[:, (k + 2) % 3])
+        if normal.any():
+            yield complete_frame(normal, units[:, k])
+    spread, _, _ = np.linalg.svd(sides)
+    yield complete_frame(spread[:, 0], spread[:, 1])
+
+
+def _straight(axes: Floats) -> Floats | None:
+    """Return the axes themselves where the matrix is rigid but for a power of two."""
+    for exponent in (0, 1):
+        frame = np.ldexp(axes, exponent)
+        if abs(orthonormal_defect(frame[None])[0]) <= ORTHONORMAL_ROUNDING:
+            return _right_handed(frame) + 0.0
+    return None
+
+
+def _placed(frame: Floats, order: tuple[int, int, int]) -> Floats:
+    """Return the frame with its columns in the given order."""
+    placed = np.empty((3, 3))
+    placed[:, list(order)] = frame
+    return _right_handed(placed)
+
+
+def _right_handed(frame: Floats) -> Floats:
+    """Return the frame, its third axis reversed where it is left-handed: the same boxes."""
+    if np.linalg.det(frame) < 0.0:
+        frame[:, 2] *= -1.0
+    return frame + 0.0
+
+
+def _enclose(
+    center: Floats, rotation: Floats, half_extents: Floats, moves: Floats, frame: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return the box with the axes of ``frame``, by integers."""
+    middle, middle_power = _moved_center(center, moves)
+    new_center = np.array([x / (1 << middle_power) for x in middle])
+    if np.abs(new_center).max() > MAX_MAGNITUDE:
+        raise OverflowError
+    stored, stored_power = exact_integers(new_center.tolist())
+    sides, side_power = _moved_sides(rotation, half_extents, moves)
+
+    power = max(middle_power, stored_power, side_power)
+    x, y, z = (
+        (m << power - middle_power) - (s << power - stored_power)
+        for m, s in zip(middle, stored, strict=True)
+    )
+    exact = ExactFrame.of(frame)
+    reach = np.empty(3)
+    for i, normal in enumerate(exact.normals):
+        across = sum(abs(dot(normal, side)) for side in sides) << power - side_power
+        reach[i] = exact.lift(across + abs(dot(normal, (x, y, z))), power)
+    if reach.max() > MAX_MAGNITUDE:
+        raise OverflowError
+    return new_center, frame, reach
+
+
+def _moved_center(center: Floats, moves: Floats) -> tuple[list[int], int]:
+    """Return matrix * center as integers over 2**power."""
+    entries, entry_power = exact_integers(moves[:3].ravel().tolist())
+    point, point_power = exact_integers([*center.tolist(), 1.0])
+    rows = (entries[4 * k : 4 * k + 4] for k in range(3))
+    moved = [sum(a * b for a, b in zip(row, point, strict=True)) for row in rows]
+    return moved, entry_power + point_power
+
+
+def _moved_sides(rotation: Floats, half_extents: Floats, moves: Floats) -> tuple[list[Vector], int]:
+    """Return the three half edges of the moved box as integer vectors over 2**power."""
+    entries, entry_power = exact_integers(moves[:3, :3].ravel().tolist())
+    axes, axis_power = exact_axes(rotation)
+    lengths, length_power = exact_integers(half_extents.tolist())
+    rows = [(entries[k], entries[k + 1], entries[k + 2]) for k in (0, 3, 6)]
+    sides: list[Vector] = [
+        (length * dot(rows[0], axis), length * dot(rows[1], axis), length * dot(rows[2], axis))
+        for axis, length in zip(axes, lengths, strict=True)
+    ]
+    return sides, entry_power + axis_power + length_power

@@ -21,7 +21,7 @@ minimum volume, hull covariance 1.16, trimesh's minimum volume 1.005), hence ``"
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -129,6 +129,9 @@ REFINED_SPREAD = 8
 REFINED_FACES = 8
 
 
+FITS = ("aabb", "covariance", "hull_covariance", "min_volume", "best")
+
+
 def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Floats]:
     """Return (center (3,), rotation (3, 3), half_extents (3,)) of a box around points (n, 3).
 
@@ -207,7 +210,7 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     if fit == "covariance":
         return keep_flat(frame, flat)
     corners = few_corners(scaled, frame, rank)
-    frames = FITS[fit](corners, frame, rank, floor)
+    frames = _candidates(corners, fit, frame, rank, floor)
     if flat.any():
         frames = np.array([keep_flat(candidate, flat) for candidate in frames])
     sizes = box_sizes(corners.points if corners.complete else scaled, frames, floor)
@@ -233,39 +236,23 @@ def _rank(points: Floats, noise: float) -> tuple[int, Floats, float]:
     return max(1, int((widths > floor).sum())), frame, floor
 
 
-def _axis_aligned(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
-    return np.eye(3)[None]
-
-
-def _covariance(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
-    return frame[None]
-
-
-def _hull_covariance(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
+def _candidates(corners: Corners, fit: str, frame: Floats, rank: int, floor: float) -> Floats:
+    """Return candidate axes (m, 3, 3) of a fit that looks at the hull; frame: principal axes."""
+    aligned, all_fits = np.eye(3), fit == "best"
     if rank == 1:
-        return frame[None]
+        return np.array([aligned, frame]) if all_fits else frame[None]
     if corners.hull is None:
-        return flat_frames(corners.points, frame)[0][None]
-    return hull_covariance_frame(corners.triangles)[None]
-
-
-def _minimum_volume(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
-    if rank == 1:
-        return frame[None]
-    if corners.hull is None:
-        return flat_frames(corners.points, frame)[1][None]
-    faces = _hull_faces(corners)
-    return refined_frames(faces, _best_faces(faces, floor)[:1], floor)
-
-
-def _best(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
-    if rank == 1:
-        return np.array([np.eye(3), frame])
-    if corners.hull is None:
-        return np.array([np.eye(3), *flat_frames(corners.points, frame), frame])
-    principal = np.array([np.eye(3), frame, hull_covariance_frame(corners.triangles)])
+        spread, smallest = flat_frames(corners.points, frame)
+        if all_fits:
+            return np.array([aligned, spread, smallest, frame])
+        return (spread if fit == "hull_covariance" else smallest)[None]
     vertices, faces = corners.points[corners.hull.vertices], _hull_faces(corners)
-    starts = [_best_faces(faces, floor)]
+    if fit == "min_volume":
+        return refined_frames(faces, _best_faces(faces, floor)[:1], floor)
+    spread = hull_covariance_frame(corners.triangles)
+    if not all_fits:
+        return spread[None]
+    principal, starts = np.array([aligned, frame, spread]), [_best_faces(faces, floor)]
     for frames, count in ((principal, REFINED_PRINCIPAL), (spread_frames(), REFINED_SPREAD)):
         order = np.argsort(box_sizes(vertices, frames, floor), kind="stable")
         starts.append(frames[order[:count]])
@@ -285,13 +272,3 @@ def _best_faces(faces: HullFaces, floor: float) -> Floats:
     ordered = volumes[order]
     differs = np.r_[True, ordered[1:] > (1.0 + VOLUME_TIE) * ordered[:-1]]
     return frames[order[differs][:REFINED_FACES]]
-
-
-#: Candidate axes (m, 3, 3) by the name of the fit (the principal axes are given).
-FITS: dict[str, Callable[[Corners, Floats, int, float], Floats]] = {
-    "aabb": _axis_aligned,
-    "covariance": _covariance,
-    "hull_covariance": _hull_covariance,
-    "min_volume": _minimum_volume,
-    "best": _best,
-}

@@ -12,15 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Points inside of one box. Closed boxes: the surface belongs to them."""
+"""Points inside of one box, placed mesh or convex body, or within a margin of the last two.
+
+The surface belongs to them. What doubles cannot tell from it counts as inside, so no point of a
+body is ever reported as outside. Of meshes: points within 2^-41 of the reach of the mesh and the
+offset from its origin, and those of which every ray passes too near to an edge (``inside``), as
+some beside slivers do. Of a surface the first are all. Of convex bodies: cores with a formula are
+decided by it, up to rounding; radii, margins and hulls by the distance of a point, up to 1e-9 of S,
+the offset of the point and the reach of the body.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
-from obb_collision.numerics.constants import CAREFUL_BOUND, ROUNDOFF, UNDERFLOW
+from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.numerics.constants import CAREFUL_BOUND, MESH_UNDERFLOW, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.exact import contains_exactly
 from obb_collision.numerics.vec3 import (
     absolute,
@@ -30,9 +41,28 @@ from obb_collision.numerics.vec3 import (
     max_of,
     minus,
     norm,
+    scaled,
     sum_abs,
     vector_at,
 )
+from obb_collision.queries.convex.distance import rounding, search
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CORNERS,
+    CYLINDER,
+    SEGMENT,
+    Core,
+    Cores,
+    body_place,
+    borrowed_core,
+)
+from obb_collision.queries.meshes.inside import OUTSIDE as SIDE_OUTSIDE
+from obb_collision.queries.meshes.inside import point_side
+from obb_collision.queries.meshes.placed import POINT_BOUND, Meshes, Pose, body_at, node_at
+from obb_collision.queries.meshes.triangle_distance import triangle_bounds
+from obb_collision.queries.meshes.triangles import triangle_at
+from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.sat import box_of
 from obb_collision.typing import Axes, Floats, Vector
 
@@ -107,3 +137,129 @@ def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
         if along - reach >= -bound:
             place = DOUBTFUL
     return place
+
+
+#: Relative slack of a margin: squares, sums and roots of distances are off by 8 roundoffs.
+DISTANCE_ROUNDING = 2.0**-48
+
+
+@njit(refcount=False)
+def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, stack: np.ndarray) -> bool:
+    """Return whether a point is inside body i, or not certainly farther from it than a margin."""
+    trees, body = bodies.trees, body_at(bodies, i)
+    d = minus(point, body.place.center)
+    p = components(body.place.axes, d)
+    error = POINT_BOUND * (sum_abs(d) + trees.radii[body.mesh]) + MESH_UNDERFLOW
+    if trees.solid[body.mesh]:
+        if point_side(trees, body.mesh, p, error, stack) != SIDE_OUTSIDE:
+            return True
+        if margin == 0.0:
+            return False
+    reach = margin * (1.0 + DISTANCE_ROUNDING) + 4.0 * error
+    unit, _ = unit_scale(trees.radii[body.mesh] + reach)
+    return _surface_within(trees, trees.roots[body.mesh], p, reach, unit, stack)
+
+
+@njit(refcount=False)
+def _surface_within(
+    trees: TreeArrays, root: int, p: Vector, reach: float, unit: float, stack: np.ndarray
+) -> bool:
+    """Return False only where no triangle is within ``reach`` of a point of the same frame."""
+    stack[0, 0] = root
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting, 0]
+        if _box_apart(trees, node, p, reach, unit):
+            continue
+        if trees.children[node] >= 0:
+            stack[waiting, 0], stack[waiting + 1, 0] = (
+                trees.children[node],
+                trees.children[node] + 1,
+            )
+            waiting += 2
+            continue
+        for n in range(trees.starts[node, 0], trees.starts[node, 1]):
+            a, b, c = triangle_at(trees.triangles, n)
+            a, b, c = (
+                scaled(minus(a, p), unit),
+                scaled(minus(b, p), unit),
+                scaled(minus(c, p), unit),
+            )
+            zero = 0.0, 0.0, 0.0
+            lower, _, _ = triangle_bounds((a, b, c), (zero, zero, zero), a, 2.0 * unit * reach)
+            if not lower > unit * reach:
+                return True
+    return False
+
+
+@njit(refcount=False)
+def _box_apart(trees: TreeArrays, n: int, p: Vector, reach: float, unit: float) -> bool:
+    """Return whether the box of a node is farther from a point than ``reach``."""
+    center, axes, half = node_at(trees.nodes, n)
+    d = components(axes, minus(p, center))
+    square = 0.0
+    for k in range(3):
+        beyond = unit * (abs(d[k]) - half[k])
+        square += beyond * beyond if beyond > 0.0 else 0.0
+    return math.sqrt(square) > unit * reach
+
+
+NOWHERE = 0.0, 0.0, 0.0
+SAME_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+#: Relative slack of a formula: quotients, squares and their sum are off by 6 roundoffs.
+FORMULA_ROUNDING = 16 * ROUNDOFF
+
+
+@njit(refcount=False)
+def convex_holds(bodies: Cores, i: int, point: Vector, margin: float) -> bool:
+    """Return whether a point is inside body i, or not certainly farther from it than a margin."""
+    core, place = borrowed_core(bodies, i), body_place(bodies, i)
+    d = minus(point, place.center)
+    p = components(place.axes, d)
+    pose = point_pose(p, sum_abs(d), core.reach + margin)
+    if core.kind != CORNERS:
+        if _by_formula(core, p, POINT_BOUND * pose.size + MESH_UNDERFLOW):
+            return True
+        if core.radius + margin == 0.0 and core.kind != SEGMENT:
+            return False
+    needed = core.radius + margin + rounding(pose)
+    return not search(core, point_core(core), pose, NOWHERE, needed).gap > needed
+
+
+@njit(inline=True, refcount=False)
+def point_core(like: Core) -> Core:
+    """Return the core of a point, in numba's eyes of the same type as that of a body."""
+    kind: int = np.int8(SEGMENT)  # type: ignore[assignment]
+    return Core(kind, NOWHERE, 0.0, like.blocks, like.first, like.last, 0.0, 0.0)
+
+
+@njit
+def point_pose(p: Vector, offset: float, reach: float) -> Pose:
+    """Return the pose of a point in the frame of a body."""
+    return Pose(SAME_AXES, p, offset + reach, 0.0, 0.0)
+
+
+@njit(refcount=False)
+def _by_formula(core: Core, p: Vector, error: float) -> bool:
+    """Return whether a point is in a core that has a formula, or may be but for an error."""
+    x, y = max(abs(p[0]) - error, 0.0), max(abs(p[1]) - error, 0.0)
+    z = max(abs(p[2]) - core.half - error, 0.0)
+    a, b, c = core.size
+    if core.kind == BOX:
+        return x <= a and y <= b and z <= c
+    share = 1.0
+    if core.kind == CONE:
+        share = min((core.half - p[2] + error) / (2.0 * core.half), 1.0) if core.half > 0.0 else 1.0
+    if core.kind == CONE or core.kind == CYLINDER or core.kind == SEGMENT:
+        c = 0.0
+    x, y, z = _of(x, a), _of(y, b), _of(z, c)
+    return x * x + y * y + z * z <= share * share * (1.0 + FORMULA_ROUNDING) and share >= 0.0
+
+
+@njit
+def _of(x: float, half: float) -> float:
+    """Return a coordinate by a half axis; infinity beyond one that is zero."""
+    if half > 0.0:
+        return x / half
+    return 0.0 if x == 0.0 else 1e300

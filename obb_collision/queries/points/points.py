@@ -18,7 +18,7 @@ Closed boxes, as in ``containment``: without a margin the answers are those of `
 by point, in which what doubles leave undecided counts as inside. With a margin a point
 counts if its Euclidean distance to the box is at most the margin, or exceeds it by less than
 2^-44 of the point's distance from the centre, the half extents and the margin.
-Of meshes, hulls among them, see ``points.bodies``.
+Of meshes, hulls among them, see ``containment``.
 
 Clouds are taken as they are: float32 or float64, of any strides, NaN and infinite points among
 them. Parts of the cloud are tested in threads; sums and minima don't depend on how it is
@@ -39,11 +39,17 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
+from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import ConvexBodies, Cores
 from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, root_boxes
 from obb_collision.queries.meshes.two_trees import STACK
-from obb_collision.queries.points.bodies import body_holds, convex_holds
-from obb_collision.queries.points.containment import INSIDE_BOUND, OUTSIDE, place_carefully
+from obb_collision.queries.points.containment import (
+    INSIDE_BOUND,
+    OUTSIDE,
+    body_holds,
+    convex_holds,
+    place_carefully,
+)
 from obb_collision.queries.points.grid import COUNT, GRID, START, Grid, build_grid, find_cell
 from obb_collision.queries.primitives.segments import LARGEST_EXPONENT
 from obb_collision.typing import Floats, Integers, Vector
@@ -223,20 +229,13 @@ def _merged(
         part = np.where(hit, squares[:, held], np.inf).argmin(axis=0)
         nearest[held] = found[part, 2, held]
         offsets = cloud[nearest[held]].astype(np.float64) - boxes.centers[held]
-        lengths_kernel(offsets, held, distances)
+        distances[held] = lengths(offsets)
     indices = np.arange(len(boxes))
     return PointsInside(indices, counts, first, nearest, distances, ignored, labels)
 
 
 #: Columns of a box's record: centre (3), rotation (9), half extents (3), then these.
 SIZE, SCALE = 15, 16
-
-
-@njit
-def lengths_kernel(offsets: Floats, rows: np.ndarray, out: Floats) -> None:
-    """Write the length of each offset (m, 3) to its row."""
-    for n in range(len(rows)):
-        out[rows[n]] = length(offsets[n, 0], offsets[n, 1], offsets[n, 2])
 
 
 @njit

@@ -24,10 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import (
-    axis_of,
     components,
     dot,
     minus,
@@ -36,7 +34,7 @@ from obb_collision.numerics.vec3 import (
     sum_abs,
     vector_at,
 )
-from obb_collision.queries.verdict.sat import BoxAt, box_at
+from obb_collision.queries.verdict.sat import BoxAt
 from obb_collision.typing import Floats, Vector
 
 #: Boxes in a leaf.
@@ -174,25 +172,29 @@ class RayTree(NamedTuple):
     entries: Floats  #: (STACK,) where the ray enters them
 
 
-@njit(refcount=False)
-def hit_box(ray: Ray, box: BoxAt) -> tuple[float, int]:
-    """Return the distance at which a ray hits a box, infinity if not within reach, and the axis.
+Hit = tuple[float, int, Vector]
+"""The distance; the axis of the face of a box, or the triangle, or NONE or WITHIN; the normal."""
+NOWHERE = 0.0, 0.0, 0.0
+NONE, WITHIN = -1, -2
+MISSED: Hit = (np.inf, NONE, NOWHERE)
 
-    The axis of the face entered is -1 where the origin is in the box.
-    """
+
+@njit(refcount=False)
+def hit_box(ray: Ray, box: BoxAt) -> Hit:
+    """Return when a ray hits a box; NONE for an origin in it, and no normal yet."""
     d, h = minus(ray.origin, box.center), box.half_extents
     o, v = components(box.axes, d), components(box.axes, ray.unit)
     bound = HIT_BOUND * (sum_abs(d) + sum_abs(h)) + UNDERFLOW
     grown = (h[0] + bound, h[1] + bound, h[2] + bound)
     enter, leave, axis = slabs(o, v, grown)
     if enter > leave or leave < 0.0 or enter > ray.reach:
-        return np.inf, -1
+        return MISSED
     true_enter, true_leave, true_axis = slabs(o, v, h)
     if true_enter <= true_leave and true_enter - enter <= STEEP * bound:
         enter, axis = true_enter, true_axis
     if enter <= 0.0:
-        return 0.0, -1
-    return min(enter, ray.reach), axis
+        return 0.0, NONE, NOWHERE
+    return min(enter, ray.reach), axis, NOWHERE
 
 
 @njit(refcount=False)
@@ -218,102 +220,8 @@ def ray_at(rays: Rays, n: int) -> Ray:
     return Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
 
 
-@njit
-def ray_tree(nodes: TreeNodes) -> RayTree:
-    """Return a tree with work space."""
-    return RayTree(nodes[0], nodes[1], nodes[2], np.empty(STACK, np.int64), np.empty(STACK))
-
-
-@njit(refcount=False)
-def write_hit(out: HitArrays, n: int, ray: Ray, body: int, distance: float, normal: Vector) -> None:
-    """Write what a ray hits; point and normal are NaN where that is nothing."""
-    out.bodies[n], out.distances[n] = body, distance
-    point = plus(ray.origin, scaled(ray.unit, distance))
-    for k in range(3):
-        out.points[n, k] = point[k] if body >= 0 else np.nan
-        out.normals[n, k] = normal[k] if body >= 0 else np.nan
-
-
-@njit
-def rays_kernel(
-    rays: Rays, boxes: BoxArrays, nodes: TreeNodes, out: HitArrays, start: int, stop: int
-) -> None:
-    """Write what rays ``start`` to ``stop`` hit."""
-    tree = ray_tree(nodes)
-    for n in range(start, stop):
-        ray = ray_at(rays, n)
-        box, distance, axis = _nearest(ray, boxes, tree)
-        normal = 0.0, 0.0, 0.0
-        if box >= 0:
-            normal = _normal(ray, axis_of(boxes.rotations, box, max(axis, 0)), axis)
-        write_hit(out, n, ray, box, distance, normal)
-
-
-@njit(refcount=False)
-def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
-    """Return the normal of the face entered, zero for none; across: the axis across it."""
-    side = 0.0
-    if axis >= 0:
-        side = -1.0 if dot(ray.unit, across) > 0.0 else 1.0
-    return side * across[0] + 0.0, side * across[1] + 0.0, side * across[2] + 0.0
-
-
-@njit(refcount=False)
-def _nearest(ray: Ray, boxes: BoxArrays, tree: RayTree) -> tuple[int, float, int]:
-    """Return the nearest box, its distance and the axis of its face; -1, infinity, -1 for none."""
-    box, best, axis = -1, np.inf, -1
-    leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
-    while leaf >= 0:
-        start, count = tree.nodes[leaf, START], tree.nodes[leaf, COUNT]
-        for m in range(start, start + count):
-            b = tree.order[m]
-            distance, face = hit_box(ray, box_at(boxes, b))
-            if distance < best or (distance == best and b < box):
-                box, best, axis = b, distance, face
-        leaf, depth = next_leaf(ray, best, tree, depth)
-    return box, best, axis
-
-
-@njit(refcount=False)
-def start_walk(ray: Ray, tree: RayTree) -> int:
-    """Put the root on the stack if the ray enters its bounds; return how many nodes are there."""
-    enter = enters_bounds(tree.limits, 0, ray, ray.reach)
-    if enter == np.inf:
-        return 0
-    tree.stack[0], tree.entries[0] = 0, enter
-    return 1
-
-
-@njit(inline=True, refcount=False)
-def next_leaf(ray: Ray, best: float, tree: RayTree, depth: int) -> tuple[int, int]:
-    """Return the next leaf that the ray may enter before ``best``, -1 for none, and the depth."""
-    limits, nodes, _, stack, entries = tree
-    while depth > 0:
-        depth -= 1
-        node = stack[depth]
-        if entries[depth] > best:
-            continue
-        child = nodes[node, CHILD]
-        if child < 0:
-            return node, depth
-        first = enters_bounds(limits, child, ray, min(ray.reach, best))
-        second = enters_bounds(limits, child + 1, ray, min(ray.reach, best))
-        if first < second:  # the nearer one is on top
-            first, second = second, first
-            child, other = child + 1, child
-        else:
-            other = child + 1
-        if first < np.inf:
-            stack[depth], entries[depth] = child, first
-            depth += 1
-        if second < np.inf:
-            stack[depth], entries[depth] = other, second
-            depth += 1
-    return -1, 0
-
-
 #: By how much a ray may be off once it is moved ahead, relative to the origin's offset from the
-#: centre (derivation in ``meshes``).
+#: centre (derivation in ``bodies``).
 AHEAD_BOUND = 16 * ROUNDOFF
 
 

@@ -24,29 +24,44 @@ that it passes at less than twice that distance. Distances are those to the box 
 earlier, not later.
 
 Meshes, and hulls as meshes, are hit at their surface, or at once if they are solids and the
-origin is inside; what holds of them is in ``meshes``.
+origin is inside; what holds of them is in ``bodies``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
-from obb_collision.numerics.error_free import length
-from obb_collision.queries.convex.support import ConvexBodies
-from obb_collision.queries.meshes.placed import BOX_BOUND, PlacedMeshes, root_boxes
-from obb_collision.queries.rays.boxes import HitArrays, Rays, build_tree, rays_kernel
-from obb_collision.queries.rays.convex import convex_rays_kernel
-from obb_collision.queries.rays.meshes import mesh_rays_kernel
-from obb_collision.typing import Floats, Integers
+from obb_collision.numerics.vec3 import axis_of, dot, lengths, plus, scaled, vector_at
+from obb_collision.queries.convex.support import ConvexBodies, Cores
+from obb_collision.queries.meshes.placed import BOX_BOUND, Meshes, PlacedMeshes, body_at, root_boxes
+from obb_collision.queries.meshes.two_trees import STACK as TREE_STACK
+from obb_collision.queries.rays.bodies import Work, hit_convex, hit_mesh, triangle_normal
+from obb_collision.queries.rays.boxes import (
+    CHILD,
+    COUNT,
+    MISSED,
+    STACK,
+    START,
+    Hit,
+    HitArrays,
+    Ray,
+    Rays,
+    RayTree,
+    TreeNodes,
+    build_tree,
+    enters_bounds,
+    hit_box,
+)
+from obb_collision.queries.verdict.sat import box_at
+from obb_collision.typing import Floats, Integers, Vector
 
 #: Rays below which a second thread does not pay: 0.1 ms.
 FEWEST_RAYS = 64
@@ -135,20 +150,20 @@ def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) 
 def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
     """Return what rays hit first of convex bodies that are in boxes; not checked.
 
-    Never late, and at most 1e-9 of the size of a body early, along its normal (``convex``).
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``bodies``).
     """
-    return _hits(convex_rays_kernel, rays, bodies.arrays, boxes)
+    return _hits(rays, Targets(convex=bodies.arrays), boxes)
 
 
 def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
     """Return what rays hit first of all that is within ``radii`` (n,) of meshes; not checked.
 
-    Never late, and at most 1e-9 of the size of a body early, along its normal (``meshes``).
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``bodies``).
     """
     boxes = root_boxes(meshes)
     grown = boxes.half_extents + (radii * (1.0 + BOX_BOUND))[:, None]
     boxes = Boxes.trusted(boxes.centers, boxes.rotations, grown)
-    return _hits(mesh_rays_kernel, rays, (meshes.arrays, radii), boxes, faces=True)
+    return _hits(rays, Targets(meshes=meshes.arrays, radii=radii), boxes)
 
 
 def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
@@ -205,38 +220,107 @@ def _reaches(max_distance: ArrayLike, count: int) -> Floats:
 
 def _units(directions: Floats) -> tuple[Floats, Floats]:
     """Return unit vectors (m, 3) and lengths (m,); zero stays zero."""
-    units, norms = np.empty_like(directions), np.empty(len(directions))
-    _units_kernel(directions, units, norms)
-    return units, norms
-
-
-@njit
-def _units_kernel(directions: Floats, units: Floats, norms: Floats) -> None:
-    for n in range(len(directions)):
-        norm = length(directions[n, 0], directions[n, 1], directions[n, 2])
-        norms[n] = norm
-        for k in range(3):
-            units[n, k] = directions[n, k] / norm if norm > 0.0 else 0.0
+    norms = lengths(directions)
+    return directions / np.where(norms > 0.0, norms, 1.0)[:, None], norms
 
 
 def _cast(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
     if isinstance(targets, Boxes):
-        return _hits(rays_kernel, rays, targets.arrays, targets)
-    padded = targets.arrays, np.empty(0)
-    return _hits(mesh_rays_kernel, rays, padded, root_boxes(targets), faces=True)
+        return _hits(rays, Targets(targets.arrays), targets)
+    return _hits(rays, Targets(meshes=targets.arrays), root_boxes(targets))
 
 
-def _hits(
-    kernel: Callable[..., None],
-    rays: Rays,
-    targets: tuple[Any, ...],
-    boxes: Boxes,
-    faces: bool = False,
-) -> RayHits:
+class Targets(NamedTuple):
+    """Bodies of one kind; those that are None compile nothing."""
+
+    boxes: BoxArrays | None = None
+    meshes: Meshes | None = None
+    radii: Floats = np.empty(0)
+    """(n,) about meshes, or (0,) for none: not even zero."""
+    convex: Cores | None = None
+
+
+def _hits(rays: Rays, targets: Targets, boxes: Boxes) -> RayHits:
     """Return what rays hit of targets, which are in boxes."""
     nodes, count = build_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
     bodies, numbers = np.empty((2, count), np.int64)
     points, normals = np.empty((2, count, 3))
     out = HitArrays(bodies, np.empty(count), points, normals, numbers)
-    run(kernel, count, FEWEST_RAYS, rays, targets, nodes, out)
-    return RayHits(*out[:4], numbers if faces else None)
+    run(rays_kernel, count, FEWEST_RAYS, rays, targets, nodes, out)
+    return RayHits(*out[:4], numbers if targets.meshes is not None else None)
+
+
+@njit
+def rays_kernel(
+    rays: Rays, targets: Targets, nodes: TreeNodes, out: HitArrays, start: int, stop: int
+) -> None:
+    """Write what rays ``start`` to ``stop`` hit; point and normal are NaN where that is nothing."""
+    boxes, meshes, radii, convex = targets
+    tree = RayTree(nodes[0], nodes[1], nodes[2], np.empty(STACK, np.int64), np.empty(STACK))
+    work = Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
+    for n in range(start, stop):
+        ray = Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
+        row, found = _nearest(ray, boxes, meshes, radii, convex, tree, work)
+        out.bodies[n], out.distances[n] = row, found[0]
+        out.faces[n], normal = _face(ray, boxes, meshes, radii, row, found)
+        point = plus(ray.origin, scaled(ray.unit, found[0]))
+        for k in range(3):
+            out.points[n, k] = point[k] if row >= 0 else np.nan
+            out.normals[n, k] = normal[k] if row >= 0 else np.nan
+
+
+@njit(refcount=False)
+def _nearest(
+    ray: Ray, boxes: BoxArrays | None, meshes: Meshes | None, radii: Floats, convex: Cores | None,
+    tree: RayTree, work: Work,
+) -> tuple[int, Hit]:  # fmt: skip
+    """Return the nearest body, the first of equally near ones, and the hit; -1 for none."""
+    limits, nodes, order, stack, entries = tree
+    row, best, depth = -1, MISSED, 1
+    stack[0], entries[0] = 0, enters_bounds(limits, 0, ray, ray.reach)
+    while depth > 0:
+        depth -= 1
+        node = stack[depth]
+        if entries[depth] > best[0] or entries[depth] == np.inf:
+            continue
+        child = nodes[node, CHILD]
+        if child < 0:
+            for m in range(nodes[node, START], nodes[node, START] + nodes[node, COUNT]):
+                b = order[m]
+                found = MISSED
+                if boxes is not None:
+                    found = hit_box(ray, box_at(boxes, b))
+                if meshes is not None:
+                    radius = radii[b] if len(radii) > 0 else -1.0
+                    found = hit_mesh(ray, meshes, b, radius, best[0], work)
+                if convex is not None:
+                    found = hit_convex(ray, convex, b, best[0])
+                if found[0] < best[0] or (found[0] == best[0] < np.inf and b < row):
+                    row, best = b, found
+            continue
+        other, reach = child + 1, min(ray.reach, best[0])
+        first = enters_bounds(limits, child, ray, reach)
+        second = enters_bounds(limits, other, ray, reach)
+        if first < second:  # the nearer one is on top
+            child, other, first, second = other, child, second, first
+        stack[depth], entries[depth] = child, first
+        stack[depth + 1], entries[depth + 1] = other, second
+        depth += 2
+    return row, best
+
+
+@njit(refcount=False)
+def _face(
+    ray: Ray, boxes: BoxArrays | None, meshes: Meshes | None, radii: Floats, row: int, found: Hit
+) -> tuple[int, Vector]:
+    """Return the number of the triangle hit, -1 for none, and the normal of what is entered."""
+    _, number, normal = found
+    if boxes is not None and number >= 0:
+        across = axis_of(boxes.rotations, row, number)
+        side = -1.0 if dot(ray.unit, across) > 0.0 else 1.0
+        normal = side * across[0] + 0.0, side * across[1] + 0.0, side * across[2] + 0.0
+    if meshes is not None and number >= 0:
+        if len(radii) == 0:
+            normal = triangle_normal(ray, meshes.trees, number, body_at(meshes, row))
+        return meshes.trees.faces[number], normal
+    return -1, normal

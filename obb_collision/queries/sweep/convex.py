@@ -127,7 +127,7 @@ def course_of(motion: BodyMotion, i: int, j: int, begin: float, tolerance: float
     reach = motion.reaches[i] + motion.reaches[j]
     first, last = meeting_window(p, way, reach)
     slower, faster = min(norm(u), norm(v)), max(norm(u), norm(v))
-    if way[0] == 0.0 and way[1] == 0.0 and way[2] == 0.0 and slower == 0.0:
+    if way == (0.0, 0.0, 0.0) and slower == 0.0:
         last = min(last, first + TURN / faster) if faster > 0.0 else first
     r, s = motion.radii[i], motion.radii[j]
     near = max(tolerance * min(r, s), FLOOR * max(r, s))

@@ -14,26 +14,19 @@
 
 """Time at which two boxes that move without turning first touch: the swept separating axis test.
 
-The coarse stage:
-
-The coarse stage of ``linear``: 15 intervals of time with certain bounds of both ends, and
-an end as soon as they have no time in common. Most pairs that miss do so by the spheres round
-them or by the faces of the first box; the nine edge axes are for pairs that nearly hit.
-
 Along each of the 15 axes of ``sat`` the centre offset is linear in time, s(t), and the sum
 of the projected radii r is constant: the axis separates while abs(s(t)) > r. Turning neither box
 keeps the axes, so the boxes touch exactly during the common part of 15 intervals of time
 (Eberly, "Dynamic Collision Detection using Oriented Bounding Boxes"; Ericson 2005, 5.5).
 
-Certified like the verdicts, and in two stages like them: a coarse pass that settles most misses
-(``meeting_intervals``), then the axes that may decide the entry, or the exit, taken carefully.
-Every r is widened by the error bound of its stage, so intervals only grow: no hit is missed and no
-time is late. What this may cost: a miss by less than the bound, 4e-15 of T, counts as a hit, and at
-the time given the boxes are apart by less than that
-(T: the offsets of the centres at the start and at
-the end, their components summed, plus all half extents). A time is early by at most that over the
-speed along the axis entered last: 1e-12 of it where the way along that axis is a hundredth of T or
-more.
+Certified like the verdicts, and in two stages like them: a coarse pass that settles most misses,
+by the spheres or the faces of the first box (``meeting_intervals``), then the axes that may decide
+the entry, or the exit, taken carefully. Every r is widened by the error bound of its stage, so
+intervals only grow: no hit is missed and no time is late. What this may cost: a miss by less than
+the bound, 4e-15 of T, counts as a hit, and at the time given the boxes are apart by less than that
+(T: the offsets of the centres at the start and at the end, their components summed, plus all half
+extents). A time is early by at most that over the speed along the axis entered last: 1e-12 of it
+where the way along that axis is a hundredth of T or more.
 
 Offsets are differences of stored centres, or of velocities (``offset_and_way``): a motion that two
 boxes share costs no accuracy. Of the latter the offset at the end is off by up to 4 unit roundoffs
@@ -149,7 +142,7 @@ def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[f
     return span[0] * (1.0 - TIME_ROUNDING), span[2]
 
 
-@njit(each_number=True)
+@njit(inline=True)
 def _meet_three(
     times: Floats, axis: int, first: Vector, last: Vector, reach: Vector, bound: float, span: Span
 ) -> Span:
@@ -165,7 +158,7 @@ def _over(span: Span) -> bool:
     return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
 
 
-@njit(each_number=True)
+@njit(inline=True)
 def _meet(
     times: Floats,
     axis: int,

@@ -18,27 +18,26 @@ Time runs from 0 to 1. The origin of a box, a point fixed to it, goes along a li
 speed while the box turns about it at constant speed; its centre is at the end of the ``arm`` from
 there. Displacements are what is stored and subtracted, never positions at the end: far from the
 origin of the frame these have lost the digits that matter.
-
-Box k moves for one unit of time from its start pose to its end pose: its centre along a line at
-constant speed, turning at constant speed the shortest way about a fixed axis.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import fill_quaternions
 from obb_collision.geometry.validation import check_kind, check_lengths, refuse_where
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF, SMALL_SQUARE
 from obb_collision.numerics.error_free import length
-from obb_collision.numerics.vec3 import cross, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.numerics.vec3 import cross, dot, lengths, minus, norm, plus, scaled, vector_at
 from obb_collision.typing import Axes, Floats, Vector
+
+M = TypeVar("M", bound="tuple[Any, ...]")
 
 #: A turn: unit axis, sine, 1 - cosine.
 Spin = tuple[Vector, float, float]
@@ -56,6 +55,13 @@ class Motion(NamedTuple):
     turns: Floats  #: (n, 3) rotation vectors over the whole time
     arms: Floats  #: (n, 3) from origin to centre at time 0; zero for boxes that do not turn
     reaches: Floats  #: (n,) of the spheres about the origins that hold the boxes at all times
+
+
+def joined(a: M, b: M) -> M:
+    """Return the motion of both sets, during the same times: that of b behind that of a."""
+    columns = zip(a, b, strict=True)
+    both = (x if isinstance(x, float) else np.concatenate([x, y]) for x, y in columns)
+    return type(a)._make(both)  # type: ignore[attr-defined]
 
 
 @njit
@@ -87,7 +93,7 @@ def place_at(starts: Floats, ends: Floats, seconds: float, i: int, time: float) 
 def swing(motion: Motion, i: int, time: float) -> Vector:
     """Return how far turning about its origin has taken the centre of a box."""
     arm = vector_at(motion.arms, i)
-    if arm[0] == 0.0 and arm[1] == 0.0 and arm[2] == 0.0:
+    if arm == (0.0, 0.0, 0.0):
         return arm
     return minus(turned_by(arm, vector_at(motion.turns, i), time), arm)
 
@@ -147,17 +153,16 @@ def turns_between(start: Boxes, end: Boxes) -> Floats:
     equally short, and rounding decides between them.
     """
     vectors = np.zeros((len(start), 3))
-    _fill_turns(start.rotations, end.rotations, vectors)
+    turned = np.flatnonzero((start.rotations != end.rotations).any(axis=(1, 2)))
+    _fill_turns(start.rotations, end.rotations, turned, vectors)
     return vectors
 
 
 @njit
-def _fill_turns(first: Floats, last: Floats, out: Floats) -> None:
-    """Write the rotation vectors (n, 3) from one rotation (n, 3, 3) to another; zeros stay."""
+def _fill_turns(first: Floats, last: Floats, rows: np.ndarray, out: Floats) -> None:
+    """Write rows of the rotation vectors (n, 3) from one rotation (n, 3, 3) to another."""
     relative, quaternion = np.empty((1, 3, 3)), np.empty((1, 4))
-    for n in range(len(first)):
-        if not _turned(first, last, n):
-            continue
+    for n in rows:
         for i in range(3):
             for j in range(3):
                 total = 0.0
@@ -173,16 +178,6 @@ def _fill_turns(first: Floats, last: Floats, out: Floats) -> None:
             out[n, 0], out[n, 1], out[n, 2] = x * scale, y * scale, z * scale
 
 
-@njit
-def _turned(first: Floats, last: Floats, n: int) -> bool:
-    """Return whether rotation n of (n, 3, 3) differs in any bit."""
-    differ = False
-    for i in range(3):
-        for j in range(3):
-            differ |= first[n, i, j] != last[n, i, j]
-    return differ
-
-
 def bounding_radii(half_extents: Floats) -> Floats:
     """Return (n,) radii of the circumscribed spheres, rounded up."""
     radii = np.empty(len(half_extents))
@@ -193,15 +188,10 @@ def bounding_radii(half_extents: Floats) -> Floats:
 @njit
 def _fill_radii(half_extents: Floats, out: Floats) -> None:
     for n in range(len(half_extents)):
-        out[n] = _radius(half_extents, n)
-
-
-@njit
-def _radius(half_extents: Floats, n: int) -> float:
-    x, y, z = half_extents[n, 0], half_extents[n, 1], half_extents[n, 2]
-    square = x * x + y * y + z * z
-    plain = math.sqrt(square) if SMALL_SQUARE < square < math.inf else length(x, y, z)
-    return plain * OUTWARD + BOUND_UNDERFLOW
+        x, y, z = vector_at(half_extents, n)
+        square = x * x + y * y + z * z
+        plain = math.sqrt(square) if SMALL_SQUARE < square < math.inf else length(x, y, z)
+        out[n] = plain * OUTWARD + BOUND_UNDERFLOW
 
 
 def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
@@ -216,46 +206,21 @@ def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
     low_a, high_a = start.world_bounds()
     low_b, high_b = end.world_bounds()
     low, high = np.minimum(low_a, low_b), np.maximum(high_a, high_b)
-    turns = turns_between(start, end)
-    _widen(start.centers, end.centers, start.half_extents, turns, low, high)
-    return low, high
-
-
-@njit
-def _widen(
-    starts: Floats, ends: Floats, half_extents: Floats, turns: Floats, low: Floats, high: Floats
-) -> None:
-    """Add to bounds (n, 3) of both ends what turning in between needs."""
-    for n in range(len(starts)):
-        angle = length(turns[n, 0], turns[n, 1], turns[n, 2])
-        if angle == 0.0:
-            continue
-        radius = _radius(half_extents, n)
-        sag = radius * (0.125 * OUTWARD) * angle * angle
-        for k in range(3):
-            least, most = min(starts[n, k], ends[n, k]), max(starts[n, k], ends[n, k])
-            slack = BOUND_SLACK * (max(abs(least), abs(most)) + radius) + BOUND_UNDERFLOW
-            low[n, k] = max(low[n, k] - sag, least - radius) - slack
-            high[n, k] = min(high[n, k] + sag, most + radius) + slack
+    angles = lengths(turns_between(start, end))[:, None]
+    radii = bounding_radii(start.half_extents)[:, None]
+    sag = radii * (0.125 * OUTWARD) * angles * angles
+    least, most = np.minimum(start.centers, end.centers), np.maximum(start.centers, end.centers)
+    slack = BOUND_SLACK * (np.maximum(abs(least), abs(most)) + radii) + BOUND_UNDERFLOW
+    return (
+        np.where(angles > 0.0, np.maximum(low - sag, least - radii) - slack, low),
+        np.where(angles > 0.0, np.minimum(high + sag, most + radii) + slack, high),
+    )
 
 
 def motion_bounds(start: Boxes, end: Boxes) -> Floats:
     """Return (n,) metres that no point of each box exceeds on its way, rounded up."""
-    ways = np.empty(len(start))
-    _fill_ways(start.centers, end.centers, start.half_extents, turns_between(start, end), ways)
-    return ways
-
-
-@njit
-def _fill_ways(
-    starts: Floats, ends: Floats, half_extents: Floats, turns: Floats, out: Floats
-) -> None:
-    for n in range(len(starts)):
-        straight = length(
-            ends[n, 0] - starts[n, 0], ends[n, 1] - starts[n, 1], ends[n, 2] - starts[n, 2]
-        )
-        turned = length(turns[n, 0], turns[n, 1], turns[n, 2]) * _radius(half_extents, n)
-        out[n] = (straight + turned) * OUTWARD
+    turned = lengths(turns_between(start, end)) * bounding_radii(start.half_extents)
+    return (lengths(end.centers - start.centers) + turned) * OUTWARD
 
 
 def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
@@ -274,15 +239,6 @@ def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
     graze at a corner or edge that begins and ends within the step, at most M / 2 deep.
     """
     check_same_boxes(start, end)
-    needed = np.empty(len(start), np.bool_)
-    _fill_needed(start.arrays, end.arrays, motion_bounds(start, end), needed)
-    return needed
-
-
-@njit
-def _fill_needed(start: BoxArrays, end: BoxArrays, ways: Floats, out: np.ndarray) -> None:
-    for n in range(len(out)):
-        moved = vector_at(start.centers, n) != vector_at(end.centers, n)
-        x, y, z = vector_at(start.half_extents, n)
-        turned = _turned(start.rotations, end.rotations, n)
-        out[n] = ways[n] > min(x, y, z) and (moved or turned)
+    moved = (start.centers != end.centers).any(axis=1)
+    moved |= (start.rotations != end.rotations).any(axis=(1, 2))
+    return np.asarray(moved & (motion_bounds(start, end) > start.half_extents.min(axis=1)))

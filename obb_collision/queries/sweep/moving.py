@@ -25,13 +25,14 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array, check_kind, check_magnitude
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.vec3 import axes_of, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.numerics.vec3 import axes_of, dot, lengths, minus, norm, plus, scaled, vector_at
 from obb_collision.queries.sweep.bounds import CORNER_ROWS, fill_corners
 from obb_collision.queries.sweep.motion import (
     OUTWARD,
     Motion,
     bounding_radii,
     check_same_boxes,
+    joined,
     rotated,
     swing,
     turns_between,
@@ -68,17 +69,10 @@ def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, second
         turning = twists[:, 3:].any(axis=1)
         arms[turning] = boxes.centers[turning] - places[turning]
         check_magnitude(arms, "distance of origins from the boxes", by_row=True)
-        reaches = np.empty_like(radii)
-        _fill_reaches(arms, radii, reaches)
+        reaches = (radii + lengths(arms)) * OUTWARD
     speeds, turns = np.ascontiguousarray(twists[:, :3]), np.ascontiguousarray(moved[:, 3:])
     c, r, h = boxes.arrays
     return Motion(c, speeds, seconds, r, h, radii, turns, arms, reaches)
-
-
-@njit
-def _fill_reaches(arms: Floats, radii: Floats, out: Floats) -> None:
-    for n in range(len(radii)):
-        out[n] = (radii[n] + norm(vector_at(arms, n))) * OUTWARD
 
 
 def twist_bounds(
@@ -247,9 +241,8 @@ def join_motions(
         return first.motion, first.duration, pairs
     if (first.motion.seconds, first.duration) != (second.motion.seconds, second.duration):
         raise ValueError(f"a and b must move during the same times, got {first} and {second}")
-    columns = zip(first.motion, second.motion, strict=True)
-    both = (x if isinstance(x, float) else np.concatenate([x, y]) for x, y in columns)
-    return Motion._make(both), first.duration, pairs + np.array([0, len(first)])
+    both = joined(first.motion, second.motion)
+    return both, first.duration, pairs + np.array([0, len(first)])
 
 
 def _moving(boxes: MovingBoxes | Boxes, other: MovingBoxes | Boxes) -> MovingBoxes:

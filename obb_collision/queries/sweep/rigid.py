@@ -116,6 +116,8 @@ def sweep_rigid(
 ) -> Answer:
     """Return the first contact of boxes i and j during times 0 to 1 (see ``Answer``).
 
+    Step along the course from separating axis to separating axis (see the module).
+
     p: offset of the centres at time 0; way: what their origins add to it until time 1; ``work``
     (WORK_ROWS, 3) is work space.
     """
@@ -123,7 +125,7 @@ def sweep_rigid(
     reach_a, reach_b = motion.reaches[i], motion.reaches[j]
     pivot = plus(minus(p, vector_at(motion.arms, j)), vector_at(motion.arms, i))
     time, last = meeting_window(pivot, way, reach_a + reach_b)
-    if way[0] == 0.0 and way[1] == 0.0 and way[2] == 0.0 and (wa == 0.0 or wb == 0.0):
+    if way == (0.0, 0.0, 0.0) and (wa == 0.0 or wb == 0.0):
         last = min(last, time + TURN / max(wa, wb))
     if time > last:
         return np.inf, True
@@ -132,18 +134,9 @@ def sweep_rigid(
     start, way = scaled(plus(pivot, scaled(way, time)), scale), scaled(way, scale)
     if not norm(way) + wa + wb < FARTHEST:
         return time, time == 0.0 and _touch(motion, i, j)
-    return _walk(motion, i, j, Approaching(start, way, time, last, scale, stray), tolerance, work)
-
-
-@njit
-def _walk(
-    motion: Motion, i: int, j: int, course: Approaching, tolerance: float, work: Floats
-) -> Answer:
-    """Step along the course from separating axis to separating axis (see the module)."""
-    start, way, time, last, scale, stray = course
-    wa, wb = norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j))
+    course = Approaching(start, way, time, last, scale, stray)
     radius_a, radius_b = motion.radii[i] * scale, motion.radii[j] * scale
-    reach_a, reach_b = motion.reaches[i] * scale, motion.reaches[j] * scale
+    reach_a, reach_b = reach_a * scale, reach_b * scale
     speed, end = norm(way), norm(plus(start, scaled(way, last - time)))
     limit = max(tolerance * min(radius_a, radius_b), FLOOR * max(radius_a, radius_b))
     least_step = SHOWN * limit / (speed + wa * reach_a + wb * reach_b)

@@ -255,7 +255,7 @@ def sweep_kernel(
         a = BoxAt(HERE, axes_of(motion.rotations, i), vector_at(motion.half_extents, i))
         b = BoxAt(HERE, axes_of(motion.rotations, j), vector_at(motion.half_extents, j))
         p, q, way = offset_and_way(starts, ends, seconds, i, j)
-        if _turns(turns, i) or _turns(turns, j):
+        if vector_at(turns, i) != HERE or vector_at(turns, j) != HERE:
             u, v = vector_at(motion.arms, i), vector_at(motion.arms, j)
             reach = motion.reaches[i] + motion.reaches[j]
             if not spheres_pass(plus(minus(p, v), u), plus(minus(q, v), u), reach):
@@ -271,11 +271,6 @@ def sweep_kernel(
                 point, normal = find_contact(motion, i, j, time, offset)
             point = plus(place_at(starts, ends, seconds, i, time), point)
         write_sweep(out, n, time, known, point, normal)
-
-
-@njit
-def _turns(turns: Floats, i: int) -> bool:
-    return turns[i, 0] != 0.0 or turns[i, 1] != 0.0 or turns[i, 2] != 0.0
 
 
 @njit

@@ -32,7 +32,7 @@ from obb_collision._threads import run
 from obb_collision.geometry.aabb import world_bounds_of
 from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
-from obb_collision.numerics.vec3 import minus, norm, rows_at, sum_abs, vector_at
+from obb_collision.numerics.vec3 import lengths, minus, norm, rows_at, sum_abs, vector_at
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Slack of the sphere test relative to the distance and the radii (see above).
@@ -60,8 +60,7 @@ def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     Of two spheres that ``spheres_may_collide`` reports these bounds certainly overlap.
     """
     minimum, maximum = meeting_bounds(boxes)
-    radii = np.empty(len(boxes))
-    _radius_kernel(boxes.half_extents, radii)
+    radii = lengths(boxes.half_extents)
     reach = radii[:, None] + 4.0 * SPHERE_SLACK * (np.abs(boxes.centers) + radii[:, None])
     return (
         np.minimum(minimum, boxes.centers - reach),
@@ -104,12 +103,6 @@ def bounds_kernel(
         for k in range(3):
             minimum[n, k] -= slack
             maximum[n, k] += slack
-
-
-@njit
-def _radius_kernel(half_extents: Floats, out: Floats) -> None:
-    for n in range(len(half_extents)):
-        out[n] = norm(vector_at(half_extents, n))
 
 
 @njit

@@ -39,8 +39,8 @@ from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, vector_at, write_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.sat import Pair, box_at, enter_frame
-from obb_collision.queries.verdict.verdict import OVERLAP, pair_verdicts
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, pair_verdicts
+from obb_collision.typing import Floats, Integers, Vector
 
 
 def overlap_volumes(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
@@ -113,12 +113,44 @@ def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
 def _overlaps(a: Boxes, b: Boxes, pairs: ArrayLike | None) -> tuple[Floats, Floats]:
     check_boxes(a, b)
     rows = as_pairs(a, b, pairs)
-    overlap = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy()) == OVERLAP
+    verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())
     boxes, rows = one_set(a, b, rows)
-    out = np.empty((2, len(rows)))
-    sizes = box_volumes(boxes.half_extents)
-    overlap_kernel(boxes.arrays, sizes, rows, overlap, out)
+    sizes, out = box_volumes(boxes.half_extents), np.zeros((2, len(rows)))
+    solid = (boxes.half_extents > 0.0).all(axis=1)
+    clipped = np.flatnonzero(verdicts == OVERLAP)
+    clipped = clipped[solid[rows[clipped, 0]] & solid[rows[clipped, 1]]]
+    overlap_kernel(boxes.arrays, sizes, _in_order(boxes, sizes, rows[clipped]), clipped, out)
+    same = np.flatnonzero(verdicts != SEPARATE)
+    same = same[_same_sets(boxes, rows[same])]
+    out[0, same], out[1, same] = sizes[rows[same, 0]], 1.0
     return out[0], out[1]
+
+
+def _same_sets(boxes: Boxes, pairs: Integers) -> Integers:
+    """Return which pairs (m, 2) are the same set: their axes may be swapped and reversed."""
+    centers, rotations, half_extents = boxes.arrays
+    same = np.flatnonzero((centers[pairs[:, 0]] == centers[pairs[:, 1]]).all(axis=1))
+    (h, f), (r, s) = (np.moveaxis(x[pairs[same]], 1, 0) for x in (half_extents, rotations))
+    x, y = r.transpose(0, 2, 1)[:, :, None], s.transpose(0, 2, 1)[:, None]
+    parallel = (x == y).all(axis=3) | (x == -y).all(axis=3)
+    found = (parallel & (h[:, :, None] == f[:, None])).any(axis=2)
+    found |= h == 0.0  # the direction of such an axis doesn't matter
+    flat = [(x == 0.0).sum(axis=1) for x in (h, f)]
+    return same[found.all(axis=1) & (flat[0] == flat[1])]
+
+
+def _in_order(boxes: Boxes, sizes: Floats, pairs: Integers) -> Integers:
+    """Return pairs (m, 2), the smaller box first, by their numbers if equal: it is clipped."""
+    one, other = sizes[pairs[:, 0]], sizes[pairs[:, 1]]
+    later, equal = other < one, np.flatnonzero(one == other)
+    if len(equal):
+        centers, rotations, half_extents = (x[pairs[equal]] for x in boxes.arrays)
+        places = np.stack([centers, half_extents], axis=3).reshape(-1, 2, 6)
+        keys = np.concatenate([places, rotations.reshape(-1, 2, 9)], axis=2)
+        first = (keys[:, 0] != keys[:, 1]).argmax(axis=1)
+        one, other = (keys[np.arange(len(equal)), side, first] for side in (0, 1))
+        later[equal] = other < one
+    return np.where(later[:, None], pairs[:, ::-1], pairs)
 
 
 #: Bound of a volume, relative to T S: T the offset of the centres (components summed) and the half
@@ -137,38 +169,25 @@ LEAST = 5e-324
 
 @njit
 def overlap_kernel(
-    boxes: BoxArrays, sizes: Floats, pairs: np.ndarray, overlap: np.ndarray, out: Floats
+    boxes: BoxArrays, sizes: Floats, pairs: np.ndarray, rows: np.ndarray, out: Floats
 ) -> None:
-    """Write overlap volumes and intersections over unions (2, m) of pairs (m, 2).
+    """Write overlap volumes and intersections over unions of pairs (m, 2) to rows of (2, n).
 
-    sizes (n,): volumes of the boxes; overlap (m,): whether their verdict is OVERLAP.
+    sizes (n,): volumes of the boxes, which overlap and are not flat.
     """
-    volumes, ratios = out[0], out[1]
     edges = np.empty((FACES, EDGES, 6))
     counts = np.empty(FACES, np.int64)
     cuts = np.empty((2, CUTS, 3))
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
-        volumes[n] = ratios[n] = 0.0
-        if _same_set(boxes, i, j):
-            volumes[n], ratios[n] = sizes[i], 1.0
-        elif overlap[n] and _is_solid(boxes, i) and _is_solid(boxes, j):
-            if _comes_before(boxes, sizes, j, i):
-                i, j = j, i
-            pair, _, scale = enter_frame(box_at(boxes, i), box_at(boxes, j))
-            size, other = _volume_of(pair.h), _volume_of(pair.f)
-            common = min(_clipped_volume(pair, edges, counts, cuts), size, other)
-            larger, smaller = max(size, other), min(size, other)
-            if common > 0.0:
-                ratios[n] = common / (larger + (smaller - common))
-            volumes[n] = max(min(common / scale / scale / scale, sizes[i], sizes[j]), LEAST)
-            ratios[n] = max(ratios[n], LEAST)
-
-
-@njit(refcount=False)
-def _is_solid(boxes: BoxArrays, i: int) -> bool:
-    x, y, z = vector_at(boxes.half_extents, i)
-    return x > 0.0 and y > 0.0 and z > 0.0
+        pair, _, scale = enter_frame(box_at(boxes, i), box_at(boxes, j))
+        size, other = _volume_of(pair.h), _volume_of(pair.f)
+        common = min(_clipped_volume(pair, edges, counts, cuts), size, other)
+        larger, smaller = max(size, other), min(size, other)
+        ratio = common / (larger + (smaller - common)) if common > 0.0 else 0.0
+        volume = common / scale / scale / scale
+        out[0, rows[n]] = max(min(volume, sizes[i], sizes[j]), LEAST)
+        out[1, rows[n]] = max(ratio, LEAST)
 
 
 @njit
@@ -177,55 +196,6 @@ def _volume_of(h: Vector) -> float:
     small, large = min(h[0], h[1], h[2]), max(h[0], h[1], h[2])
     middle = max(min(h[0], h[1]), min(max(h[0], h[1]), h[2]))
     return (2.0 * small) * (2.0 * middle) * (2.0 * large)
-
-
-@njit(refcount=False)
-def _same_set(boxes: BoxArrays, i: int, j: int) -> bool:
-    """Return whether two boxes are the same set: axes may be swapped and reversed."""
-    centers, rotations, half_extents = boxes
-    flat_i, flat_j = 0, 0
-    for k in range(3):
-        if centers[i, k] != centers[j, k]:
-            return False
-        flat_i += half_extents[i, k] == 0.0
-        flat_j += half_extents[j, k] == 0.0
-    if flat_i != flat_j:
-        return False
-    for k in range(3):
-        found = half_extents[i, k] == 0.0  # its direction doesn't matter
-        for m in range(3):
-            found |= half_extents[i, k] == half_extents[j, m] and _parallel(rotations, i, k, j, m)
-        if not found:
-            return False
-    return True
-
-
-@njit
-def _parallel(rotations: Floats, i: int, k: int, j: int, m: int) -> bool:
-    """Return whether axis k of i is axis m of j or its reverse, bit for bit."""
-    same, reverse = True, True
-    for n in range(3):
-        same &= rotations[i, n, k] == rotations[j, n, m]
-        reverse &= rotations[i, n, k] == -rotations[j, n, m]
-    return same or reverse
-
-
-@njit(refcount=False)
-def _comes_before(boxes: BoxArrays, sizes: Floats, i: int, j: int) -> bool:
-    """Order boxes by volume, then by their numbers: one is always clipped, the smaller."""
-    centers, rotations, half_extents = boxes
-    if sizes[i] != sizes[j]:
-        return bool(sizes[i] < sizes[j])
-    for k in range(3):
-        if centers[i, k] != centers[j, k]:
-            return bool(centers[i, k] < centers[j, k])
-        if half_extents[i, k] != half_extents[j, k]:
-            return bool(half_extents[i, k] < half_extents[j, k])
-    for k in range(3):
-        for m in range(3):
-            if rotations[i, k, m] != rotations[j, k, m]:
-                return bool(rotations[i, k, m] < rotations[j, k, m])
-    return False
 
 
 @njit

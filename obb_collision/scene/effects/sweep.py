@@ -40,8 +40,14 @@ from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
-from obb_collision.queries.sweep.meshes import join_motions, swept_mesh_bodies, swept_meshes
-from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, sweep_needed, swept_bounds
+from obb_collision.queries.sweep.meshes import swept_meshes
+from obb_collision.queries.sweep.motion import (
+    OUTWARD,
+    bounding_radii,
+    joined,
+    sweep_needed,
+    swept_bounds,
+)
 from obb_collision.queries.sweep.moving import MovingBoxes, twist_bounds
 from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, box_sweeps
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
@@ -150,8 +156,8 @@ def triangle_sweeps(
         _fill(table, own, turned, found)
     if some is not None:
         motion = _motions(some.meshes, some.bodies, some.ends, ride)
-        bodies = some.meshes, some.radii, some.bodies
-        found = swept_mesh_bodies(*bodies, motion, begin[some.rows], tolerance)
+        bodies = some.meshes, some.radii, some.bodies, None
+        found = swept_meshes(*bodies, motion, begin[some.rows], tolerance)
         _fill(table, some.rows, some.turned, found)
     return table
 
@@ -168,7 +174,7 @@ def _motions(
         )
         for body, slots in zip((a, b), ends.T, strict=True)
     )
-    return join_motions(first, second)
+    return joined(first, second)
 
 
 def _fill(table: Sweeps, rows: Rows, turned: Mask, found: Sweeps) -> None:

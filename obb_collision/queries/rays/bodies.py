@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels of ``rays`` for meshes: where a ray first hits a surface, down the tree of its boxes.
+"""Rays against meshes, down the tree of their boxes, and against convex bodies.
 
 A triangle is missed only where that is certain, and the distance is never later than the true one:
 a ray that passes an edge within rounding hits it. The ray is moved ahead to where it comes near the
@@ -29,10 +29,17 @@ before the first. Triangles of which an edge is too near are missed where the ra
 corner: with R the reach of the corners from the ray's start, they less their parts along it are off
 by the error of a point and 24 u R, for which ``SLAB_SLACK`` is 32 u, three times.
 
+Convex bodies (round shapes, hulls, and what is within a radius of them): a plane between a body and
+the point where the ray is (``convex.distance``) says how far the ray may certainly go on; Newton's
+method on the distance along the ray, which is convex (van den Bergen 2004). A ray is missed only
+where it goes away from such a plane or is beyond its end, and the distance is never later than the
+true one: at the hit, the ray is within 1e-9 of S of the body, S as in ``convex.distance`` where it
+comes near.
+
 With a radius about a mesh, balls are swept over its triangles. What is within a radius of one is
-convex: rays go on as in ``convex``, down the tree of boxes that are larger by the radius. At the
-hit a ray is within 1e-9 of S of the body, S with the radius. What a solid holds, and what is within
-the radius of a surface, is inside (``points``).
+convex: rays go on as there, down the tree of boxes that are larger by the radius. At the hit a ray
+is within 1e-9 of S of the body, S with the radius. What a solid holds, and what is within the
+radius of a surface, is inside (``points``).
 """
 
 from __future__ import annotations
@@ -43,7 +50,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.numerics.constants import MESH_UNDERFLOW, PRODUCT_UNDERFLOW
+from obb_collision.numerics.constants import MESH_UNDERFLOW, PRODUCT_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     combined,
     components,
@@ -57,35 +64,27 @@ from obb_collision.numerics.vec3 import (
     scaled,
     sum_abs,
 )
-from obb_collision.queries.convex.distance import CLOSE, CONVEX_ROUNDING
+from obb_collision.queries.convex.distance import CLOSE, CONVEX_ROUNDING, rounding, search
+from obb_collision.queries.convex.support import Cores, body_place, borrowed_core
 from obb_collision.queries.meshes.inside import OUTSIDE, SLAB_SLACK, entry, point_side
 from obb_collision.queries.meshes.placed import POINT_BOUND, MeshAt, Meshes, body_at
 from obb_collision.queries.meshes.triangle_distance import careful_gap, triangle_bounds
 from obb_collision.queries.meshes.triangles import DETERMINANT_ROUNDING, Triangle, triangle_at
 from obb_collision.queries.meshes.two_trees import APART
-from obb_collision.queries.meshes.two_trees import STACK as TREE_STACK
-from obb_collision.queries.points.bodies import NOWHERE, body_holds
-from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.queries.rays.boxes import (
-    COUNT,
-    START,
-    HitArrays,
-    Ray,
-    Rays,
-    RayTree,
-    TreeNodes,
-    moved_ahead,
-    next_leaf,
-    ray_at,
-    ray_tree,
-    start_walk,
-    write_hit,
+from obb_collision.queries.points.containment import (
+    body_holds,
+    convex_holds,
+    point_core,
+    point_pose,
 )
-from obb_collision.queries.rays.convex import SPEED_ROUNDING, STEPS
+from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.rays.boxes import MISSED, NONE, NOWHERE, WITHIN, Hit, Ray, moved_ahead
 from obb_collision.typing import Floats, Vector
 
-#: Instead of a triangle: none hit, and the origin is inside of a solid.
-NONE, WITHIN = -1, -2
+#: Steps at most: those that hit take 2 to 6, those that pass near an edge halve the way each time.
+STEPS = 80
+#: The speed towards a plane is off by 4 roundoffs, so that steps are shorter by twice that.
+SPEED_ROUNDING = 8 * ROUNDOFF
 
 
 class LocalRay(NamedTuple):
@@ -99,11 +98,6 @@ class LocalRay(NamedTuple):
     radius: float  #: about the mesh; negative for none, not even zero
 
 
-Hit = tuple[float, int, Vector]
-"""When, which triangle (NONE, WITHIN), and the outward normal there."""
-MISSED: Hit = (np.inf, NONE, NOWHERE)
-
-
 class Work(NamedTuple):
     """Work space for walking down the tree of a mesh."""
 
@@ -111,51 +105,8 @@ class Work(NamedTuple):
     entries: Floats  #: (TREE_STACK,) when the ray enters them
 
 
-@njit
-def work_room() -> Work:
-    """Return work space for one ray after another."""
-    return Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
-
-
-@njit
-def mesh_rays_kernel(
-    rays: Rays,
-    padded: tuple[Meshes, Floats],
-    nodes: TreeNodes,
-    out: HitArrays,
-    start: int,
-    stop: int,
-) -> None:
-    """Write what rays ``start`` to ``stop`` hit of meshes, with radii (n,) or (0,) for none."""
-    bodies, radii = padded
-    tree, work = ray_tree(nodes), work_room()
-    for n in range(start, stop):
-        ray = ray_at(rays, n)
-        row, (distance, triangle, normal) = _nearest(ray, bodies, radii, tree, work)
-        out.faces[n] = bodies.trees.faces[triangle] if triangle >= 0 else -1
-        if triangle >= 0 and len(radii) == 0:
-            normal = _normal(ray, bodies.trees, triangle, body_at(bodies, row))
-        write_hit(out, n, ray, row, distance, normal)
-
-
 @njit(refcount=False)
-def _nearest(ray: Ray, bodies: Meshes, radii: Floats, tree: RayTree, work: Work) -> tuple[int, Hit]:
-    """Return the nearest body and the hit; -1 for none."""
-    row, best = -1, MISSED
-    leaf, depth = next_leaf(ray, best[0], tree, start_walk(ray, tree))
-    while leaf >= 0:
-        start, count = tree.nodes[leaf, START], tree.nodes[leaf, COUNT]
-        for m in range(start, start + count):
-            b = tree.order[m]
-            found = _hit(ray, bodies, b, radii[b] if len(radii) > 0 else -1.0, best[0], work)
-            if found[0] < best[0] or (found[0] == best[0] < np.inf and b < row):
-                row, best = b, found
-        leaf, depth = next_leaf(ray, best[0], tree, depth)
-    return row, best
-
-
-@njit(refcount=False)
-def _hit(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Work) -> Hit:
+def hit_mesh(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Work) -> Hit:
     """Return when a ray first hits body i or is within a radius of it, at most at ``best``.
 
     Zero, WITHIN and no normal for an origin inside; no normal without a radius.
@@ -283,7 +234,7 @@ def _side(w: Vector, a: Vector, edge: Vector, error: float) -> int:
 
 
 @njit(refcount=False)
-def _normal(ray: Ray, trees: TreeArrays, triangle: int, body: MeshAt) -> Vector:
+def triangle_normal(ray: Ray, trees: TreeArrays, triangle: int, body: MeshAt) -> Vector:
     """Return the unit normal of a triangle, against the ray; zero for one without area."""
     a, b, c = triangle_at(trees.triangles, triangle)
     n = cross(_direction(minus(b, a)), _direction(minus(c, a)))
@@ -344,3 +295,32 @@ def _point_apart(
         if gap > lower:
             lower, n = gap, direction
     return lower * back, n
+
+
+@njit(refcount=False)
+def hit_convex(ray: Ray, bodies: Cores, i: int, best: float) -> Hit:
+    """Return when a ray first hits body i, at most at ``best``; zero for an origin inside."""
+    core, place = borrowed_core(bodies, i), body_place(bodies, i)
+    d, ahead, error = moved_ahead(ray, place.center, 2.0 * core.reach)
+    if ahead < 0.0:
+        return MISSED
+    if ahead == 0.0 and convex_holds(bodies, i, ray.origin, 0.0):
+        return 0.0, NONE, NOWHERE
+    o, w = components(place.axes, d), components(place.axes, ray.unit)
+    limit = min(min(best, ray.reach) - ahead, 8.0 * core.reach)  # by then it is beyond the body
+    point = point_core(core)
+    time, n = 0.0, NOWHERE
+    for _ in range(STEPS):
+        pose = point_pose(plus(o, scaled(w, time)), sum_abs(d) + time, core.reach)
+        found = search(core, point, pose, n, np.inf)
+        n = found.normal
+        slack = 2.0 * rounding(pose) + 3.0 * error
+        gap, speed = found.gap - core.radius - slack, -dot(n, w)
+        if gap > 0.0 and speed <= -SPEED_ROUNDING:
+            return MISSED
+        if gap <= CLOSE * pose.size:
+            break
+        time += gap / max(speed + SPEED_ROUNDING, SPEED_ROUNDING)
+        if time > limit:
+            return MISSED
+    return ahead + time, NONE, combined(place.axes, n)
