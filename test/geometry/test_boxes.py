@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes: construction, refusals, representations, world bounds."""
+"""Boxes: construction, refusals, world bounds."""
 
 from fractions import Fraction
 
@@ -25,12 +25,6 @@ from scipy.spatial.transform import Rotation
 from support import refused, row_of
 
 import obb_collision as oc
-from obb_collision.geometry.representations import (
-    corner_and_edges,
-    face_planes,
-    from_compact,
-    to_compact,
-)
 from obb_collision.geometry.validation import orthonormal_defect
 
 
@@ -40,21 +34,16 @@ def random_boxes(count: int, seed: int = 0) -> oc.Boxes:
     return oc.Boxes(rng.normal(size=(count, 3)), rotations, rng.uniform(0, 2, (count, 3)))
 
 
-def test_rotations_orthonormal_to_rounding_are_kept_bit_for_bit() -> None:
-    rotations = Rotation.random(1000, random_state=3).as_matrix()
-    boxes = oc.Boxes(np.zeros((1000, 3)), rotations, np.ones((1000, 3)))
-    assert (boxes.rotations == rotations).all()
-
-
-@each("size", [1e-14, 1e-10, 9e-8])
+@each("size", [0.0, 1e-14, 1e-10, 9e-8])
 def test_nearly_orthonormal_rotations_are_made_orthonormal(size: float) -> None:
     rng = np.random.default_rng(5)
     rotations = Rotation.random(200, random_state=5).as_matrix()
     bent = rotations + size * rng.uniform(-1, 1, rotations.shape)
     boxes = oc.Boxes(np.zeros((200, 3)), bent, np.ones((200, 3)))
-    assert (np.abs(orthonormal_defect(boxes.rotations)) < 2.0**-50).all()
+    least = 2.0**-50 if size else 16.0 * 2.0**-53  # what is kept as it is
+    assert (np.abs(orthonormal_defect(boxes.rotations)) <= least).all()
     assert np.allclose(np.linalg.det(boxes.rotations), 1.0, atol=1e-14)
-    assert np.abs(boxes.rotations - rotations).max() < 4 * size
+    assert np.abs(boxes.rotations - rotations).max() <= 4 * size  # 0: kept bit for bit
 
 
 def test_a_left_handed_frame_is_the_same_box_with_determinant_one() -> None:
@@ -104,12 +93,6 @@ def test_no_boxes_have_no_pairs() -> None:
     assert none.world_bounds()[0].shape == (0, 3)
 
 
-def test_a_zero_quaternion_is_refused_with_its_row() -> None:
-    poses = np.zeros((3, 7))
-    poses[:2, 6] = 1.0
-    refused(r"quaternion.*row 2", oc.Boxes.from_poses, poses, np.ones((3, 3)))
-
-
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
 @given(st.integers(-900, 900))
 def test_quaternions_of_any_length_are_normalised(power: int) -> None:
@@ -126,23 +109,6 @@ def test_quaternions_and_matrices_agree_with_scipy_both_ways() -> None:
     assert np.allclose(boxes.rotations, rotations.as_matrix(), atol=1e-15)
     back = np.array([oc.OBB(*row_of(boxes, k)).quaternion for k in range(500)])
     assert np.allclose(back, rotations.as_quat(canonical=True), atol=1e-14)
-
-
-def exact_reach(boxes: oc.Boxes, n: int, k: int) -> Fraction:
-    """Return the exact half length of box n along the world axis k."""
-    products = zip(boxes.rotations[n, k].tolist(), boxes.half_extents[n].tolist(), strict=True)
-    return sum((abs(Fraction(r) * Fraction(h)) for r, h in products), Fraction(0))
-
-
-def test_world_bounds_certainly_contain_the_box_and_are_tight() -> None:
-    boxes = random_boxes(300)
-    minimum, maximum = boxes.world_bounds()
-    for n in range(300):
-        for k in range(3):
-            center, reach = Fraction(boxes.centers[n, k]), exact_reach(boxes, n, k)
-            slack = Fraction(2) ** -49 * (abs(center) + reach)
-            assert 0 <= center - reach - Fraction(minimum[n, k]) <= slack
-            assert 0 <= Fraction(maximum[n, k]) - center - reach <= slack
 
 
 @given(
@@ -187,26 +153,6 @@ def test_corners_come_in_the_documented_order() -> None:
     ]  # fmt: skip
     assert oc.OBB([0, 0, 0], np.eye(3), [1, 2, 3]).corners().tolist() == [list(c) for c in expected]
     assert oc.AABB([-1, -2, -3], [1, 2, 3]).corners().tolist() == [list(c) for c in expected]
-
-
-def test_representations_describe_the_same_boxes() -> None:
-    boxes = random_boxes(50)
-    cloud = boxes.corners()
-    planes = face_planes(boxes)
-    heights = np.einsum("nfk,nck->nfc", planes[..., :3], cloud) - planes[..., 3:]
-    assert np.abs(heights.max(axis=2)).max() < 1e-14
-    assert ((np.abs(heights) < 1e-14).sum(axis=2) == 4).all()
-    frame = corner_and_edges(boxes)
-    assert np.allclose(frame[:, 0], cloud[:, 6], atol=1e-14)
-    assert np.allclose(frame.sum(axis=1), cloud[:, 3], atol=1e-14)
-
-
-def test_the_compact_form_comes_back() -> None:
-    boxes = random_boxes(200)
-    back = from_compact(to_compact(boxes))
-    assert (back.centers == boxes.centers).all()
-    assert (back.half_extents == boxes.half_extents).all()
-    assert np.allclose(back.rotations, boxes.rotations, atol=1e-15)
 
 
 def test_edges_and_faces_by_index() -> None:

@@ -37,6 +37,8 @@ from sweep_motions import CORNER_SIGNS
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep.convex import BodyMotion
+from obb_collision.queries.sweep.rigid import FLOOR
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 
 Pair = tuple[Any, Any]
 Rows = np.ndarray
@@ -256,6 +258,43 @@ def first_sampled_contact(course: Course, rows: Rows, samples: int = 160) -> np.
         low = np.where(colliding, low, middle)
     result[found] = high
     return result
+
+
+def check_promises(
+    course: PoseCourse | TwistCourse,
+    found: Sweeps,
+    rows: Rows,
+    samples: int = 160,
+    tolerance: float = TOLERANCE,
+) -> int:
+    """Assert all that is promised of each pair; return how many certainly overlap at some time."""
+    truth = first_sampled_contact(course, rows, samples)
+    seen = np.isfinite(truth)
+    assert (found.free_until[seen] <= truth[seen]).all(), "never late"
+    assert (found.hits | found.undecided)[seen].all(), "none missed"
+    assert (found.hits == np.isfinite(found.times)).all()
+    assert not (found.hits & found.undecided).any()
+    assert np.isnan(found.times[found.undecided]).all()
+    assert np.isfinite(found.free_until[found.undecided]).all()
+    assert np.isnan(found.positions[~found.hits]).all()
+    hits = np.flatnonzero(found.hits)
+    np.testing.assert_allclose(np.linalg.norm(found.normals[hits], axis=1), 1.0, atol=1e-14)
+    assert np.isfinite(found.positions[hits]).all()
+    times, early = found.times[hits], found.times[hits] > 0.0
+    radii = np.linalg.norm(course.half_extents, axis=1)[rows[hits]] * (1.0 + 1e-14)
+    near = np.maximum(tolerance * radii.min(axis=1), FLOOR * radii.max(axis=1))
+    if isinstance(course, PoseCourse):
+        ways = np.abs(course.end.centers - course.start.centers) + np.abs(course.start.centers)
+        near += 1e-12 * ways[rows[hits]].sum(axis=(1, 2))
+        early[:] = True
+        for side in (0, 1):
+            box = poses_at(course.start, course.end, rows[hits, side], times)
+            local = np.einsum("nji,nj->ni", box.rotations, found.positions[hits] - box.centers)
+            # of thin boxes that overlap at the start it may be outside of one: see common_point
+            reach = 3.0 * near + np.where(times == 0.0, 0.1 * radii.max(axis=1), 0.0)
+            assert ((np.abs(local) - box.half_extents).max(axis=1) <= reach).all()
+    assert (gaps_at(course, rows[hits], times) <= near)[early].all(), "never too early"
+    return int(seen.sum())
 
 
 def gaps_at(course: Course, rows: Rows, times: np.ndarray) -> np.ndarray:

@@ -96,14 +96,6 @@ def test_what_are_no_rows_of_both_is_refused(name: str) -> None:
         ask(a, [[0, 1]])
 
 
-def test_separations_are_those_of_single_boxes() -> None:
-    found = oc.separations(A, B, PAIRS)
-    for k, (i, j) in enumerate(PAIRS):
-        gap, axis, verdict = A[i].separation(B[j])
-        assert (found.separations[k], found.verdicts[k]) == (gap, verdict)
-        np.testing.assert_array_equal(found.normals[k], axis)
-
-
 def test_sets_that_move_at_different_times_are_refused() -> None:
     refused(
         "a and b must move during the same times",

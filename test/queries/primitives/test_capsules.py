@@ -21,12 +21,9 @@ from fractions import Fraction
 import distances
 import membership
 import numpy as np
-import oracle
 import pytest
 from distances import root
 from each import each
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from support import family, refused, row_of
@@ -204,24 +201,6 @@ def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarr
     return np.linalg.norm(points - p - t[:, None] * way, axis=1)
 
 
-def test_a_sphere_is_decided_by_its_centre_and_radius() -> None:
-    box = Boxes([[0, 0, 0]] * 6, [np.eye(3)] * 6, [[1, 1, 1]] * 6)
-    centers = np.array([[2, 0, 0], [2, 0, 0], [2, 0, 0], [0.5, 0, 0], [4, 5, 1], [0, 0, 0]])
-    spheres = Capsules.spheres(centers, [1, 0.5, 1.5, 0.25, 5, 0])
-    found, near = oc.separations(spheres, box), oc.clearances(spheres, box)
-    assert found.verdicts.tolist() == [TOUCHING, SEPARATE, OVERLAP, OVERLAP, TOUCHING, OVERLAP]
-    assert found.separations.tolist() == [0.0, 0.5, -0.5, -0.75, 0.0, -1.0]
-    assert found.normals[:4].tolist() == [[-1, 0, 0]] * 4
-    np.testing.assert_allclose(found.normals[4], [-0.6, -0.8, 0], atol=1e-15)
-    assert near.positions_a[3].tolist() == [0.25, 0, 0]
-    assert near.positions_b[3].tolist() == [1, 0, 0]
-    balls = Capsules.spheres([[0, 0, 0], [0, 0, 0]], [1, 2])
-    other = Capsules.spheres([[0, 3, 0], [0, 0, 0]], [2, 1])
-    found = oc.separations(balls, other)
-    assert found.verdicts.tolist() == [TOUCHING, OVERLAP]
-    assert found.separations.tolist() == [0.0, -3.0]
-
-
 def test_rows_choose_the_pairs() -> None:
     boxes, p, q = scene(50, 8)
     capsules = Capsules(p, q, np.full(50, 0.2))
@@ -231,41 +210,6 @@ def test_rows_choose_the_pairs() -> None:
         chosen = capsule_pair_verdicts(capsules, i, other, j)
         np.testing.assert_array_equal(chosen, oc.verdicts(capsules[i], other[j]))
     assert len(oc.verdicts(capsules[i[:0]], boxes[j[:0]])) == 0
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_boxes_never_miss_what_capsules_report(seed: int) -> None:
-    """The box around a capsule is apart only from what the capsule is apart from."""
-    rng = np.random.default_rng(seed)
-    n = 20
-    boxes, p, _ = scene(n, seed)
-    rotations = Rotation.random(n, random_state=rng).as_matrix()
-    half = rng.uniform(0.0, 1.0, n)
-    radii = rng.uniform(0.01, 0.5, n)
-    step = rotations[:, :, 2] * half[:, None]
-    around = Boxes(p, rotations, np.stack([radii, radii, half + radii], axis=1))
-    capsules = Capsules(p - step, p + step, radii)
-    found = oc.verdicts(capsules, boxes)
-    apart = oracle.verdicts(
-        (around.centers, around.rotations, around.half_extents * (1 + 1e-15)),
-        (boxes.centers, boxes.rotations, boxes.half_extents),
-    )
-    assert (found[apart == SEPARATE] != OVERLAP).all()
-
-
-def test_bad_input() -> None:
-    box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
-    refused(
-        r"starts must be finite in row 1",
-        Capsules,
-        [[0.0, 0, 0], [0, np.nan, 0]],
-        np.zeros((2, 3)),
-        [1, 1],
-    )
-    refused(r"radii must not be negative in row 0", Capsules.spheres, [[0, 0, 0]], [-1])
-    refused("same length", Capsules, [[0, 0, 0]], [[0, 0, 0]] * 2, [1])
-    refused("same length", Capsules.spheres, [[0, 0, 0]], [1, 2])
-    refused("same length", oc.verdicts, Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)
 
 
 #: What isn't told from touching is this near to it, relative to the size of the pair.
@@ -310,7 +254,13 @@ def test_planes(name: str) -> None:
             assert boxes[k].padded(rounding).contains(lowest)
 
 
-def test_bad_half_spaces_are_refused() -> None:
-    box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
-    refused("normals must not be zero in row 0", HalfSpaces, [[0, 0, 0]], [[0, 0, 0]])
-    refused("same length", oc.verdicts, box, HalfSpaces([[0, 0, 0]] * 2, [[1, 0, 0]] * 2))
+def test_bad_input() -> None:
+    box, zero = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]]), [[0, 0, 0]]
+    bad = [[0.0, 0, 0], [0, np.nan, 0]]
+    refused(r"starts must be finite in row 1", Capsules, bad, np.zeros((2, 3)), [1, 1])
+    refused(r"radii must not be negative in row 0", Capsules.spheres, zero, [-1])
+    refused("same length", Capsules, zero, zero * 2, [1])
+    refused("same length", Capsules.spheres, zero, [1, 2])
+    refused("same length", oc.verdicts, Capsules.spheres(zero * 2, [1, 1]), box)
+    refused("normals must not be zero in row 0", HalfSpaces, zero, zero)
+    refused("same length", oc.verdicts, box, HalfSpaces(zero * 2, [[1, 0, 0]] * 2))

@@ -182,31 +182,12 @@ def test_nothing_to_hit() -> None:
 def test_bad_input() -> None:
     boxes = family("ordinary scene", 1)[0]
     zeros, ones = np.zeros((2, 3)), np.ones((2, 3))
-    refused(
-        r"directions must not be zero in row 1", cast_rays, boxes, zeros, [[1, 0, 0], [0, 0, 0]]
-    )
-    refused("same length", cast_rays, boxes, zeros, ones[:1])
-    refused(
-        r"origins must be finite in row 1",
-        cast_rays,
-        boxes,
-        np.array([[0, 0, 0], [np.nan, 0, 0]]),
-        ones,
-    )
-    refused(
-        r"max_distance must not be negative or NaN in row 1",
-        cast_rays,
-        boxes,
-        zeros,
-        ones,
-        [1.0, np.nan],
-    )
-    refused(
-        "max_distance must be one number or one for each ray",
-        cast_rays,
-        boxes,
-        zeros,
-        ones,
-        [1.0, 2.0, 3.0],
-    )
+    for reason, origins, directions, *most in (
+        (r"directions must not be zero in row 1", zeros, [[1, 0, 0], [0, 0, 0]]),
+        ("same length", zeros, ones[:1]),
+        (r"origins must be finite in row 1", [[0, 0, 0], [np.nan, 0, 0]], ones),
+        (r"max_distance must not be negative or NaN in row 1", zeros, ones, [1.0, np.nan]),
+        ("max_distance must be one number or one for each ray", zeros, ones, [1.0, 2.0, 3.0]),
+    ):
+        refused(reason, cast_rays, boxes, origins, directions, *most)
     refused("same length", cast_segments, boxes, zeros, ones[:1])

@@ -31,7 +31,6 @@ from convex_bodies import (
     as_meshes,
     corners_of,
     moved,
-    outward_faces,
     round_bodies,
     some,
 )
@@ -41,16 +40,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mesh_zoo import zoo
 from moving_bodies import moving, places_at
-from placed_meshes import bodies_of, moved_on, standing, trees_of
+from placed_meshes import standing
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes, Verdict
-from obb_collision.queries.convex.distances import convex_distances, mesh_body_distances
+from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.support import BOX, NO_HULLS, ConvexBodies
 from obb_collision.queries.sweep.convex import MAX_STEPS, BodyMotion, convex_sweeps
-from obb_collision.queries.sweep.meshes import swept_mesh_bodies
+from obb_collision.queries.sweep.meshes import swept_meshes
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 from obb_collision.typing import Floats, Integers
 
@@ -106,23 +104,25 @@ def test_a_plane_parts_the_bodies_until_then_and_they_are_near_at_last(
     kinds: tuple[str, str], way: str, pairs: int
 ) -> None:
     for name in FAMILIES:
-        check_parted_and_near(name, kinds, way, pairs)
+        bodies, motion, rows = moving(name, kinds, max(30, pairs // 20), 4, way)
+        found = found_of(bodies, motion, rows)
+        check_parted_and_near(bodies, motion, rows, found)
+        if motion.radii.any():  # not of points
+            assert found.hits.any()
+            assert name in TOO_FEW_DIGITS or found.undecided.mean() <= MOST_UNDECIDED[way]
 
 
-def check_parted_and_near(name: str, kinds: tuple[str, str], way: str, pairs: int) -> None:
-    """Check sweeps of a family; the bodies are near where the sweep hits, and no plane is late."""
-    bodies, motion, rows = moving(name, kinds, max(30, pairs // 10), 4, way)
-    found, near = found_of(bodies, motion, rows), near_of(motion, rows)
-    until = np.minimum(found.free_until, 1.0)
+def check_parted_and_near(
+    bodies: ConvexBodies, motion: BodyMotion, rows: Integers, found: Sweeps
+) -> None:
+    """Check that no plane is late, and that the bodies are near where the sweep hits."""
+    near, until = near_of(motion, rows), np.minimum(found.free_until, 1.0)
     assert np.isnan(found.times[found.undecided]).all()
     for share in (0.1, 0.5, 0.9, 0.99, 0.9999, 1.0):
         gaps, upper, size = gaps_at(bodies, motion, rows, share * until)
-        moving_on = until > 0.0
-        assert (gaps[moving_on] >= -(PLANE * size)[moving_on]).all()
+        on = until > 0.0
+        assert (gaps[on] >= -(PLANE * size)[on]).all()
     assert (upper[found.hits] <= (near + PLANE * size)[found.hits]).all()
-    if motion.radii.any():  # not of points
-        assert found.hits.any()
-        assert name in TOO_FEW_DIGITS or found.undecided.mean() <= MOST_UNDECIDED[way]
 
 
 def gaps_at(
@@ -248,33 +248,10 @@ def test_a_plane_parts_a_body_beside_a_mesh_until_then_and_they_are_near_at_last
     count = len(rows)
     first, second = some(bodies, np.arange(count)), some(bodies, np.arange(count, 2 * count))
     meshes, second = as_meshes(first, name), moved(second, hulls=NO_HULLS, rows=0 * second.rows)
-    found = swept_mesh_bodies(meshes, first.radii, second, motion, np.zeros(count), TOLERANCE)
-    near, until = near_of(motion, rows), np.minimum(found.free_until, 1.0)
-    assert np.isnan(found.times[found.undecided]).all()
-    for share in (0.1, 0.5, 0.9, 0.99, 0.9999, 1.0):
-        gaps, upper, size = gaps_at(bodies, motion, rows, share * until)
-        on = until > 0.0
-        assert (gaps[on] >= -(PLANE * size)[on]).all()
-    assert (upper[found.hits] <= (near + PLANE * size)[found.hits]).all()
+    found = swept_meshes(meshes, first.radii, second, None, motion, np.zeros(count), TOLERANCE)
+    check_parted_and_near(bodies, motion, rows, found)
     assert found.hits.any()
     assert name in TOO_FEW_DIGITS or found.undecided.mean() <= 0.02 + MOST_UNDECIDED[way]
-
-
-def inner_mesh(kind: str, size: list[float]) -> MeshTrees:
-    """Return a mesh whose corners are on a shape, so that all of it is within."""
-    x, y, z, half = size
-    t = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
-    ring = np.column_stack([x * np.cos(t), y * np.sin(t), np.full(40, half)])
-    if kind == "ellipsoid":
-        v = np.random.default_rng(1).normal(size=(200, 3))
-        v /= np.linalg.norm(v, axis=1)[:, None]
-        points = v * [x, y, z] + np.outer(np.copysign(half, v[:, 2]), [0, 0, 1])
-    elif kind == "cylinder":
-        points = np.concatenate([ring, ring * [1, 1, -1]])
-    else:
-        points = np.concatenate([ring * [1, 1, -1], [[0.0, 0.0, half]]])
-    points = points * (1.0 - 1e-9)
-    return MeshTrees.build(points, outward_faces(points))
 
 
 def swept(a: PlacedMeshes, b: ConvexBodies, twists: list[Floats], radius: float = 0.0) -> Sweeps:
@@ -286,36 +263,7 @@ def swept(a: PlacedMeshes, b: ConvexBodies, twists: list[Floats], radius: float 
         centers, ways[:, :3].copy(), 1.0, np.concatenate([a.rotations, b.rotations]),
         ways[:, 3:].copy(), 0.0 * centers, radii, 3.0 * radii,
     )  # fmt: skip
-    return swept_mesh_bodies(a, np.full(len(a), radius), b, motion, np.zeros(len(a)), TOLERANCE)
-
-
-@each("spin", [0.0, 1.0, 12.0])
-@each("kind", ROUND_KINDS)
-def test_what_is_in_the_shape_beside_a_mesh_does_not_overlap_until_then(
-    kind: str, spin: float, pairs: int
-) -> None:
-    """And at last are near the shape itself; all kinds of meshes."""
-    trees = trees_of()
-    count = max(pairs // 20, 60)
-    a, b = bodies_of(trees, count, 0.9, 5)
-    within = PlacedMeshes(
-        inner_mesh(kind, ROUND_KINDS[kind]), np.zeros(count, np.int64), b.centers, b.rotations
-    )
-    rng = np.random.default_rng(6)
-    twists = [rng.normal(size=(count, 6)) * rng.choice([0.0, 1.0], (count, 1)) for _ in range(2)]
-    twists = [t * np.array([1, 1, 1, spin, spin, spin]) for t in twists]
-    found = swept(a, round_bodies(kind, within), twists)
-    until = np.minimum(found.free_until, 1.0)
-    for share in (*np.linspace(0.05, 0.95, 12), 0.999, 1.0 - 1e-12):
-        x, y = (moved_on(s, t, share * until) for s, t in zip((a, within), twists, strict=True))
-        assert (oc.verdicts(x, y)[until > 0.0] != Verdict.OVERLAP).all()
-    x, y = (moved_on(s, t, until) for s, t in zip((a, within), twists, strict=True))
-    rows = np.arange(count)
-    gaps = mesh_body_distances(x, np.zeros(count), round_bodies(kind, y), rows, rows)[0].upper
-    assert (gaps[found.hits] <= TOLERANCE * (1.0 + 1e-6)).all()
-    assert found.hits.sum() > 10
-    assert (~found.hits & ~found.undecided).sum() > 3
-    assert found.undecided.mean() <= 0.02
+    return swept_meshes(a, np.full(len(a), radius), b, None, motion, np.zeros(len(a)), TOLERANCE)
 
 
 @each("angle", [0.0, 0.1, 0.123, 1.0])

@@ -34,7 +34,7 @@ from sweep_motions import CORNER_SIGNS, Twisting, drills, pair_rows
 from sweep_oracle import ExactMotion, certain_overlap
 
 import obb_collision as oc
-from obb_collision import OBB, Boxes, MeshTrees, Verdict, verdicts
+from obb_collision import Boxes, MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
 from obb_collision.queries.sweep.convex import convex_sweeps
@@ -55,7 +55,8 @@ def moving(name: str, n: int, seed: int = 0) -> Motion:
     """Pairs of a family that fly through their poses: start, end, rows.
 
     Lengths of a thousandth to a thousand times the size, some along an edge (sliding, grazing);
-    the pose of the family is at the start, the end, or anywhere between. Either box or both move.
+    the pose of the family is at the start, the end, or anywhere between. Either box or both move,
+    in some pairs none.
     """
     rng = np.random.default_rng([seed, 17])
     a, b = family(name, n, seed)
@@ -65,6 +66,7 @@ def moving(name: str, n: int, seed: int = 0) -> Motion:
     size = np.maximum(sizes(a, b), 1e-200)[:, None]
     way *= size * log_uniform(rng, -3.0, 3.0, (n, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
     when = np.where(rng.random((n, 1)) < 0.5, rng.integers(0, 2, (n, 1)), rng.random((n, 1)))
+    way[rng.random(n) < 0.1] = 0.0
     share = rng.integers(0, 3, (n, 1)) / 2.0
     moves = ((a, way * share), (b, way * (share - 1.0)))
     starts = [Boxes(s.centers + when * w, s.rotations, s.half_extents) for s, w in moves]
@@ -89,6 +91,7 @@ def check_against_truth(start: Boxes, end: Boxes, rows: np.ndarray, found: Sweep
         near_misses += truth is None and found.hits[n]
         if found.hits[n]:
             assert exact.gap(found.times[n]) <= GAP
+            assert np.isfinite(found.positions[n]).all()
         else:
             assert found.times[n] == np.inf
     return near_misses
@@ -127,30 +130,6 @@ def test_contact_is_in_both_boxes_and_the_normal_between_them(name: str) -> None
     assert (closing < 0.0).all()
 
 
-def test_colliding_at_the_start_is_time_zero() -> None:
-    for name in ("ordinary scene", "exact resting contact", "zero extents"):
-        a, b = family(name, 300)
-        start, rows = joined(a, b)
-        rng = np.random.default_rng(1)
-        end = Boxes(rng.normal(size=(600, 3)), start.rotations, start.half_extents)
-        colliding = verdicts(a, b) != Verdict.SEPARATE
-        found = sweep(start, end, rows)
-        assert (found.times[colliding] == 0.0).all()
-        still = sweep(start, start, rows)
-        assert still.hits[colliding].all()
-        for i in np.flatnonzero(still.hits & ~colliding):  # nearer than the rounding of a sweep
-            one, other = (OBB(x.centers[i], x.rotations[i], x.half_extents[i]) for x in (a, b))
-            size = one.half_extents.sum() + other.half_extents.sum()
-            size += 2.0 * np.abs(one.center - other.center).sum()  # T, start and end alike
-            assert 0.0 <= one.separation(other).gap <= GAP * size
-        assert np.isfinite(still.positions[colliding]).all()
-        shared = Boxes(
-            start.centers + np.array([1.0, 2.0, -4.0]), start.rotations, start.half_extents
-        )
-        together = sweep(start, shared, rows)
-        assert (together.times[colliding] == 0.0).all()
-
-
 def test_a_bullet_never_passes_a_paper_wall() -> None:
     rng = np.random.default_rng(2)
     n = 2000
@@ -187,14 +166,6 @@ def test_any_doubles_at_all(
             np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-14)
         if turned is q:
             check_against_truth(start, end, np.array([[0, 1]]), found)
-
-
-def test_twists_are_motions_in_seconds() -> None:
-    start, end, rows = moving("ordinary scene", 300)
-    twists = np.hstack([(end.centers - start.centers) / 2.5, np.zeros((len(start), 3))])
-    one, other = sweep(start, end, rows), sweep_twists(start, twists, rows, 2.5)
-    np.testing.assert_array_equal(one.hits, other.hits)
-    np.testing.assert_allclose(2.5 * one.times, other.times, rtol=1e-12, atol=1e-14)
 
 
 def test_bad_input_is_refused_with_the_reason() -> None:

@@ -37,7 +37,7 @@ from sweep_motions import (
     pair_rows,
     turn,
 )
-from sweep_oracle import PoseCourse, TwistCourse, first_sampled_contact, gaps_at, poses_at
+from sweep_oracle import PoseCourse, TwistCourse, check_promises, gaps_at, poses_at
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep.motion import (
@@ -48,8 +48,7 @@ from obb_collision.queries.sweep.motion import (
     turns_between,
 )
 from obb_collision.queries.sweep.moving import twist_bounds
-from obb_collision.queries.sweep.rigid import FLOOR
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
+from obb_collision.queries.sweep.sweep import Sweeps
 from tools.cases.placement import log_uniform, random_rotations
 
 CHUNK = 500
@@ -64,41 +63,31 @@ def swept(motion: Twisting, rows: np.ndarray) -> Sweeps:
     return sweep_twists(motion.boxes, motion.twists, rows, motion.horizon, origins=motion.origins)
 
 
-def check(motion: Twisting, found: Sweeps, rows: np.ndarray) -> int:
-    """Assert all that is promised of each pair; return how many certainly overlap at some time."""
-    course = TwistCourse(*motion)
-    turns = np.linalg.norm(motion.twists[:, 3:], axis=1).max() * motion.horizon / (2.0 * np.pi)
-    truth = first_sampled_contact(course, rows, max(160, int(PER_TURN * turns)))
-    seen = np.isfinite(truth)
-    assert (found.free_until[seen] <= truth[seen]).all(), "never late"
-    assert (found.hits | found.undecided)[seen].all(), "none missed"
-    hits = np.flatnonzero(found.hits & (found.times > 0.0))
-    radii = bounding_radii(motion.boxes.half_extents)[rows[hits]]
-    near = np.maximum(TOLERANCE * radii.min(axis=1), FLOOR * radii.max(axis=1))
-    assert (gaps_at(course, rows[hits], found.times[hits]) <= near).all(), "never too early"
-    assert (found.hits == np.isfinite(found.times)).all()
-    assert not (found.hits & found.undecided).any()
-    assert np.isnan(found.times[found.undecided]).all()
-    assert np.isfinite(found.free_until[found.undecided]).all()
-    assert np.isnan(found.positions[~found.hits]).all()
-    assert np.isfinite(found.positions[found.hits]).all()
-    return int(seen.sum())
-
-
-@each("name", TWISTING)
+@each("name", [*TURNING, *TWISTING])
 def test_none_missed_none_late_and_none_too_early(name: str, pairs: int) -> None:
     rng = np.random.default_rng(zlib.crc32(name.encode()))
-    left = total = max(60, pairs // 10 // len(TWISTING))
+    left = total = max(150, pairs // 7) if name in TURNING else max(60, pairs // 70)
     certain = hits = open_ = 0
     while left > 0:
-        motion = TWISTING[name](rng, min(left, CHUNK))
-        rows = pair_rows(len(motion.boxes) // 2)
-        found = swept(motion, rows)
-        certain += check(motion, found, rows)
+        count = min(left, CHUNK)
+        rows = pair_rows(count)
+        if name in TURNING:
+            start, end = TURNING[name](rng, count)
+            found = sweep(start, end, rows)
+            certain += check_promises(PoseCourse(start, end), found, rows)
+        else:
+            motion = TWISTING[name](rng, count)
+            found = swept(motion, rows)
+            turns = np.linalg.norm(motion.twists[:, 3:], axis=1).max() * motion.horizon
+            samples = max(160, int(PER_TURN * turns / (2.0 * np.pi)))
+            certain += check_promises(TwistCourse(*motion), found, rows, samples)
         hits, open_ = hits + int(found.hits.sum()), open_ + int(found.undecided.sum())
         left -= len(rows)
     assert 0.05 * total < certain
-    assert open_ <= 0.03 * total
+    assert open_ <= (0.0 if name in TURNING else 0.03) * total
+    if name in TURNING:
+        # a hit that no sample confirms is a pass by less than the tolerance: rare but for contacts
+        assert hits - certain <= (0.5 if name == "starting in contact" else 0.03) * total
     print(f"{name}: {total} motions, {certain} certain hits, {hits} found, {open_} undecided")  # noqa: T201
 
 
@@ -115,7 +104,7 @@ def test_bounds_hold_the_whole_motion(name: str) -> None:
     course = TwistCourse(boxes, twists, np.tile(motion.origins, (2, 1)), motion.horizon)
     rows = np.column_stack([np.arange(count, 2 * count), np.arange(count)])
     slack = 1e-15 * (1.0 + np.abs(low) + np.abs(high))
-    for time in np.linspace(0.0, motion.horizon, 400):
+    for time in np.linspace(0.0, motion.horizon, 150):
         least, most = course.pair_at(rows, np.full(count, time))[1].world_bounds()
         assert (start + least >= low - slack).all()
         assert (start + most <= high + slack).all()

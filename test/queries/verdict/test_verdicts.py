@@ -64,8 +64,7 @@ def test_no_verdict_is_wrong(name: str, pairs: int) -> None:
 @each("name", FAMILIES)
 def test_families_ask_both_questions(name: str) -> None:
     """A family in which every pair has the same answer would test nothing."""
-    a, b = family(name, 1000)
-    truth = oracle.verdicts(stored(a), stored(b))
+    truth = verdicts(*family(name, 1000), exact=True)
     assert (truth == Verdict.SEPARATE).sum() > 20
     assert (truth == Verdict.OVERLAP).sum() > 20
     if name in ("exact resting contact", "zero extents"):
@@ -139,7 +138,7 @@ def test_shared_pairs(case: dict[str, Any]) -> None:
 
 # --- sweeps: nothing flickers while two boxes turn from nearly parallel to parallel -------------
 
-SWEEP = 10.0 ** -np.linspace(3.0, 17.0, 561)
+SWEEP = 10.0 ** -np.linspace(3.0, 17.0, 141)
 
 
 def turned_about(axis: int, angles: np.ndarray) -> np.ndarray:
@@ -159,29 +158,15 @@ def sweep(offset: np.ndarray, axis: int, half: np.ndarray) -> tuple[Boxes, Boxes
 
 
 @each("axis", range(3))
-@each("gap", [1e-2, 1e-6, 1e-10, 1e-13])
-def test_no_flicker_in_a_sweep_of_angles(axis: int, gap: float) -> None:
-    """Turning about the normal of the contact leaves the gap as it is, so the verdict too."""
-    half = np.array([0.5, 0.375, 0.25])
-    for sign, expected in ((1.0, Verdict.SEPARATE), (-1.0, Verdict.OVERLAP)):
-        offset = np.full(3, 0.0625)
-        offset[axis] = 2.0 * half[axis] + sign * gap
-        assert (verdicts(*sweep(offset, axis, half)) == expected).all()
-
-
-@each("axis", range(3))
-@each("other", [1, 2])
-@each("gap", [0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-7, -1e-7])
-def test_sweeps_that_tilt_the_contact(axis: int, other: int, gap: float) -> None:
-    """Turning about an edge moves the gap through zero: right at every angle all the same."""
+@each("other", range(3))
+@each("gap", [0.0, -0.3, *np.outer([1, -1], [1e-15, 1e-13, 1e-10, 1e-7, 1e-2]).ravel()])
+def test_no_flicker_in_a_sweep_of_angles(axis: int, other: int, gap: float) -> None:
+    """Turning about the normal of the contact leaves the gap, about an edge it moves it."""
     half = np.array([0.5, 0.375, 0.25])
     offset = np.full(3, 0.03125)
     contact = (axis + other) % 3
     offset[contact] = 2.0 * half[contact] + gap
-    check_against_truth(*sweep(offset, axis, half))
-
-
-def test_deeply_overlapping_boxes_overlap_at_every_angle() -> None:
-    for axis in range(3):
-        a, b = sweep(np.array([0.1, 0.2, 0.05]), axis, np.array([0.5, 0.375, 0.25]))
-        assert (verdicts(a, b) == Verdict.OVERLAP).all()
+    a, b = sweep(offset, axis, half)
+    check_against_truth(a, b)
+    if other == 0 and abs(gap) >= 1e-13:
+        assert len(set(verdicts(a, b).tolist())) == 1
