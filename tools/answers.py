@@ -132,7 +132,10 @@ def of_robots() -> Iterator[tuple[str, object]]:
             scene = oc.RobotScene(robot, random_world(rng, 20), accuracy=accuracy)
             states = random_states(rng, robot, 60)
             yield f"robot {seed} {accuracy} states", scene.check(states)
-            yield f"robot {seed} {accuracy} distances", scene.distances(states[:20])
+            near = scene.distances(states[:20])
+            bounds = near.distances, near.upper_bounds, near.first_pairs
+            where = near.points, near.directions, near.names
+            yield f"robot {seed} {accuracy} distances", [*bounds, *where]
             yield (
                 f"robot {seed} {accuracy} motions",
                 scene.check_motions(states[:15], states[15:30]),

@@ -55,6 +55,7 @@ from tools.peers.robots import (
     CheckStates,
     pinocchio_kinematics,
 )
+from tools.robot_motions import motion_rows
 
 OURS = "this library"
 #: Rounds in which all take their turn; the least time of each counts.
@@ -66,8 +67,6 @@ Row = dict[str, Any]
 RELATIVE = re.compile(r'filename="(?!/|\w+://)')
 #: Boxes around the robot of a node.
 BOXES_OF_CHUNKS = 30
-#: States after the first collision that a motion is compared at.
-SAMPLES = 200
 
 
 def default_robot() -> tuple[Path, Path | None, Path]:
@@ -163,27 +162,6 @@ def timed(seconds: float) -> Row:
     return {"microseconds": 1e6 * seconds, "states_per_second": 1.0 / seconds}
 
 
-def motion_row(checker: RobotScene, states: Floats, count: int) -> Row:
-    """Measure motions between free states, and compare with samples."""
-    free = states[checker.check(states).valid][: 2 * count]
-    starts, ends = free[: len(free) // 2], free[len(free) // 2 : len(free) // 2 * 2]
-    checker.check_motions(starts[:1], ends[:1])
-    begin = thread_time()
-    report = checker.check_motions(starts, ends)
-    time = (thread_time() - begin) / max(1, len(starts))
-    missed = 0
-    for start, end in zip(starts[report.valid], ends[report.valid], strict=True):
-        times = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-        missed += bool(checker.check(start + times * (end - start)).colliding.any())
-    return {
-        "us_per_motion": 1e6 * time,
-        "motions_per_second": 1.0 / time,
-        "free": float(report.valid.mean()),
-        "undecided": int(report.undecided.sum()),
-        "missed": missed,
-    }
-
-
 def kinematics_rows(options: argparse.Namespace) -> list[Row]:
     """Measure kinematics, beside pinocchio's where that is installed."""
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
@@ -218,12 +196,12 @@ def chunk_row(options: argparse.Namespace) -> Row:
     )
 
 
-def run(options: argparse.Namespace, show: Show) -> tuple[list[Row], list[Row]]:
-    """Measure in all worlds; print what is left out, and why."""
+def run(options: argparse.Namespace, show: Show) -> list[Row]:
+    """Measure states in all worlds; print what is left out, and why."""
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
-    rows, motions = [], []
+    rows = []
     for world, objects, scene in worlds(options):
-        show(f"states and motions among {world}")
+        show(f"states among {world}")
         rng = np.random.default_rng([options.seed, 1])
         checker = RobotScene([robot], scene, options.accuracy)
         case = case_of(robot, str(options.robot), objects, checker)
@@ -244,18 +222,21 @@ def run(options: argparse.Namespace, show: Show) -> tuple[list[Row], list[Row]]:
             row = here | {"checker": name} | timed(times[name])
             row["colliding"] = float(check(states).mean())
             rows.append(row | compared(name, check, many, truth))
-        motions.append(here | motion_row(checker, many, options.motions))
-    return rows, motions
+    return rows
 
 
 COLUMNS = {
     "world": ("world", "{}"), "objects": ("objects", "{}"), "checker": ("checker", "{}"),
     "microseconds": ("us per state", "{:.2f}"),
     "states_per_second": ("states per second", "{:,.0f}"),
-    "us_per_motion": ("us per motion", "{:.0f}"), "motions_per_second": ("per second", "{:,.0f}"),
+    "length": ("length (rad)", "{}"), "us_per_state": ("us per state", "{:.2f}"),
+    "us_per_motion": ("us per motion", "{:.1f}"), "in_states": ("in states", "{:.1f}"),
+    "us_of_free": ("free", "{:.1f}"), "us_of_colliding": ("colliding", "{:.1f}"),
+    "us_of_first": ("where first", "{:.1f}"), "us_of_call": ("one call", "{:.1f}"),
     "times": ("this library is", "{:.1f} x as fast"), "colliding": ("colliding", "{:.0%}"),
-    "free": ("free", "{:.0%}"), "undecided": ("undecided", "{}"),
+    "free": ("share free", "{:.0%}"),
     "compared": ("compared", "{:,}"), "missed": ("missed", "{}"),
+    "not_called_free": ("not called free", "{:,}"), "undecided": ("undecided", "{}"),
     "false_alarms": ("false alarms", "{:.2%}"), "states": ("states", "{}"),
     "chunks": ("chunks", "{:,}"), "median": ("median (ms)", "{:.2f}"),
     "p99": ("99 % (ms)", "{:.2f}"), "longest": ("longest (ms)", "{:.2f}"),
@@ -306,7 +287,9 @@ def parser() -> Parser:
     made.add_argument("--accuracy", choices=ALL_LEVELS, default="hull", help="of this library")
     option(made, "--states", whole(1, 10**7), 2000, "states that are timed")
     option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
-    option(made, "--motions", whole(1, 10**6), 200, "motions that are timed")
+    text = "motions per world and length compared with 1,000 samples each"
+    option(made, "--motions", whole(0, 10**6), 200, text)
+    made.add_argument("--only-motions", action="store_true", help="measure motions alone")
     option(made, "--seed", whole(0, MAX_SEED), 0, "of states and boxes")
     text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
     option(made, "--latency", whole(1, 10**6), text=text)
@@ -321,9 +304,15 @@ def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
     if options.latency:
         show("chunks of states through a node")
         return {"latency": [chunk_row(options)]}
+    show("motions")
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    given = options.accuracy, options.boxes, options.motions, options.seed
+    motions = list(motion_rows(robot, *given))
+    if options.only_motions:
+        return {"motions": motions}
     show("kinematics")
     kinematics = kinematics_rows(options)
-    rows, motions = run(options, show)
+    rows = run(options, show)
     ours = {row["world"]: row["microseconds"] for row in rows if row["checker"] == OURS}
     for row in rows:
         row["times"] = row["microseconds"] / ours[row["world"]]

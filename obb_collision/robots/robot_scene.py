@@ -25,11 +25,11 @@ from numpy.typing import ArrayLike
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, unit_poses
 from obb_collision.geometry.shapes.primitives import positive_number
-from obb_collision.geometry.validation import NotCopied, as_array, as_flag, check_kind
+from obb_collision.geometry.validation import NotCopied, as_array, as_flag, check_kind, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.arrays import check_turns
 from obb_collision.robots.checks.bodies import WorldState, padding_of
-from obb_collision.robots.checks.distances import least_distances
+from obb_collision.robots.checks.distances import state_distances
 from obb_collision.robots.checks.model import Attached, Model, Prepared
 from obb_collision.robots.checks.motion_checks import check_motions, displacements
 from obb_collision.robots.checks.reports import MotionReport, StateDistances, StateReport
@@ -353,15 +353,27 @@ class RobotScene(NotCopied):
             raise KeyError(f"name must be that of something attached, got {shown(name)}")
         self._model.detach(name)
 
-    def check(self, configurations: ArrayLike, *, all_pairs: bool = False) -> StateReport:
+    def check(
+        self,
+        states: ArrayLike,
+        *,
+        all_pairs: bool = False,
+        group: str | None = None,
+        base_state: ArrayLike | None = None,
+    ) -> StateReport:
         """Return which states are valid, and what collides in those that are not.
 
         Parameters
         ----------
-        configurations : (n, joints) or (joints,) array_like
-            States, the columns as in ``joint_names``.
+        states : (n, joints) or (joints,) array_like
+            The columns as in ``joint_names``, or of the joints of a group.
         all_pairs : bool
             Find every colliding pair; else a state is done with when one is found.
+        group : str, optional
+            A group of the SRDF, with the name of the robot in front where robots have names. See
+            ``states_of_group``.
+        base_state : (joints,) array_like, optional
+            What the other joints have.
 
         Returns
         -------
@@ -379,16 +391,59 @@ class RobotScene(NotCopied):
         >>> checker.check([[0.5], [2.5]]).out_of_limits.tolist()
         [[False], [True]]
         """
-        states = self._states(configurations, "configurations")
-        every = as_flag(all_pairs, "all_pairs")
-        return check_states(self._prepared, self._accuracy, states, every)
+        if group is not None:
+            states = self.states_of_group(group, states, base_state)
+        given, every = self._states(states, "states"), as_flag(all_pairs, "all_pairs")
+        return check_states(self._prepared, self._accuracy, given, every)
+
+    def states_of_group(
+        self, group: str, states: ArrayLike, base_state: ArrayLike | None = None
+    ) -> Floats:
+        """Return states of all joints from those of a group of the SRDF, the rest from a base.
+
+        Parameters
+        ----------
+        group : str
+            As in ``Robot.groups``, with the name of the robot in front where robots have names.
+        states : (n, k) or (k,) array_like
+            The joints of the group that are in ``joint_names``, in that order.
+        base_state : (joints,) array_like, optional
+            By default zeros, or what is next to them within the limits; no turn of floating joints.
+
+        Returns
+        -------
+        (n, joints) numpy.ndarray
+
+        Raises
+        ------
+        KeyError
+            For an unknown group.
+        ValueError
+            Naming the argument and the row.
+
+        Examples
+        --------
+        >>> robot = oc.Robot.from_urdf("config/arm.urdf", "config/arm.srdf")
+        >>> checker = oc.RobotScene([robot])
+        >>> checker.states_of_group("gripper", [[0.01]]).tolist()
+        [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01]]
+        """
+        columns = self._model.group_columns(group)
+        names = [self.joint_names[column] for column in columns]
+        given = _named_joints(states, names, "states")
+        base = self._model.middle if base_state is None else base_state
+        full = np.tile(self._states(base, "base_state")[:1], (len(given), 1))
+        full[:, columns] = given
+        return full
 
     def distances(
         self,
-        configurations: ArrayLike,
+        states: ArrayLike,
         *,
         max_distance: float = np.inf,
         self_pairs: bool = True,
+        all_pairs: bool = False,
+        jacobian: bool = False,
     ) -> StateDistances:
         """Return the least distance in each state, with its pair, points and direction.
 
@@ -397,12 +452,16 @@ class RobotScene(NotCopied):
 
         Parameters
         ----------
-        configurations : (n, joints) or (joints,) array_like
-            States, the columns as in ``joint_names``.
+        states : (n, joints) or (joints,) array_like
+            The columns as in ``joint_names``.
         max_distance : float
             Metres, positive: what is farther apart does not count. Small ones take less time.
         self_pairs : bool
             Whether pairs of links, of all robots and what is attached, count.
+        all_pairs : bool
+            Return the distance of every pair within ``max_distance``, which must be finite.
+        jacobian : bool
+            Return the gradients of distances by the joints, too.
 
         Returns
         -------
@@ -421,11 +480,16 @@ class RobotScene(NotCopied):
         >>> found.distances.round(6).tolist(), found.directions[0].round(6).tolist()
         ([0.35, -0.15], [0.0, 0.0, 1.0])
         """
-        states = self._states(configurations, "configurations")
+        given = self._states(states, "states")
         everything = isinstance(max_distance, float) and max_distance == np.inf
         limit = max_distance if everything else positive_number(max_distance, "max_distance")
-        with_links = as_flag(self_pairs, "self_pairs")
-        return least_distances(self._prepared, self._accuracy, states, limit, with_links)
+        flags = self_pairs, all_pairs, jacobian
+        names = "self_pairs", "all_pairs", "jacobian"
+        links, every, slopes = (as_flag(*flag) for flag in zip(flags, names, strict=True))
+        if every and everything:
+            raise ValueError("max_distance must be given for all_pairs")
+        asked = self._accuracy, given, limit, links, every, slopes
+        return state_distances(self._prepared, *asked)
 
     def check_motions(
         self,
@@ -561,7 +625,10 @@ class RobotScene(NotCopied):
     def _states(self, value: ArrayLike, name: str) -> Floats:
         """Return checked states (n, joints)."""
         self._check_points()
-        states, _ = checked_states(self._model.tree, value, self._joint_count, name)
+        try:
+            states, _ = checked_states(self._model.tree, value, self._joint_count, name)
+        except ValueError as error:
+            raise _with_joints(error, self.joint_names) from None
         return states
 
     @property
@@ -595,3 +662,19 @@ def _named(
     if not several:
         raise ValueError("robots must not be empty")
     return several, names
+
+
+def _named_joints(states: ArrayLike, joints: Sequence[str], name: str) -> Floats:
+    """Return values of joints (n, k) or (k,) as (n, k)."""
+    try:
+        shape = (len(joints),) if is_single(states) else (None, len(joints))
+        return as_array(states, name, shape).reshape(-1, len(joints))
+    except ValueError as error:
+        raise _with_joints(error, joints) from None
+
+
+def _with_joints(error: ValueError, joints: Sequence[str]) -> ValueError:
+    """Return an error about states; one about their shape names the joints."""
+    if "must have shape" not in str(error):
+        return error
+    return ValueError(f"{error}; the joints are {', '.join(joints)}")

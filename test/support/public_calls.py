@@ -134,7 +134,7 @@ ARGUMENTS: dict[str, Any] = {
     "first": "a", "second": "b", "allowed": True, "enabled": True, "objects": ["a"],
     "mode": "on", "effects": ["contacts"], "effect": "contacts", "ignore": ["a"],
     "urdf": ROCK, "srdf": ROCK, "package_dirs": ["."], "move_virtual_joint": False,
-    "robots": [rock()], "bases": [POSE], "configurations": STATES, "states": STATES,
+    "robots": [rock()], "bases": [POSE], "states": STATES,
     "deviations": STATES, "all_pairs": True, "self_pairs": True, "resolution": 1e-3,
     "time_limit": 1.0, "link": "rock", "touch_links": ["rock"], "regions": ["west", "east"],
     "timeout": 0.5, "parts": [2, 1, 1], "now": 1.0, "stamp": 1, "topic": "a", "time": 0.0,

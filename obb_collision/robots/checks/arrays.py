@@ -247,9 +247,19 @@ class JointLimits:
                     how = float(multipliers[k]), float(offsets[k]), joint.lower, joint.upper
                     self._mimics.append((first + int(columns[k]), *how))
             first += len(robot.joint_names)
+        self._inner_lower, self._inner_upper = self.lower.copy(), self.upper.copy()
+        for column, multiplier, offset, lower, upper in self._mimics:
+            if multiplier == 0.0:
+                self._inner_lower[column] = np.inf
+                continue
+            ends = (lower - offset) / multiplier, (upper - offset) / multiplier
+            self._inner_lower[column] = max(self._inner_lower[column], min(ends))
+            self._inner_upper[column] = min(self._inner_upper[column], max(ends))
 
     def exceeded(self, states: Floats) -> Mask:
         """Return (n, joints) which joints are out of their limits, or drive one that is."""
+        if ((states >= self._inner_lower) & (states <= self._inner_upper)).all():
+            return np.zeros(states.shape, np.bool_)
         out = np.asarray((states < self.lower) | (states > self.upper))
         for column, multiplier, offset, lower, upper in self._mimics:
             moved = multiplier * states[:, column]

@@ -46,6 +46,7 @@ from obb_collision.robots.checks.arrays import (
     place_state,
     placed_box,
 )
+from obb_collision.robots.checks.gradients import distance_gradients
 from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StateDistances
@@ -210,42 +211,90 @@ def _place_core(bodies: LinkBodies, placed: Placed, i: int, cores: Cores, boxes:
 
 
 def hull_distances(
-    checked: Checked, states: Floats, pairs: Integers, limit: float
+    checked: Checked, states: Floats, pairs: Integers, limit: float, boxes: bool = False
 ) -> PairDistances:
-    """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row."""
+    """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row.
+
+    boxes: those of their boxes.
+    """
     count = len(pairs)
     found = NearestPairs(np.empty((count, 2)), pairs.copy(), np.empty((count, 3, 3)))
-    question = DistanceQuestion(checked, False, True, states, limit)
+    question = DistanceQuestion(checked, boxes, True, states, limit)
     run(distances_kernel, count, FEWEST_PAIRS, question, found)
     return PairDistances(found.bounds[:, 0], found.bounds[:, 1], found.vectors)
 
 
-def least_distances(
-    prepared: Prepared, accuracy: Accuracy, states: Floats, limit: float, self_pairs: bool
+def state_distances(
+    prepared: Prepared,
+    accuracy: Accuracy,
+    states: Floats,
+    limit: float,
+    self_pairs: bool,
+    every: bool,
+    jacobian: bool,
 ) -> StateDistances:
-    """Return the least distance up to a limit in each state (n, joints)."""
+    """Return distances up to a limit in states (n, joints): the least, or those of every pair."""
     checked, origin = prepared.checked, prepared.world.origin
     if not self_pairs:
         none = np.empty((0, 2), np.int64)
         checked = checked._replace(tests=checked.tests._replace(pairs=none))
-    count = len(states)
-    bounds, bodies, vectors = found = NearestPairs(
-        np.empty((count, 2)), np.empty((count, 2), np.int64), np.full((count, 3, 3), np.nan)
-    )
-    boxes = accuracy < Accuracy.HULL
-    question = DistanceQuestion(checked, bool(boxes), False, states, limit)
-    run(distances_kernel, count, FEWEST_DISTANCES, question, found)
-    if accuracy == Accuracy.MESH:
-        _decide_meshes(prepared, checked, states, limit, found)
-    if not boxes:  # of the shapes, not of the prisms around them
+    ask = _all_distances if every else _least_distances
+    rows, (bounds, bodies, vectors) = ask(prepared, checked, accuracy, states, limit)
+    if accuracy >= Accuracy.HULL:  # of the shapes, not of the prisms around them
         bounds[:, 1] += np.append(checked.bodies.excess, 0.0)[bodies].sum(axis=1)
+    gradients = None
+    if jacobian:
+        frames = np.append(checked.bodies.frames, -1)[bodies]
+        given = np.ascontiguousarray(states[rows])
+        gradients = distance_gradients(checked.tree, given, frames, vectors[:, :2], vectors[:, 2])
     vectors[:, :2] += origin
     swapped = prepared.owners[bodies[:, 0]] > prepared.owners[bodies[:, 1]]
     vectors[swapped, :2] = vectors[swapped, 1::-1]
     vectors[swapped, 2] *= -1.0
     pairs, (lower, upper) = prepared.owners_of(bodies), bounds.T
+    if every:  # the least of each two names
+        order = np.lexsort([lower, pairs[:, 1], pairs[:, 0], rows])
+        keys = np.column_stack([rows, pairs])[order]
+        first = np.ones(len(order), np.bool_)
+        first[1:] = (keys[1:] != keys[:-1]).any(axis=1)
+        kept = order[first]
+        rows, lower, upper = rows[kept], lower[kept], upper[kept]
+        pairs, vectors = pairs[kept], vectors[kept]
+        gradients = None if gradients is None else gradients[kept]
     points, directions = vectors[:, :2], vectors[:, 2]
-    return StateDistances(lower, upper, pairs, points, directions, prepared.names)
+    return StateDistances(lower, upper, pairs, points, directions, prepared.names, rows, gradients)
+
+
+def _least_distances(
+    prepared: Prepared, checked: Checked, accuracy: Accuracy, states: Floats, limit: float
+) -> tuple[Rows, NearestPairs]:
+    """Return the least distance in each state."""
+    count = len(states)
+    found = NearestPairs(
+        np.empty((count, 2)), np.empty((count, 2), np.int64), np.full((count, 3, 3), np.nan)
+    )
+    question = DistanceQuestion(checked, bool(accuracy < Accuracy.HULL), False, states, limit)
+    run(distances_kernel, count, FEWEST_DISTANCES, question, found)
+    if accuracy == Accuracy.MESH:
+        _decide_meshes(prepared, checked, states, limit, found)
+    return np.arange(count), found
+
+
+def _all_distances(
+    prepared: Prepared, checked: Checked, accuracy: Accuracy, states: Floats, limit: float
+) -> tuple[Rows, NearestPairs]:
+    """Return the distances of all pairs of bodies within a limit."""
+    ends = checked.tests.first, len(checked.tests.pairs)
+    near = PairValues(*(np.full((1, end), limit) for end in ends))
+    level = Accuracy.OBB if accuracy < Accuracy.HULL else Accuracy.HULL
+    rows, pairs = all_pairs(checked, level, states, near)
+    given = np.ascontiguousarray(states[rows])
+    bounds = hull_distances(checked, given, pairs, limit, boxes=bool(accuracy < Accuracy.HULL))
+    if accuracy == Accuracy.MESH:
+        set_mesh_distances(prepared, given, pairs, bounds, limit, depths=True)
+    kept = bounds.lower < limit
+    lower_upper = np.column_stack([bounds.lower[kept], bounds.upper[kept]])
+    return rows[kept], NearestPairs(lower_upper, pairs[kept], bounds.vectors[kept])
 
 
 def _decide_meshes(

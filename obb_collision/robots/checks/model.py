@@ -51,10 +51,12 @@ from obb_collision.robots.checks.bodies import (
     world_of,
 )
 from obb_collision.robots.checks.chains import Chains
+from obb_collision.robots.kinematics.kinematics import FLOATING
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.kinds import TRIANGLES, kind_of
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
+from obb_collision.words import shown
 
 if TYPE_CHECKING:
     from obb_collision.robots.robot import Robot
@@ -158,7 +160,7 @@ class Model:
     """Robots with names for their links and joints, and what is attached to them."""
 
     def __init__(self, robots: Sequence[Robot], names: Sequence[str | None], bases: Floats) -> None:
-        self.robots = tuple(robots)
+        self.robots, self._names = tuple(robots), tuple(names)
         self.link_names = _prefixed(names, [robot.link_names for robot in robots])
         self.joint_names = _prefixed(names, [robot.joint_names for robot in robots])
         self.link_rows = {name: row for row, name in enumerate(self.link_names)}
@@ -181,6 +183,27 @@ class Model:
         self.link_objects: dict[str, tuple[str, ...]] = {}
         self._groups = rigid_groups(self.tree)
         self._allowed = allowed_links(robots, self._groups)
+
+    @property
+    def middle(self) -> Floats:
+        """The state (joints,) of zeros, or what is next to them within the limits."""
+        state = np.clip(np.zeros(len(self.joint_names)), self.limits.lower, self.limits.upper)
+        state[self.tree.columns[self.tree.kinds == FLOATING] + 6] = 1.0
+        return state
+
+    def group_columns(self, group: str) -> list[int]:
+        """Return the columns of a group's joints; KeyError for an unknown group."""
+        names = [f"{name}/" if name is not None else "" for name in self._names]
+        for prefix, robot in zip(names, self.robots, strict=True):
+            for key, value in robot.groups.items():
+                if prefix + key == group:
+                    joints = {prefix + joint for joint in value.joints}
+                    return [
+                        column
+                        for column, name in enumerate(self.joint_names)
+                        if name in joints or name.rsplit("/", 1)[0] in joints
+                    ]
+        raise KeyError(f"group must be one of the SRDF, got {shown(group)}")
 
     def set_bases(self, bases: Floats) -> None:
         """Set where the robots stand, by poses (r, 7); bodies are relative to a place nearby."""

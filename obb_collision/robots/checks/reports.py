@@ -123,7 +123,9 @@ class StateReport(ValidityReport):
 
 @dataclass(frozen=True, eq=False)
 class StateDistances(FirstPairs):
-    """The least distance in each state, of all pairs that are checked, and where it is.
+    """The least distance in each state, or that of every pair within ``max_distance``.
+
+    Rows (n,) are states, or with ``all_pairs=True`` pairs in states.
 
     Attributes
     ----------
@@ -142,6 +144,10 @@ class StateDistances(FirstPairs):
         Unit vectors from the first to the second of the pair; NaN for none.
     names : sequence of str
         As in ``StateReport``.
+    states : (n,) numpy.ndarray
+        The state of each row, ascending.
+    jacobians : (n, joints) numpy.ndarray or None
+        The gradients of distances by the joints, where they were asked for; NaN for none.
     """
 
     distances: Floats
@@ -150,6 +156,8 @@ class StateDistances(FirstPairs):
     points: Floats
     directions: Floats
     names: Sequence[str]
+    states: Rows
+    jacobians: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

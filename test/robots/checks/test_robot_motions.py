@@ -307,7 +307,7 @@ def test_what_is_farther_does_not_count() -> None:
 def test_bad_limits_are_refused() -> None:
     with pytest.raises(ValueError, match="max_distance must be positive"):
         walled().distances([[0.0]], max_distance=0.0)
-    with pytest.raises(ValueError, match="configurations"):
+    with pytest.raises(ValueError, match="states"):
         walled().distances([[np.nan]])
 
 

@@ -363,11 +363,11 @@ def test_a_single_state_and_none_at_all() -> None:
 def test_bad_states_and_unknown_links_are_refused_by_name() -> None:
     checker = lift()
     for states, words in (
-        ([[0.0, np.nan]], "configurations"),
-        ([[0.0, 0.0], [np.inf, 0.0]], "configurations.*1"),
-        ([[0.0]], r"configurations must have shape \(n, 2\)"),
-        ([[[0.0, 0.0]]], "configurations"),
-        ("ab", "configurations"),
+        ([[0.0, np.nan]], "states"),
+        ([[0.0, 0.0], [np.inf, 0.0]], "states.*1"),
+        ([[0.0]], r"states must have shape \(n, 2\)"),
+        ([[[0.0, 0.0]]], "states"),
+        ("ab", "states"),
     ):
         with pytest.raises(ValueError, match=words):
             checker.check(states)

@@ -1,0 +1,150 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Motions of a robot among random boxes: their times beside those of states, and samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from time import thread_time
+from typing import Any
+
+import numpy as np
+
+from obb_collision.robots.kinematics.kinematics import PRISMATIC
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Box
+from obb_collision.typing import Floats, Mask
+
+#: Lengths of motions, the root of the sum of squares of what all joints move.
+LENGTHS = 0.3, 1.5
+#: States that each motion is compared with, and motions that are sampled at once.
+SAMPLES, AT_ONCE = 1000, 50
+#: Rounds in which all take their turn, and motions that are timed; the least time counts.
+ROUNDS, TIMED = 7, 1500
+#: Single calls that are timed.
+CALLS = 200
+#: Boxes keep this far from the axis of the base, metres.
+CLEAR_OF_BASE = 0.35
+Row = dict[str, Any]
+
+
+def scene_of(count: int, rng: np.random.Generator) -> Scene:
+    """Return a scene of boxes of 4 to 24 cm around a robot."""
+    scene = Scene()
+    while len(scene) < count:
+        place = rng.uniform((-1.0, -1.0, -0.1), (1.0, 1.0, 1.2))
+        size, turn = 2.0 * rng.uniform(0.02, 0.12, 3), rng.normal(size=4)
+        if np.hypot(*place[:2]) >= CLEAR_OF_BASE:
+            pose = [*place, *(turn / np.linalg.norm(turn))]
+            scene.add(f"box{len(scene)}", Box(size), pose)
+    return scene
+
+
+def free_states(checker: RobotScene, count: int, rng: np.random.Generator) -> Floats:
+    """Return valid states, with joints that slide, such as fingers, at zero."""
+    robot = checker.robots[0]
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    still = np.isin(np.arange(len(low)), robot.tree.columns[robot.tree.kinds == PRISMATIC])
+    found = np.empty((0, len(low)))
+    while len(found) < count:
+        states = rng.uniform(low, high, (count, len(low)))
+        states[:, still] = np.clip(0.0, low, high)[still]
+        found = np.concatenate([found, states[checker.check(states).valid]])
+    return found[:count]
+
+
+def ends_of(robot: Robot, starts: Floats, length: float, rng: np.random.Generator) -> Floats:
+    """Return ends of motions in random directions, clipped to the limits."""
+    ways = rng.normal(size=starts.shape) * (np.ptp(starts, axis=0) > 0.0)
+    ways *= length / np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.clip(starts + ways, robot.lower, robot.upper)
+
+
+def sampled(checker: RobotScene, starts: Floats, ends: Floats) -> Mask:
+    """Return (n,) which motions collide at one of many states."""
+    times, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
+    for first in range(0, len(starts), AT_ONCE):
+        a, b = (states[first : first + AT_ONCE, None] for states in (starts, ends))
+        states = (a + times * (b - a)).reshape(-1, starts.shape[1])
+        found.append(checker.check(states).colliding.reshape(-1, SAMPLES).any(axis=1))
+    return np.concatenate(found)
+
+
+def least_times(calls: Sequence[Callable[[], object]]) -> list[float]:
+    """Return the least processor time of each call, in turns (s)."""
+    best = [np.inf] * len(calls)
+    for _ in range(ROUNDS):
+        for n, call in enumerate(calls):
+            begin = thread_time()
+            call()
+            best[n] = min(best[n], thread_time() - begin)
+    return best
+
+
+def motion_rows(
+    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int
+) -> Iterator[Row]:
+    """Yield a row per number of boxes and length of motions."""
+    for count in boxes:
+        rng = np.random.default_rng([seed, count])
+        checker = RobotScene([robot], scene_of(count, rng), accuracy)
+        for length in LENGTHS:
+            starts = free_states(checker, max(compared, TIMED), rng)
+            ends = ends_of(robot, starts, length, rng)
+            yield {"world": f"{count} boxes", "length": length} | _row(
+                checker, starts, ends, compared
+            )
+
+
+def _row(checker: RobotScene, starts: Floats, ends: Floats, compared: int) -> Row:
+    a, b = starts[:TIMED], ends[:TIMED]
+    free = checker.check_motions(a, b).valid
+
+    def motions(some: Mask, first: bool = False) -> Callable[[], object]:
+        return lambda: checker.check_motions(a[some], b[some], first=first)
+
+    everything = np.ones(len(a), np.bool_)
+    state, each, of_free, of_others, where = least_times(
+        [
+            lambda: checker.check(a),
+            motions(everything),
+            motions(free),
+            motions(~free),
+            motions(~free, first=True),
+        ]
+    )
+    some, others = max(1, int(free.sum())), max(1, int((~free).sum()))
+    single = least_times(
+        [lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)] for _ in range(1)]
+    )[0]
+    report = checker.check_motions(starts[:compared], ends[:compared])
+    collides = sampled(checker, starts[:compared], ends[:compared]) if compared else report.valid
+    return {
+        "us_per_state": 1e6 * state / len(a),
+        "us_per_motion": 1e6 * each / len(a),
+        "in_states": each / state,
+        "us_of_free": 1e6 * of_free / some,
+        "us_of_colliding": 1e6 * of_others / others,
+        "us_of_first": 1e6 * where / others,
+        "us_of_call": 1e6 * single / CALLS,
+        "free": float(report.valid.mean()) if compared else float(free.mean()),
+        "compared": compared,
+        "missed": int((collides & report.valid).sum()) if compared else 0,
+        "not_called_free": int((~collides & ~report.valid).sum()) if compared else 0,
+        "undecided": int(report.undecided.sum()),
+    }
