@@ -84,9 +84,10 @@ def test_diagonal_square_gets_its_sides() -> None:
 def test_smallest_rectangles_turned_from_the_principal_axes_stay_in_their_plane() -> None:
     plane = np.array([[1.0, 2.0, 2.0], [2.0, 1.0, -2.0]]) / 3.0
     kite = [[0, 0], [1, 0], [0, 1], [0.8, 0.8]]  # by 45 degrees: what is across has a way to fail
-    for outline, sides in ((kite, [1.0, 1.0]), ([[0, 0], [4, 0], [1, 2]], [2.0, 4.0])):
-        _, _, half = fitted(np.array(outline) @ plane, "min_volume")
-        assert np.sort(2.0 * half) == pytest.approx([0.0, *sides], abs=4e-15)
+    for outline, area in ((kite, 1.0), ([[0, 0], [4, 0], [1, 2]], 8.0)):
+        thickness, x, y = np.sort(fitted(np.array(outline) @ plane, "min_volume")[2])
+        assert thickness < 4e-15
+        assert 4.0 * x * y == pytest.approx(area, rel=1e-14)
 
 
 def test_tilted_flat_sets_compare_by_area_among_flat_boxes() -> None:
