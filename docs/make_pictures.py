@@ -177,7 +177,7 @@ def draw_promises() -> None:
         checkers = [cell.strip() for cell in head.strip("|").split("|")][1:]
         rows = table("../README.md", "| pairs | this library")
         wrong = [
-            sum(int(n) for row in rows for n in row[column].split(" / "))
+            sum(int(n) for row in rows for n in row[column].split("/"))
             for column in range(1, len(checkers) + 1)
         ]
         colors = [plots.OURS, *["#b9bec5"] * len(checkers)][: len(checkers)]

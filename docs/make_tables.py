@@ -12,15 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writes the tables that pages of this folder take from the code: ``python docs/make_tables.py``.
+"""Writes what the code says into the pages of this folder, and ``config/obb_collision.yaml``.
 
-A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->``. It needs the extra ``ros``.
+``python docs/make_tables.py`` needs the extra ``ros``. A table stands between
+``<!-- table: NAME -->`` and ``<!-- end -->``.
 """
 
 from __future__ import annotations
 
 import ast
+import json
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,13 +37,14 @@ from obb_collision.node.diagnostics.answer import CODES, REMEDIES
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import INPUTS, Input
 from obb_collision.node.parameters import table as parameters
-from obb_collision.node.parameters.entries import Spec
 from obb_collision.node.robots import robots, validity
 from obb_collision.node.topics import topics as out
 from obb_collision.node.topics.cloud import MEANINGS, Cloud, Topic
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS, describe_mode
 
 FOLDER = Path(__file__).parent
+PARAMETER_FILE = FOLDER.parent / "config" / "obb_collision.yaml"
+Spec = parameters.Spec
 PAGES = ("parameters.md", "topics.md", "status.md")
 GROUPS = {
     "general": parameters.GENERAL,
@@ -65,24 +69,20 @@ READERS = {
 def tables() -> dict[str, str]:
     """Return all tables in Markdown, by name."""
     found = {name: parameter_table(specs) for name, specs in GROUPS.items()}
-    given = {spec.name for specs in GROUPS.values() for spec in specs}
-    effects = [spec for spec in parameters.SPECS if spec.name not in given]
+    effects = [spec for spec in parameters.SPECS if spec.name.startswith("effects.")]
     found["effects"] = parameter_table(merged(effects))
     found["topics in"] = topic_table(inputs())
     found["topics out"] = topic_table(
         (topic.name, topic.message, topic, meaning(key, topic))
         for key, topic in {**TOPICS, "": NAMESPACES}.items()
     )
-    found["robot topics in"] = topic_table(
-        (f"ROBOT/{name}", topic.kind, topic, topic.meaning) for name, topic in robots.KINDS.items()
-    )
-    found["robot topics out"] = topic_table(
-        (f"ROBOT/{topic.name}", topic.message, topic.qos, topic.description)
-        for topic in robots.OUTPUTS
-    )
+    given = ((name, topic.kind, topic, topic.meaning) for name, topic in robots.KINDS.items())
+    answers = ((topic.name, topic.message, topic, topic.description) for topic in robots.OUTPUTS)
+    rows = ((f"ROBOT/{name}", *row) for name, *row in (*given, *answers))
+    found["robot topics"] = topic_table(rows)
     found["fields"] = field_table()
     found["validity"] = as_markdown(
-        [["field", "type", "meaning"], *fields(validity.ROWS, validity.MEANINGS)]
+        [["field, type", "meaning"], *fields(validity.ROWS, validity.MEANINGS)]
     )
     found["readers"] = as_markdown(
         [
@@ -120,13 +120,37 @@ def marked(text: str) -> str:
 
 def parameter_table(specs: Iterable[Spec]) -> str:
     """Return name, default, range and meaning of each parameter."""
-    rows = [["parameter", "default", "range", "meaning"]]
+    rows = [["parameter", "default, range", "meaning"]]
     for spec in specs:
-        allowed = ", ".join(map(code, spec.choices))
+        allowed = "; " + ", ".join(map(code, spec.choices)) if spec.choices else ""
         if spec.limits is not None:
-            allowed = f"{spec.limits[0]:g} to {spec.limits[1]:g}"
-        rows.append([code(spec.name), code(spec.default), allowed, spec.description])
+            allowed = f"; {spec.limits[0]:g} to {spec.limits[1]:g}"
+        text = spec.description.replace(" Read at the start only.", " \N{DAGGER}")
+        rows.append([code(spec.name), code(spec.default) + allowed, text])
     return as_markdown(rows)
+
+
+def parameter_file() -> str:
+    """Return the file of all parameters at their defaults, described in comments."""
+    lines = [
+        "# Parameters of obb_collision_node, all at their defaults.",
+        "# A decimal number needs its point: 50.0, not 50.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    indent = 4
+    for spec in parameters.SPECS:
+        name = spec.name.removeprefix("effects.")
+        if name != spec.name and indent == 4:
+            lines.append("    effects:")
+            indent = 6
+        text = spec.description
+        if spec.limits is not None:
+            text += f" From {spec.limits[0]:g} to {spec.limits[1]:g}."
+        start = " " * indent + "# "
+        lines += textwrap.wrap(text, 100, initial_indent=start, subsequent_indent=start)
+        lines.append(f"{' ' * indent}{name}: {json.dumps(spec.default)}")
+    return "\n".join(lines) + "\n"
 
 
 def merged(specs: Iterable[Spec]) -> Iterator[Spec]:
@@ -174,11 +198,11 @@ def inputs() -> Iterator[tuple[str, Any, Any, str]]:
 
 def topic_table(topics: Iterable[tuple[str, Any, Any, str]]) -> str:
     """Return name, type, QoS and meaning of topics: of an Input, a Topic or a QoS."""
-    rows = [["topic", "type", "QoS", "meaning"]]
+    rows = [["topic", "type, QoS", "meaning"]]
     for name, kind, given, text in topics:
         qos = given.qos if isinstance(given, Topic) else given
         names = ", ".join(map(code, name.split(", ")))
-        rows.append([names, code(type_name(kind)), qos_text(qos), text])
+        rows.append([names, f"{code(type_name(kind))}, {qos_text(qos)}", text])
     return as_markdown(rows)
 
 
@@ -210,23 +234,23 @@ def fields(layout: np.dtype[Any], meanings: Mapping[str, str]) -> Iterator[list[
     found = [name for names in meanings for name in names.split()]
     assert sorted(found) == sorted(set(layout.names or ()) & set(found)), found
     for names, text in meanings.items():
-        yield [code(names), str(np.dtype(layout[names.split()[0]])), text]
+        yield [f"{code(names)} {np.dtype(layout[names.split()[0]])}", text]
 
 
 def field_table() -> str:
     """Return the fields of all clouds: first those that most have."""
-    rows = [["topic", "bytes", "field", "type", "meaning"]]
+    rows = [["topic, bytes of a row", "field, type", "meaning"]]
     layout = out.COLLISIONS.dtype
-    rows += [["all", "", *row] for row in fields(layout, MEANINGS)]
+    rows += [["all", *row] for row in fields(layout, MEANINGS)]
     common = {name for names in MEANINGS for name in names.split()}
     for topic in TOPICS.values():
         if isinstance(topic, Cloud):
             given = {name for names in topic.meanings for name in names.split()}
             assert set(topic.dtype.names or ()) - common <= given, topic.name
-            first = [code(topic.name), str(topic.dtype.itemsize)]
+            first = f"{code(topic.name)}, {topic.dtype.itemsize}"
             for row in fields(topic.dtype, topic.meanings):
-                rows.append([*first, *row])
-                first = ["", ""]
+                rows.append([first, *row])
+                first = ""
     return as_markdown(rows)
 
 
@@ -259,11 +283,12 @@ def with_tables(text: str, found: Mapping[str, str]) -> str:
 
 
 def main() -> None:
-    """Write the tables into the pages."""
+    """Write the tables into the pages, and the file of parameters."""
     found = tables()
     for name in PAGES:
         page = FOLDER / name
         page.write_text(with_tables(page.read_text(encoding="utf-8"), found), encoding="utf-8")
+    PARAMETER_FILE.write_text(parameter_file(), encoding="utf-8")
 
 
 if __name__ == "__main__":

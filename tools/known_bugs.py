@@ -203,9 +203,18 @@ def _exact(distance: float) -> str:
 
 
 def page(lines: list[list[str]]) -> str:
-    """Return the page: what was reported, where the numbers are from, and the answers."""
-    reports = [["report", "what was reported"], *([bug.name, bug.report] for bug in KNOWN_BUGS)]
-    return "\n".join((INTRODUCTION, as_markdown(lines), REMARK, as_markdown(reports), ""))
+    """Return the page: what was reported, the exact answer, ours, and peers that are wrong."""
+    (_, _, _, *peers), *answers = lines
+    rows = [["report", "what was reported", "exact", OURS, "wrong today"]]
+    for bug, (link, exact, ours, *theirs) in zip(KNOWN_BUGS, answers, strict=True):
+        wrong = [
+            f"{peer} {answer}"
+            for peer, answer in zip(peers, theirs, strict=True)
+            if answer not in (RIGHT, NOTHING)
+        ]
+        rows.append([link, bug.report, exact, ours, "; ".join(wrong)])
+    asked = f"Peers: {', '.join(peers)}.\n"
+    return "\n".join((INTRODUCTION, asked, as_markdown(rows), REMARK))
 
 
 def _plain(lines: list[list[str]]) -> Iterator[str]:

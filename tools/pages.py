@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from obb_collision.benchmarks.contestants import SCENE
+from obb_collision.benchmarks.contestants import SCENE, SEPARATIONS
 from obb_collision.benchmarks.measuring import Table
 from obb_collision.benchmarks.speed import OWN, differences, slopes, tables
 from obb_collision.benchmarks.steps import StepRow
@@ -53,7 +53,8 @@ def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
     """Return the blocks of a page by name: tables by their kind, and lists of lines."""
     blocks: dict[str, str] = {}
     for title, table in tables(rows).items():
-        blocks.setdefault(title.split(":")[0], as_markdown(table))
+        kind = title.split(":")[0]
+        blocks.setdefault(kind, as_markdown(_drawn(table) if kind == "forms" else table))
         blocks.setdefault("small", as_markdown(_small(table, max(row.threads for row in rows))))
     lists = {"slopes": slopes(rows), "notes": [*differences(rows), *notes]}
     blocks |= {name: "\n".join(f"* {x.removeprefix('* ')}" for x in v) for name, v in lists.items()}
@@ -61,6 +62,15 @@ def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
 
 
 def _small(table: Table, most: int) -> Table:
-    """Return the head, ours with the most threads, and the best-known peers."""
-    wanted = (*(f"{name}, {most} thread" for name in OWN - {SCENE.name}), *SMALL)
+    """Return the head, ours with the most threads, with one, and the best-known peers."""
+    one = f"{SEPARATIONS.name}, 1 thread"
+    wanted = (*(f"{name}, {most} thread" for name in OWN - {SCENE.name}), one, *SMALL)
     return [table[0], *(line for line in table[1:] if line[0].startswith(wanted))]
+
+
+def _drawn(table: Table) -> Table:
+    """Return what the picture has: of ours one thread, and all peers, without ratios."""
+    ours = tuple(f"{name}, " for name in OWN)
+    wanted = tuple(f"{name}, 1 thread" for name in OWN - {SCENE.name})
+    rows = (row for row in table if row[0].startswith(wanted) or not row[0].startswith(ours))
+    return [[cell.partition(" (")[0] for cell in row] for row in rows]

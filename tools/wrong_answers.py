@@ -236,20 +236,20 @@ def installed_judges() -> tuple[dict[str, Judge], list[str]]:
 
 def table(rows: Sequence[Row], judges: Iterable[str]) -> list[list[str]]:
     """Return header and lines, as text cells."""
-    header = ["family", "apart / touching / overlapping", "this library", "undecided", "exact"]
+    header = ["family", "apart/touching/overlapping", "this library", "undecided", "exact"]
     lines = [[*header, *judges]]
     for row in rows:
         own, truth = row["own"], row["truth"]
         line = [
             row["family"],
-            f"{truth['separate']} / {truth['touching']} / {truth['overlap']}",
-            f"{own['default_false']} / {own['default_missed']}",
+            f"{truth['separate']}/{truth['touching']}/{truth['overlap']}",
+            f"{own['default_false']}/{own['default_missed']}",
             f"{own['undecided']}",
             f"{own['exact_wrong']}",
         ]
         for counts in row["judges"].values():
             failed = f" ({counts['failed']} failed)" if counts["failed"] else ""
-            line.append(f"{counts['false']} / {counts['missed']}{failed}")
+            line.append(f"{counts['false']}/{counts['missed']}{failed}")
         lines.append(line)
     return lines
 

@@ -37,6 +37,7 @@ def test_the_tables_are_up_to_date() -> None:
         marks += re.findall(r"<!-- table: (.*) -->", text)
         assert make_tables.with_tables(text, found) == text, "python docs/make_tables.py"
     assert sorted(marks) == sorted(found)
+    assert make_tables.PARAMETER_FILE.read_text(encoding="utf-8") == make_tables.parameter_file()
 
 
 def test_the_recording_leaves_out_what_is_computed_for_subscribers() -> None:

@@ -108,42 +108,31 @@ def test_public_names_in_a_page_exist(page: Path) -> None:
 
 
 PACKAGE, TOOLS = ROOT / "obb_collision", ROOT / "tools"
-ORDER = (
+LAYERS = (
     "numerics", "geometry", "queries", "scene", "robots", "warm_up", "scene_files", "node",
     "demo", "benchmarks",
 )  # fmt: skip
-"""The layers in the order of their imports; folders within one are sorted by name."""
-WIDTH = 22
-"""Column of the descriptions."""
+"""The folders of the package in the order of their imports."""
 
 
-def tree() -> list[str]:
-    """Return one line per folder: its name, and the first line of its docstring."""
-
-    def order(path: Path) -> tuple[int, Path]:
-        top = path.relative_to(PACKAGE).parts
-        return (ORDER.index(top[0]) if top else -1, path)
-
-    lines = []
-    files = sorted(PACKAGE.rglob("__init__.py"), key=lambda file: order(file.parent))
-    for file in (*files, *sorted(TOOLS.rglob("__init__.py"), key=lambda file: file.parent)):
-        docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))
-        assert docstring is not None, file
-        depth = len(file.parent.relative_to(ROOT).parts) - 1
-        name = f"{'  ' * depth}{file.parent.name}/"
-        lines.append(f"{name:<{WIDTH}} {docstring.splitlines()[0]}")
-    return lines
+def first_line(folder: Path) -> str:
+    """Return what the docstring of a folder says first."""
+    docstring = ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
+    return (docstring or "").partition("\n")[0]
 
 
 def test_the_tree_is_that_of_the_folders() -> None:
+    assert {file.parent.name for file in PACKAGE.glob("*/__init__.py")} == set(LAYERS)
+    tree = [("obb_collision/", PACKAGE), *((f"  {name}/", PACKAGE / name) for name in LAYERS)]
     (shown,) = code_blocks(ROOT / "CONTRIBUTING.md", "text")
-    assert shown.splitlines() == tree()
+    lines = [f"{name:<22} {first_line(folder)}" for name, folder in [*tree, ("tools/", TOOLS)]]
+    assert shown.splitlines() == lines
 
 
 def test_every_folder_says_in_one_line_what_it_is() -> None:
-    for line in tree():
-        assert len(line) <= 100, line
-        assert line.endswith("."), line
+    for file in (*PACKAGE.rglob("__init__.py"), *TOOLS.rglob("__init__.py")):
+        assert 0 < len(first_line(file.parent)) <= 80, file
+        assert first_line(file.parent).endswith("."), file
 
 
 def test_files_that_are_named_exist_and_those_beside_the_folders_are_named() -> None:

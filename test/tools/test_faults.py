@@ -55,9 +55,7 @@ def test_the_page_has_every_fault_and_none_that_failed() -> None:
     page = Path(__file__).parents[2] / "docs" / "faults.md"
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
     assert [row.split("`")[1] for row in rows] == list(BY_NAME)
-    for row, fault in zip(rows, FAULTS, strict=True):
-        assert f"| {fault.what} |" in row
-        assert "not as expected" not in row
+    assert not any("not as expected" in row for row in rows)
 
 
 def fails(bench: Bench) -> str:

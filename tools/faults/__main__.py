@@ -151,7 +151,7 @@ def _last_lines(folder: Path) -> str:
 LARGEST_DOMAIN = 100
 BEGIN, END = "<!-- faults -->", "<!-- end of faults -->"
 """Marks in a page around the table."""
-HEAD = ("| fault | what is done | seen |", "|---|---|---|")
+HEAD = ("| fault | what the node did |", "|---|---|")
 
 
 def _parser() -> Parser:
@@ -199,7 +199,7 @@ def row_of(outcome: Outcome) -> str:
     """Return a row of a table in Markdown."""
     fault = outcome.fault
     seen = outcome.seen if outcome.held else f"**not as expected**: {outcome.seen}"
-    return f"| {' | '.join((f'`{fault.name}`', fault.what, seen.replace('|', '/')))} |"
+    return f"| `{fault.name}` | {seen.replace('|', '/')} |"
 
 
 def write_table(page: Path, outcomes: Sequence[Outcome]) -> None:

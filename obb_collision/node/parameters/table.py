@@ -74,258 +74,234 @@ MAX_AGE = 1.0e6
 
 GENERAL = (
     Spec("fixed_frame", "map", fixed=True).means(
-        "Frame of the world boxes and of everything published."
+        "Frame of the world boxes and of all that is published."
     ),
     Spec("rate", 50.0, (0.1, 1000.0)).means("Cycles per second (Hz)."),
     Spec("trigger", "timer", choices=("timer", "arrival")).means(
-        "What starts a cycle. timer: every 1/rate. arrival: every input message, at least "
-        "min_period after the previous cycle; without messages, 1/rate after it."
+        "What starts a cycle. timer: every 1/rate. arrival: every input message, between "
+        "min_period and 1/rate after the last cycle."
     ),
     Spec("min_period", 0.002, (0.0, 1.0)).means(
-        "Minimum time between two cycles with trigger arrival (s), so that a burst of messages is "
-        "processed together."
+        "Minimum time between two cycles with trigger arrival (s)."
     ),
-    Spec("padding", 0.0, (0.0, 1000.0)).means("Every box is enlarged by this on every side (m)."),
+    Spec("padding", 0.0, (0.0, 1000.0)).means("Every box grows by this on every side (m)."),
     Spec("object_timeout", 0.0, (0.0, MAX_AGE)).means(
-        "An object without a new state for longer than this is stale (s), if more than one "
-        "message has been about it: what is sent once does not age. 0: never."
+        "An object is stale without a new state for longer than this (s), from its second "
+        "message on. 0: never."
     ),
     Spec("object_timeout_overrides", [""], entry=_limit_from_text, most=MAX_OVERRIDES).means(
         "Age limits of some objects (s), from their first message on: 'person/*: 0.5' by name, "
-        "pattern or group, or 'person=0.5' by namespace. 0: never. The last one that matches an "
-        "object is used."
+        "pattern or group, 'person=0.5' by namespace. The last match counts. 0: never."
     ),
     Spec("stale_policy", "unknown", choices=POLICIES).means(
-        "What happens to stale objects. unknown: they continue to collide at their last pose, and "
-        "collision_status is STALE. collide: they collide with everything they can have come near "
-        "to since. keep: they are taken to be where they were. ignore: they are in no pair. In "
-        "all cases they are grey and counted in /diagnostics."
+        "What a stale object does. unknown: it collides at its last pose, and collision_status "
+        "is STALE. collide: it collides with all that it can have reached since. keep: it is "
+        "taken to be where it was. ignore: it is in no pair."
     ),
     Spec("stale_policy_overrides", [""], entry=_policy_from_text, most=MAX_OVERRIDES).means(
-        "What happens to some objects when they are stale: 'pallet/*: keep' by name, pattern or "
-        "group, or 'pallet=keep' by namespace. The last one that matches an object is used."
+        "stale_policy of some objects: 'pallet/*: keep' by name, pattern or group, "
+        "'pallet=keep' by namespace. The last match counts."
     ),
     Spec("required_objects", [""], entry=_pattern).means(
-        "Names, patterns or groups of objects: while one of these has no object, collision_status "
-        "is STALE unless something collides."
+        "Names, patterns or groups: while one has no object, collision_status is STALE."
     ),
     Spec("required_inputs", [""], entry=_limit_from_text).means(
-        "Inputs and the longest time (s) between two of their messages: 'points: 0.3'. Without "
-        "one for longer, or none since the activation, collision_status is STALE unless something "
-        "collides."
+        "Inputs and the longest time (s) between two of their messages: 'points: 0.3'. Beyond "
+        "it, from the activation on, collision_status is STALE."
     ),
     Spec("ignored_objects", [""], entry=_pattern).means(
-        "Names or patterns of objects of which states may come though the node does not have "
-        "them: states of others make collision_status STALE."
+        "Names or patterns of objects whose states may come though the node lacks them: those "
+        "of others make collision_status STALE."
     ),
     Spec("expect_empty", False).means(
-        "Whether a scene without objects is free before anybody says that it is empty: a robot "
+        "Whether a scene is free before anybody sends objects or says that it is empty: a robot "
         "alone."
     ),
     Spec("stale_speed", 1.6, (0.0, 1000.0)).means(
-        "With stale_policy collide: maximum speed of any point of an object (m/s), unless its "
-        "last twist was faster. A stale box grows by this times the age of its state."
+        "With stale_policy collide: a stale box grows by its age times this speed (m/s), or "
+        "that of its last twist if faster."
     ),
     Spec("stale_reach", 5.0, (0.0, 1.0e6)).means(
-        "With stale_policy collide: maximum growth of a stale box (m). An object that can have "
-        "moved farther may be anywhere: collision_status is STALE."
+        "With stale_policy collide: maximum growth of a box (m). Beyond it collision_status is "
+        "STALE."
     ),
     Spec("transform_timeout", 0.2, (0.0, 60.0)).means(
-        "How long a state may wait for its frame's transform before it is refused (s). The newest "
-        "state of each object that has a transform is used; the latest one is retried. Until a "
-        "state of an object in use is placed again, collision_status is STALE."
+        "How long a state may wait for its frame's transform before it is refused (s). "
+        "collision_status is STALE until a state of its object is placed."
     ),
     Spec("stamp_tolerance", 0.5, (0.0, 1.0e6)).means(
-        "A stamp further than this ahead of the node's clock is not trusted (s): the state is "
-        "used, but its object is grey and counted, and the stamp is not published."
+        "A stamp further ahead of the node's clock is not trusted (s): the state is used, its "
+        "object is grey, and the stamp is not published."
     ),
     Spec("order_timeout", 1.0, (0.0, 1.0e6)).means(
-        "A state with an older stamp than its object's latest is refused, unless the latest was "
-        "received longer ago than this (s): then its sender has restarted."
+        "A state older than its object's latest is refused, unless the latest arrived longer "
+        "ago than this (s): then its sender has restarted."
     ),
     Spec("input_timeout", 0.0, (0.0, 1.0e6)).means(
-        "Input has stopped if no message about objects was received for longer than this, by "
-        "steady time (s): it is then not known what collides. 0: never."
+        "collision_status is STALE without a message about objects for longer than this, by "
+        "steady time (s). 0: never."
     ),
     Spec("status_deadline", 0.5, (0.2, 3600.0), fixed=True).means(
-        "Deadline of collision_status (s): its subscribers are told if no message comes for so "
-        "long."
+        "Deadline of collision_status (s): the middleware tells subscribers when it is missed."
     ),
     Spec("cycle_timeout", 0.5, (0.05, 3600.0)).means(
-        "Cycles are blocked if none ends within 1/rate and this (s), and overloaded if a message "
-        "waits longer for its answer: it is then not known what collides."
+        "collision_status is STALE if no cycle ends within 1/rate and this (s), or a message "
+        "waits longer for its answer."
     ),
     Spec("unknown_is_collision", True).means(
-        "Whether in_collision is true while it is not known what collides."
+        "Whether in_collision is true while collisions are unknown."
     ),
     Spec("shape_timeout", 60.0, (0.1, 3600.0)).means(
-        "Maximum time to build a shape of points or a mesh file, in a separate process (s). One "
-        "that takes longer is refused."
+        "Maximum time to build a shape of points or a mesh file (s)."
     ),
     Spec("shape_memory", 2000, (50, 1000000)).means(
-        "Maximum memory of the process that builds shapes (MB). A shape that needs more is "
-        "refused. A million triangles take 1000."
+        "Maximum memory of the process that builds shapes (MB). A million triangles take 1000."
     ),
     Spec("shape_queue", 512, (1, 1000000)).means(
-        "Maximum size of the points and embedded mesh files that wait to be built (MB). More are "
-        "refused."
+        "Maximum size of points and embedded mesh files that wait to be built (MB)."
     ),
-    Spec("mesh_file_size", 1000, (1, 1000000)).means(
-        "Maximum size of a mesh file (MB). Larger ones are refused."
-    ),
-    Spec("max_objects", 20000, (1, 1000000)).means("Maximum number of objects. More are refused."),
+    Spec("mesh_file_size", 1000, (1, 1000000)).means("Maximum size of a mesh file (MB)."),
+    Spec("max_objects", 20000, (1, 1000000)).means("Maximum number of objects."),
     Spec("max_pairs", 10000, (1, 10000000)).means(
-        "Maximum number of colliding pairs reported, those of the objects added first. A lower "
-        "bound of their total is reported, too, and every colliding object is marked."
+        "Maximum number of colliding pairs reported: those of the objects added first, with a "
+        "lower bound of the total."
     ),
-    Spec("max_text_pairs", 100, (0, 10000)).means(
-        "Maximum number of pairs in collisions_text; the total is reported."
-    ),
+    Spec("max_text_pairs", 100, (0, 10000)).means("Maximum number of pairs in collisions_text."),
     Spec("marker_rate", 10.0, (0.0, 100.0)).means(
         "Publications of ~/markers per second (Hz). 0: none."
     ),
     Spec("marker_lifetime", 1.0, (0.0, 3600.0)).means(
-        "Lifetime of the markers (s), after which RViz removes those of a node that has ended. 0: "
-        "no limit."
+        "Lifetime of the markers (s), after which RViz removes those of a node that has ended. "
+        "0: no limit."
     ),
     Spec("marker_form", "auto", choices=("auto", "cubes", "lines")).means(
-        "cubes: one CUBE per object. lines: all edges in one LINE_LIST per colour. auto: lines "
-        "above marker_max_cubes objects."
+        "cubes: a CUBE per object. lines: a LINE_LIST per colour. auto: lines above "
+        "marker_max_cubes objects."
     ),
     Spec("marker_max_cubes", 200, (0, 100000)).means(
-        "Maximum number of objects drawn as CUBE with marker_form auto."
+        "Maximum number of CUBEs with marker_form auto."
     ),
     Spec("marker_line_width", 0.01, (0.0001, 10.0)).means(
         "Width of the lines in LINE_LIST markers (m)."
     ),
     Spec("warn_period", 5.0, (0.0, 3600.0)).means(
-        "Minimum time between two warnings about one topic for the same reason (s)."
+        "Minimum time between two warnings about a topic for one reason (s)."
     ),
     Spec("latched_objects", False, fixed=True).means(
-        "Whether objects is subscribed as latched (transient_local): a node that starts after its "
-        "senders receives what they have latched. Senders that do not latch are incompatible "
-        "then, and /diagnostics names them."
+        "Whether objects is subscribed as latched (transient_local): earlier objects arrive, "
+        "and senders that do not latch are incompatible."
     ),
     Spec("autostart", True, fixed=True).means(
-        "Whether the node configures and activates itself. false: it stays unconfigured until a "
-        "lifecycle manager, or ros2 lifecycle set, does."
+        "Whether the node configures and activates itself. false: others do."
     ),
     Spec("mesh_folders", [""], fixed=True, entry=folder_from_text).means(
-        "Folders from which mesh files are read, besides the share folders of installed packages: "
-        "absolute paths, in which packages are found as well; or 'arm_description: /opt/arm', "
-        "where package://arm_description/ is. Symbolic links count as where they lead."
+        "Folders of mesh files besides the shares of installed packages: absolute paths, in "
+        "which packages are found too, or 'arm_description: /opt/arm' for "
+        "package://arm_description/."
     ),
     Spec("max_triangles", 2000000, (1, 100000000)).means(
-        "Maximum number of triangles of a shape. Larger ones are refused. Together with the "
-        "vertices, one takes up to 96 bytes of memory once it is read."
+        "Maximum number of triangles of a shape. Each takes up to 96 bytes."
     ),
     Spec("max_cloud_points", 10000000, (1, 1000000000)).means(
-        "Maximum number of points or rows of a cloud, and of points of a marker. Larger ones are "
-        "refused."
+        "Maximum number of points or rows of a cloud, and of points of a marker."
     ),
     Spec("max_name_length", MAX_NAME_BYTES, (1, MAX_NAME_BYTES)).means(
-        "Maximum length of a namespace or frame (bytes of UTF-8). Longer ones are refused."
+        "Maximum length of a namespace or frame (bytes of UTF-8)."
     ),
 )
 
 ROBOTS = (
     Spec("robots", [""], fixed=True, entry=robot_from_text, most=MAX_ROBOTS).means(
-        "Names of robots: of each, links are objects ROBOT/LINK/0, 1, ... by the topics "
-        "ROBOT/robot_description, ROBOT/robot_description_semantic and ROBOT/joint_states. With "
-        "robots, accuracy is hull where it is left at its default and there is no scene_file."
+        "Names of robots, whose links are objects ROBOT/LINK/0, 1, ... With robots and without "
+        "a scene_file, accuracy is hull by default."
     ),
     Spec("robot_bases", [""], fixed=True, entry=base_from_text, most=MAX_ROBOTS).means(
-        "Where robots stand: 'arm: 0 0 0.5 0 0 0 1', x y z (m) qx qy qz qw of the root link in "
-        "the fixed frame, 'arm: base_link' by tf, or 'arm: object_transform' by that topic. "
-        "Without an entry, by tf in the frame of the root link."
+        "Where root links stand: 'arm: 0 0 0.5 0 0 0 1', x y z (m) qx qy qz qw in the fixed "
+        "frame, 'arm: base_link' by tf, or 'arm: object_transform' by that topic. Without an "
+        "entry, by tf in the frame of the root link."
     ),
     Spec("joint_timeout", 0.5, (0.0, 1.0e6)).means(
-        "A joint of a robot without a new state for longer than this is stale (s): where the "
-        "robot is is then not known. 0: never."
+        "A joint without a new state for longer than this is stale, and its robot unknown (s). "
+        "0: never."
     ),
     Spec("state_validity_distance", 0.0, (0.0, 1.0e6)).means(
-        "How far ROBOT/state_validity looks for the distance of each state (m). 0: without "
-        "distances."
+        "How far ROBOT/state_validity looks for distances (m). 0: without distances."
     ),
     Spec("speed_stop_distance", 0.05, (0.0, 1.0e6)).means(
-        "Distance of a robot from objects at which its ROBOT/speed_scale is 0 (m)."
+        "Distance from objects at which ROBOT/speed_scale is 0 (m)."
     ),
     Spec("speed_slow_distance", 0.5, (0.001, 1.0e6)).means(
         "Distance from which on ROBOT/speed_scale is 1 (m). More than speed_stop_distance."
     ),
     Spec("speed_reaction_time", 0.2, (0.0, 3600.0)).means(
-        "Both distances grow by how far robot and objects can come nearer in this time (s)."
+        "Both distances grow by how far robot and objects can approach in this time (s)."
     ),
     Spec("trajectory_start_tolerance", 0.01, (0.0, 1000.0)).means(
-        "How far a joint may be from a trajectory, at its start and where it has come past, and "
-        "from where it is to stay (rad or m)."
+        "How far a joint may be from a trajectory at its start, where it has passed, and where "
+        "it is to stay (rad or m)."
     ),
     Spec("trajectory_margin", 0.001, (1.0e-6, 1.0)).means(
-        "Distance that links keep from everything on a trajectory (m). Smaller ones take more "
-        "time with velocities in the points."
+        "Distance that links keep on a trajectory (m). Smaller ones take more time."
     ),
     Spec("robot_touch_links", [""], entry=touches_from_text).means(
-        "Links that may be touched by what is attached to a link: 'arm/hand: arm/finger_*', names "
-        "or patterns. Besides the link itself, those that never move against it, and the end "
-        "effector of the SRDF."
+        "Links that attached objects may touch besides their own: 'arm/hand: arm/finger_*', "
+        "names or patterns."
     ),
 )
 
 REGION = (
     Spec("region", [""], entry=range_from_text).means(
-        "Part of space whose pairs are found: 'x: -inf to 5.0' for each axis with ends (m, in the "
-        "fixed frame), up to, not including, the second. Without entries, all of space."
+        "Part of space whose pairs are found: 'x: -inf to 5.0' for each axis with ends (m, "
+        "fixed frame), without the second end. Without entries, all of space."
     ),
     Spec("region_halo", 1.0, (0.0, 1.0e6)).means(
         "Objects farther than this from the region take no part (m). At least "
-        "effects.clearance_max_distance and effects.points_margin, unless these effects are off."
+        "effects.clearance_max_distance and effects.points_margin, unless these are off."
     ),
 )
 
 FILTERS = (  # before what uses groups: parameters of a file are set one by one
     Spec("groups", [""], entry=group_from_text, most=MAX_OVERRIDES).means(
-        "Names for sets of objects: 'gripper: hand/* finger/1', names, patterns or groups before "
-        "it, those with spaces in quotes. Several entries of one name add up."
+        "Names for sets of objects: 'gripper: hand/* finger/1', of names, patterns and earlier "
+        "groups, quoted if with spaces. Entries of one name add up."
     ),
     Spec("allowed_pairs", [""], entry=pair_from_text).means(
-        "Pairs of objects that may collide without being reported: 'robot/* table/1', two names, "
-        "patterns or groups each."
+        "Pairs that may collide unreported: 'robot/* table/1', two names, patterns or groups each."
     ),
     Spec("check_only_pairs", [""], entry=pair_from_text).means(
-        "The only pairs of objects that are checked: 'robot/* table/1', two names, patterns or "
-        "groups each. Without entries, all."
+        "The only pairs that are checked: 'robot/* table/1', two names, patterns or groups "
+        "each. Without entries, all."
     ),
     Spec("allowed_within", [""], entry=_pattern).means(
-        "Namespaces, or patterns of them, within which objects may collide without being "
-        "reported. '*': within each."
+        "Namespaces, or patterns of them, whose objects may collide with each other unreported. "
+        "'*': each."
     ),
     Spec("padding_overrides", [""], entry=padding_from_text, most=MAX_OVERRIDES).means(
-        "Padding of some objects (m): 'gripper/*: 0.02' by name, pattern or group, or "
-        "'gripper=0.02' by namespace. The last one that matches an object is used."
+        "Padding of some objects (m): 'gripper/*: 0.02' by name, pattern or group, "
+        "'gripper=0.02' by namespace. The last match counts."
     ),
 )
 
 ACCURACY = (
     Spec("accuracy", "obb", choices=ALL_LEVELS).means(
-        "Collision test per pair, from coarse to exact; coarser ones report more pairs, so that a "
-        "cycle need not be shorter. Levels above obb refine pairs that involve shapes other than "
-        "boxes."
+        "What stands for objects, from coarse to exact. Levels above obb refine pairs with "
+        "other shapes than boxes."
     ),
     Spec("accuracy_overrides", [""], entry=override_from_text, most=MAX_OVERRIDES).means(
-        "Accuracy of some objects: 'gripper/*: mesh' by name, pattern or group, or 'gripper=mesh' "
-        "by namespace. The last one that matches an object is used."
+        "Accuracy of some objects: 'gripper/*: mesh' by name, pattern or group, 'gripper=mesh' "
+        "by namespace. The last match counts."
     ),
     Spec("time_budget", 0.0, (0.0, 1.0)).means(
-        "Maximum time for a check (s): pairs are tested at the highest accuracy that fits, up to "
-        "the one requested. No collision is missed. 0: no limit."
+        "Maximum time for a check (s): it takes the highest accuracy that fits, up to the one "
+        "requested. No collision is missed. 0: no limit."
     ),
     Spec("threads", 0, (0, MAX_THREADS)).means(
-        "Number of threads that check a large scene. 0: what OBB_COLLISION_THREADS says, else one "
-        "per core that the node may use."
+        "Number of threads that check a large scene. 0: OBB_COLLISION_THREADS, else one per "
+        "core that the node may use."
     ),
     Spec("scene_file", "", fixed=True, optional=True).means(
-        "Scene file to load at the start: a path, or the name of one in config. Its settings "
-        "replace parameters left at their defaults."
+        "Scene file to load at the start: a path, or the name of one in config. It replaces "
+        "parameters at their defaults."
     ),
 )
 

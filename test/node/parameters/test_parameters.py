@@ -255,20 +255,6 @@ def test_a_wrong_value_is_refused_with_the_reason_and_changes_nothing(
     assert rig.node.get_parameter(name).value == before
 
 
-def test_the_file_of_the_package_describes_every_parameter() -> None:
-    comments: dict[str, str] = {}
-    text, inside = "", False
-    for line in (ROOT / "config" / "obb_collision.yaml").read_text().splitlines():
-        name, is_comment = line.partition(":")[0].strip(), line.strip().startswith("#")
-        if not is_comment:
-            comments[f"effects.{name}" if inside else name], text = text.strip(), ""
-            inside |= name == "effects"
-        else:
-            text += " " + line.strip("# ")
-    for spec in SPECS:
-        assert comments[spec.name].startswith(spec.description), spec.name
-
-
 def test_the_file_of_the_package_has_every_parameter_at_its_default() -> None:
     content = yaml.safe_load((ROOT / "config" / "obb_collision.yaml").read_text())
     given = content["/**"]["ros__parameters"]
