@@ -26,6 +26,7 @@ from obb_collision.robots.kinematics.kinematics import PRISMATIC
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.scene import Scene
+from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
 
@@ -42,15 +43,25 @@ CLEAR_OF_BASE = 0.35
 Row = dict[str, Any]
 
 
-def scene_of(count: int, rng: np.random.Generator) -> Scene:
-    """Return a scene of boxes of 4 to 24 cm around a robot."""
-    scene = Scene()
-    while len(scene) < count:
+def boxes_of(count: int, rng: np.random.Generator) -> list[SceneObject]:
+    """Return boxes of 4 to 24 cm around a robot."""
+    found: list[SceneObject] = []
+    while len(found) < count:
         place = rng.uniform((-1.0, -1.0, -0.1), (1.0, 1.0, 1.2))
         size, turn = 2.0 * rng.uniform(0.02, 0.12, 3), rng.normal(size=4)
         if np.hypot(*place[:2]) >= CLEAR_OF_BASE:
-            pose = [*place, *(turn / np.linalg.norm(turn))]
-            scene.add(f"box{len(scene)}", Box(size), pose)
+            x, y, z = place.tolist()
+            qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
+            pose = x, y, z, qx, qy, qz, qw
+            found.append(SceneObject(f"box{len(found)}", Box(size), pose))
+    return found
+
+
+def scene_of(objects: Sequence[SceneObject]) -> Scene:
+    """Return a scene of objects."""
+    scene = Scene()
+    for one in objects:
+        scene.add(one.name, one.shape, one.pose)
     return scene
 
 
@@ -102,7 +113,7 @@ def motion_rows(
     """Yield a row per number of boxes and length of motions."""
     for count in boxes:
         rng = np.random.default_rng([seed, count])
-        checker = RobotScene([robot], scene_of(count, rng), accuracy)
+        checker = RobotScene([robot], scene_of(boxes_of(count, rng)), accuracy)
         for length in LENGTHS:
             starts = free_states(checker, max(compared, TIMED), rng)
             ends = ends_of(robot, starts, length, rng)
@@ -129,9 +140,7 @@ def _row(checker: RobotScene, starts: Floats, ends: Floats, compared: int) -> Ro
         ]
     )
     some, others = max(1, int(free.sum())), max(1, int((~free).sum()))
-    single = least_times(
-        [lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)] for _ in range(1)]
-    )[0]
+    (single,) = least_times([lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)]])
     report = checker.check_motions(starts[:compared], ends[:compared])
     collides = sampled(checker, starts[:compared], ends[:compared]) if compared else report.valid
     return {
