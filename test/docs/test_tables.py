@@ -25,6 +25,7 @@ from pages import PAGES, ROOT, code_blocks, page_name, table_rows
 
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.representations import memory_table
 from obb_collision.scene.effects import EFFECTS
 
 README = ROOT / "README.md"
@@ -56,6 +57,11 @@ def test_every_page_is_linked_from_the_readme() -> None:
     text = README.read_text(encoding="utf-8")
     for page in PAGES[1:]:
         assert f"]({page_name(page)})" in text, page
+
+
+def test_the_memory_table_is_that_of_the_arrays() -> None:
+    rows = table_rows(LIBRARY, "## What a box takes in memory")
+    assert {row[0]: tuple(map(int, row[1:])) for row in rows} == memory_table()
 
 
 def test_the_levels_of_accuracy_are_those_of_the_code() -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes: construction, refusals, world bounds."""
+"""Boxes: construction, refusals, representations, world bounds."""
 
 from fractions import Fraction
 
@@ -25,6 +25,12 @@ from scipy.spatial.transform import Rotation
 from support import refused, row_of
 
 import obb_collision as oc
+from obb_collision.geometry.representations import (
+    corner_and_edges,
+    face_planes,
+    from_compact,
+    to_compact,
+)
 from obb_collision.geometry.validation import orthonormal_defect
 
 
@@ -153,6 +159,26 @@ def test_corners_come_in_the_documented_order() -> None:
     ]  # fmt: skip
     assert oc.OBB([0, 0, 0], np.eye(3), [1, 2, 3]).corners().tolist() == [list(c) for c in expected]
     assert oc.AABB([-1, -2, -3], [1, 2, 3]).corners().tolist() == [list(c) for c in expected]
+
+
+def test_representations_describe_the_same_boxes() -> None:
+    boxes = random_boxes(50)
+    cloud = boxes.corners()
+    planes = face_planes(boxes)
+    heights = np.einsum("nfk,nck->nfc", planes[..., :3], cloud) - planes[..., 3:]
+    assert np.abs(heights.max(axis=2)).max() < 1e-14
+    assert ((np.abs(heights) < 1e-14).sum(axis=2) == 4).all()
+    frame = corner_and_edges(boxes)
+    assert np.allclose(frame[:, 0], cloud[:, 6], atol=1e-14)
+    assert np.allclose(frame.sum(axis=1), cloud[:, 3], atol=1e-14)
+
+
+def test_the_compact_form_comes_back() -> None:
+    boxes = random_boxes(200)
+    back = from_compact(to_compact(boxes))
+    assert (back.centers == boxes.centers).all()
+    assert (back.half_extents == boxes.half_extents).all()
+    assert np.allclose(back.rotations, boxes.rotations, atol=1e-15)
 
 
 def test_edges_and_faces_by_index() -> None:
