@@ -50,9 +50,10 @@ def write_into(page: Path, blocks: dict[str, str]) -> None:
 
 
 def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
-    """Return the blocks of a page by name: tables by their kind, and lists of lines."""
+    """Return the blocks of a page by name: tables by kind, without ratios, and lists of lines."""
     blocks: dict[str, str] = {}
-    for title, table in tables(rows).items():
+    for title, with_ratios in tables(rows).items():
+        table = [[cell.partition(" (")[0] for cell in row] for row in with_ratios]
         kind = title.split(":")[0]
         blocks.setdefault(kind, as_markdown(_drawn(table) if kind == "forms" else table))
         blocks.setdefault("small", as_markdown(_small(table, max(row.threads for row in rows))))
@@ -69,8 +70,7 @@ def _small(table: Table, most: int) -> Table:
 
 
 def _drawn(table: Table) -> Table:
-    """Return what the picture has: of ours one thread, and all peers, without ratios."""
+    """Return what the picture has: of ours one thread, and all peers."""
     ours = tuple(f"{name}, " for name in OWN)
     wanted = tuple(f"{name}, 1 thread" for name in OWN - {SCENE.name})
-    rows = (row for row in table if row[0].startswith(wanted) or not row[0].startswith(ours))
-    return [[cell.partition(" (")[0] for cell in row] for row in rows]
+    return [row for row in table if row[0].startswith(wanted) or not row[0].startswith(ours)]
