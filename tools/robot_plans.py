@@ -71,7 +71,7 @@ def main(pairs: int = PAIRS) -> int:
     """Plan between pairs of free states in both ways, and print a table."""
     set_threads(1)
     urdf, srdf, packages = default_robot()
-    robot = Robot.from_urdf(urdf, srdf, packages)
+    robot = Robot.from_urdf(urdf, srdf, [packages])
     objects = boxes_of(BOXES, np.random.default_rng(0))
     checker, plan = RobotScene([robot], scene_of(objects)), planner()
     coal = coal_checker(case_of(robot, str(urdf), objects, checker), False)

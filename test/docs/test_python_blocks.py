@@ -98,7 +98,8 @@ def test_the_blocks_run_and_print_what_they_say(
 ) -> None:
     clean = tmp_path / "clean"
     clean.mkdir()
-    monkeypatch.chdir(ROOT if name == "docs/robots.md" else clean)
+    in_clone = "docs/robots.md", "docs/tutorials/planner_states_without_ros.md"
+    monkeypatch.chdir(ROOT if name in in_clone else clean)
     parameters = tmp_path / "parameters.yaml"
     parameters.write_text("".join(parameter_blocks(name)))
     variables: dict[str, object] = {"__name__": Path(name).stem}
