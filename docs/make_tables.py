@@ -124,7 +124,7 @@ def parameter_table(specs: Iterable[Spec]) -> str:
     for spec in specs:
         allowed = "; " + ", ".join(map(code, spec.choices)) if spec.choices else ""
         if spec.limits is not None:
-            allowed = f"; {spec.limits[0]:g} to {spec.limits[1]:g}"
+            allowed = f"; {spec.limits[0]:g}..{spec.limits[1]:g}"
         text = spec.description.replace(" Read at the start only.", " \N{DAGGER}")
         rows.append([code(spec.name), code(spec.default) + allowed, text])
     return as_markdown(rows)
