@@ -96,7 +96,7 @@ node = _program(
     "obb_collision_node",
     "Publishes which objects of a scene collide",
     "-p rate:=100.0 --params-file FILE -r __ns:=/cell -r objects:=scene --log-level debug. "
-    "The topics and parameters are in docs/node.md; the parameters with comments in "
+    "The topics and parameters are in docs/topics.md, the parameters with comments in "
     "config/obb_collision.yaml.",
     "node.node",
 )
