@@ -428,6 +428,7 @@ class RobotScene(NotCopied):
         >>> checker.states_of_group("gripper", [[0.01]]).tolist()
         [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01]]
         """
+        check_kind(group, str, "group")
         columns = self._model.group_columns(group)
         names = [self.joint_names[column] for column in columns]
         given = _named_joints(states, names, "states")
@@ -483,9 +484,8 @@ class RobotScene(NotCopied):
         given = self._states(states, "states")
         everything = isinstance(max_distance, float) and max_distance == np.inf
         limit = max_distance if everything else positive_number(max_distance, "max_distance")
-        flags = self_pairs, all_pairs, jacobian
-        names = "self_pairs", "all_pairs", "jacobian"
-        links, every, slopes = (as_flag(*flag) for flag in zip(flags, names, strict=True))
+        links, every = as_flag(self_pairs, "self_pairs"), as_flag(all_pairs, "all_pairs")
+        slopes = as_flag(jacobian, "jacobian")
         if every and everything:
             raise ValueError("max_distance must be given for all_pairs")
         asked = self._accuracy, given, limit, links, every, slopes
@@ -587,7 +587,8 @@ class RobotScene(NotCopied):
         ----------
         states : (n, joints) array_like
             At least one state.
-        first, resolution
+        first : bool
+        resolution : float
             As in ``check_motions``.
 
         Returns
@@ -667,8 +668,9 @@ def _named(
 def _named_joints(states: ArrayLike, joints: Sequence[str], name: str) -> Floats:
     """Return values of joints (n, k) or (k,) as (n, k)."""
     try:
-        shape = (len(joints),) if is_single(states) else (None, len(joints))
-        return as_array(states, name, shape).reshape(-1, len(joints))
+        if is_single(states):
+            return as_array(states, name, (len(joints),))[None]
+        return as_array(states, name, (None, len(joints)))
     except ValueError as error:
         raise _with_joints(error, joints) from None
 

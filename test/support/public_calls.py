@@ -84,8 +84,9 @@ def scene() -> oc.Scene:
 
 @cache
 def rock() -> oc.Robot:
-    """Return a robot of one link without a shape."""
-    return oc.Robot.from_urdf(ROCK)
+    """Return a robot of one link without a shape, and a group without joints."""
+    srdf = ROCK.replace('<link name="rock"/>', '<group name="all"><link name="rock"/></group>')
+    return oc.Robot.from_urdf(ROCK, srdf)
 
 
 def with_cup() -> oc.RobotScene:
@@ -136,6 +137,7 @@ ARGUMENTS: dict[str, Any] = {
     "urdf": ROCK, "srdf": ROCK, "package_dirs": ["."], "move_virtual_joint": False,
     "robots": [rock()], "bases": [POSE], "states": STATES,
     "deviations": STATES, "all_pairs": True, "self_pairs": True, "resolution": 1e-3,
+    "group": "all", "base_state": [], "jacobian": True,
     "time_limit": 1.0, "link": "rock", "touch_links": ["rock"], "regions": ["west", "east"],
     "timeout": 0.5, "parts": [2, 1, 1], "now": 1.0, "stamp": 1, "topic": "a", "time": 0.0,
     "rows": np.zeros(1, [("ns", "i4"), ("id", "i4")]), "scene": scene(),
@@ -151,7 +153,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "Boxes.contains": {"points": [0.0] * 3},
     "MeshTrees.join": {"trees": [TREES]},
     "PlacedMeshes": {"centers": [[0.0] * 3], "rotations": [np.eye(3)], "poses": [POSE]},
-    "RobotScene": {"name": "cup", "starts": STATES, "ends": STATES},
+    "RobotScene": {"name": "cup", "starts": STATES, "ends": STATES, "first": True},
     "RobotScene.attach": {"name": "other"},
     "RobotScene.attach_object": {"name": "a"},
     "Scene.add": {"name": "c"},

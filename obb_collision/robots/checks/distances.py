@@ -241,16 +241,18 @@ def state_distances(
     ask = _all_distances if every else _least_distances
     rows, (bounds, bodies, vectors) = ask(prepared, checked, accuracy, states, limit)
     if accuracy >= Accuracy.HULL:  # of the shapes, not of the prisms around them
-        bounds[:, 1] += np.append(checked.bodies.excess, 0.0)[bodies].sum(axis=1)
+        excess = prepared.excess[bodies]
+        bounds[:, 1] += excess[:, 0] + excess[:, 1]
     gradients = None
     if jacobian:
         frames = np.append(checked.bodies.frames, -1)[bodies]
         given = np.ascontiguousarray(states[rows])
         gradients = distance_gradients(checked.tree, given, frames, vectors[:, :2], vectors[:, 2])
     vectors[:, :2] += origin
-    swapped = prepared.owners[bodies[:, 0]] > prepared.owners[bodies[:, 1]]
-    vectors[swapped, :2] = vectors[swapped, 1::-1]
-    vectors[swapped, 2] *= -1.0
+    swapped = np.flatnonzero(prepared.owners[bodies[:, 0]] > prepared.owners[bodies[:, 1]])
+    if len(swapped):
+        vectors[swapped, :2] = vectors[swapped, 1::-1]
+        vectors[swapped, 2] *= -1.0
     pairs, (lower, upper) = prepared.owners_of(bodies), bounds.T
     if every:  # the least of each two names
         order = np.lexsort([lower, pairs[:, 1], pairs[:, 0], rows])

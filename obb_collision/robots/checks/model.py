@@ -140,6 +140,16 @@ class Prepared:
         return np.append(np.array(own, np.int64), self.world.kinds) == TRIANGLES
 
     @cached_property
+    def excess(self) -> Floats:
+        """(b + 1,) that of bodies, and 0 for none."""
+        return np.append(self.checked.bodies.excess, 0.0)
+
+    @cached_property
+    def no_meshes(self) -> Mask:
+        """(b,) the same where hulls decide all pairs."""
+        return np.zeros(len(self.checked.bodies.frames), np.bool_)
+
+    @cached_property
     def _chains(self) -> dict[bool, Chains]:
         return {}
 

@@ -91,7 +91,8 @@ def check_motions(
         _decide_meshes(
             prepared, question, hits, Spans(motions, pairs, times, np.zeros(total, bool))
         )
-    out = prepared.limits.exceeded(starts) | prepared.limits.exceeded(ends)
+    out = prepared.limits.exceeded(np.concatenate([starts, ends]))
+    out = out[:count] | out[count:]
     pairs = prepared.owners_of(hits.pairs)
     return MotionReport(hits.parameters, hits.undecided, out, pairs, prepared.names)
 
@@ -122,7 +123,7 @@ def _question(
     resolution: float,
     first: bool,
 ) -> MotionQuestion:
-    meshes = prepared.meshes if accuracy == Accuracy.MESH else np.zeros_like(prepared.meshes)
+    meshes = prepared.meshes if accuracy == Accuracy.MESH else prepared.no_meshes
     given = first, resolution, starts, ends
     chains = prepared.chains(accuracy)
     return MotionQuestion(prepared.checked, meshes, chains, int(accuracy), *given)
