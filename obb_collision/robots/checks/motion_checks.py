@@ -29,15 +29,13 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.robots.checks.distances import hull_distances
 from obb_collision.robots.checks.meshes import set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
-from obb_collision.robots.checks.motions import (
-    PROBES,
+from obb_collision.robots.checks.motion_room import (
     MotionHits,
     MotionQuestion,
     MovingPairs,
     OpenSpans,
-    motions_kernel,
-    moves_kernel,
 )
+from obb_collision.robots.checks.motions import PROBES, motions_kernel, moves_kernel
 from obb_collision.robots.checks.reports import MotionReport
 from obb_collision.robots.checks.states import check_states
 from obb_collision.typing import Floats, Integers, Mask, Rows
