@@ -174,10 +174,14 @@ def separations(
     radii_a: ArrayLike | None = None,
     radii_b: ArrayLike | None = None,
 ) -> Separations: ...
+
+
 @overload
 def separations(
     a: Boxes | Capsules, b: Boxes | Capsules | HalfSpaces, pairs: ArrayLike | None = None
 ) -> CertifiedSeparations: ...
+
+
 def separations(
     a: Body,
     b: Body | HalfSpaces,
@@ -302,6 +306,8 @@ def clearances(
     radii_a: ArrayLike | None = None,
     radii_b: ArrayLike | None = None,
 ) -> MeshClearances: ...
+
+
 @overload
 def clearances(
     a: Boxes | Capsules,
@@ -310,6 +316,8 @@ def clearances(
     *,
     max_distance: float = np.inf,
 ) -> Clearances: ...
+
+
 def clearances(
     a: Body,
     b: Body,
