@@ -322,6 +322,7 @@ def draw_arm_cell() -> None:
 
 def draw_robots() -> None:
     """Draw the states per second of each checker in each world."""
+    sys.path.insert(0, str(FOLDER.parent))  # tools are not installed
     from tools.robots import save_plot
 
     rows = [

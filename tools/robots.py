@@ -30,6 +30,7 @@ import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.benchmarks import plots
 from obb_collision.benchmarks.measuring import Show
 from obb_collision.cli import (
     MAX_SEED,
@@ -254,22 +255,20 @@ def table(rows: Sequence[Row]) -> list[list[str]]:
 
 def save_plot(rows: Sequence[Row], path: Path) -> None:
     """Draw states per second by world and checker."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
-    axes = figure.subplots()
-    names = list(dict.fromkeys(row["checker"] for row in rows))
-    places = {world: n for n, world in enumerate(dict.fromkeys(row["world"] for row in rows))}
-    for name in names:
-        some = [row for row in rows if row["checker"] == name]
-        x, y = zip(*((places[row["world"]], row["states_per_second"]) for row in some), strict=True)
-        axes.plot(x, y, "o-", label=name)
-    axes.set_xticks(list(places.values()), list(places), rotation=30, ha="right")
-    axes.set_yscale("log")
-    axes.set_ylabel("states per second, one core")
-    axes.legend()
-    axes.grid(alpha=0.3)
-    figure.savefig(path)
+    worlds = list(dict.fromkeys(row["world"] for row in rows))
+    with plots.picture(path, (9.0, 4.2)) as (figure, panels):
+        axes = panels["a"]
+        for name in dict.fromkeys(row["checker"] for row in rows):
+            own = [row for row in rows if row["checker"] == name]
+            ours = "obb_collision" if name == OURS else name
+            style = plots.look(ours) | ({"linestyle": ":"} if "triangles" in name else {})
+            points = [(worlds.index(r["world"]), r["states_per_second"]) for r in own]
+            axes.semilogy(*zip(*points, strict=True), label=ours, **style)
+        axes.set_xticks(range(len(worlds)), worlds)
+        axes.set(xlabel="world", ylabel="states per second, one core")
+        axes.set_title("States of a Panda, checked against each other and the world")
+        plots.name_values(axes.yaxis, plots.number)
+        figure.legend(loc="outside right center")
 
 
 def parser() -> Parser:
