@@ -31,7 +31,6 @@ import rig  # noqa: F401 - of this machine only
 import obb_collision
 from obb_collision import commands
 from obb_collision.node.runtime import environment
-from obb_collision.node.runtime.environment import BAD_USAGE, SIGNALS, without_ros_arguments
 
 PATIENCE = 120.0
 
@@ -39,9 +38,9 @@ PATIENCE = 120.0
 @pytest.fixture(autouse=True)
 def _signals_as_before() -> Iterator[None]:
     """Assert that commands give the signals back: here they are not alone in their process."""
-    handlers = [signal.getsignal(number) for number in SIGNALS]
+    handlers = [signal.getsignal(number) for number in environment.SIGNALS]
     yield
-    assert [signal.getsignal(number) for number in SIGNALS] == handlers
+    assert [signal.getsignal(number) for number in environment.SIGNALS] == handlers
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
@@ -50,7 +49,7 @@ def test_help_prints_the_usage_and_starts_nothing(
 ) -> None:
     module, function = SCRIPTS[script].split(":")
     monkeypatch.setattr(sys, "argv", [script, "--help"])
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    handlers = {number: signal.getsignal(number) for number in environment.SIGNALS}
     with pytest.raises(SystemExit) as ended:
         sys.exit(getattr(import_module(module), function)())
     for number, handler in handlers.items():
@@ -142,7 +141,7 @@ def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
     name: str, arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     command = COMMANDS[name]
-    assert command(["--ros-args", *arguments]) == BAD_USAGE
+    assert command(["--ros-args", *arguments]) == environment.BAD_USAGE
     error = capfd.readouterr().err
     (line,) = [line for line in error.splitlines() if line.startswith(f"{name}: ")]
     assert reason in line
@@ -150,7 +149,7 @@ def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
 
 
 def test_other_arguments_end_the_node_with_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match=str(BAD_USAGE)):
+    with pytest.raises(SystemExit, match=str(environment.BAD_USAGE)):
         commands.node(["--rate", "5", "--ros-args", "-p", "rate:=5.0"])
     error = capfd.readouterr().err
     assert error == ("obb_collision_node: unrecognized arguments: --rate 5; see --help\n")
@@ -158,4 +157,4 @@ def test_other_arguments_end_the_node_with_one_line(capfd: pytest.CaptureFixture
 
 def test_ros_arguments_end_with_two_dashes() -> None:
     arguments = ["a", "--ros-args", "-p", "x:=1", "--", "b", "--ros-args", "-h", "--ros-args"]
-    assert without_ros_arguments(arguments) == ["a", "b"]
+    assert environment.without_ros_arguments(arguments) == ["a", "b"]

@@ -24,9 +24,8 @@ import pytest
 from trimesh import creation
 
 import obb_collision as oc
-from obb_collision.benchmarks import accuracy, command, contest
+from obb_collision.benchmarks import accuracy, command, contest, effects
 from obb_collision.benchmarks.corpora import Corpus, box_corpus, file_corpus, generated_corpus
-from obb_collision.benchmarks.effects import measure_effects
 from obb_collision.benchmarks.measuring import Times
 from obb_collision.shapes import Mesh
 
@@ -119,7 +118,7 @@ def test_fits_are_compared_with_the_best() -> None:
 
 
 def test_effects_on_finer_levels_are_nearer_to_the_finest_and_never_unsafe() -> None:
-    ours = {(row.effect, row.name): row for row in measure_effects(FEW, 60, 0.0, 4, quiet)}
+    ours = {(row.effect, row.name): row for row in effects.measure_effects(FEW, 60, 0.0, 4, quiet)}
     assert {effect for effect, _ in ours} == {"clearance", "contacts", "sweep"}
     assert all(row.unsafe == 0 for row in ours.values())
     for effect in ("clearance", "contacts", "sweep"):

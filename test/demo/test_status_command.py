@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, sync
 
-from obb_collision.commands import status
+from obb_collision import commands
 from obb_collision.demo import status as module
 from obb_collision.node.runtime import environment
 
@@ -59,7 +59,7 @@ def test_levels_are_exit_codes_and_the_screen_says_why(
     running.send(cube(("box", 1)), cube(("box", 2), (0.5, 0.0, 0.0)))
     assert sync(running)
     spin(running)
-    assert status(["--node", NODE, "--timeout", "60"]) == 1
+    assert commands.status(["--node", NODE, "--timeout", "60"]) == 1
     text = capsys.readouterr().out
     assert text.startswith(f"{NODE}: ERROR\n  1 pair collides")
     for word in ("objects 3", "  objects: 3 objects; count 3; colliding 2", "  cycle: ", "input "):
@@ -71,7 +71,7 @@ def test_free_is_zero_and_json_has_all_values(
 ) -> None:
     sync(running)
     spin(running)
-    code = status(["--json", "--timeout", "60"])
+    code = commands.status(["--json", "--timeout", "60"])
     nodes = json.loads(capsys.readouterr().out)
     found = nodes[NODE]  # without its name
     assert code == 0 or len(nodes) > 1  # others may test on this machine
@@ -84,12 +84,12 @@ def test_not_known_is_three_with_its_reason(
     running: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spin(running)
-    assert status(["--node", NODE[1:], "--timeout", "60"]) == 3
+    assert commands.status(["--node", NODE[1:], "--timeout", "60"]) == 3
     assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
 
 
 def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:
-    assert status(["--node", "/nobody", "--timeout", "0.2"]) == 4
+    assert commands.status(["--node", "/nobody", "--timeout", "0.2"]) == 4
     assert "/nobody was not heard within 0.2 s" in capsys.readouterr().err
 
 
@@ -99,12 +99,12 @@ def test_a_ros_that_is_not_sourced_is_used_and_without_one_it_is_said_what_is_mi
     monkeypatch.setattr(module, "INSTALLED", tmp_path)
     for target in (module, environment):
         monkeypatch.setattr(target, "find_spec", lambda name: None)
-    assert status([]) == 4
+    assert commands.status([]) == 4
     assert "needs rclpy and common_interfaces: source a ROS 2" in capfd.readouterr().err
     setup = tmp_path / "jazzy" / "setup.bash"
     setup.parent.mkdir()
     setup.write_text("echo sourced")
-    assert status(["--node", "/nobody", "--timeout", "0.2"]) == 4
+    assert commands.status(["--node", "/nobody", "--timeout", "0.2"]) == 4
     output, errors = capfd.readouterr()
     assert output == "sourced\n"
     assert f"by {setup.parent}, which is not sourced" in errors
@@ -120,7 +120,7 @@ def test_messages_of_strangers_are_unreadable(
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         publisher = stranger.create_publisher(DiagnosticArray, "/alien/collision_status", latched)
         publisher.publish(DiagnosticArray(status=[DiagnosticStatus(level=b"\0")] * count))
-        assert status(["--node", "/stranger", "--timeout", "60"]) == 3
+        assert commands.status(["--node", "/stranger", "--timeout", "60"]) == 3
     finally:
         stranger.destroy_node()
     assert capsys.readouterr().out.startswith("/stranger: STALE, unreadable\n")

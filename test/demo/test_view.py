@@ -35,12 +35,12 @@ from obb_collision.demo.scene import random_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
+from obb_collision import Boxes  # noqa: E402
 from obb_collision.demo.listener import boxes_from_bytes  # noqa: E402
 from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402
 from obb_collision.demo.view import WAITING, BrowserView, LiveView  # noqa: E402
-from obb_collision.geometry.boxes import Boxes  # noqa: E402
 from obb_collision.node.messages.box_markers import COLORS, Markers  # noqa: E402
 from obb_collision.node.messages.errors import RefusedError  # noqa: E402
 from obb_collision.node.node import NODE_NAME  # noqa: E402

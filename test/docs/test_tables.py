@@ -24,7 +24,7 @@ from each import each
 from pages import PAGES, ROOT, code_blocks, page_name, table_rows
 
 import obb_collision as oc
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy
 from obb_collision.geometry.representations import memory_table
 from obb_collision.scene.effects import EFFECTS
 

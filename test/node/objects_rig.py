@@ -25,12 +25,12 @@ import numpy as np
 from obb_collision.node.diagnostics.answer import Answer, objects_answer
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects import Objects
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
-from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.scene.store.patterns import Overrides
+from obb_collision.scene.store import Overrides
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 

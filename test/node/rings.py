@@ -20,7 +20,7 @@ from geometry_msgs.msg import Point
 from rig import Rig, cube
 from visualization_msgs.msg import Marker
 
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy
 from obb_collision.node import collisions_from_ros
 
 RING, ROD, CRATE = ("mesh", 1), ("mesh", 2), ("box", 1)

@@ -62,7 +62,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
-from obb_collision.node.inputs.markers import MarkerUpdate
+from obb_collision.node.inputs import MarkerUpdate
 from obb_collision.node.messages.conversions import (
     stamp_to_ros,
     states_to_ros,

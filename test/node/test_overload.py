@@ -26,7 +26,7 @@ pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
 from shape_markers import triangle
 
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy
 from obb_collision.node.inputs import subscriptions
 from obb_collision.node.inputs.subscriptions import NO_NUMBER, Losses
 from obb_collision.node.messages.conversions import stamp_from_ros

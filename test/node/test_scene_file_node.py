@@ -29,8 +29,7 @@ from rclpy.context import Context
 from rig import DOMAIN, NAMESPACE, Rig, cube
 from visualization_msgs.msg import Marker
 
-from obb_collision.accuracy import Accuracy
-from obb_collision.commands import node as run_node
+from obb_collision import Accuracy, commands
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.scene_file import SceneFile, keys_from_names
@@ -127,7 +126,7 @@ def test_what_cannot_be_used_ends_the_node_with_the_reason(
         (f"scene_file:={file}", f"{file}:2: "),
         ("stale_policy:=forget", "stale_policy must be one of unknown, collide, keep, ignore"),
     ):
-        assert run_node(["--ros-args", "-p", given]) == 1
+        assert commands.node(["--ros-args", "-p", given]) == 1
         assert reason in capfd.readouterr().err
 
 

@@ -46,7 +46,7 @@ import obb_collision as oc
 from obb_collision import Boxes, Capsules, Verdict, cast_rays, points_inside
 from obb_collision.numerics.constants import CAREFUL_BOUND
 from obb_collision.numerics.vec3 import vector
-from obb_collision.queries.points.containment import INSIDE_BOUND, contains
+from obb_collision.queries.points import INSIDE_BOUND, contains
 from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.rays.boxes import (
     DISTANCE_SLACK,

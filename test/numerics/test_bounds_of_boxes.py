@@ -51,16 +51,15 @@ from obb_collision.numerics.constants import (
     ORTHONORMAL_ROUNDING,
     UNDERFLOW,
 )
-from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
+from obb_collision.queries.clearance import NEAR, PROVEN
+from obb_collision.queries.verdict import VOLUME_BOUND, fast_verdict
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
     meeting_bounds,
     spheres_may_collide,
 )
-from obb_collision.queries.verdict.overlap import VOLUME_BOUND
 from obb_collision.queries.verdict.sat import best_face, box_of, enter_frame, pair_of
-from obb_collision.queries.verdict.verdict import fast_verdict
 from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Mask
 from tools.cases.families import FAMILIES

@@ -44,14 +44,18 @@ from support import row_of
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes
-from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_points
-from obb_collision.geometry.trees.build import WIDENING
-from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.geometry.fitting import COORDINATE_BOUND, enclose_points
+from obb_collision.geometry.trees import WIDENING, HullPool, Hulls
 from obb_collision.numerics.vec3 import vector
-from obb_collision.queries.convex.distance import CONVEX_ROUNDING
-from obb_collision.queries.convex.distances import convex_distances
-from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
+from obb_collision.queries.convex import CONVEX_ROUNDING, convex_distances
+from obb_collision.queries.meshes import (
+    DISTANCE_BOUND,
+    GAP_BOUND,
+    SLAB_SLACK,
+    PlacedHulls,
+    hulls_may_collide,
+    outside_box,
+)
 from obb_collision.queries.meshes.placed import (
     POINT_BOUND,
     back_of,
@@ -71,7 +75,6 @@ from obb_collision.queries.meshes.triangles import (
     sign,
     triangle_at,
 )
-from obb_collision.queries.meshes.two_trees import DISTANCE_BOUND
 from obb_collision.typing import Floats
 
 RNG = np.random.default_rng(10)

@@ -36,9 +36,8 @@ from support import witnesses
 from sweep_motions import CORNER_SIGNS
 
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision.queries.sweep.convex import BodyMotion
+from obb_collision.queries.sweep import TOLERANCE, BodyMotion, Sweeps
 from obb_collision.queries.sweep.rigid import FLOOR
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 
 Pair = tuple[Any, Any]
 Rows = np.ndarray

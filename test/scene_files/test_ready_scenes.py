@@ -32,16 +32,21 @@ from obb_collision.geometry.poses import Pose
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene_files import (
     READY,
+    Follow,
+    Lidar,
+    Loop,
+    Motion,
     SceneDescription,
     SceneFileError,
+    Steady,
     find_scene,
     load_scene,
     moveit,
     native,
     objects,
+    states_at,
 )
-from obb_collision.scene_files.description import NODE_EFFECTS, NOISE, Lidar
-from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady, states_at
+from obb_collision.scene_files.description import NODE_EFFECTS, NOISE
 from obb_collision.scene_files.objects import KINDS
 
 #: Seconds between two poses of which the difference is compared with the twist.

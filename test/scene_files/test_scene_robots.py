@@ -25,8 +25,8 @@ import trimesh
 from each import each
 
 import obb_collision as oc
-from obb_collision.geometry.shapes.files import NO_FOLDERS
-from obb_collision.robots.description.urdf import description_text
+from obb_collision.geometry.shapes import NO_FOLDERS
+from obb_collision.robots.description import description_text
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene_files import (
     SceneDescription,

@@ -23,7 +23,7 @@ from one_set import contacts
 from support import family, joined
 
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.contacts import Contacts
 from obb_collision.typing import Floats
 from tools.cases.placement import turns
 

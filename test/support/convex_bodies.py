@@ -26,8 +26,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from obb_collision import Boxes, MeshTrees, PlacedMeshes
-from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.geometry.trees import HullPool, Hulls
+from obb_collision.queries.convex import convex_distances
 from obb_collision.queries.convex.support import (
     BOX,
     CONE,

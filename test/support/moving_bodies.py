@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sweep_motions import Twisting
 
 from obb_collision.queries.convex.support import BOX, CORNERS, SEGMENT, ConvexBodies
-from obb_collision.queries.sweep.convex import BodyMotion
+from obb_collision.queries.sweep import BodyMotion
 from obb_collision.typing import Floats, Integers
 
 Long = NDArray[np.longdouble]

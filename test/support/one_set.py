@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike
 
 import obb_collision as oc
 from obb_collision import Boxes, MovingBoxes, sweeps
-from obb_collision.queries.clearance.clearance import Clearances
-from obb_collision.queries.contacts.contacts import Contacts
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
+from obb_collision.queries.clearance import Clearances
+from obb_collision.queries.contacts import Contacts
+from obb_collision.queries.sweep import TOLERANCE, Sweeps
 
 
 def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:

@@ -34,10 +34,10 @@ import rig  # noqa: F401 - of this machine only
 
 from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import INPUTS
+from obb_collision.node.objects import Objects
 from obb_collision.node.objects.frames import FixedFrameOnly
-from obb_collision.node.objects.objects import Objects
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.topics import COLLISIONS
 from tools.fuzz import __main__ as command

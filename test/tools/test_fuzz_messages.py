@@ -29,7 +29,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.inputs.detections import MessageType, detections_from_bytes
+from obb_collision.node.inputs import MessageType, detections_from_bytes
 from obb_collision.node.messages.cdr import cloud_from_bytes, states_from_bytes
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError

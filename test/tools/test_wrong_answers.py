@@ -25,8 +25,8 @@ import pytest
 from each import each
 from support import family, stored
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.verdict import Verdict, Verdicts
+from obb_collision import Boxes, Verdict
+from obb_collision.queries.verdict import Verdicts
 from tools import wrong_answers
 from tools.cases.families import FAMILIES, generate
 

@@ -27,12 +27,10 @@ from pathlib import Path
 import pytest
 from processes import limited
 
-from obb_collision import _kernel_cache
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy, _kernel_cache
 from obb_collision.cli import INTERRUPTED
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import main
-from obb_collision.warm_up.processes import compile_steps
 from obb_collision.warm_up.steps import (
     BESIDE,
     BOXES,
@@ -112,13 +110,13 @@ def hide(name):
 
 
 def test_a_process_that_fails_and_one_that_ends_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "KeyError" in compile_steps(["no such step"]).failed["no such step"]
+    assert "KeyError" in processes.compile_steps(["no such step"]).failed["no such step"]
     monkeypatch.setattr(processes, "CODE", "import os; os.kill(os.getpid(), 9)")
-    progress = compile_steps(["a", "b", "c"], count=2)
+    progress = processes.compile_steps(["a", "b", "c"], count=2)
     assert progress.failed["a"] == progress.failed["b"] == "its process ended with SIGKILL"
     assert "no process was left" in progress.failed["c"]
     monkeypatch.setattr(sys, "executable", "")
-    assert set(compile_steps(["a", "b"]).failed) == {"a", "b"}
+    assert set(processes.compile_steps(["a", "b"]).failed) == {"a", "b"}
 
 
 def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,7 +129,7 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(subprocess, "Popen", noted)
     monkeypatch.setattr(processes, "CODE", "import time; time.sleep(1000)")
-    progress = compile_steps([BOXES], stopped=lambda: True)
+    progress = processes.compile_steps([BOXES], stopped=lambda: True)
     assert progress.stopped
     assert progress.failed == {}
     assert progress.steps == (BOXES, *BESIDE[BOXES])  # a part for a second process

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Boxes that enclose points or boxes: candidate axes, and the smallest box."""
+
+from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, EXACT_POINTS, enclose_points
+from obb_collision.geometry.fitting.fit import FITS, fit_points
+
+__all__ = ["COORDINATE_BOUND", "EXACT_POINTS", "FITS", "enclose_points", "fit_points"]

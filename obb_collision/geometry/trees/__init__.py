@@ -13,3 +13,15 @@
 # limitations under the License.
 
 """Trees of boxes over triangles, and convex bodies that enclose shapes."""
+
+from obb_collision.geometry.trees.build import WIDENING
+from obb_collision.geometry.trees.pool import (
+    HullPool,
+    Hulls,
+    TreePool,
+    box_tree,
+    hull_tree,
+    mesh_tree,
+)
+
+__all__ = ["WIDENING", "HullPool", "Hulls", "TreePool", "box_tree", "hull_tree", "mesh_tree"]

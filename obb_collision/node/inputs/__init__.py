@@ -13,3 +13,23 @@
 # limitations under the License.
 
 """Inputs: one module per source, each with its reasons of refusal."""
+
+from obb_collision.node.inputs.boxes import BoxInput
+from obb_collision.node.inputs.detections import (
+    DETECTIONS,
+    MessageType,
+    detections_from_bytes,
+    numbers_of,
+)
+from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs.markers import MarkerUpdate
+
+__all__ = [
+    "DETECTIONS",
+    "BoxInput",
+    "Inputs",
+    "MarkerUpdate",
+    "MessageType",
+    "detections_from_bytes",
+    "numbers_of",
+]

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """The objects of the node: their table, their poses and shapes."""
+
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.refusals import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
+
+__all__ = ["MAX_NAMES", "MAX_READ", "MEMORY", "Objects", "UnknownObjects"]

@@ -13,3 +13,7 @@
 # limitations under the License.
 
 """Robots in the node: their topics, their links as objects."""
+
+from obb_collision.node.robots.links import AttachedObjects, LinkObjects
+
+__all__ = ["AttachedObjects", "LinkObjects"]

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Distances of boxes, and their closest points."""
+
+from obb_collision.queries.clearance.clearance import Clearances
+from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
+
+__all__ = ["NEAR", "PROVEN", "Clearances"]

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Contacts of boxes that collide."""
+
+from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.contacts.patch import FEATURE_TIE
+
+__all__ = ["FEATURE_TIE", "Contacts"]

@@ -13,3 +13,23 @@
 # limitations under the License.
 
 """Distances, depths and contacts of convex bodies."""
+
+from obb_collision.queries.convex.contacts import FlatFrame, convex_contacts, frame_of
+from obb_collision.queries.convex.distance import CONVEX_ROUNDING
+from obb_collision.queries.convex.distances import (
+    ConvexDistances,
+    convex_distances,
+    convex_may_collide,
+    mesh_body_distances,
+)
+
+__all__ = [
+    "CONVEX_ROUNDING",
+    "ConvexDistances",
+    "FlatFrame",
+    "convex_contacts",
+    "convex_distances",
+    "convex_may_collide",
+    "frame_of",
+    "mesh_body_distances",
+]

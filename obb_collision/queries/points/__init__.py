@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Points inside of boxes and other bodies."""
+
+from obb_collision.queries.points.containment import INSIDE_BOUND, contains
+from obb_collision.queries.points.points import CHUNK, PointsInside, points_in_bodies
+
+__all__ = ["CHUNK", "INSIDE_BOUND", "PointsInside", "contains", "points_in_bodies"]

@@ -13,3 +13,21 @@
 # limitations under the License.
 
 """Verdicts, separations and common volumes of pairs of boxes."""
+
+from obb_collision.queries.verdict.overlap import VOLUME_BOUND
+from obb_collision.queries.verdict.verdict import (
+    UNDECIDED,
+    Separations,
+    Verdicts,
+    careful_verdict,
+    fast_verdict,
+)
+
+__all__ = [
+    "UNDECIDED",
+    "VOLUME_BOUND",
+    "Separations",
+    "Verdicts",
+    "careful_verdict",
+    "fast_verdict",
+]

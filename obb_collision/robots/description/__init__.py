@@ -13,3 +13,9 @@
 # limitations under the License.
 
 """Descriptions of robots: URDF and SRDF, joints, links and their shapes."""
+
+from obb_collision.robots.description.joints import driven
+from obb_collision.robots.description.urdf import MOST_GEOMETRIES, description_text
+from obb_collision.robots.description.xml_values import RobotError
+
+__all__ = ["MOST_GEOMETRIES", "RobotError", "description_text", "driven"]

@@ -13,3 +13,7 @@
 # limitations under the License.
 
 """Deciding pairs above ``obb``: by trees, hulls or triangles, in a time budget."""
+
+from obb_collision.scene.refinement.budget import SETTLING, WAIT, Budget, refine
+
+__all__ = ["SETTLING", "WAIT", "Budget", "refine"]

@@ -13,3 +13,12 @@
 # limitations under the License.
 
 """Contents of a scene: names, poses, world boxes, rules about pairs by name."""
+
+from obb_collision.scene.store.patterns import (
+    Overrides,
+    limited,
+    override_from_text,
+    padding_from_text,
+)
+
+__all__ = ["Overrides", "limited", "override_from_text", "padding_from_text"]

@@ -31,9 +31,7 @@ from scipy.spatial.transform import Rotation
 from support import refused
 
 import obb_collision as oc
-from obb_collision.geometry.fitting import enclosing
-from obb_collision.geometry.fitting.enclosing import EXACT_POINTS, enclose_points
-from obb_collision.geometry.fitting.fit import FITS, fit_points
+from obb_collision.geometry.fitting import EXACT_POINTS, FITS, enclose_points, enclosing, fit_points
 from obb_collision.typing import Floats
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

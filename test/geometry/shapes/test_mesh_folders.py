@@ -23,7 +23,7 @@ import pytest
 from each import each
 from support import refused
 
-from obb_collision.geometry.shapes.files import allowed_path, resolve_path, source_folder
+from obb_collision.geometry.shapes import allowed_path, resolve_path, source_folder
 
 REFUSED = "is in no folder from which meshes are read"
 

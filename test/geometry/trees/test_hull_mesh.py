@@ -35,6 +35,7 @@ from support import row_of
 from trimesh import Trimesh, creation
 
 from obb_collision import MeshTrees
+from obb_collision.geometry.trees import HullPool, Hulls, TreePool, box_tree, hull_tree, mesh_tree
 from obb_collision.geometry.trees.convex_proxy import (
     HULL_MARGIN,
     MAX_HULL_CORNERS,
@@ -42,14 +43,6 @@ from obb_collision.geometry.trees.convex_proxy import (
     hull_mesh,
 )
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, LEAF
-from obb_collision.geometry.trees.pool import (
-    HullPool,
-    Hulls,
-    TreePool,
-    box_tree,
-    hull_tree,
-    mesh_tree,
-)
 from obb_collision.shapes import Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 from obb_collision.typing import Floats
 

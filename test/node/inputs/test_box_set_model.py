@@ -33,13 +33,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.diagnostics.answer import Reason, objects_answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.boxes import BoxInput
-from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs import BoxInput, Inputs
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects import Objects
 from obb_collision.node.objects.frames import EXTRAPOLATION, FixedFrameOnly
-from obb_collision.node.objects.objects import Objects
 from obb_collision.node.runtime.guard import Guard
 
 NAMESPACES = ("boxes", "a", "")

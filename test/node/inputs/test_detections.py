@@ -28,8 +28,7 @@ from each import each
 from rig import FRAME, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 
-from obb_collision.node.inputs import detections
-from obb_collision.node.inputs.detections import detections_from_bytes, numbers_of
+from obb_collision.node.inputs import detections, detections_from_bytes, numbers_of
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.conditions import BAD_POSE

@@ -51,7 +51,7 @@ from obb_collision.node.messages.names import (
     check_name,
     shortened,
 )
-from obb_collision.node.outputs.outputs import NAMESPACES_RATE
+from obb_collision.node.outputs import NAMESPACES_RATE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 CLASHING = "plumless", "buckeroo"

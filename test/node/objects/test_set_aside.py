@@ -36,7 +36,6 @@ from obb_collision.node.objects.conditions import ASIDE
 from obb_collision.node.objects.states import State
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene import checker
-from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import clearance, contacts, points
 from obb_collision.scene.objects import SceneObjects
 
@@ -53,7 +52,7 @@ class Failing:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.groups: list[set[int]] = []
         self.calls = 0
-        find = Checker.find
+        find = checker.Checker.find
 
         def fail_or_find(checker: Any, *args: Any) -> Any:
             self.calls += 1
@@ -62,7 +61,7 @@ class Failing:
                 raise UnforeseenError("by the test")
             return find(checker, *args)
 
-        patch.setattr(Checker, "find", fail_or_find)
+        patch.setattr(checker.Checker, "find", fail_or_find)
 
 
 class Checked:
@@ -180,7 +179,7 @@ def test_no_memory_is_no_objects_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(Checker, "find", fail)
+    monkeypatch.setattr(checker.Checker, "find", fail)
     with pytest.raises(MemoryError):
         checked.check()
     assert checked.slots_aside() == []

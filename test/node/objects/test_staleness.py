@@ -33,7 +33,7 @@ from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP, UNKNOWN
-from obb_collision.scene.store.patterns import Overrides
+from obb_collision.scene.store import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere
 from obb_collision.typing import Floats
 

@@ -44,9 +44,9 @@ from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
-from obb_collision.node.objects.refusals import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
+from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
 from obb_collision.node.runtime import warm_up
-from obb_collision.scene.store.patterns import Overrides
+from obb_collision.scene.store import Overrides
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))

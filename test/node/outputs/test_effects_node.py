@@ -29,8 +29,7 @@ from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
 from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.inputs import clouds as obstacles
 from obb_collision.node.messages.box_markers import Markers
-from obb_collision.node.outputs import outputs
-from obb_collision.node.outputs.events import Events
+from obb_collision.node.outputs import Events, outputs
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, separations, sweep

@@ -25,7 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
-from obb_collision.node.outputs.events import EventLimits, PairEvents, Parted
+from obb_collision.node.outputs import EventLimits, PairEvents, Parted
 from obb_collision.node.topics.rows import BEGIN, END, LASTING, NOT_CHECKED, REMOVED
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS
 

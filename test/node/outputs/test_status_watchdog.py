@@ -25,7 +25,7 @@ from objects_rig import START
 from rclpy.duration import Duration
 
 from obb_collision.node.diagnostics.answer import COLLIDING, Answer, Reason
-from obb_collision.node.outputs.collision_status import PERIOD, CollisionStatus
+from obb_collision.node.outputs import PERIOD, CollisionStatus
 from obb_collision.node.runtime.guard import Guard
 
 STATUS = "collision_status"

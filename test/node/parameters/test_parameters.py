@@ -29,15 +29,10 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rig import Rig, cube
 
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy
 from obb_collision.node.parameters.entries import MAX_PATTERNS, Spec
 from obb_collision.node.parameters.parameters import SPECS
-from obb_collision.scene.store.patterns import (
-    Overrides,
-    limited,
-    override_from_text,
-    padding_from_text,
-)
+from obb_collision.scene.store import Overrides, limited, override_from_text, padding_from_text
 
 ROOT = Path(__file__).parents[3]
 FIELDS: dict[str, list[Any]] = {

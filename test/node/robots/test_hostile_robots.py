@@ -37,7 +37,7 @@ from std_srvs.srv import Trigger
 
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
-from obb_collision.robots.description.urdf import MOST_GEOMETRIES
+from obb_collision.robots.description import MOST_GEOMETRIES
 from obb_collision.scene.building import process
 
 NAN = float("nan")

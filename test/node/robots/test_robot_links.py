@@ -31,10 +31,10 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 import obb_collision as oc
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING
-from obb_collision.node.robots.links import AttachedObjects, LinkObjects
+from obb_collision.node.robots import AttachedObjects, LinkObjects
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 
 

@@ -29,7 +29,7 @@ from gate import Gate
 from rig import STATUS, cube
 from robot_rig import HAND, URDF, RobotRig
 
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.runtime import warm_up

@@ -33,8 +33,7 @@ from node_process import kernels_of_steps
 from rig import Rig, cube, pose
 from visualization_msgs.msg import Marker
 
-from obb_collision import _jit, _kernel_cache
-from obb_collision.accuracy import ALL_LEVELS
+from obb_collision import Accuracy, _jit, _kernel_cache
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.runtime.running import Garbage
@@ -175,7 +174,7 @@ def switch_everything(rig: Everything) -> Iterator[str]:
         rig.move()
         yield f"effect {effect}, moved"
     rig.ignore(*(EFFECTS[effect] for effect in SHOWN))
-    for level in (*ALL_LEVELS, "obb"):
+    for level in (*(level.label for level in Accuracy), "obb"):
         rig.set(accuracy=level)
         rig.cycles(5)
         rig.until(lambda: not rig.node.settings.waiting, level)

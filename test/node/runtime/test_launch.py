@@ -37,7 +37,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rig import DOMAIN, NAMESPACE, Client
 
-from obb_collision.node.inputs.detections import DETECTIONS
+from obb_collision.node.inputs import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.parameters.entries import region_parameters, shared_inputs
 from obb_collision.node.runtime.running import initial_parameters

@@ -29,11 +29,9 @@ from rig import Rig, cube, sync
 from rings import RING, levels, ring
 from visualization_msgs.msg import Marker
 
-from obb_collision import _kernel_cache
-from obb_collision.accuracy import Accuracy
+from obb_collision import Accuracy, _kernel_cache
 from obb_collision.node.runtime import warm_up
-from obb_collision.warm_up import steps
-from obb_collision.warm_up.processes import CompileProgress
+from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
 
 SEPARATIONS = "effect separations"
@@ -63,10 +61,10 @@ class Cache:
             raise _kernel_cache.KernelMissingError(step)
         self.here.append(step)
 
-    def compile_steps(self, wanted: list[str], **options: Any) -> CompileProgress:
+    def compile_steps(self, wanted: list[str], **options: Any) -> processes.CompileProgress:
         """Stand in for ``compile_steps``."""
         self.asked.set()
-        progress, limit = CompileProgress(tuple(wanted)), monotonic() + PATIENCE
+        progress, limit = processes.CompileProgress(tuple(wanted)), monotonic() + PATIENCE
         while not self.may_go_on.wait(0.01):
             assert monotonic() < limit, "may not go on"
             options["look"](progress)
@@ -223,9 +221,9 @@ def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
 def test_a_start_that_is_given_up_compiles_nothing_more(
     cache: Cache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stopped(wanted: list[str], **options: Any) -> CompileProgress:
+    def stopped(wanted: list[str], **options: Any) -> processes.CompileProgress:
         assert options["stopped"]()
-        return CompileProgress(tuple(wanted), stopped=True)
+        return processes.CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", stopped)
     warm = warm_up.WarmUp(lambda text: None, lambda text: None, lambda: True)
@@ -239,11 +237,11 @@ def test_closing_waits_until_nothing_is_compiled_any_more(
 ) -> None:
     begun, ended = Event(), Event()
 
-    def compile_until_stopped(wanted: list[str], **options: Any) -> CompileProgress:
+    def compile_until_stopped(wanted: list[str], **options: Any) -> processes.CompileProgress:
         begun.set()
         wait_for(options["stopped"])
         ended.set()  # here the processes are ended
-        return CompileProgress(tuple(wanted), stopped=True)
+        return processes.CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", compile_until_stopped)
     cache.kept = {BOXES, MESSAGES, SEPARATIONS}

@@ -54,8 +54,8 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.table import ObjectTable
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import PREDICTIONS, TOPICS
-from obb_collision.queries.sweep.sweep import Sweeps
-from obb_collision.scene.effects.sweep import SweptPairs
+from obb_collision.queries.sweep import Sweeps
+from obb_collision.scene.effects import sweep
 
 CLOUDS = {topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cloud)}
 
@@ -163,7 +163,7 @@ def test_passed_coming_and_undecided_each_have_their_marks() -> None:
         pairs = np.array([[0, first], [0, first + 2]])
         return Sweeps(pairs, hits, undecided, np.array(times), np.array(free), points, points)
 
-    result = SweptPairs(
+    result = sweep.SweptPairs(
         passed=sweeps(1, [0.75, nan], [0.75, 0.5]), predicted=sweeps(2, [0.25, nan], [0.25, 0.125])
     )
     state: Any = SimpleNamespace(table=table, step=0.1)

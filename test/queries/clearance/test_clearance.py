@@ -35,7 +35,7 @@ from support import family, joined, refused, row_of, sizes, stored, witnesses
 
 import obb_collision as oc
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision.queries.clearance.clearance import Clearances
+from obb_collision.queries.clearance import Clearances
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform, place, random_rotations, turns
 

@@ -30,7 +30,7 @@ from one_set import contacts
 from support import family, joined, refused, row_of, sizes, stored
 
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision.queries.contacts.patch import FEATURE_TIE
+from obb_collision.queries.contacts import FEATURE_TIE
 from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES
 from tools.cases.placement import random_rotations, turns

@@ -40,11 +40,11 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.queries.contacts.contacts import Contacts
-from obb_collision.queries.convex.contacts import convex_contacts
-from obb_collision.queries.convex.distances import (
+from obb_collision.geometry.trees import HullPool, Hulls
+from obb_collision.queries.contacts import Contacts
+from obb_collision.queries.convex import (
     ConvexDistances,
+    convex_contacts,
     convex_distances,
     convex_may_collide,
 )

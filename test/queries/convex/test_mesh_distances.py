@@ -41,7 +41,7 @@ from placed_meshes import bodies_of, exact_corners, trees_of
 from triangle_distances import squared_distance_of_point
 
 from obb_collision import MeshTrees, PlacedMeshes
-from obb_collision.queries.convex.distances import convex_distances, mesh_body_distances
+from obb_collision.queries.convex import convex_distances, mesh_body_distances
 
 
 @each("name", FAMILIES)

@@ -45,14 +45,9 @@ from triangle_pairs import SHARE, Maker
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.convex.distances import (
-    ConvexDistances,
-    convex_distances,
-    mesh_body_distances,
-)
-from obb_collision.queries.mesh_contacts.body_depths import within_bodies
-from obb_collision.queries.mesh_contacts.surfaces import hulls_of
-from obb_collision.queries.verdict.verdict import Separations
+from obb_collision.queries.convex import ConvexDistances, convex_distances, mesh_body_distances
+from obb_collision.queries.mesh_contacts import hulls_of, within_bodies
+from obb_collision.queries.verdict import Separations
 from obb_collision.typing import Floats
 
 TREES = trees_of()

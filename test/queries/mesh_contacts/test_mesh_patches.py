@@ -28,8 +28,8 @@ from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.convex.contacts import FlatFrame, frame_of
-from obb_collision.queries.mesh_contacts.push import way_out
+from obb_collision.queries.convex import FlatFrame, frame_of
+from obb_collision.queries.mesh_contacts import way_out
 from obb_collision.queries.meshes.triangles import Triangle
 
 TREES = trees_of()

@@ -32,7 +32,7 @@ from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.meshes.mesh_clearance import MeshClearances
+from obb_collision.queries.meshes import MeshClearances
 
 #: What the bounds may differ by, relative to the size of a pair.
 CLOSE = Fraction(1, 10**9)

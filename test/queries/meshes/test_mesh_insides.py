@@ -30,10 +30,10 @@ from trimesh import Trimesh, creation
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
+from obb_collision.geometry.trees import HullPool, Hulls
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes import PlacedHulls, hulls_may_collide
 from obb_collision.shapes import Cone, Cylinder, Hull
 from obb_collision.typing import Floats
 

@@ -39,7 +39,7 @@ from triangle_pairs import FAMILIES, SHARE, Maker
 
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, points_inside
 from obb_collision.queries.convex.support import CORNERS, SEGMENT, ConvexBodies
-from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.queries.points import points_in_bodies
 from obb_collision.typing import Floats, Mask
 
 SOLIDS = ["star1", "bumpy1", "torus2", "hollow1", "crumbs2", "hull1", "annulus0"]

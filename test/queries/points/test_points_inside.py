@@ -29,8 +29,7 @@ from scipy.spatial.transform import Rotation
 from support import by_threads, family, refused, row_of
 
 from obb_collision import OBB, Boxes, points_inside
-from obb_collision.queries.points.containment import contains
-from obb_collision.queries.points.points import CHUNK, PointsInside
+from obb_collision.queries.points import CHUNK, PointsInside, contains
 from tools.cases.families import FAMILIES
 
 #: A point this near to the surface, relative to the size, may count as inside by default.

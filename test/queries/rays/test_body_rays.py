@@ -45,7 +45,7 @@ from trimesh.triangles import closest_point
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays, cast_segments
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.queries.meshes.placed import root_boxes
-from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.queries.points import points_in_bodies
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
 from obb_collision.typing import Floats
 

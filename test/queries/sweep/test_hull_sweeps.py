@@ -45,11 +45,16 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from obb_collision import MeshTrees, PlacedMeshes
-from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.queries.convex import convex_distances
 from obb_collision.queries.convex.support import BOX, NO_HULLS, ConvexBodies
-from obb_collision.queries.sweep.convex import MAX_STEPS, BodyMotion, convex_sweeps
-from obb_collision.queries.sweep.meshes import swept_meshes
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
+from obb_collision.queries.sweep import (
+    MAX_STEPS,
+    TOLERANCE,
+    BodyMotion,
+    Sweeps,
+    convex_sweeps,
+    swept_meshes,
+)
 from obb_collision.typing import Floats, Integers
 
 #: Families whose sizes differ so much from their offsets that doubles have too few digits.

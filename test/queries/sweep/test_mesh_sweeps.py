@@ -33,7 +33,7 @@ from triangle_pairs import FAMILIES, SHARE, Maker
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
-from obb_collision.queries.sweep.sweep import TOLERANCE
+from obb_collision.queries.sweep import TOLERANCE
 
 #: Families whose sizes differ so much from each other or their offset that doubles have too few
 #: digits for the tolerance.

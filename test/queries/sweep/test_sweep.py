@@ -35,10 +35,9 @@ from sweep_oracle import ExactMotion, certain_overlap
 
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees
-from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.geometry.trees import HullPool, Hulls
 from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
-from obb_collision.queries.sweep.convex import convex_sweeps
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
+from obb_collision.queries.sweep import TOLERANCE, Sweeps, convex_sweeps
 from obb_collision.typing import Floats, Integers
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform

@@ -28,9 +28,9 @@ from sweep_motions import TURNING, about_pi, pair_rows
 from sweep_oracle import PoseCourse, TwistCourse, check_promises, first_sampled_contact, gaps_at
 
 from obb_collision import Boxes
+from obb_collision.queries.sweep import TOLERANCE
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.rigid import FLOOR
-from obb_collision.queries.sweep.sweep import TOLERANCE
 
 EYE = np.eye(3)
 STILL = [0.0] * 6

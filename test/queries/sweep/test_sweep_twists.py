@@ -40,6 +40,7 @@ from sweep_motions import (
 from sweep_oracle import PoseCourse, TwistCourse, check_promises, gaps_at, poses_at
 
 from obb_collision import Boxes, Verdict, verdicts
+from obb_collision.queries.sweep import Sweeps
 from obb_collision.queries.sweep.motion import (
     bounding_radii,
     motion_bounds,
@@ -48,7 +49,6 @@ from obb_collision.queries.sweep.motion import (
     turns_between,
 )
 from obb_collision.queries.sweep.moving import twist_bounds
-from obb_collision.queries.sweep.sweep import Sweeps
 from tools.cases.placement import log_uniform, random_rotations
 
 CHUNK = 500

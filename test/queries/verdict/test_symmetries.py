@@ -34,10 +34,10 @@ from support import by_threads, family, row_of, sizes, stored, witnesses
 
 import obb_collision as oc
 from obb_collision import OBB, Boxes, Verdict, verdicts
+from obb_collision.queries.verdict import UNDECIDED, careful_verdict, fast_verdict
 from obb_collision.queries.verdict import verdict as verdict_module
 from obb_collision.queries.verdict.blocks import BLOCK
 from obb_collision.queries.verdict.sat import AXES, box_of, pair_of
-from obb_collision.queries.verdict.verdict import UNDECIDED, careful_verdict, fast_verdict
 from obb_collision.queries.verdict.witness import box_witness, careful_gap, gap_bounds
 from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES

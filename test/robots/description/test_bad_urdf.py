@@ -22,8 +22,7 @@ import pytest
 from urdfs import LIMIT, joint, link, urdf
 
 import obb_collision as oc
-from obb_collision.robots.description import xml_values
-from obb_collision.robots.description.xml_values import RobotError
+from obb_collision.robots.description import RobotError, xml_values
 
 A, B, C = link("a"), link("b"), link("c")
 FIXED = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'

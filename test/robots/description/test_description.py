@@ -25,7 +25,7 @@ import trimesh
 from urdfs import LIMIT, joint, link, urdf
 
 import obb_collision as oc
-from obb_collision.robots.description.xml_values import RobotError
+from obb_collision.robots.description import RobotError
 
 SMALL = urdf(
     '<link name="a"/>', '<link name="b"/>', '<link name="c"/>', '<link name="d"/>',

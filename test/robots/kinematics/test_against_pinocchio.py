@@ -26,7 +26,7 @@ from each import each
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.robots.description.joints import driven
+from obb_collision.robots.description import driven
 
 pinocchio: Any = pytest.importorskip("pinocchio")
 try:

@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 import obb_collision as oc
 from obb_collision.scene import limit
 from obb_collision.scene.broad_phase import find_pairs as pairs
-from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement import Budget
 from obb_collision.shapes import Box, Cylinder, Mesh, Sphere
 
 

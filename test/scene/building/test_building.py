@@ -31,7 +31,7 @@ import trimesh
 from builders import PATIENCE, build, outcomes, wait_built
 from each import each
 
-from obb_collision.geometry.shapes.files import MeshFolders
+from obb_collision.geometry.shapes import MeshFolders
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.jobs import (

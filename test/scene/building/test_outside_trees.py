@@ -29,8 +29,8 @@ from each import each
 
 import obb_collision as oc
 from obb_collision import _kernel_cache
+from obb_collision.geometry.trees import TreePool, mesh_tree
 from obb_collision.geometry.trees import pool as pools
-from obb_collision.geometry.trees.pool import TreePool, mesh_tree
 from obb_collision.scene.building import outside, shape_cache
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import BuildError, BuildJob, Task, perform

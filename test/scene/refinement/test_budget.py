@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import obb_collision as oc
 from obb_collision import Accuracy
-from obb_collision.scene.refinement.budget import SETTLING, WAIT, Budget, refine
+from obb_collision.scene.refinement import SETTLING, WAIT, Budget, refine
 
 OBB, HULL, MESH = Accuracy.OBB, Accuracy.HULL, Accuracy.MESH
 SEPARATE, TOUCHING = oc.Verdict.SEPARATE, oc.Verdict.TOUCHING

@@ -29,7 +29,7 @@ from scenes import random_poses
 from trimesh import creation
 
 import obb_collision as oc
-from obb_collision.geometry.trees.pool import hull_tree, mesh_tree
+from obb_collision.geometry.trees import hull_tree, mesh_tree
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 ZOO = zoo()

@@ -28,8 +28,7 @@ from scenes import builds, random_poses
 import obb_collision as oc
 from obb_collision import Accuracy
 from obb_collision.scene.effects import clearance
-from obb_collision.scene.refinement import mesh_pairs
-from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement import Budget, mesh_pairs
 
 OBB, HULL, MESH = Accuracy.OBB, Accuracy.HULL, Accuracy.MESH
 #: Seconds a pair takes.
