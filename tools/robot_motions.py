@@ -29,6 +29,7 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
+from tools.peers.vamp import Vamp
 
 #: Lengths of motions, the root of the sum of squares of what all joints move.
 LENGTHS = 0.3, 1.5
@@ -108,21 +109,51 @@ def least_times(calls: Sequence[Callable[[], object]]) -> list[float]:
 
 
 def motion_rows(
-    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int
+    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int, vamp: Vamp | None
 ) -> Iterator[Row]:
-    """Yield a row per number of boxes and length of motions."""
+    """Yield a row per number of boxes and length of motions, each followed by one of a peer."""
     for count in boxes:
         rng = np.random.default_rng([seed, count])
-        checker = RobotScene([robot], scene_of(boxes_of(count, rng)), accuracy)
+        objects = boxes_of(count, rng)
+        checker = RobotScene([robot], scene_of(objects), accuracy)
         for length in LENGTHS:
             starts = free_states(checker, max(compared, TIMED), rng)
             ends = ends_of(robot, starts, length, rng)
-            yield {"world": f"{count} boxes", "length": length} | _row(
-                checker, starts, ends, compared
-            )
+            some = starts[:compared], ends[:compared]
+            collides = sampled(checker, *some) if compared else np.empty(0, np.bool_)
+            here = {"world": f"{count} boxes", "length": length}
+            yield here | _row(checker, starts, ends, collides)
+            if vamp is not None:
+                a, b = starts[:TIMED], ends[:TIMED]
+                state, each = (vamp.check(objects, a, to, ROUNDS)[0] for to in (a, b))
+                free = vamp.check(objects, *some, 1)[1]
+                yield (
+                    here
+                    | {"checker": "VAMP, sampled"}
+                    | _costs(state, each, len(a))
+                    | _verdicts(free, collides)
+                )
 
 
-def _row(checker: RobotScene, starts: Floats, ends: Floats, compared: int) -> Row:
+def _costs(state: float, motion: float, count: int) -> Row:
+    """Return the time of a state and of a motion, of the times of all."""
+    return {
+        "us_per_state": 1e6 * state / count,
+        "us_per_motion": 1e6 * motion / count,
+        "in_states": motion / state,
+    }
+
+
+def _verdicts(free: Mask, collides: Mask) -> Row:
+    """Return how many verdicts differ from those of samples."""
+    return {
+        "compared": len(free),
+        "missed": int((collides & free).sum()),
+        "not_called_free": int((~collides & ~free).sum()),
+    }
+
+
+def _row(checker: RobotScene, starts: Floats, ends: Floats, collides: Mask) -> Row:
     a, b = starts[:TIMED], ends[:TIMED]
     free = checker.check_motions(a, b).valid
 
@@ -141,19 +172,15 @@ def _row(checker: RobotScene, starts: Floats, ends: Floats, compared: int) -> Ro
     )
     some, others = max(1, int(free.sum())), max(1, int((~free).sum()))
     (single,) = least_times([lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)]])
+    compared = len(collides)
     report = checker.check_motions(starts[:compared], ends[:compared])
-    collides = sampled(checker, starts[:compared], ends[:compared]) if compared else report.valid
     return {
-        "us_per_state": 1e6 * state / len(a),
-        "us_per_motion": 1e6 * each / len(a),
-        "in_states": each / state,
+        **_costs(state, each, len(a)),
         "us_of_free": 1e6 * of_free / some,
         "us_of_colliding": 1e6 * of_others / others,
         "us_of_first": 1e6 * where / others,
         "us_of_call": 1e6 * single / CALLS,
         "free": float(report.valid.mean()) if compared else float(free.mean()),
-        "compared": compared,
-        "missed": int((collides & report.valid).sum()) if compared else 0,
-        "not_called_free": int((~collides & ~report.valid).sum()) if compared else 0,
+        **_verdicts(report.valid, collides),
         "undecided": int(report.undecided.sum()),
     }

@@ -20,6 +20,7 @@ import argparse
 import json
 import re
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -56,6 +57,7 @@ from tools.peers.robots import (
     CheckStates,
     pinocchio_kinematics,
 )
+from tools.peers.vamp import Vamp
 from tools.robot_motions import motion_rows
 
 OURS = "this library"
@@ -289,6 +291,7 @@ def parser() -> Parser:
     text = "motions per world and length compared with 1,000 samples each"
     option(made, "--motions", whole(0, 10**6), 200, text)
     made.add_argument("--only-motions", action="store_true", help="measure motions alone")
+    option(made, "--vamp", Path, text="checkout of VAMP whose motions are measured, too")
     option(made, "--seed", whole(0, MAX_SEED), 0, "of states and boxes")
     text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
     option(made, "--latency", whole(1, 10**6), text=text)
@@ -306,7 +309,9 @@ def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
     show("motions")
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     given = options.accuracy, options.boxes, options.motions, options.seed
-    motions = list(motion_rows(robot, *given))
+    with tempfile.TemporaryDirectory() as folder:
+        vamp = None if options.vamp is None else Vamp(options.vamp, robot, Path(folder))
+        motions = list(motion_rows(robot, *given, vamp))
     if options.only_motions:
         return {"motions": motions}
     show("kinematics")
