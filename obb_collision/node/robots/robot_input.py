@@ -21,7 +21,7 @@ refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from threading import Lock, Thread
+from threading import Thread
 
 import numpy as np
 
@@ -54,6 +54,7 @@ from obb_collision.typing import Floats
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
 JOINT_STATES = "joint_states"
 BAD_DESCRIPTION = "bad description"
+BOTH = "URDF and SRDF"
 ROBOT, JOINT, BASE = "robot_unknown", "joint_unknown", "base_unknown"
 """Codes of ``evidence``."""
 START = "<"
@@ -65,36 +66,30 @@ ENDING = 2.0
 
 
 class DescriptionReading(Thread):
-    """Makes a robot of its URDF and SRDF, in a thread: meshes may take minutes to read.
+    """Makes a robot of its URDF and SRDF, in a thread: meshes may take minutes to read."""
 
-    turn: held by the one that reads, so that a flood of descriptions is not read all at once.
-    """
-
-    def __init__(self, meshes: MeshReading, turn: Lock, urdf: str, srdf: str | None) -> None:
+    def __init__(self, meshes: MeshReading, urdf: str, srdf: str | None) -> None:
         super().__init__(name="robot_description", daemon=True)
-        self._meshes, self._turn, self._texts = meshes, turn, (urdf, srdf)
-        self._is_abandoned = False
+        self._meshes, self._texts = meshes, (urdf, srdf)
+        self.is_abandoned = False
         self.found: Robot | str | None = None
         """The robot, or why there is none; None while that is not known."""
 
     def run(self) -> None:
-        """Read the description, unless it is abandoned before."""
-        with self._turn:
-            if self._is_abandoned:
-                return
-            try:
-                meshes = self._meshes
-                self.found = Robot.from_urdf(*self._texts, meshes.folders, read_mesh=meshes.read)
-            except ValueError as error:
-                self.found = str(error)
-            except Exception as error:
-                self.found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
-            finally:
-                self._meshes.close()
+        """Read the description."""
+        try:
+            meshes = self._meshes
+            self.found = Robot.from_urdf(*self._texts, meshes.folders, read_mesh=meshes.read)
+        except ValueError as error:
+            self.found = str(error)
+        except Exception as error:
+            self.found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
+        finally:
+            self._meshes.close()
 
     def abandon(self) -> None:
         """Let it end soon: a mesh that is being read is none."""
-        self._is_abandoned = True
+        self.is_abandoned = True
         self._meshes.abandon()
 
 
@@ -114,11 +109,11 @@ class RobotInput:
         kinds = (DESCRIPTION, SEMANTIC, JOINT_STATES)
         self._topics = {kind: f"{self.name}/{kind}" for kind in kinds}
         self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
-        self._meshes, self._turn = meshes, Lock()
+        self._meshes = meshes
         self.reading: DescriptionReading | None = None
-        """Of the latest description, None where it was taken."""
+        """Of the latest description, or of one before, abandoned; None where it was taken."""
         self._texts: dict[str, str] = {}  # the latest of each kind
-        self._refused = ""  # why the latest description can't be used
+        self._refused: dict[str, str] = {}  # why the latest of a kind can't be used, or both
         self._robot: Robot | None = None  # of the latest one that can be
         self._unadded = ""  # why its links could not be added
         self._renewed = False  # whether there are other objects than at the last ``apply``
@@ -157,32 +152,35 @@ class RobotInput:
                 raise RefusedError(BAD_DESCRIPTION, "no XML")
         except RefusedError as error:
             monitor.refuse(now, error.reason, "whole message", error.detail)
-            self._refused = f"{kind} refused: {error}"
+            self._refused[kind] = f"{kind} refused: {error}"
             return
-        if text != self._texts.get(kind) or self._refused or self._unadded:
-            self._texts[kind], self._refused = text, ""
+        was_refused = bool(self._refused.pop(kind, "")) or BOTH in self._refused
+        if text != self._texts.get(kind) or was_refused or self._unadded:
+            self._texts[kind] = text
             if DESCRIPTION in self._texts:
-                self.read(self._texts[DESCRIPTION], self._texts.get(SEMANTIC))
+                self._abandon()
+                self.read()
 
-    def read(self, urdf: str, srdf: str | None) -> None:
-        """Read a description, in place of one that is being read."""
-        self._abandon()
+    def read(self) -> None:
+        """Read the latest description, once one that is abandoned is no longer read."""
+        if self.reading is not None and self.reading.is_alive():
+            return
+        self._refused.pop(BOTH, "")
+        urdf, srdf = self._texts[DESCRIPTION], self._texts.get(SEMANTIC)
         try:
-            self.reading = DescriptionReading(self._meshes(), self._turn, urdf, srdf)
+            self.reading = DescriptionReading(self._meshes(), urdf, srdf)
             self.reading.start()
         except Exception as error:  # no memory for a thread, for example
             self.reading = None
             self._refuse_description(f"{INTERNAL_ERROR}: {error}")
 
     def _refuse_description(self, why: str) -> None:
-        self._refused = f"{DESCRIPTION} refused: {why}"
+        self._refused[BOTH] = f"{DESCRIPTION} refused: {why}"
         self._monitors[DESCRIPTION].refuse(self._clock(), BAD_DESCRIPTION, "whole message", why)
 
-    def _abandon(self) -> DescriptionReading | None:
-        reading, self.reading = self.reading, None
-        if reading is not None:
-            reading.abandon()
-        return reading
+    def _abandon(self) -> None:
+        if self.reading is not None:
+            self.reading.abandon()
 
     def take_joints(self, data: bytes) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
@@ -223,9 +221,11 @@ class RobotInput:
 
         timeout: the age (s) at which joints are stale, 0 for never.
         """
-        found = None if self.reading is None else self.reading.found
-        if found is not None:
-            self.reading = None
+        found = None
+        if self.reading is not None and self.reading.is_abandoned:
+            self.read()
+        elif self.reading is not None and self.reading.found is not None:
+            found, self.reading = self.reading.found, None
         if isinstance(found, str):
             self._refuse_description(found)
         elif found is not None:
@@ -251,7 +251,7 @@ class RobotInput:
     def _find_faults(self, now: int, timeout: float) -> dict[str, str]:
         """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
         reading = f"{DESCRIPTION} being read" if self.reading is not None else ""
-        fault = self._refused or reading or self._unadded
+        fault = "; ".join(self._refused.values()) or reading or self._unadded
         if fault or self.links is None or self.joints is None:
             return {ROBOT: fault or f"no {DESCRIPTION}"}
         joints, base = self.joints.fault(now, timeout), self._base_fault(now)
@@ -382,6 +382,6 @@ class RobotInput:
 
     def close(self) -> None:
         """End what is being read."""
-        reading = self._abandon()
-        if reading is not None:
-            reading.join(ENDING)
+        self._abandon()
+        if self.reading is not None:
+            self.reading.join(ENDING)

@@ -16,7 +16,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import permutations
 from pathlib import Path
+from threading import Event
+from threading import enumerate as enumerate_threads
 from typing import Any
 from unittest.mock import patch
 
@@ -27,12 +31,14 @@ pytest.importorskip("lxml")
 import trimesh
 from gate import Gate
 from rig import STATUS, cube
-from robot_rig import HAND, URDF, RobotRig
+from robot_rig import HAND, SRDF, URDF, RobotRig
+from std_msgs.msg import String
 
 from obb_collision import Accuracy
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.runtime import warm_up
+from obb_collision.robots.robot import Robot
 
 PAST = 60 * NANOSECONDS
 
@@ -118,3 +124,46 @@ def test_links_are_unknown_while_kernels_of_their_accuracy_are_loaded(tmp_path: 
             rig.cycles(3)
         rig.known()
         assert COLLIDING not in levels
+
+
+def has_text(rig: RobotRig, text: str) -> bool:
+    """Return whether a text is the latest of its kind that the node has taken."""
+    return text in rig.robot._texts.values()
+
+
+def test_a_text_that_is_refused_counts_until_the_next_one_of_its_kind() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        rig.known()
+        texts = {rig.descriptions: URDF, rig.semantics: SRDF}
+        for refused, other in permutations(texts):
+            refused.publish(String(data="none"))
+            rig.known("robot_unknown")
+            other.publish(String(data=texts[other]))
+            rig.until(partial(has_text, rig, texts[other]), "the other text")
+            rig.cycles(3)
+            rig.known("robot_unknown")
+            refused.publish(String(data=texts[refused]))
+            rig.until(lambda: rig.robot.fault[:5] in ("", "joint"), "the robot")
+            rig.send_joints(lift=0.0, turn=0.0)
+            rig.known()
+
+
+def test_of_a_flood_of_descriptions_one_is_read_at_a_time_and_the_last_one_counts() -> None:
+    from_urdf, may_go = Robot.from_urdf, Event()
+    read: list[str] = []
+
+    def slow(urdf: str, *args: Any, **options: Any) -> Robot:
+        read.append(urdf)
+        assert may_go.wait(60.0)
+        return from_urdf(urdf, *args, **options)
+
+    with RobotRig() as rig, patch.object(Robot, "from_urdf", slow):
+        texts = [URDF.replace('name="arm"', f'name="arm{n}"', 1) for n in range(9)]
+        for text in texts:
+            rig.describe(text)
+            rig.until(partial(has_text, rig, text), "a text")
+        assert [thread.name for thread in enumerate_threads()].count("robot_description") == 1
+        may_go.set()
+        rig.known("joint_unknown")
+        assert read == [texts[0], texts[-1]]
