@@ -246,6 +246,8 @@ class KernelCache:
         """Return a kernel from a folder, None where it is not there or can't be used."""
         folder = place / self.folder
         try:
+            if not (folder / name).is_file():  # a pipe or a device would be read for ever
+                return None
             content = (folder / name).read_bytes()
         except FileNotFoundError:
             return None
