@@ -162,8 +162,8 @@ def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStac
         for name, status in heard.items():
             say("\n".join(status.lines(name)))
     if not heard:
-        who = options.node or "no collision node"
-        say(f"{PROGRAM}: {who} was not heard within {options.timeout:g} s", sys.stderr)
+        what = f"{options.node} was not" if options.node else "no collision node was"
+        say(f"{PROGRAM}: {what} heard within {options.timeout:g} s", sys.stderr)
         return NOBODY
     codes = {EXIT_CODES[status.level] for status in heard.values()}
     return min(codes - {0}, default=0)

@@ -37,6 +37,7 @@ from std_msgs.msg import Header
 from obb_collision.node.diagnostics.answer import (
     CODES,
     COLLIDING,
+    FREE,
     RADIUS,
     SELECTED_RADIUS,
     Answer,
@@ -211,12 +212,13 @@ class MergerNode(Node):
         known = {region: values_of(self._statuses[region]) for region in there}
         whose: dict[str, list[str]] = {}
         for region, values in known.items():
-            for code in values.get("reasons", "").split():
+            codes = [code for code in values.get("reasons", "").split() if code in CODES]
+            if not codes and self._statuses[region].level not in (FREE, COLLIDING):
+                codes = ["incomplete"]  # a newer version may have others
+            for code in codes:
                 whom = values.get("who", "") if code == values.get("reason") else ""
                 whose.setdefault(code, []).append(f"{region} ({whom})" if whom else region)
-        reasons = [
-            Reason(code, tuple(who), len(who)) for code, who in whose.items() if code in CODES
-        ]
+        reasons = [Reason(code, tuple(who), len(who)) for code, who in whose.items()]
         if missing:
             whys = ((r, why.partition(" for ")[0]) for r, why in missing.items())  # no seconds
             silent = tuple(f"{region} ({why})" for region, why in whys)

@@ -305,6 +305,8 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
             sent = status("3", UNKNOWN, **given)
             client.until(partial(heard, UNKNOWN, "refused", f"{west} (a/1)", sent), "its reason")
             assert values_of(said[-1])["reasons"] == "refused stale"
+            sent = status("3", UNKNOWN, reasons="of_tomorrow")
+            client.until(partial(heard, UNKNOWN, "incomplete", west, sent), "another version")
             sent = status("3", COLLIDING, **given)
             client.until(partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent), "both")
             assert values_of(said[-1])["clearance radius (m)"] == "0.1"
