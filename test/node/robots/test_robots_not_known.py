@@ -34,11 +34,10 @@ from rig import STATUS, cube
 from robot_rig import HAND, SRDF, URDF, RobotRig
 from std_msgs.msg import String
 
-from obb_collision import Accuracy
+from obb_collision import Accuracy, Robot
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.runtime import warm_up
-from obb_collision.robots.robot import Robot
 
 PAST = 60 * NANOSECONDS
 
