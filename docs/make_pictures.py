@@ -25,23 +25,44 @@ tables measure anew. ``demo`` makes ``view.png`` and
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
+from base64 import b64decode
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import monotonic, sleep
 from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
+from PIL import Image
+from rclpy.context import Context
+from websockets.sync.client import connect
+
+from obb_collision.demo.command import DEFAULT_SCENE, scene_file
+from obb_collision.demo.run import Demo
+from obb_collision.demo.scene import DemoScene
+from obb_collision.demo.view import BrowserView, LiveView
+from obb_collision.node.runtime.environment import set_defaults
 
 FOLDER = Path(__file__).parent
 #: When vehicles collide in the scene, seconds.
 TIME = 28.0
 #: When the arm grazes a board in its cell, seconds.
 ARM_TIME = 10.0
+#: The film: when it begins and how long it takes, s; pictures per second, pixels, colours.
+FILM, FRAMES, FILM_SIZE, COLORS = (27.0, 3.0), 10, (984, 444), 255
+#: Seconds until the page is there, and until it shows a state that was sent.
+LOADED, SETTLED = 15.0, 1.5
 #: Pixels of the browser's window, and where it warns of a software renderer: painted over.
-WINDOW, WARNING = (1640, 740), (0, 0, 345, 190)
+WINDOW, WARNING = (1640, 883), (0, 0, 345, 190)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 #: Nanoseconds.
 UNITS = {"ns": 1.0, "µs": 1e3, "ms": 1e6}
@@ -248,76 +269,94 @@ def _draw_projections(axes: Any, boxes: list[Any], colors: tuple[str, str], angl
     axes.axis("off")
 
 
-def photograph(url: str, file: Path) -> subprocess.Popen[bytes]:
-    """Start a browser that writes a picture of a page and ends."""
+@contextmanager
+def browser_of(url: str) -> Iterator[Callable[[], Image.Image]]:
+    """Open a page in a browser without a window; yields what takes a picture of it."""
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
         sys.exit(f"needs one of {', '.join(BROWSERS)}")
-    return subprocess.Popen(
-        [
+    with TemporaryDirectory() as folder:
+        command = [
             *(browser, "--headless=new", "--no-sandbox", "--hide-scrollbars"),
             *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
             *("--force-color-profile=srgb", f"--window-size={WINDOW[0]},{WINDOW[1]}"),
-            *("--virtual-time-budget=120000", f"--screenshot={file}", url),
+            *("--remote-debugging-port=0", f"--user-data-dir={folder}", url),
         ]
-    )
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        try:
+            port, pages = Path(folder) / "DevToolsActivePort", []
+            while not pages:
+                sleep(0.5)
+                if port.exists():
+                    address = f"http://localhost:{port.read_text().split()[0]}/json/list"
+                    with urlopen(address) as reply:
+                        pages = [page for page in json.load(reply) if page["url"].startswith(url)]
+            with connect(pages[0]["webSocketDebuggerUrl"], max_size=None) as socket:
+
+                def take() -> Image.Image:
+                    socket.send(json.dumps({"id": 1, "method": "Page.captureScreenshot"}))
+                    data = json.loads(socket.recv())["result"]["data"]
+                    picture = Image.open(BytesIO(b64decode(data))).convert("RGB")
+                    picture.paste("white", WARNING)
+                    return picture
+
+                yield take
+        finally:
+            process.terminate()
+            process.wait()
 
 
-def draw_demo() -> None:
-    """Run the demo up to a time and draw that state, in the browser and as a file."""
-    from PIL import Image
-    from rclpy.context import Context
-
-    from obb_collision.demo.command import DEFAULT_SCENE, scene_file
-    from obb_collision.demo.run import Demo
-    from obb_collision.demo.scene import DemoScene
-    from obb_collision.demo.view import BrowserView, LiveView
-    from obb_collision.node.runtime.environment import set_defaults
-
+@contextmanager
+def running_demo(scene: str, **options: Any) -> Iterator[Demo]:
+    """Start the demo of a scene."""
     set_defaults()
     context = Context()
     context.init()
-    scene = DemoScene(*scene_file(DEFAULT_SCENE))
-    view = BrowserView(port=0, view=scene.description.view)
-    demo = Demo(context, scene, rate=30.0, seconds=1.0, report=print, live=True)
-    live = LiveView(view, demo.listener, scene.shapes, scene.zones)
+    description = DemoScene(*scene_file(scene))
+    demo = Demo(context, description, rate=30.0, seconds=1.0, report=print, **options)
     try:
         demo.begin()
-        demo.settle(TIME)
-        with TemporaryDirectory() as folder:
-            file = Path(folder) / "view.png"
-            browser = photograph(view.url, file)
-            demo.spin_until(lambda: browser.poll() is not None)
-            picture = Image.open(file).convert("RGB")
-            picture.paste("white", WARNING)
-            picture.save(FOLDER / "view.png", optimize=True)
-        demo.save_picture(FOLDER / "demo.png")
+        yield demo
     finally:
-        live.close()
         demo.close()
         context.try_shutdown()
+
+
+def draw_demo() -> None:
+    """Run the demo up to a time and draw that state; and a few seconds of it, in the browser."""
+    with running_demo(DEFAULT_SCENE, live=True) as demo:
+        scene = demo.scene
+        view = BrowserView(port=0, view=scene.description.view)
+        live = LiveView(view, demo.listener, scene.shapes, scene.zones)
+
+        def picture(time: float) -> Image.Image:
+            demo.settle(time)
+            ready = monotonic() + SETTLED
+            demo.spin_until(lambda: monotonic() >= ready)
+            taken = pool.submit(take)
+            demo.spin_until(taken.done)  # a node that does not spin would be STALE
+            return taken.result()
+
+        with closing(live), browser_of(view.url) as take, ThreadPoolExecutor(1) as pool:
+            ready = monotonic() + LOADED
+            demo.spin_until(lambda: monotonic() >= ready)
+            frames = [picture(FILM[0] + k / FRAMES) for k in range(round(FILM[1] * FRAMES))]
+            picture(TIME).save(FOLDER / "view.png", optimize=True)
+        small = [frame.resize(FILM_SIZE, Image.Resampling.LANCZOS) for frame in frames]
+        pixels = np.concatenate([np.asarray(frame).reshape(-1, 3) for frame in small])
+        colors = np.unique(pixels | 7, axis=0)  # each one once: rare ones count
+        palette = Image.fromarray(colors[None]).quantize(COLORS)
+        first, *others = [frame.quantize(palette=palette, dither=0) for frame in small]
+        options: Any = {"duration": 1000 / FRAMES, "loop": 0, "optimize": True}
+        first.save(FOLDER / "view.gif", save_all=True, append_images=others, **options)
+        demo.save_picture(FOLDER / "demo.png")
 
 
 def draw_arm_cell() -> None:
     """Run the demo of the arm up to where it collides, and draw that state."""
-    from rclpy.context import Context
-
-    from obb_collision.demo.command import scene_file
-    from obb_collision.demo.run import Demo
-    from obb_collision.demo.scene import DemoScene
-    from obb_collision.node.runtime.environment import set_defaults
-
-    set_defaults()
-    context = Context()
-    context.init()
-    demo = Demo(context, DemoScene(*scene_file("arm_cell")), rate=30.0, seconds=1.0, report=print)
-    try:
-        demo.begin()
+    with running_demo("arm_cell") as demo:
         demo.settle(ARM_TIME)
         demo.save_picture(FOLDER / "tutorials" / "arm_cell.png")
-    finally:
-        demo.close()
-        context.try_shutdown()
 
 
 def draw_robots() -> None:

@@ -16,7 +16,6 @@
 
 ``command`` has the console script ``obb_collision_demo``, the node and a moving scene in one
 process with real topics in between, and ``obb_collision view``, a running node's topics in the
-browser. What moves is in ``scene``; what publishes and listens in ``publisher``, ``listener`` and
-``narrator``; what is drawn in ``snapshot``, ``picture`` (a file) and ``view`` (the browser);
-``run`` puts the demo together.
+browser. What moves is in ``scene``, what publishes it in ``run``, what follows a node in
+``listener``; what is drawn in ``snapshot``, ``picture`` (a file) and ``view`` (the browser).
 """

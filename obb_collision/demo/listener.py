@@ -24,17 +24,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
+from time import monotonic
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision import node
+from obb_collision.accuracy import Accuracy
+from obb_collision.demo.status import Status
 from obb_collision.node import collisions_from_ros, named_pairs
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.cdr import markers_from_bytes
@@ -47,6 +50,8 @@ from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: As the node subscribes to points: sensors send them so.
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 #: Seconds after which a collision that is predicted again is printed again.
 FORGET = 0.5
@@ -70,82 +75,76 @@ def pair_text(row: node.NamedPair) -> str:
     return pair_of(row) + ("  touching" if is_touching(row) else depth)
 
 
-class PairsNarrator:
+class Narrator:
+    """A topic's latest rows, and the most at once."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._most = 0
+
+    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
+        """Take the rows of a message; yield what is worth a line."""
+        self.rows = rows
+        self._most = max(self._most, len(rows))
+        yield from ()
+
+    def summary(self) -> Iterator[str]:
+        """Yield the lines at the end."""
+        yield f"contacts: {len(self.rows)} points at the end, at most {self._most} at once"
+
+
+class PairsNarrator(Narrator):
     """Colliding pairs: which begin and end."""
 
     def __init__(self) -> None:
-        self.rows: list[node.NamedPair] = []
+        super().__init__()
         self._seen: set[tuple[str, str]] = set()
-        self._most = 0
 
-    def update(self, rows: list[node.NamedPair], seconds: float) -> Iterator[str]:
+    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the pairs; yield those that begin and those that end."""
         before = {row[:2]: row for row in self.rows}
+        yield from super().update(rows, seconds)
         now = {row[:2]: row for row in rows}
-        self.rows = rows
         self._seen |= now.keys()
-        self._most = max(self._most, len(now))
         yield from (f"begins  {pair_text(now[pair])}" for pair in now if pair not in before)
         yield from (f"ends    {pair_of(before[pair])}" for pair in before if pair not in now)
 
     def summary(self) -> Iterator[str]:
         """Yield how many pairs there were."""
-        touching = sum(is_touching(row) for row in self.rows)
+        touching = sum(map(is_touching, self.rows))
         yield (
             f"{len(self._seen)} pairs in all, at most {self._most} at once; at the end "
             f"{len(self.rows)}: {len(self.rows) - touching} overlapping, {touching} touching"
         )
 
 
-class ContactsNarrator:
-    """Contact points: how many there were at once."""
-
-    def __init__(self) -> None:
-        self.rows: list[Any] = []
-        self._most = 0
-
-    def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
-        """Take the contact points; their pairs are printed already."""
-        self.rows = rows
-        self._most = max(self._most, len(rows))
-        yield from ()
-
-    def summary(self) -> Iterator[str]:
-        """Yield how many there were."""
-        yield f"contacts: {len(self.rows)} points at the end, at most {self._most} at once"
-
-
-class ClearancesNarrator:
+class ClearancesNarrator(Narrator):
     """Near pairs: the minimum distance of those that are apart."""
 
     def __init__(self) -> None:
-        self.rows: list[Any] = []
-        self._minimum: tuple[float, str, float] | None = None
+        super().__init__()
+        self._minimum: list[tuple[float, str, float]] = []
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the distances; no line, as they change all the time."""
-        self.rows = [row for row in rows if row.distance > 0]
+        yield from super().update([row for row in rows if row.distance > 0], seconds)
         apart = [(row.distance, pair_of(row), seconds) for row in self.rows]
-        known = [] if self._minimum is None else [self._minimum]
-        self._minimum = min([*apart, *known], default=None)
-        yield from ()
+        self._minimum = sorted([*apart, *self._minimum])[:1]
 
     def summary(self) -> Iterator[str]:
         """Yield the minimum over all time, and at the end."""
-        if self._minimum is not None:
-            distance, pair, seconds = self._minimum
+        for distance, pair, seconds in self._minimum:
             yield f"clearance: minimum {1e3 * distance:.1f} mm, {pair}, at {seconds:.1f} s"
-        if self.rows:
-            near = min(self.rows, key=lambda row: row.distance)
+        for near in sorted(self.rows, key=lambda row: row.distance)[:1]:
             nearest = f"{1e3 * near.distance:.1f} mm, {pair_of(near)}"
             yield f"clearance at the end: {len(self.rows)} pairs, minimum {nearest}"
 
 
-class Predictions:
+class Predictions(Narrator):
     """Collisions predicted, and those that passed between two states."""
 
     def __init__(self) -> None:
-        self.rows: list[Any] = []
+        super().__init__()
         self._last: dict[tuple[str, str], float] = {}  # when each was predicted last
         self._predicted, self._passed = 0, 0
 
@@ -156,15 +155,14 @@ class Predictions:
             pair = pair_of(row)
             if row.undecided:
                 yield f"undecided {pair}  may collide from {row.time:.2f} s on"
-                continue
-            if row.time < 0.0:
+            elif row.time < 0.0:
                 self._passed += 1
                 yield f"passed  {pair}  {-1e3 * row.time:.0f} ms ago, between two states"
-                continue
-            if seconds - self._last.get((row.a, row.b), -np.inf) > FORGET:
-                self._predicted += 1
-                yield f"predicted {pair}  in {row.time:.2f} s"
-            self._last[row.a, row.b] = seconds
+            else:
+                if seconds - self._last.get((row.a, row.b), -np.inf) > FORGET:
+                    self._predicted += 1
+                    yield f"predicted {pair}  in {row.time:.2f} s"
+                self._last[row.a, row.b] = seconds
 
     def summary(self) -> Iterator[str]:
         """Yield how many there were, and the next ones at the end."""
@@ -173,19 +171,19 @@ class Predictions:
             yield f"time to collision at the end: {row.time:.2f} s, {pair_of(row)}"
 
 
-class PointsInsideNarrator:
+class PointsInsideNarrator(Narrator):
     """Points in zones: how many, and when a zone is entered and left."""
 
     def __init__(self) -> None:
-        self.rows: list[Any] = []
-        self._most: dict[str, int] = {}
+        super().__init__()
+        self._max: dict[str, int] = {}
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the counts; yield the objects that points enter or leave."""
         before = {row.name for row in self.rows}
         self.rows = [row for row in rows if row.points > 0]
         for row in self.rows:
-            self._most[row.name] = max(self._most.get(row.name, 0), row.points)
+            self._max[row.name] = max(self._max.get(row.name, 0), row.points)
             if row.name not in before:
                 yield f"entered {row.name}  {row.points} points inside"
         for name in sorted(before - {row.name for row in self.rows}):
@@ -194,7 +192,7 @@ class PointsInsideNarrator:
     def summary(self) -> Iterator[str]:
         """Yield the counts."""
         now = {row.name: row.points for row in self.rows}
-        for name, most in sorted(self._most.items()):
+        for name, most in sorted(self._max.items()):
             yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
 
 
@@ -208,7 +206,7 @@ def _all_predictions(message: Any, namespaces: Any) -> list[node.NamedPrediction
 
 #: By effect: what gives a message's rows names, and the narrator.
 NARRATORS: dict[str, tuple[Callable[..., list[Any]], type]] = {
-    "contacts": (node.named_contacts, ContactsNarrator),
+    "contacts": (node.named_contacts, Narrator),
     "clearance": (node.named_clearances, ClearancesNarrator),
     "sweep": (_all_predictions, Predictions),
     "points": (node.named_points_inside, PointsInsideNarrator),
@@ -267,8 +265,10 @@ class Listener(Node):
     ``rclpy.node.Node`` (context, namespace...).
     start: stamp (ns) before which messages do not count; epoch: that of the demo's time 0.
     stamp: of the latest collisions; effect_stamps: of the latest message by effect; -1 for none.
-    pairs, places: the latest collisions and where they are (m). latencies: seconds from the stamp
-    of a state to its collisions. cycles: messages received. effects: narrators by effect.
+    pairs, places: the latest collisions and where they are (m). by_box: names of the objects of
+    pairs that their boxes decided. status: the latest ``collision_status``, and when it came (s of
+    the steady clock). robots: those whose joints are a topic of the node. latencies: seconds from
+    the stamp of a state to its collisions. cycles: messages received. effects: narrators by effect.
     boxes: the latest markers, once ``watch_boxes`` was called. shapes, points: what others publish,
     once ``watch_inputs`` was called.
     """
@@ -282,6 +282,8 @@ class Listener(Node):
         self.stamp, self.start, self.epoch, self.cycles = -1, 0, 0, 0
         self.pairs = PairsNarrator()
         self.places: Floats = np.empty((0, 3))
+        self.by_box: set[str] = set()
+        self.status, self.heard, self.robots = Status(), 0.0, set[str]()
         self.latencies: list[float] = []
         self.boxes = NO_BOXES
         self.shapes: dict[str, Shape] = {}
@@ -289,6 +291,7 @@ class Listener(Node):
         self._markers: dict[str, Marker] = {}
         self.create_subscription(DiagnosticStatus, "namespaces", self._take_names, LATCHED)
         self.create_subscription(PointCloud2, "collisions", self._take_pairs, QoSProfile(depth=10))
+        self.create_subscription(DiagnosticArray, "collision_status", self._take_status, LATCHED)
         self.effects: dict[str, Any] = {name: NARRATORS[name][1]() for name in effects}
         self.effect_stamps = dict.fromkeys(self.effects, -1)
         for name in self.effects:
@@ -310,10 +313,18 @@ class Listener(Node):
         """Subscribe to the shapes on ``objects``, latched or not, and the points on ``points``."""
         for quality in (LATCHED, QoSProfile(depth=10)):
             self.create_subscription(MarkerArray, "objects", self._take_shapes, quality)
-        self.create_subscription(PointCloud2, "points", self._take_points, QoSProfile(depth=1))
+        self.create_subscription(PointCloud2, "points", self._take_points, BEST_EFFORT)
 
     def _take_names(self, message: DiagnosticStatus) -> None:
         self._names = message
+
+    def _take_status(self, message: DiagnosticArray) -> None:
+        self.status.take(message)
+        self.heard = monotonic()
+        base = f"{self.get_namespace().rstrip('/')}/"
+        topics = [topic for topic, _ in self.get_topic_names_and_types() if topic.startswith(base)]
+        ends = (topic[len(base) :].rpartition("/") for topic in topics)
+        self.robots = {robot for robot, _, topic in ends if topic == "joint_states" and robot}
 
     def _take_pairs(self, message: PointCloud2) -> None:
         now = self.get_clock().now().nanoseconds
@@ -328,6 +339,10 @@ class Listener(Node):
             self.latencies.append((now - stamp) / NANOSECONDS)
         rows = collisions_from_ros(message)
         self.places = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
+        if "accuracy" in (rows.dtype.names or ()):
+            levels = rows["accuracy"].tolist()
+            boxed = [pair[:2] for pair, k in zip(pairs, levels, strict=True) if k <= Accuracy.OBB]
+            self.by_box = {name for names in boxed for name in names}
         self.cycles += 1
         self._print(self.pairs, pairs, stamp)
         self.stamp = stamp

@@ -15,12 +15,12 @@
 """The demo's still picture, by matplotlib: the only module that needs it, which is an extra.
 
 Texts stand in a margin of their own, so that they never cover an object or each other; the first
-ones have a number where they are about.
+ones have a number where they are about. An inset enlarges a collision that is too small to see.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,16 +34,18 @@ from scipy.spatial import ConvexHull
 from trimesh.remesh import subdivide_to_size
 
 from obb_collision.demo.snapshot import (
-    CONTACT_COLOR,
-    INSIDE_COLOR,
-    NEAR_COLOR,
-    OUTSIDE_COLOR,
-    PREDICTED_COLOR,
+    DOUBTFUL,
+    EDGE_COLORS,
+    OVERLAPPING,
     STATE_COLORS,
+    TOUCH_SIGN,
+    TOUCHING,
+    Body,
     Color,
     DrawnScene,
     Label,
     look_at,
+    pieces,
 )
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.node.messages.box_markers import edge_points
@@ -60,12 +62,30 @@ TOP, LINE = 0.84, 0.042
 #: Share of the height that the scene has, and half of it in terms of what the boxes take.
 HEIGHT, FILL = 0.8, 0.51
 SIDES = np.array((-1.0, 1.0))
+#: Edge of the inset in the margin, share of the width; half of what it shows in terms of a
+#: collision's depth, and at least of the smaller object.
+INSET, ZOOM, LEAST = 0.19, 2.5, 0.25
+NOTES_BESIDE_INSET = 8
 LEGEND_COLUMNS = 9
-#: Faces and edges are drawn in pieces of this share of the scene's diagonal, the farthest first.
-PIECE = 0.03
+#: Faces and edges are drawn in pieces of this share of what is shown, the farthest first; along a
+#: body at most so many.
+PIECE, MOST_PIECES = 0.02, 60.0
+#: How much nearer edges are sorted than they are, in pieces: sorting errs by half of one.
+NEARER = 0.6
 #: More triangles than these of one body are drawn as their convex hull.
 MAX_TRIANGLES = 20_000
-TO_LIGHT = np.array((0.35, -0.55, 0.76))
+TO_LIGHT = np.array((0.36, -0.48, 0.80))
+#: Pixels from a number to the place that it is about.
+BADGE = 26.0
+#: Where it may be beside the place: on rings about it, above it first.
+TURNS = np.radians(90.0 + 45.0 * np.array((0, 1, -1, 2, -2, 3, -3, 4)))
+RINGS = np.concatenate(
+    [k * np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) for k in range(1, MARKED + 1)]
+)
+#: Area (points squared) and width of the white rim (points) of a dot by form.
+DOTS = {"dot": (40.0, 1.2), "line": (24.0, 1.0), "speck": (5.0, 0.0)}
+#: Sum of red, green and blue above which a number is dark.
+BRIGHT = 1.6
 INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 
 
@@ -88,7 +108,7 @@ def draw_picture(
     axes.set_axis_off()
     camera = _Camera(*look_at(view, snapshot.boxes))
     _draw_floor(axes, camera, snapshot.boxes)
-    _draw_solids(axes, camera, snapshot)
+    _draw_solids(axes, camera, snapshot.wires(), PIECE * snapshot.diagonal)
     _draw_zones(axes, camera, snapshot)
     _draw_marks(axes, camera, snapshot)
     ends = camera.project(edge_points(snapshot.boxes))[:, :2]
@@ -98,12 +118,16 @@ def draw_picture(
     axes.set(
         xlim=(low + high)[0] / 2 + reach[0] * SIDES, ylim=(low + high)[1] / 2 + reach[1] * SIDES
     )
-    _draw_notes(axes, camera, snapshot.notes)
+    small = snapshot.small()
+    for k in small[:1]:
+        _draw_inset(figure, camera, snapshot, k)
+    _draw_notes(axes, camera, snapshot.notes, NOTES_BESIDE_INSET if small else NOTES)
     figure.text(0.02, 0.935, title, fontsize=26, weight="bold", color=INK)
     figure.text(0.02, 0.895, subtitle, fontsize=14, color=GREY)
     handles = [_sign(*entry) for entry in snapshot.legend()]
-    row = {"ncols": LEGEND_COLUMNS, "columnspacing": 1.6, "handlelength": 1.6}
-    figure.legend(handles=handles, loc="lower left", frameon=False, fontsize=12, **row)
+    row: Any = {"facecolor": "white", "edgecolor": "none", "ncols": LEGEND_COLUMNS}
+    row |= {"columnspacing": 1.6, "handlelength": 1.6}
+    figure.legend(handles=handles, loc="lower left", fontsize=12, **row)
     return figure
 
 
@@ -133,62 +157,103 @@ def _draw_floor(axes: Any, camera: _Camera, boxes: Boxes) -> None:
     z = min(0.0, low[2])
     lines = [[(a, y[0], z), (a, y[-1], z)] for a in x] + [[(x[0], b, z), (x[-1], b, z)] for b in y]
     projected: Any = camera.project(np.array(lines))[..., :2]
-    axes.add_collection(LineCollection(projected, colors="0.88", linewidths=0.8, zorder=0))
+    style: Any = {"colors": "0.88", "linewidths": 0.8, "zorder": 0, "clip_on": False}
+    axes.add_collection(LineCollection(projected, **style))
 
 
-def _draw_solids(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
-    """Draw faces shaded in the colour of their state, and the edges of the boxes."""
-    low, high = snapshot.boxes.world_bounds()
-    piece = PIECE * float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
-    corners, colors = [], []
-    for body in snapshot.bodies():
-        vertices, faces, scale, closed = body.triangles
-        if len(faces) > MAX_TRIANGLES:
-            faces, closed = ConvexHull(vertices, qhull_options="QJ").simplices, False
-        vertices, faces = subdivide_to_size(vertices * scale, faces, piece, max_iter=20)
-        placed = (vertices @ body.rotation.T + body.position)[faces]
-        normals = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-        facing = np.einsum("nk,nk->n", normals, camera.eye - placed[:, 0])
-        shown = (facing > 0.0) | (not closed)
+def _draw_inset(figure: Any, camera: _Camera, snapshot: DrawnScene, row: int) -> None:
+    """Draw the objects that a note is about, enlarged, in the margin."""
+    note = snapshot.notes[row]
+    height = INSET * SIZE[0] / SIZE[1]
+    axes = figure.add_axes((1.0 - MARGIN, 0.1, INSET, height), xticks=[], yticks=[])
+    axes.patch.set_alpha(0.0)
+    for spine in axes.spines.values():
+        spine.set(color=EDGE_COLORS[OVERLAPPING], linewidth=2.0)
+    reach = max(ZOOM * note.depth, LEAST * note.extent)
+    x, y, depth = camera.project(note.place)
+    pair = [body for body in snapshot.wires() if body.name in note.names]
+    sizes = {
+        body.name: float(np.ptp(body.placed(body.triangles.vertices), axis=0).max())
+        for body in pair
+    }
+    larger = max(sizes, key=lambda name: sizes[name], default="")
+    _draw_solids(axes, camera, pair, PIECE * 2.0 * reach, behind=larger)
+    *_, contacts = snapshot.marks()
+    _draw_dots(axes, camera, contacts.points, contacts.color, *DOTS[contacts.form], 6.0)
+    axes.set(xlim=x + reach / depth * SIDES, ylim=y + reach / depth * SIDES)
+    title = f"{row + 1}, enlarged: {200.0 * reach:.0f} cm wide"
+    figure.text(1.0 - MARGIN, 0.1 + height + 0.015, title, fontsize=11, color=INK)
+
+
+def _draw_solids(
+    axes: Any, camera: _Camera, bodies: Iterable[Body], piece: float, behind: str = ""
+) -> None:
+    """Draw faces shaded in the colour of their state, and the edges that are seen.
+
+    behind: the name of an object whose faces are pale, and hide nothing of what it overlaps.
+    """
+    corners, colors, lines, line_colors = [], [], [np.empty((0, 3, 3))], [np.empty((0, 3))]
+    offsets, line_offsets = [], [np.empty(0)]
+    drawn = set[str]()
+    for body in map(_simplified, bodies):
+        vertices, faces, scale, closed, _, sides = body.triangles
+        state = body.state
+        size = max(piece, float(np.ptp(vertices * scale, axis=0).max()) / MOST_PIECES)
+        normals, facing = _facing(body, camera.eye)
+        is_wire = body.name in drawn  # the box of a body that is drawn already
+        drawn.add(body.name)
+        seen = ((facing[sides] > 0.0) | (not closed)).any(axis=1)
+        parts, _, number = pieces(body.edges()[seen], size)
+        parts = parts[number % 2 == 0] if state == DOUBTFUL else parts
+        lines.append(parts[:, [0, 1, 1]])
+        line_colors.append(np.tile(EDGE_COLORS[state], (len(parts), 1)))
+        line_offsets.append(np.full(len(parts), -NEARER * size))  # before the faces they bound
+        if is_wire:
+            continue
         normals *= np.where(facing < 0.0, -1.0, 1.0)[:, None]
-        light = 0.74 + 0.26 * np.maximum(normals @ TO_LIGHT, 0.0)
-        pale = 0.4 * np.array(STATE_COLORS[body.state]) + 0.6
-        corners.append(placed[shown])
-        colors.append((light[:, None] * pale)[shown])
-    faces_count = sum(len(part) for part in corners)
-    solid = np.array([name not in snapshot.zones for name in snapshot.names])
-    edges, owner = _visible_edges(snapshot.boxes[solid], camera.eye, piece)
-    corners.append(edges[:, [0, 1, 1]])
-    colors.append(np.array(STATE_COLORS)[snapshot.states[solid][owner]].reshape(-1, 3))
-    points = camera.project(np.concatenate(corners))
-    depth = points[..., 2].mean(axis=1)
-    depth[faces_count:] -= piece  # before the faces that they bound
+        light = 0.8 + 0.2 * np.clip(normals @ TO_LIGHT, 0.0, 1.0)
+        shown = np.flatnonzero((facing > 0.0) | (not closed))
+        vertices, faces, origin = subdivide_to_size(
+            vertices * scale, faces[shown], size, max_iter=20, return_index=True
+        )
+        corners.append((vertices @ body.rotation.T + body.position)[faces])
+        color = np.array(STATE_COLORS[state])
+        color = 0.6 + 0.4 * color if body.name == behind else color
+        colors.append(light[shown][origin][:, None] * color)
+        offsets.append(np.full(len(faces), np.inf if body.name == behind else 0.0))
+        if state == TOUCHING:
+            x, y, _ = camera.project(body.position)
+            axes.text(
+                x, y, TOUCH_SIGN, fontsize=20, ha="center", va="center", clip_on=True, zorder=7
+            )
+    count = sum(map(len, corners))
+    points = camera.project(np.concatenate([*corners, *lines]))
+    depth = points[..., 2].mean(axis=1) + np.concatenate([*offsets, *line_offsets])
     order = np.argsort(-depth, kind="stable")
-    rgb = np.concatenate(colors)[order]
-    widths = np.where(order < faces_count, 0.5, 1.3)
+    rgb = np.concatenate([*colors, *line_colors])[order]
+    widths = np.where(order < count, 0.5, 1.3)
     triangles: Any = points[order][..., :2]
     axes.add_collection(
         PolyCollection(triangles, facecolors=rgb, edgecolors=rgb, linewidths=widths)
     )
 
 
-def _visible_edges(boxes: Boxes, eye: Floats, piece: float) -> tuple[Floats, Any]:
-    """Return the edges of faces that are seen, in pieces (k, 2, 3), and their boxes (k,)."""
-    ends = edge_points(boxes).reshape(-1, 12, 2, 3)
-    middles = ends.mean(axis=2) - boxes.centers[:, None]
-    local = np.einsum("nij,nki->nkj", boxes.rotations, middles)
-    sign = np.sign(local) * (np.abs(local) > 0.5 * boxes.half_extents[:, None])
-    toward = np.einsum("nij,ni->nj", boxes.rotations, eye - boxes.centers)
-    seen = (sign * toward[:, None] > boxes.half_extents[:, None]).any(axis=2)
-    owner, ends = np.nonzero(seen)[0], ends[seen]
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    parts = np.maximum(np.ceil(lengths / piece), 1).astype(np.int64)
-    row = np.repeat(np.arange(len(ends)), parts)
-    k = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    share = np.stack([k, k + 1], axis=1) / parts[row][:, None]
-    start, step = ends[row, :1], (ends[:, 1:] - ends[:, :1])[row]
-    return start + share[..., None] * step, owner[row]
+def _simplified(body: Body) -> Body:
+    """Return a body of too many triangles to sort as its convex hull."""
+    if len(body.triangles.faces) <= MAX_TRIANGLES:
+        return body
+    faces = ConvexHull(body.triangles.vertices, qhull_options="QJ").simplices
+    none = np.empty((0, 2), np.int64)
+    hull = body.triangles._replace(faces=faces, closed=False, edges=none, sides=none)
+    return body._replace(triangles=hull)
+
+
+def _facing(body: Body, eye: Floats) -> tuple[Floats, Floats]:
+    """Return the unit normals (m, 3) of faces, and how far the eye is in front of each (m,)."""
+    placed = body.placed(body.triangles.vertices)[body.triangles.faces]
+    normals = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return normals, np.einsum("nk,nk->n", normals, eye - placed[:, 0])
 
 
 def _draw_zones(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
@@ -208,44 +273,60 @@ def _draw_zones(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
 
 def _draw_marks(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
     """Draw contacts, closest points and points over everything: contacts are inside of things."""
-
-    def dots(points: Floats, color: Color, size: float, rim: float, order: float) -> None:
-        x, y, _ = camera.project(points).T
-        axes.scatter(x, y, size, [color], edgecolors="white", linewidths=rim, zorder=order)
-
-    dots(snapshot.cloud[~snapshot.inside], OUTSIDE_COLOR, 2.0, 0.0, 0.5)
-    dots(snapshot.cloud[snapshot.inside], INSIDE_COLOR, 6.0, 0.0, 3.0)
-    near: Any = camera.project(snapshot.near)[..., :2]
-    axes.add_collection(LineCollection(near, colors=[NEAR_COLOR], linewidths=2.0, zorder=4))
-    dots(snapshot.near.reshape(-1, 3), NEAR_COLOR, 24.0, 1.0, 4.5)
-    dots(snapshot.predicted, PREDICTED_COLOR, 60.0, 1.2, 5.0)
-    dots(snapshot.contacts, CONTACT_COLOR, 36.0, 1.2, 6.0)
+    for order, (name, color, form, points) in enumerate(snapshot.marks()):
+        if form == "line":
+            ends: Any = camera.project(points)[..., :2]
+            axes.add_collection(LineCollection(ends, colors=[color], linewidths=2.0, zorder=4))
+        z = order - 1.5 if name == "other point" else 3.0 + order  # the others are on the floor
+        _draw_dots(axes, camera, points.reshape(-1, 3), color, *DOTS[form], z)
 
 
-def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label]) -> None:
+def _draw_dots(
+    axes: Any, camera: _Camera, points: Floats, color: Color, size: float, rim: float, order: float
+) -> None:
+    x, y, _ = camera.project(points).T
+    axes.scatter(x, y, size, [color], edgecolors="white", linewidths=rim, zorder=order)
+
+
+def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label], most: int) -> None:
     """List the first notes at the right, and mark the places of the first few by their numbers."""
-    for k, note in enumerate(notes[:NOTES]):
+    places: list[Any] = []
+    for k, note in enumerate(notes[:most]):
         text = note.text if len(note.text) <= LETTERS else note.text[: LETTERS - 1] + "…"
         y = TOP - k * LINE
         axes.figure.text(1.0 - MARGIN, y, text, fontsize=11, color=INK, va="center")
         if k < MARKED:
-            style = {"color": "white", "weight": "bold", "ha": "center", "va": "center"}
-            sign: Any = {"boxstyle": "circle,pad=0.25", "facecolor": note.color, "linewidth": 0}
+            ink = "white" if sum(note.color) < BRIGHT else INK
+            style = {"color": ink, "weight": "bold", "ha": "center", "va": "center"}
+            sign: Any = {
+                "boxstyle": "circle,pad=0.25",
+                "facecolor": note.color,
+                "edgecolor": "white",
+            }
             axes.figure.text(1.0 - MARGIN - 0.013, y, str(k + 1), bbox=sign, fontsize=9, **style)
-            x, y, _ = camera.project(note.place)
-            axes.text(x, y, str(k + 1), bbox=sign, fontsize=9, zorder=20 - k, **style)
-    if len(notes) > NOTES:
-        more = f"{len(notes) - NOTES} more"
-        axes.figure.text(1.0 - MARGIN, TOP - NOTES * LINE, more, color=GREY, va="center")
+            spot = axes.transData.transform(camera.project(note.place)[:2])
+            at = next(  # beside the place, which stays visible
+                at
+                for at in spot + BADGE * RINGS
+                if all(np.hypot(*(at - other)) >= BADGE for other in places)
+            )
+            places.append(at)
+            ends = axes.transData.inverted().transform([spot, at])
+            axes.plot(*ends.T, color=note.color, linewidth=1.5, zorder=10)
+            axes.text(*ends[1], str(k + 1), bbox=sign, fontsize=9, zorder=20 - k, **style)
+    if len(notes) > most:
+        more = f"{len(notes) - most} more"
+        axes.figure.text(1.0 - MARGIN, TOP - most * LINE, more, color=GREY, va="center")
 
 
 def _sign(text: str, color: Color, form: str) -> Any:
     """Return what stands in the legend, drawn as in the picture."""
-    if form == "dot":
+    if form in ("dot", "speck"):
         return Line2D([], [], color=color, marker="o", markersize=8, linestyle="", label=text)
     if form == "line":
         return Line2D([], [], color=color, linewidth=2.0, label=text)
-    pale: Any = [0.6 + 0.4 * part for part in color] if form == "box" else (*color, 0.15)
-    return Patch(
-        facecolor=pale, edgecolor=color, label=text, linestyle="--" if form == "zone" else "-"
-    )
+    if form == "zone":
+        return Patch(facecolor=(*color, 0.15), edgecolor=color, label=text, linestyle="--")
+    state = STATE_COLORS.index(color)
+    style: Any = "--" if state == DOUBTFUL else "-"
+    return Patch(facecolor=color, edgecolor=EDGE_COLORS[state], label=text, linestyle=style)

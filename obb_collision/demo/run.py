@@ -367,8 +367,9 @@ class Demo:
 
         snapshot, description = self.snapshot(), self.scene.description
         pairs = len(self.listener.pairs.rows)
-        subtitle = f"{len(snapshot.names)} objects, {pairs} colliding pair{'s' * (pairs != 1)}"
-        save_picture(file, snapshot, description.name, subtitle, description.view)
+        title = f"{description.name}: {pairs} colliding pair{'s' * (pairs != 1)}"
+        subtitle = f"of {len(snapshot.names)} objects, at {self.time:.1f} s"
+        save_picture(file, snapshot, title, subtitle, description.view)
 
     def close(self) -> None:
         """Destroy the nodes."""

@@ -36,101 +36,142 @@ from obb_collision.typing import Floats, Integers
 
 #: Corners of a round body's polygon: round to the eye, few enough to draw hundreds.
 SECTIONS = 24
+#: Radians between the faces at a sharp edge, and the most edges that are drawn of a body.
+SHARP, MAX_EDGES = 0.6, 2000
 
 
 class DrawnTriangles(NamedTuple):
     """Vertices (n, 3), faces (m, 3), and the scale (3,) that makes metres of the vertices.
 
     Equal shapes but for the scale share the same arrays. closed: whether the faces point outwards
-    all around, so that those seen from behind are hidden.
+    all around, so that those seen from behind are hidden. edges (e, 2): vertices of the sharp ones;
+    sides (e, 2): the faces beside them.
     """
 
     vertices: Floats
     faces: Integers
     scale: Floats
-    closed: bool = True
+    closed: bool
+    edges: Integers
+    sides: Integers
+
+
+def _triangles(body: Any, closed: bool = True) -> DrawnTriangles:
+    """Return a trimesh with its sharp edges; without edges where they would cover the faces."""
+    sharp = body.face_adjacency_angles > SHARP
+    sharp &= np.count_nonzero(sharp) <= MAX_EDGES
+    edges, sides = body.face_adjacency_edges[sharp], body.face_adjacency[sharp]
+    vertices, faces = np.array(body.vertices), np.array(body.faces)
+    return DrawnTriangles(vertices, faces, np.ones(3), closed, edges, sides)
 
 
 @lru_cache(maxsize=10_000)
 def triangles_of(shape: shapes.Shape) -> DrawnTriangles:
     """Return a shape as triangles in its own frame."""
-    scale = np.array(shape.scale, np.float64)
+    size: Any = 1.0
     if isinstance(shape, shapes.Box):
-        return DrawnTriangles(*_unit_body("box"), scale * shape.size)
-    if isinstance(shape, (shapes.Sphere, shapes.Ellipsoid)):
-        radii = shape.radius if isinstance(shape, shapes.Sphere) else np.array(shape.radii)
-        return DrawnTriangles(*_unit_body("sphere"), scale * radii)
-    if isinstance(shape, (shapes.Cylinder, shapes.Cone)):
+        size, drawn = np.array(shape.size), _unit_body("box")
+    elif isinstance(shape, (shapes.Sphere, shapes.Ellipsoid)):
+        size = shape.radius if isinstance(shape, shapes.Sphere) else np.array(shape.radii)
+        drawn = _unit_body("sphere")
+    elif isinstance(shape, (shapes.Cylinder, shapes.Cone)):
         size = np.array((shape.radius, shape.radius, shape.length))
-        kind = "cylinder" if isinstance(shape, shapes.Cylinder) else "cone"
-        return DrawnTriangles(*_unit_body(kind), scale * size)
-    if isinstance(shape, shapes.Capsule):
-        return DrawnTriangles(*_capsule(shape.radius, shape.length), scale)
-    if isinstance(shape, shapes.Hull):
-        return _hull_triangles(shape, scale)
-    if isinstance(shape, shapes.Mesh):
-        return DrawnTriangles(shape.vertices, shape.faces, scale, closed=False)
-    raise TypeError(f"the demo can't draw a {type(shape).__name__}")
-
-
-@cache
-def _unit_body(kind: str) -> tuple[Floats, Integers]:
-    """Return a body of length or radius 1 about the origin."""
-    body: Any
-    if kind == "box":
-        body = creation.box(extents=(1.0, 1.0, 1.0))
-    elif kind == "sphere":
-        body = creation.icosphere(subdivisions=2)
-    elif kind == "cylinder":
-        body = creation.cylinder(1.0, 1.0, sections=SECTIONS)
+        drawn = _unit_body("cylinder" if isinstance(shape, shapes.Cylinder) else "cone")
+    elif isinstance(shape, shapes.Capsule):
+        drawn = _capsule(shape.radius, shape.length)
+    elif isinstance(shape, shapes.Hull):
+        drawn = _hull_triangles(shape)
+    elif isinstance(shape, shapes.Mesh):
+        drawn = _triangles(Trimesh(shape.vertices, shape.faces, process=False), closed=False)
     else:
-        body = creation.cone(1.0, 1.0, sections=SECTIONS)
-        body.apply_translation((0.0, 0.0, -0.5))
-    return np.array(body.vertices), np.array(body.faces)
+        raise TypeError(f"the demo can't draw a {type(shape).__name__}")
+    return drawn._replace(scale=np.array(shape.scale, np.float64) * size)
 
 
 @cache
-def _capsule(radius: float, length: float) -> tuple[Floats, Integers]:
+def _unit_body(kind: str) -> DrawnTriangles:
+    """Return a body of length or radius 1 about the origin."""
+    if kind == "box":
+        return _triangles(creation.box(extents=(1.0, 1.0, 1.0)))
+    if kind == "sphere":
+        return _triangles(creation.icosphere(subdivisions=2))
+    if kind == "cylinder":
+        return _triangles(creation.cylinder(1.0, 1.0, sections=SECTIONS))
+    body: Any = creation.cone(1.0, 1.0, sections=SECTIONS)
+    body.apply_translation((0.0, 0.0, -0.5))
+    return _triangles(body)
+
+
+@cache
+def _capsule(radius: float, length: float) -> DrawnTriangles:
     body: Any = creation.capsule(length, radius, count=(SECTIONS, SECTIONS // 2))
     body.apply_translation(-body.bounds.mean(axis=0))
-    return np.array(body.vertices), np.array(body.faces)
+    return _triangles(body)
 
 
-def _hull_triangles(shape: shapes.Hull, scale: Floats) -> DrawnTriangles:
+def _hull_triangles(shape: shapes.Hull) -> DrawnTriangles:
     try:
         body: Any = convex.convex_hull(shape.points)
     except QhullError:  # a point, a line, a triangle
         rows = np.arange(len(shape.points))
         faces = np.stack([rows, np.roll(rows, -1), np.roll(rows, -2)], axis=1)
         body = Trimesh(shape.points, faces, process=False)
-    return DrawnTriangles(np.array(body.vertices), np.array(body.faces), scale, closed=False)
+    return _triangles(body, closed=False)
 
 
 Color = tuple[float, float, float]
 
-FREE, TOUCHING, OVERLAPPING, DOUBTFUL = 0, 1, 2, 3
-STATE_NAMES = ("free", "touching", "overlapping", "stale or refused")
+FREE, ROBOT, TOUCHING, OVERLAPPING, DOUBTFUL = range(5)
+STATE_NAMES = ("free", "free, of a robot", "touching", "overlapping", "unknown")
+#: Colours of faces and of edges by state: only what needs a look has a signal's colour.
 STATE_COLORS: tuple[Color, ...] = (
-    (0.05, 0.56, 0.34),
-    (0.93, 0.60, 0.05),
-    (0.86, 0.10, 0.14),
-    (0.50, 0.50, 0.50),
+    (0.92, 0.93, 0.95),
+    (0.42, 0.60, 0.86),
+    (1.00, 0.72, 0.16),
+    (0.93, 0.27, 0.25),
+    (0.88, 0.80, 0.97),
 )
+EDGE_COLORS: tuple[Color, ...] = (
+    (0.58, 0.61, 0.65),
+    (0.13, 0.31, 0.60),
+    (0.62, 0.38, 0.00),
+    (0.66, 0.00, 0.06),
+    (0.48, 0.18, 0.78),
+)
+#: The second sign of a touch, for those who do not tell amber from red.
+TOUCH_SIGN = "≈"
 #: Colours of contacts, closest points, predicted contacts, and points outside and in zones.
 CONTACT_COLOR = (0.25, 0.02, 0.05)
-NEAR_COLOR, PREDICTED_COLOR = (0.10, 0.38, 0.75), (0.55, 0.20, 0.65)
+NEAR_COLOR, PREDICTED_COLOR = (0.00, 0.45, 0.47), (0.45, 0.28, 0.10)
 OUTSIDE_COLOR, INSIDE_COLOR = (0.55, 0.62, 0.70), (0.05, 0.12, 0.45)
+#: Collisions less deep than this share of the scene's diagonal are too small to be seen in it.
+SMALL = 0.02
 #: Where a scene without a view of its own is seen from: the direction, and the distance in terms of
 #: its diagonal.
 DIRECTION, DISTANCE = np.array((0.38, -0.78, 0.50)), 1.5
 
 
 class Label(NamedTuple):
-    """A text about a place (3,), m."""
+    """A text about a place (3,) and what is about it, both m.
+
+    depth: of an overlap, m, NaN for others; names: the objects of a pair.
+    """
 
     place: Floats
     text: str
     color: Color
+    extent: float
+    depth: float = np.nan
+    names: tuple[str, ...] = ()
+
+
+class Mark(NamedTuple):
+    """Points (k, 3), m: "dot" or "speck" is their form; or ends (k, 2, 3) of lines: "line"."""
+
+    name: str
+    color: Color
+    form: str
+    points: Floats
 
 
 class Body(NamedTuple):
@@ -142,14 +183,38 @@ class Body(NamedTuple):
     position: Floats
     rotation: Floats
 
+    def placed(self, points: Floats) -> Floats:
+        """Return points (..., 3) of the triangles in the world, m."""
+        turned: Floats = (points * self.triangles.scale) @ self.rotation.T
+        return turned + self.position
+
+    def edges(self) -> Floats:
+        """Return the ends (e, 2, 3) of the sharp edges in the world, m."""
+        return self.placed(self.triangles.vertices)[self.triangles.edges]
+
+
+def pieces(ends: Floats, length: float) -> tuple[Floats, Integers, Integers]:
+    """Return lines (n, 2, 3) in pieces (k, 2, 3), the line of each, and its number in it (k,)."""
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    parts = np.maximum(np.ceil(lengths / length), 1).astype(np.int64)
+    row = np.repeat(np.arange(len(ends)), parts)
+    k = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+    share = np.stack([k, k + 1], axis=1) / parts[row][:, None]
+    start, step = ends[row, :1], (ends[:, 1:] - ends[:, :1])[row]
+    return start + share[..., None] * step, row, k
+
+
+CUBE = triangles_of(Box((1.0, 1.0, 1.0)))
+
 
 @dataclass(frozen=True)
 class DrawnScene:
     """A node's latest outputs.
 
-    names, boxes, states: n objects. shapes: those known, by name; zones: colours of regions, by
-    name. contacts (k, 3) and predicted contacts (p, 3); near: closest points (c, 2, 3); cloud
-    (m, 3), and which of its points are inside of zones (m,). notes: the most important first.
+    names, boxes, states: n objects. boxed: those whose boxes decided a pair. shapes: those known,
+    by name; zones: colours of regions, by name. contacts (k, 3) and predicted contacts (p, 3);
+    near: closest points (c, 2, 3); cloud (m, 3), and which of its points are inside of zones or of
+    what counts them (m,). notes: the most important first.
     """
 
     names: list[str]
@@ -163,6 +228,28 @@ class DrawnScene:
     cloud: Floats
     inside: npt.NDArray[np.bool_]
     notes: list[Label]
+    boxed: frozenset[str] = frozenset()
+
+    @property
+    def diagonal(self) -> float:
+        """The diagonal of all boxes, m."""
+        low, high = self.boxes.world_bounds()
+        return max(float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))), 1e-6)
+
+    def wires(self) -> Iterator[Body]:
+        """Yield what has edges: the objects, and the boxes that decided a pair in their place."""
+        rows = {name: row for row, name in enumerate(self.names)}
+        for body in self.bodies():
+            yield body
+            if body.name in self.boxed:
+                box = self.boxes[rows[body.name]]
+                cube = CUBE._replace(scale=2.0 * box.half_extents)
+                yield body._replace(triangles=cube, position=box.center, rotation=box.rotation)
+
+    def small(self) -> list[int]:
+        """Return the rows of notes about overlaps that are too small to see in the whole scene."""
+        limit = SMALL * self.diagonal
+        return [row for row, note in enumerate(self.notes) if note.depth < limit]
 
     def bodies(self) -> Iterator[Body]:
         """Yield the objects that are not zones; a box for one whose shape is not known."""
@@ -181,22 +268,25 @@ class DrawnScene:
             yield Body(name, int(self.states[row]), triangles_of(shape), center, rotation)
 
     def legend(self) -> list[tuple[str, Color, str]]:
-        """Return text, colour and form ("box", "zone", "dot" or "line") of what is there."""
+        """Return text, colour and form (that of a mark, "box" or "zone") of what is there."""
         kinds = [s for n, s in zip(self.names, self.states, strict=True) if n not in self.zones]
         entries = [
-            (f"{kinds.count(k)} {name}", STATE_COLORS[k], "box")
+            (f"{kinds.count(k)} {name}{f' {TOUCH_SIGN}' * (k == TOUCHING)}", STATE_COLORS[k], "box")
             for k, name in enumerate(STATE_NAMES)
             if k in kinds
         ]
         entries += [(name, color, "zone") for name, color in list(self.zones.items())[:6]]
-        marks = (
-            (self.contacts, "contact", CONTACT_COLOR, "dot"),
-            (self.predicted, "predicted contact", PREDICTED_COLOR, "dot"),
-            (self.near, "closest points", NEAR_COLOR, "line"),
-            (self.cloud[self.inside], "point in a zone", INSIDE_COLOR, "dot"),
-            (self.cloud[~self.inside], "other point", OUTSIDE_COLOR, "dot"),
-        )
-        return entries + [(text, color, form) for rows, text, color, form in marks if len(rows)]
+        return entries + [mark[:3] for mark in self.marks() if len(mark.points)]
+
+    def marks(self) -> list[Mark]:
+        """Return the points and lines beside the objects."""
+        return [
+            Mark("other point", OUTSIDE_COLOR, "speck", self.cloud[~self.inside]),
+            Mark("point in a zone", INSIDE_COLOR, "speck", self.cloud[self.inside]),
+            Mark("closest points", NEAR_COLOR, "line", self.near),
+            Mark("predicted contact", PREDICTED_COLOR, "dot", self.predicted),
+            Mark("contact", CONTACT_COLOR, "dot", self.contacts),
+        ]
 
 
 def take_snapshot(
@@ -207,7 +297,8 @@ def take_snapshot(
     if not names:
         raise ValueError("no boxes received")
     placed = Boxes.from_poses(boxes.poses, 0.5 * boxes.sizes)
-    states = {names[row]: DOUBTFUL for row in np.flatnonzero(boxes.doubtful)}
+    states = {name: ROBOT for name in names if name.partition("/")[0] in listener.robots}
+    states |= {names[row]: DOUBTFUL for row in np.flatnonzero(boxes.doubtful)}
     pairs = listener.pairs.rows
     for pair in sorted(pairs, key=lambda pair: not is_touching(pair)):  # overlapping ones last
         states |= dict.fromkeys(pair[:2], TOUCHING if is_touching(pair) else OVERLAPPING)
@@ -215,7 +306,8 @@ def take_snapshot(
     predicted = [row.point for row in _rows(listener, "sweep")]
     cloud = listener.points
     inside = np.zeros(len(cloud), np.bool_)
-    for row in [row for row, name in enumerate(names) if name in zones]:
+    counted = zones.keys() | {row.name for row in _rows(listener, "points")}
+    for row in [row for row, name in enumerate(names) if name in counted]:
         local = (cloud - placed.centers[row]) @ placed.rotations[row]
         inside |= (np.abs(local) <= placed.half_extents[row]).all(axis=1)
     return DrawnScene(
@@ -224,12 +316,13 @@ def take_snapshot(
         states=np.array([states.get(name, FREE) for name in names]),
         shapes=shapes,
         zones=zones,
-        contacts=_contacts(listener),
+        contacts=_contacts(listener, names, placed),
         predicted=np.array(predicted, np.float64).reshape(-1, 3),
         near=np.array(near, np.float64).reshape(-1, 2, 3),
         cloud=cloud,
         inside=inside,
         notes=_notes(listener, names, placed, zones),
+        boxed=frozenset(listener.by_box),
     )
 
 
@@ -247,38 +340,55 @@ def _notes(
     listener: Listener, names: list[str], boxes: Boxes, zones: Mapping[str, Color]
 ) -> list[Label]:
     notes = []
+    sizes = dict(zip(names, 2.0 * np.linalg.norm(boxes.half_extents, axis=1), strict=True))
     corners = boxes.centers + np.einsum("nij,nj->ni", boxes.rotations, boxes.half_extents)
     corner_of = dict(zip(names, corners, strict=True))
+
+    def add(row: Any, place: Any, text: str, color: Color, depth: float = np.nan) -> None:
+        extent = min((sizes[name] for name in row[:2] if name in sizes), default=0.0)
+        text = f"{text} {pair_of(row)}"
+        notes.append(Label(np.asarray(place), text, color, extent, depth, tuple(row[:2])))
+
     for row in _rows(listener, "points"):
         if row.name in corner_of:
             color = zones.get(row.name, INSIDE_COLOR)
-            notes.append(Label(corner_of[row.name], f"{row.points} points in {row.name}", color))
-    for pair, place in sorted(_overlapping(listener), key=lambda p: -np.nan_to_num(p[0].depth)):
-        text = f"{1e3 * pair.depth:.0f} mm deep: {pair_of(pair)}"
-        notes.append(Label(place, text, STATE_COLORS[OVERLAPPING]))
+            text = f"{row.points} points in {row.name}"
+            notes.append(Label(corner_of[row.name], text, color, sizes[row.name]))
+    places = _places(listener, names, boxes)
+    for pair, place in sorted(
+        places, key=lambda p: (is_touching(p[0]), -np.nan_to_num(p[0].depth))
+    ):
+        if is_touching(pair):
+            add(pair, place, f"{TOUCH_SIGN} touching:", STATE_COLORS[TOUCHING])
+        else:
+            depth = "" if np.isnan(pair.depth) else f"{1e3 * pair.depth:.0f} mm deep:"
+            add(pair, place, depth or "overlapping:", STATE_COLORS[OVERLAPPING], pair.depth)
     for row in sorted(_rows(listener, "sweep"), key=lambda row: row.time):
-        text = f"in {row.time:.1f} s: {pair_of(row)}"
-        notes.append(Label(np.array(row.point), text, PREDICTED_COLOR))
+        add(row, row.point, f"in {row.time:.1f} s:", PREDICTED_COLOR)
     for row in sorted(_rows(listener, "clearance"), key=lambda row: row.distance):
         middle = 0.5 * (np.array(row.point_a) + np.array(row.point_b))
-        notes.append(
-            Label(middle, f"{1e3 * row.distance:.0f} mm apart: {pair_of(row)}", NEAR_COLOR)
-        )
+        add(row, middle, f"{1e3 * row.distance:.0f} mm apart:", NEAR_COLOR)
     return notes
 
 
-def _contacts(listener: Listener) -> Floats:
+def _contacts(listener: Listener, names: list[str], boxes: Boxes) -> Floats:
     """Return the contact points, and the place of each pair that overlaps without one."""
     rows = _rows(listener, "contacts")
     have = {(row.a, row.b) for row in rows}
-    places = [place for pair, place in _overlapping(listener) if pair[:2] not in have]
+    pairs = [(p, at) for p, at in _places(listener, names, boxes) if not is_touching(p)]
+    places = [place for pair, place in pairs if pair[:2] not in have]
     return np.array([*places, *(row.point for row in rows)], np.float64).reshape(-1, 3)
 
 
-def _overlapping(listener: Listener) -> list[tuple[NamedPair, Floats]]:
-    """Return the pairs that overlap and where; not those for which it is not computed."""
-    rows = zip(listener.pairs.rows, listener.places, strict=False)
-    return [(pair, at) for pair, at in rows if not is_touching(pair) and np.isfinite(at).all()]
+def _places(listener: Listener, names: list[str], boxes: Boxes) -> list[tuple[NamedPair, Floats]]:
+    """Return the pairs and where they are: between the centres where that is not computed."""
+    center_of, result = dict(zip(names, boxes.centers, strict=True)), []
+    for pair, at in zip(listener.pairs.rows, listener.places, strict=False):
+        if np.isfinite(at).all():
+            result.append((pair, at))
+        elif {pair.a, pair.b} <= center_of.keys():
+            result.append((pair, 0.5 * (center_of[pair.a] + center_of[pair.b])))
+    return result
 
 
 def _rows(listener: Listener, effect: str) -> list[Any]:

@@ -80,15 +80,21 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 class Status:
-    """What one node has said so far: level, message, values, and parts of its diagnostics."""
+    """What one node has said so far: level, message, values, and parts of its diagnostics.
+
+    stamp: of the message, s.
+    """
 
     def __init__(self) -> None:
         self.level, self.message = "", ""
+        self.stamp = 0.0
         self.values: dict[str, str] = {}
         self.parts: dict[str, dict[str, str]] = {}
 
     def take(self, message: Any) -> None:
         """Take a message of ``collision_status``."""
+        at = message.header.stamp
+        self.stamp = at.sec + 1e-9 * at.nanosec
         if len(message.status) != 1:
             self.level, self.values = "STALE", {"reason": "unreadable"}
             self.message = f"{len(message.status)} statuses in a message that must have one"

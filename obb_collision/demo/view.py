@@ -19,11 +19,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
+from datetime import datetime
 from html import escape
 from io import StringIO
 from socket import create_server
 from threading import Event, Thread
-from time import monotonic
+from time import monotonic, sleep
 from traceback import format_exc
 from typing import Any
 
@@ -31,41 +32,63 @@ import numpy as np
 
 from obb_collision.demo.listener import Listener
 from obb_collision.demo.snapshot import (
-    CONTACT_COLOR,
-    INSIDE_COLOR,
-    NEAR_COLOR,
+    CUBE,
+    DOUBTFUL,
+    EDGE_COLORS,
     OUTSIDE_COLOR,
     OVERLAPPING,
-    PREDICTED_COLOR,
     STATE_COLORS,
+    TOUCH_SIGN,
+    TOUCHING,
     Body,
     Color,
     DrawnScene,
     DrawnTriangles,
+    Label,
     look_at,
+    pieces,
     take_snapshot,
     triangles_of,
 )
+from obb_collision.demo.status import Status
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.node.messages.box_markers import edge_points
 from obb_collision.scene_files.description import View as Viewpoint
-from obb_collision.shapes import Box, Shape
+from obb_collision.shapes import Shape, Sphere
 from obb_collision.typing import Floats
 
 #: Updates of the browser per second, Hz: smooth to the eye; and of the panel: legible.
 RATE, PANEL_RATE = 15.0, 3.0
-#: Notes in the panel.
-NOTES = 20
-#: Diameter of a contact's dot and of a point, in terms of the scene's diagonal.
-DOT, SPECK = 0.007, 0.0015
+#: Notes in the panel, those with a number in the scene, and objects with the sign of a touch.
+NOTES, MARKED, SIGNS = 14, 5, 8
+#: In terms of the scene's diagonal: the diameter of a contact's dot and of a point, the radius of
+#: the glow about a collision too small to be seen, and the dashes of what is unknown.
+DOT, SPECK, GLOW, DASH = 0.007, 0.0025, 0.02, 0.008
+#: Opacity by state of what is not opaque: contact points are inside of what overlaps.
+OPACITY = {OVERLAPPING: 0.55, DOUBTFUL: 0.3}
+#: A flight to a pair: steps, seconds from one to the next, and the distance at its end in terms of
+#: the pair's smaller object, at least of the scene's diagonal.
+STEPS, STEP, NEAR, NEAREST = 20, 0.03, 4.0, 0.05
+#: Seconds without a status after which the banner says STALE: several periods.
+SILENT = 2.0
+LEVEL_COLORS = {
+    "OK": (0.10, 0.50, 0.32),
+    "ERROR": (0.80, 0.08, 0.10),
+    "STALE": EDGE_COLORS[DOUBTFUL],
+}
+#: Rows of the list begin at the left and are as high as text.
+STYLE = (
+    "<style>.mantine-Button-root{height:1.9em;margin-bottom:-.5em}"
+    ".mantine-Button-inner{justify-content:flex-start}</style>"
+)
 #: Colours of lines and of bodies drawn many times are linear in viser, all others are sRGB.
 GAMMA = 2.2
 #: Height of the field of view at first, radians.
 FIELD = 0.65
 #: What the panel says while there is nothing to draw.
 WAITING = "Waiting for the node. Its first start compiles kernels: see its log for the progress."
-CUBE = triangles_of(Box((1.0, 1.0, 1.0)))
+BALL = triangles_of(Sphere(1.0))
 
 
 class BrowserView:
@@ -84,7 +107,10 @@ class BrowserView:
             self._server = viser.ViserServer(host, port, label="obb_collision", verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
         self._server.gui.main_panel.dock_right()
+        self.banner = self._server.gui.add_html("")
         self.panel = self._server.gui.add_html(_in_panel(WAITING))
+        self.rows = [self._add_row(row) for row in range(NOTES)]
+        self._notes: list[Label] = []  # of the rows
         self._view = view
         self._size, self._next_panel = 0.0, 0.0
         self.handles: dict[str, tuple[Any, Any]] = {}  # with what they were made from
@@ -94,23 +120,42 @@ class BrowserView:
         """Draw a snapshot in place of the last one."""
         self._begin(snapshot.boxes)
         zone = np.array([name in snapshot.zones for name in snapshot.names])
-        edges = edge_points(snapshot.boxes).reshape(-1, 12, 2, 3)
+        zones = snapshot.boxes[zone]
+        names = [name for name in snapshot.names if name in snapshot.zones]
+        colors = np.array([snapshot.zones[name] for name in names]).reshape(-1, 3)
         with self._server.atomic():
             self._show_bodies(snapshot)
-            colors = np.array(STATE_COLORS)[snapshot.states]
-            for k, name in enumerate(snapshot.names):
-                colors[k] = snapshot.zones.get(name, colors[k])
-            self._lines("edges of boxes", edges, colors[:, None, None])
-            zones = snapshot.boxes[zone]
-            self._meshes("zones", CUBE, zones, 2.0 * zones.half_extents, colors[zone], 0.15)
-            self._lines("closest points", snapshot.near, NEAR_COLOR, 4.0)
-            self._dots("contacts", snapshot.contacts, CONTACT_COLOR, DOT)
-            self._dots("predicted contacts", snapshot.predicted, PREDICTED_COLOR, DOT)
-            self._dots("points in zones", snapshot.cloud[snapshot.inside], INSIDE_COLOR, SPECK)
-            self._dots("points", snapshot.cloud[~snapshot.inside], OUTSIDE_COLOR, SPECK)
+            self._show_edges(snapshot)
+            edges = edge_points(zones).reshape(-1, 12, 2, 3)
+            self._lines("edges of zones", edges, colors[:, None, None])
+            self._meshes("zones", CUBE, zones, 2.0 * zones.half_extents, colors, 0.15)
+            self._show_signs(snapshot)
+            for name, color, form, points in snapshot.marks():
+                if form == "line":
+                    self._lines(name, points, color, 4.0)
+                else:
+                    self._dots(name, points, color, DOT if form == "dot" else SPECK)
         if monotonic() >= self._next_panel:
             self._next_panel = monotonic() + 1.0 / PANEL_RATE
-            self._write(snapshot)
+            self.show_notes(snapshot)
+
+    def show_status(self, status: Status, silent: float) -> None:
+        """Write a node's status into the banner; silent: for how long it has sent none, s."""
+        content = STYLE + banner(status, silent)
+        if content != self.banner.content:
+            self.banner.content = content
+
+    def fly_to(self, note: Label, camera: Any) -> None:
+        """Move a client's camera to what a note is about; it keeps its direction."""
+        eye, target = np.array(camera.position), np.array(camera.look_at)
+        back = (eye - target) / max(float(np.linalg.norm(eye - target)), 1e-9)
+        end = note.place + max(NEAR * note.extent, NEAREST * self._size) * back
+        for step in range(1, STEPS + 1):
+            share = 0.5 - 0.5 * np.cos(np.pi * step / STEPS)
+            with camera.client.atomic():
+                camera.position = eye + share * (end - eye)
+                camera.look_at = target + share * (note.place - target)
+            sleep(STEP)
 
     def show_lines(self, lines: list[tuple[Floats, Color]]) -> None:
         """Draw edges (2 k, 3) of boxes, as a node publishes them for many objects."""
@@ -152,14 +197,16 @@ class BrowserView:
         )
 
     def _show_bodies(self, snapshot: DrawnScene) -> None:
-        """Draw the bodies, those that differ only in size together."""
-        names: dict[str, list[Body]] = defaultdict(list)
+        """Draw the bodies, those that differ only in size together.
+
+        Each opacity has all of them, those of other opacities without size: they flicker where
+        something is drawn anew because there are more or fewer.
+        """
+        groups: dict[int, list[Body]] = defaultdict(list)
         for body in snapshot.bodies():
-            kind = "overlapping" if body.state == OVERLAPPING else "bodies"
-            names[f"{kind}/{id(body.triangles.vertices)}"].append(body)
-        for name in [name for name in self.handles if "/" in name and name not in names]:
-            self.handles.pop(name)[1].remove()
-        for name, bodies in names.items():
+            groups[id(body.triangles.vertices)].append(body)
+        names = set[str]()
+        for key, bodies in groups.items():
             placed = Boxes(
                 np.array([body.position for body in bodies]),
                 np.array([body.rotation for body in bodies]),
@@ -167,9 +214,51 @@ class BrowserView:
             )
             scales = np.array([body.triangles.scale for body in bodies])
             colors = np.array(STATE_COLORS)[[body.state for body in bodies]]
-            # what overlaps is translucent: contact points are inside of it
-            opacity = 0.55 if name.startswith("overlapping") else None
-            self._meshes(name, bodies[0].triangles, placed, scales, colors, opacity)
+            own = np.array([OPACITY.get(body.state, 1.0) for body in bodies])
+            for opacity in (1.0, *OPACITY.values()):
+                name, shown = f"{opacity}/{key}", own == opacity
+                if shown.any() or name in self.handles:
+                    names.add(name)
+                    sizes = scales * shown[:, None]
+                    self._meshes(name, bodies[0].triangles, placed, sizes, colors, opacity)
+        for name in [name for name in self.handles if "/" in name and name not in names]:
+            self.handles.pop(name)[1].remove()
+
+    def _show_edges(self, snapshot: DrawnScene) -> None:
+        """Draw sharp edges, and boxes where they decide; dashed for what is unknown."""
+        lines, colors = [np.empty((0, 2, 3))], [np.empty((0, 3))]
+        for body in snapshot.wires():
+            ends = body.edges()
+            if body.state == DOUBTFUL:
+                ends, _, number = pieces(ends, DASH * self._size)
+                ends = ends[number % 2 == 0]
+            lines.append(ends)
+            colors.append(np.tile(EDGE_COLORS[body.state], (len(ends), 1)))
+        self._lines("edges", np.concatenate(lines), np.concatenate(colors)[:, None])
+
+    def _show_signs(self, snapshot: DrawnScene) -> None:
+        """Draw numbers of the first notes, the sign of a touch, and a glow about what is small."""
+        signs: list[tuple[str, Floats]] = []
+        for k, note in enumerate(snapshot.notes[:MARKED], start=1):
+            far = [float(np.linalg.norm(at - note.place)) for _, at in signs]
+            near = [distance < GLOW * self._size for distance in far]
+            if True in near:  # one label for what would cover each other
+                text, at = signs[near.index(True)]
+                signs[near.index(True)] = f"{text}, {k}", at
+            else:
+                signs.append((f"{k}", note.place))
+        touching = [body.position for body in snapshot.bodies() if body.state == TOUCHING]
+        signs += [(TOUCH_SIGN, place) for place in touching[:SIGNS]]
+        style = {"anchor": "bottom-center", "depth_test": False, "font_screen_scale": 1.25}
+        for k in range(MARKED + SIGNS):
+            text, place = signs[k] if k < len(signs) else ("", np.zeros(3))
+            add, count = self._server.scene.add_label, int(k < len(signs))
+            self._put(add, f"sign {k}", count, style, text=text, position=place)
+        places = np.array([snapshot.notes[row].place for row in snapshot.small()]).reshape(-1, 3)
+        glows = Boxes(places, np.tile(np.eye(3), (len(places), 1, 1)), np.ones(places.shape))
+        radii = np.full(places.shape, GLOW * self._size)
+        colors = np.tile(STATE_COLORS[OVERLAPPING], (len(places), 1))
+        self._meshes("glow", BALL, glows, radii, colors, 0.3)
 
     def _meshes(
         self,
@@ -178,7 +267,7 @@ class BrowserView:
         placed: Boxes,
         scales: Floats,
         colors: Floats,
-        opacity: float | None = None,
+        opacity: float,
     ) -> None:
         """Draw triangles many times: placed and turned as boxes are, by scales and colours."""
         quaternions = quaternions_from_matrices(placed.rotations)[:, [3, 0, 1, 2]]
@@ -189,10 +278,10 @@ class BrowserView:
             {
                 "vertices": triangles.vertices,
                 "faces": triangles.faces,
-                "opacity": opacity,
+                "opacity": None if opacity == 1.0 else opacity,
                 "side": "front" if triangles.closed else "double",
                 "flat_shading": len(triangles.faces) < 100,
-                "cast_shadow": opacity is None,
+                "cast_shadow": opacity == 1.0,
                 "lod": "off",
             },
             batched_positions=placed.centers.astype(np.float32),
@@ -240,16 +329,48 @@ class BrowserView:
             if not np.array_equal(getattr(handle, field), value):
                 setattr(handle, field, value)
 
-    def _write(self, snapshot: DrawnScene) -> None:
+    def _add_row(self, row: int) -> Any:
+        """Return a row of the list; a click on it flies to what it is about."""
+        button = self._server.gui.add_button("", visible=False, hint="Fly there")
+
+        @button.on_click
+        def _(event: Any) -> None:
+            if event.client is not None and row < len(self._notes):
+                self.fly_to(self._notes[row], event.client.camera)
+
+        return button
+
+    def show_notes(self, snapshot: DrawnScene) -> None:
         """Write what the colours mean, and the notes, into the panel."""
-        lines = [(text, color) for text, color, _ in snapshot.legend()]
-        notes = [(note.text, note.color) for note in snapshot.notes[:NOTES]]
+        lines = [_line(text, color) for text, color, _ in snapshot.legend()]
+        self._notes = snapshot.notes[:NOTES]
         if len(snapshot.notes) > NOTES:
-            notes.append((f"{len(snapshot.notes) - NOTES} more", OUTSIDE_COLOR))
-        content = "<hr>".join("".join(_line(*line) for line in part) for part in (lines, notes))
-        content = _in_panel(content)
+            lines.append(_line(f"{len(snapshot.notes)} notes, the first {NOTES}:", OUTSIDE_COLOR))
+        content = _in_panel("".join(lines))
         if content != self.panel.content:
             self.panel.content = content
+        for k, button in enumerate(self.rows):
+            note = self._notes[k] if k < len(self._notes) else None
+            values: dict[str, Any] = {"visible": note is not None}
+            if note is not None:
+                color = tuple(_bytes(0.85 * np.array(note.color)).tolist())
+                values |= {"label": f"{k + 1}   {note.text}", "color": color}
+            for field, value in values.items():
+                if getattr(button, field) != value:
+                    setattr(button, field, value)
+
+
+def banner(status: Status, silent: float) -> str:
+    """Return level, reason, message and time as HTML; STALE for a node that is silent."""
+    level, reason, message = status.level, status.values.get("reason", ""), status.message
+    if not level or silent > SILENT:
+        level, reason, message = "STALE", "silent", "no collision_status is received"
+    time = datetime.fromtimestamp(status.stamp).strftime("%H:%M:%S") if status.stamp else ""
+    return (
+        f"<div style='background: {_rgb(LEVEL_COLORS[level])}; color: white; padding: .6em 1em'>"
+        f"<span style='float: right'>{time}</span><b style='font-size: 150%'>{level}</b> "
+        f"{escape(reason)}<div style='font-size: 85%'>{escape(message)}</div></div>"
+    )
 
 
 def _in_panel(content: str) -> str:
@@ -257,8 +378,12 @@ def _in_panel(content: str) -> str:
 
 
 def _line(text: str, color: Color) -> str:
-    rgb = ",".join(map(str, _bytes(np.array(color)).tolist()))
-    return f"<div><span style='color: rgb({rgb})'>&#9632;</span> {escape(text)}</div>"
+    style = f"color: {_rgb(color)}; -webkit-text-stroke: 1px grey"
+    return f"<div><span style='{style}'>&#9632;</span> {escape(text)}</div>"
+
+
+def _rgb(color: Color) -> str:
+    return f"rgb({','.join(map(str, _bytes(np.array(color)).tolist()))})"
 
 
 def _bytes(colors: Floats) -> Any:
@@ -292,6 +417,7 @@ class LiveView:
     def update(self) -> None:
         """Draw what the listener has, as soon as it has anything."""
         listener = self._listener
+        self._view.show_status(listener.status, monotonic() - listener.heard)
         if listener.boxes.names:
             shapes = {**listener.shapes, **(self._shapes or {})}
             self._view.show(take_snapshot(listener, shapes, self._zones))

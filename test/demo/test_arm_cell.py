@@ -29,7 +29,7 @@ rclpy_context = pytest.importorskip("rclpy.context")
 
 from obb_collision.demo.run import Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
-from obb_collision.demo.snapshot import FREE, OVERLAPPING  # noqa: E402
+from obb_collision.demo.snapshot import OVERLAPPING, ROBOT  # noqa: E402
 from obb_collision.node import NamedClearance  # noqa: E402
 
 DOMAIN = 100 + os.getpid() % 40
@@ -77,7 +77,7 @@ def test_colliding_links_are_red_and_near_ones_have_lines(demo: Demo) -> None:
     states = dict(zip(snapshot.names, snapshot.states.tolist(), strict=True))
     red = {name for name, state in states.items() if state == OVERLAPPING}
     assert red == {"arm/hand/1", "arm/right_finger/0", "shelf/3"}
-    assert states["arm/forearm/1"] == FREE
+    assert states["arm/forearm/1"] == ROBOT
     assert len(snapshot.near) == len(demo.listener.effects["clearance"].rows) > 0
     near = {row.b if row.b.startswith("arm/") else row.a for row in _clearances(demo)}
     assert near <= {"arm/hand/0", "arm/hand/1", "arm/left_finger/0", "arm/right_finger/0"}

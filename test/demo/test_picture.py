@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,20 @@ from obb_collision.demo.snapshot import triangles_of
 
 pytest.importorskip("rclpy")
 pytest.importorskip("matplotlib")
+from obb_collision.demo.listener import NO_BOXES
 from obb_collision.demo.picture import draw_picture, save_picture
-from obb_collision.demo.snapshot import FREE, OVERLAPPING, STATE_COLORS, TOUCHING, DrawnScene, Label
+from obb_collision.demo.snapshot import (
+    DOUBTFUL,
+    EDGE_COLORS,
+    FREE,
+    OVERLAPPING,
+    ROBOT,
+    TOUCHING,
+    DrawnScene,
+    Label,
+    take_snapshot,
+)
+from obb_collision.node import NamedPair
 
 NONE: Any = np.empty((0, 3))
 ZONE = (0.1, 0.2, 0.9)
@@ -55,7 +68,7 @@ def make_snapshot(count: int, notes: int = 0, **changes: Any) -> DrawnScene:
         "cloud": NONE,
         "inside": np.empty(0, np.bool_),
         "notes": [
-            Label(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE)
+            Label(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE, 1.0)
             for k in range(notes)
         ],
     }
@@ -70,12 +83,43 @@ def count_pixels(snapshot: DrawnScene, color: tuple[float, float, float]) -> int
     return int((np.abs(pixels - 255.0 * np.array(color)) < 3.0).all(axis=2).sum())
 
 
-@each("state", [FREE, TOUCHING, OVERLAPPING])
-def test_boxes_wear_the_colour_of_their_state(state: int) -> None:
+@each("state", [FREE, ROBOT, TOUCHING, OVERLAPPING, DOUBTFUL])
+def test_edges_wear_the_colour_of_their_state(state: int) -> None:
     snapshot = make_snapshot(6, states=np.full(6, state))
-    found = [count_pixels(snapshot, color) for color in STATE_COLORS]
-    assert found[state] > 1000
+    found = [count_pixels(snapshot, color) for color in EDGE_COLORS]
+    assert found[state] > 500
     assert sum(found) == found[state]
+
+
+def test_a_snapshot_has_states_pairs_and_the_boxes_that_decided_one() -> None:
+    names = ["arm/hand/0", "arm/elbow/0", "box/0", "drum/0", "old/0"]
+    poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (5, 1))
+    poses[:, 0] = np.arange(5)
+    doubtful = np.array([False, False, False, False, True])
+    listener: Any = SimpleNamespace(
+        boxes=NO_BOXES._replace(names=names, poses=poses, sizes=np.ones((5, 3)), doubtful=doubtful),
+        pairs=SimpleNamespace(
+            rows=[
+                NamedPair("box/0", "drum/0", 0.0, True),
+                NamedPair("arm/hand/0", "box/0", 0.004, False),
+            ]
+        ),
+        places=np.array([[2.5, 0, 0], [np.nan] * 3]),
+        robots={"arm"},
+        by_box={"box/0", "drum/0"},
+        effects={},
+        points=NONE,
+    )
+    shapes = {"drum/0": oc.shapes.Cylinder(0.5, 1.0)}
+    snapshot = take_snapshot(listener, shapes, {})
+    assert snapshot.states.tolist() == [OVERLAPPING, ROBOT, OVERLAPPING, TOUCHING, DOUBTFUL]
+    deep, touching = snapshot.notes
+    assert deep.text.startswith("4 mm deep: arm/hand/0")
+    assert deep.place.tolist() == [1.0, 0.0, 0.0]  # between the centres: not computed
+    assert touching.text.startswith("≈ touching: box/0")
+    assert snapshot.small() == [0]
+    wires = [body.name for body in snapshot.wires()]
+    assert sorted(wires) == sorted([*names, "box/0", "drum/0"])
 
 
 def test_zones_wear_colours_of_their_own() -> None:
@@ -88,10 +132,14 @@ def test_zones_wear_colours_of_their_own() -> None:
 def test_the_legend_names_what_is_there() -> None:
     cloud = np.array([[0.0, 0, 0], [9, 9, 9]])
     snapshot = make_snapshot(
-        4, states=np.array([0, 0, 1, 2]), contacts=cloud, cloud=cloud, inside=cloud[:, 0] < 1.0
+        4,
+        states=np.array([FREE, FREE, TOUCHING, OVERLAPPING]),
+        contacts=cloud,
+        cloud=cloud,
+        inside=cloud[:, 0] < 1.0,
     )
     assert [text for text, _, _ in snapshot.legend()] == [
-        "2 free", "1 touching", "1 overlapping", "contact", "point in a zone", "other point",
+        "2 free", "1 touching ≈", "1 overlapping", "other point", "point in a zone", "contact",
     ]  # fmt: skip
 
 
@@ -122,7 +170,7 @@ def test_all_of_a_scene_is_in_the_picture() -> None:
             [[0, 0, -5 * scale], [scale, 0, 0]], [np.eye(3)] * 2, np.full((2, 3), scale)
         )
         snapshot = make_snapshot(2, boxes=boxes)
-        assert count_pixels(snapshot, STATE_COLORS[FREE]) > 1000
+        assert count_pixels(snapshot, EDGE_COLORS[FREE]) > 500
 
 
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]])
@@ -143,7 +191,7 @@ POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]
     ],
 )
 def test_triangles_fill_the_box(shape: oc.shapes.Shape) -> None:
-    vertices, faces, scale, closed = triangles_of(shape)
+    vertices, faces, scale, closed, *_ = triangles_of(shape)
     corners = (vertices * scale)[faces]
     center, rotation, half_extents = shape.local_box
     local = (corners.reshape(-1, 3) - center) @ rotation

@@ -22,7 +22,8 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, nullcontext
+from types import SimpleNamespace
 from typing import Any
 from urllib.request import urlopen
 
@@ -40,7 +41,8 @@ from obb_collision.demo.listener import boxes_from_bytes  # noqa: E402
 from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402
-from obb_collision.demo.view import WAITING, BrowserView, LiveView  # noqa: E402
+from obb_collision.demo.status import Status  # noqa: E402
+from obb_collision.demo.view import NOTES, WAITING, BrowserView, LiveView, banner  # noqa: E402
 from obb_collision.node.messages.box_markers import COLORS, Markers  # noqa: E402
 from obb_collision.node.messages.errors import RefusedError  # noqa: E402
 from obb_collision.node.node import NODE_NAME  # noqa: E402
@@ -81,15 +83,40 @@ def test_the_view_shows_what_the_node_published(demo: Demo) -> None:
             snapshot = demo.snapshot()
             view.show(snapshot)
             drawn = {name: handle for name, (_, handle) in view.handles.items() if handle}
-            bodies = [h.batched_positions for name, h in drawn.items() if "/" in name]
-            assert sum(map(len, bodies)) == 20
-            assert len(drawn["edges of boxes"].points) == 12 * 20
-            np.testing.assert_allclose(drawn["contacts"].points, snapshot.contacts, atol=1e-5)
+            scales = [h.batched_scales for name, h in drawn.items() if "/" in name]
+            assert np.count_nonzero(np.concatenate(scales).all(axis=1)) == 20
+            ends = [len(body.edges()) for body in snapshot.wires()]
+            assert len(drawn["edges"].points) == sum(ends) > 12
+            np.testing.assert_allclose(drawn["contact"].points, snapshot.contacts, atol=1e-5)
             states.append(snapshot.states.tolist())
+        view.show_notes(snapshot)
+        assert sum(row.visible for row in view.rows) == min(len(snapshot.notes), NOTES)
+        (note, *_), camera = snapshot.notes, FakeCamera()
+        view.fly_to(note, camera)
+        np.testing.assert_allclose(camera.look_at, note.place)
+        assert np.linalg.norm(np.subtract(camera.position, note.place)) < 5.0 * note.extent
         assert states[0] != states[1]
-        assert f"{states[0].count(FREE)} free" in view.panel.content
+        assert f"{states[1].count(FREE)} free" in view.panel.content
         with urlopen(view.url, timeout=10.0) as page:
             assert page.status == 200
+
+
+class FakeCamera:
+    """A client's camera, without the client."""
+
+    client = SimpleNamespace(atomic=nullcontext)
+    position, look_at = (9.0, 0.0, 9.0), (0.0, 0.0, 0.0)
+
+
+def test_the_banner_says_level_reason_and_time_and_that_a_node_is_silent() -> None:
+    pytest.importorskip("viser")
+    status = Status()
+    assert "STALE" in banner(status, 0.0)  # nothing was heard yet
+    status.level, status.message, status.stamp = "ERROR", "2 pairs <collide>", 1e9
+    status.values = {"reason": "blocked"}
+    text = banner(status, 0.1)
+    assert all(part in text for part in ("ERROR", "blocked", "2 pairs &lt;collide&gt;", ":46:40"))
+    assert "STALE" in banner(status, 60.0)
 
 
 def test_the_view_follows_the_topics(demo: Demo) -> None:
@@ -97,9 +124,8 @@ def test_the_view_follows_the_topics(demo: Demo) -> None:
     view = BrowserView(port=0)
     with closing(LiveView(view, demo.listener, demo.scene.shapes)):
         demo.begin()
-        demo.spin_until(lambda: "edges of boxes" in view.handles, PATIENCE)
-        (count, _) = view.handles["edges of boxes"]
-        assert count == 12 * 20
+        demo.spin_until(lambda: "edges" in view.handles, PATIENCE)
+        demo.spin_until(lambda: demo.listener.status.level in view.banner.content, PATIENCE)
 
 
 def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
