@@ -67,6 +67,8 @@ class Notices:
 
 MAX_UNPLACEABLE = 1000
 """Maximum refused objects stored, the latest ones: bounds the memory that senders can use."""
+OTHERS, NO_ID = "others", 1 << 32
+"""Stands for those beyond it: no marker has such an id, so only what concerns all removes it."""
 
 
 class Unplaceable(dict[Key, str]):
@@ -87,7 +89,13 @@ class Unplaceable(dict[Key, str]):
         key = shortened(key[0]), key[1]
         self[key], self._more[key] = reason, (expiry, of_set)
         if len(self) > MAX_UNPLACEABLE:
-            self.forget(next(iter(self)))
+            oldest = next(iter(self))
+            expiry, source = self._more[oldest]
+            others = OTHERS, NO_ID + source
+            expiry = max(expiry, self._more.get(others, (expiry, source))[0])
+            self.forget(oldest)
+            self.forget(others)  # to be the newest
+            self[others], self._more[others] = "too many refused", (expiry, source)
 
     def forget(self, key: Key) -> None:
         """Remove one, if it is stored."""

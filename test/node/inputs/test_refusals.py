@@ -34,6 +34,8 @@ from visualization_msgs.msg import Marker
 from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN, Reason
 from obb_collision.node.messages.conversions import states_to_ros
+from obb_collision.node.objects.refusals import MAX_UNPLACEABLE, Unplaceable
+from obb_collision.node.objects.table import NEVER
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
@@ -281,3 +283,20 @@ def test_packages_that_are_not_installed_are_found_for_all_that_name_files(tmp_p
         others = ("arm_description/0", "parts/0", "arm/column/0", "arm/hand/0", "b/1")
         assert {("a/1", other) for other in others} <= {tuple(sorted(pair)) for pair in sync(rig)}
         assert rig.refused("objects") == {}
+
+
+def test_refused_objects_beyond_the_limit_count_until_all_are_deleted_or_expire() -> None:
+    for expiry in (NEVER, 5):
+        found = Unplaceable()
+        for ident in range(MAX_UNPLACEABLE + 3):
+            found.add(("a", ident), "bad scale", expiry)
+        assert len(found) <= MAX_UNPLACEABLE + 1
+        for ident in range(MAX_UNPLACEABLE + 3):
+            found.delete(("a", ident))
+        found.delete_all("a")
+        assert len(found) == 1
+        if expiry == NEVER:
+            found.delete_all(None)
+        else:
+            found.expire(expiry)
+        assert not found
