@@ -78,14 +78,13 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS),
         "--forms": ["none such"], "--peers": ["none such"], **SEED, **JSON,
     },
-    "python -m tools.wrong_answers": {"--pairs": WHOLES, "--family": ["none such"], **SEED, **JSON},
+    "python -m tools.wrong_answers": {
+        "--pairs": WHOLES, "--family": ["none such"], "--seconds": REALS, **SEED, **JSON,
+    },
     "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
     "python -m tools.weight": {},
     "python -m tools.goals": {
         "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED, **JSON,
-    },
-    "python -m tools.certainty": {
-        "--seconds": REALS, "--boxes": WHOLES, "--hard": WHOLES, **SEED,
     },
     "python -m tools.peers.effects": {
         "--seconds": REALS, "--pairs": WHOLES, "--meshes": FILES[:1], **SEED, **JSON,

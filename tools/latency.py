@@ -86,11 +86,29 @@ class Measured(NamedTuple):
         return named | figures | {"longest": longest, "samples": len(self.samples)}
 
 
+class Hall:
+    """Boxes that move in a hall. length: how many times longer than wide and high it is."""
+
+    def __init__(self, objects: int, seed: int, length: float = 1.0) -> None:
+        self._random = np.random.default_rng(seed)
+        side = (ROOM_PER_OBJECT * objects / length) ** (1.0 / 3.0)
+        self.size = np.array([length * side, side, side])
+        self.sizes = 2.0 * self._random.uniform(*HALF_EXTENTS, (objects, 3))
+        self.poses = self._random.normal(size=(objects, 7))
+        self.poses[:, :3] = self._random.uniform(0.0, 1.0, (objects, 3)) * self.size
+        self.poses[:, 3:] /= np.linalg.norm(self.poses[:, 3:], axis=1, keepdims=True)
+
+    def move(self) -> Floats:
+        """Move all boxes a little; return their poses (n, 7)."""
+        self.poses[:, :3] += self._random.uniform(-STEP, STEP, (len(self.poses), 3))
+        return self.poses
+
+
 class Latency:
     """A collision node and a client in one context, each on an executor of its own."""
 
     def __init__(self, seed: int = 1) -> None:
-        self._random = np.random.default_rng(seed)
+        self._seed = seed
         self._context = Context()
         # a domain of its own: another node on this machine must not answer
         self._context.init(domain_id=1 + os.getpid() % LARGEST_DOMAIN)
@@ -114,7 +132,7 @@ class Latency:
             executor.add_node(node)
         self._number, self._answered, self._pairs, self._time = 0, 0, 0, 0.0
         self._first = 0  # id of the first box
-        self._poses, self._sizes = np.empty((0, 7)), np.empty((0, 3))
+        self._hall = Hall(0, seed)
 
     def _take(self, message: PointCloud2) -> None:
         self._time = perf_counter()
@@ -131,23 +149,14 @@ class Latency:
 
     @property
     def _ids(self) -> range:
-        return range(self._first, self._first + len(self._poses))
-
-    def _begin(self, objects: int) -> None:
-        """Make other boxes."""
-        side = (ROOM_PER_OBJECT * objects) ** (1.0 / 3.0)
-        self._sizes = 2.0 * self._random.uniform(*HALF_EXTENTS, (objects, 3))
-        self._poses = self._random.normal(size=(objects, 7))
-        self._poses[:, :3] = self._random.uniform(0.0, side, (objects, 3))
-        self._poses[:, 3:] /= np.linalg.norm(self._poses[:, 3:], axis=1, keepdims=True)
-        self._first = 0
+        return range(self._first, self._first + len(self._hall.poses))
 
     def _markers(self, deleted: Iterable[tuple[int, int]] = (), lifetime: float = 0.0) -> bytes:
         """Return all boxes as markers; deleted: ids and actions that come before them."""
         writer = MarkerArrayWriter(FRAME, self._number * NANOSECONDS, lifetime)
         for number, action in deleted:
             writer.add((BOXES, number), Marker.CUBE, action)
-        poses, sizes = self._poses.tolist(), self._sizes.tolist()
+        poses, sizes = self._hall.poses.tolist(), self._hall.sizes.tolist()
         for number, pose, size in zip(self._ids, poses, sizes, strict=True):
             writer.add((BOXES, number), Marker.CUBE, Marker.ADD, pose, size)
         return writer.message()
@@ -155,10 +164,10 @@ class Latency:
     def _cloud(self, sized: bool) -> PointCloud2:
         """Return all boxes as a cloud of poses, or of poses and sizes."""
         header = Header(stamp=stamp_to_ros(self._number * NANOSECONDS), frame_id=FRAME)
-        ids, numbers = np.array(self._ids), np.full(len(self._poses), namespace_number(BOXES))
+        ids, numbers = np.array(self._ids), np.full(len(self._hall.poses), namespace_number(BOXES))
         if sized:
-            return boxes_to_ros(ids, self._poses, self._sizes, numbers, header)
-        return poses_to_ros(ids, self._poses, numbers, header)
+            return boxes_to_ros(ids, self._hall.poses, self._hall.sizes, numbers, header)
+        return poses_to_ros(ids, self._hall.poses, numbers, header)
 
     def _message(self, way: str) -> Any:
         """Return the next message."""
@@ -169,7 +178,7 @@ class Latency:
         if way == "objects, other ids by DELETEALL":
             return self._markers([(0, Marker.DELETEALL)])
         if way == "objects, other ids by differences":
-            gone = range(self._first - len(self._poses), self._first)
+            gone = range(self._first - len(self._hall.poses), self._first)
             return self._markers([(number, Marker.DELETE) for number in gone])
         return self._markers(lifetime=2.0 * FRAME_PERIOD if "lifetime" in way else 0.0)
 
@@ -177,8 +186,8 @@ class Latency:
         """Move the boxes once; returns the seconds until their collisions came."""
         self._number += 1
         if OTHER_IDS in way:
-            self._first += len(self._poses)
-        self._poses[:, :3] += self._random.uniform(-STEP, STEP, (len(self._poses), 3))
+            self._first += len(self._hall.poses)
+        self._hall.move()
         message, publisher = self._message(way), self._publishers[way.partition(",")[0]]
         stamp = self._number * NANOSECONDS
         start = perf_counter()
@@ -199,7 +208,7 @@ class Latency:
         self._spin_until(lambda: all(p.get_subscription_count() for p in publishers))
         self._spin_until(lambda: self._client.count_publishers("collisions"))
         self._checker.objects.clear()
-        self._begin(objects)
+        self._hall, self._first = Hall(objects, self._seed), 0
         if way == "object_poses":
             self.sample("objects")
         samples: list[float] = []

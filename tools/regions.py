@@ -56,40 +56,15 @@ from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.region import split_regions
-from obb_collision.typing import Floats
 from tools.fuzz.process import Child
+from tools.latency import BOXES, FRAME, Hall
 from tools.pages import as_markdown
 
-HALF_EXTENTS = (0.05, 0.5)
-"""Smallest and largest half extent of the boxes (m)."""
-ROOM_PER_OBJECT = 1.6
-"""Cubic metres per object: gives about half a colliding pair per object."""
 LENGTH = 8.0
 """How many times longer than wide and high the hall is."""
-STEP = 0.02
-"""Maximum displacement of a box between two states (m)."""
 WARM_SAMPLES = 5
 PATIENCE = 120.0
 """Seconds to wait for processes that start, and for an answer."""
-FRAME, BOXES = "map", "box"
-
-
-class Hall:
-    """Boxes that move in a long hall."""
-
-    def __init__(self, objects: int, seed: int) -> None:
-        self._random = np.random.default_rng(seed)
-        side = (ROOM_PER_OBJECT * objects / LENGTH) ** (1.0 / 3.0)
-        self.size = np.array([LENGTH * side, side, side])
-        self.sizes = 2.0 * self._random.uniform(*HALF_EXTENTS, (objects, 3))
-        self.poses = self._random.normal(size=(objects, 7))
-        self.poses[:, :3] = self._random.uniform(0.0, 1.0, (objects, 3)) * self.size
-        self.poses[:, 3:] /= np.linalg.norm(self.poses[:, 3:], axis=1, keepdims=True)
-
-    def move(self) -> Floats:
-        """Move all boxes a little; return their poses (n, 7)."""
-        self.poses[:, :3] += self._random.uniform(-STEP, STEP, (len(self.poses), 3))
-        return self.poses
 
 
 class Processes:
@@ -210,7 +185,7 @@ def arguments_of(root: str, name: str, given: dict[str, Any]) -> list[str]:
 
 def measure(objects: int, count: int, seconds: float, halo: float, seed: int) -> dict[str, Any]:
     """Return what ``count`` processes take for the same boxes."""
-    hall = Hall(objects, seed)
+    hall = Hall(objects, seed, LENGTH)
     processes = Processes(hall, count, halo)
     try:
         processes.begin()
@@ -244,7 +219,7 @@ def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
 
     Per object away from the region, by a region that no object is near to.
     """
-    hall = Hall(objects, seed)
+    hall = Hall(objects, seed, LENGTH)
     parts = {n: split_regions([0] * 3, hall.size, (n, 1, 1), 1.0)[0] for n in (1, 2, 4)}
     scenes = {f"1 of {n}": Scene(region=region) for n, region in parts.items()}
     scenes["far"] = Scene(region=split_regions([1e6] * 3, [2e6] * 3, (2, 1, 1), 1.0)[1])

@@ -25,7 +25,7 @@ from obb_collision.commands import SUBCOMMANDS
 
 ROOT = Path(__file__).parents[2]
 TOOLS = (
-    *("certainty", "faults", "fuzz", "goals", "known_bugs", "latency"),
+    *("faults", "fuzz", "goals", "known_bugs", "latency"),
     *("regions", "robots", "soak", "peers.effects", "peers.engines"),
     *("weight", "wrong_answers", "peers.sweeps"),
 )

@@ -45,9 +45,8 @@ from tools.fuzz import attack, files, probes
 from tools.fuzz.client import Answer, FoundError
 from tools.fuzz.messages import Messages
 from tools.fuzz.probes import BOXES, SETS, Pair
-from tools.fuzz.process import Canary, Child, Usage
-from tools.fuzz.report import FEWEST, Result, Usages, faults
-from tools.fuzz.session import find_answer
+from tools.fuzz.process import FEWEST, Canary, Child, Usage, Usages
+from tools.fuzz.session import Result, faults, find_answer
 
 
 def run(*arguments: str) -> int:

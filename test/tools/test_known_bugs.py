@@ -29,8 +29,7 @@ from each import each
 
 import obb_collision as oc
 from tools import known_bugs
-from tools.known_bugs import KNOWN_BUGS, KnownBug
-from tools.peers.pairs import PAIR_PEERS, Answer, PlacedBox
+from tools.known_bugs import KNOWN_BUGS, PAIR_PEERS, Answer, KnownBug, PlacedBox
 
 BUGS = {bug.name: bug for bug in KNOWN_BUGS}
 BOXES = {

@@ -30,8 +30,7 @@ import rig  # noqa: F401 - of this machine only
 from obb_collision.node.topics.topics import COLLISIONS
 from tools.fuzz.process import Usage
 from tools.soak import __main__ as command
-from tools.soak.checker import Checker, Found, found_in, pair_of, rotations_of, truth_of
-from tools.soak.result import Result
+from tools.soak.checker import Checker, Found, Result, found_in, pair_of, rotations_of, truth_of
 from tools.soak.world import (
     BOXES,
     MARKERS,

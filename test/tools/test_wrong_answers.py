@@ -119,3 +119,20 @@ def test_families_do_not_depend_on_one_another() -> None:
             for left, right in zip(x, y, strict=True):
                 np.testing.assert_array_equal(left, right)
         assert not np.array_equal(generate(name, 50, 1)[0][1], generate(name, 50, 2)[0][1])
+
+
+def test_certified_verdicts_are_never_wrong_and_float32_is() -> None:
+    sets = wrong_answers.pair_sets(60, 3, 200)
+    rows = wrong_answers.measure_floats(sets, 0.0, lambda what: None)
+    found = {(row.kernel, row.pairs_of): row for row in rows}
+    for pairs in ("a scene", "100 km off", "hard pairs"):
+        certified = found["certified float64", pairs]
+        assert certified.false == certified.missed == 0
+    assert found["plain float64", "hard pairs"].false > 0
+    single = found["plain float32", "hard pairs"]
+    assert single.missed > found["plain float64", "hard pairs"].missed == 0
+
+
+def test_what_certainty_costs_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert wrong_answers.main(["--seconds", "0.001", "--pairs", "20"]) == 0
+    assert capsys.readouterr().out.count("certified float64") == 3

@@ -39,13 +39,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
-    pose_to_ros,
     stamp_to_ros,
     transform_to_ros,
 )
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import DEADLINE, collisions_from_ros
-from tools.faults.peers import READY
+from tools.faults.peers import READY, cube
 from tools.fuzz.process import Child, status_of
 
 PEERS = "tools.faults.peers"
@@ -287,17 +286,6 @@ class Bench:
     def value(self, status: str, key: str) -> float:
         """Return a number of /diagnostics, 0 where it is not there."""
         return float(self.diagnostics.get(status, {}).get(key, "0"))
-
-
-def cube(key: tuple[str, int], position: Iterable[float], stamp: float = 0.0) -> Marker:
-    """Return a marker of a unit cube."""
-    marker = Marker(
-        ns=key[0], id=key[1], type=Marker.CUBE, pose=pose_to_ros((*position, 0, 0, 0, 1))
-    )
-    marker.header.frame_id = "map"
-    marker.header.stamp = stamp_to_ros(round(stamp * NANOSECONDS))
-    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
-    return marker
 
 
 def check(is_so: bool, what: str) -> None:

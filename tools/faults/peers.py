@@ -22,7 +22,7 @@ ones. Each prints READY once it is at work, and goes on until it is killed.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from random import Random
 from typing import Any
 
@@ -38,7 +38,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.messages.clouds import poses_to_ros
-from obb_collision.node.messages.conversions import pose_to_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, pose_to_ros, stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import TOPICS
 
@@ -60,23 +60,23 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 """Values that a setter sets: such as change nothing about the probe, and wrong ones."""
 
 
-def cubes() -> MarkerArray:
-    """Return the row of cubes."""
-    markers = []
-    for number in range(COUNT):
-        pose = pose_to_ros((STEP * number, FAR, 0.0, 0.0, 0.0, 0.0, 1.0))
-        marker = Marker(ns=BURST, id=number, type=Marker.CUBE, pose=pose)
-        marker.header.frame_id = "map"
-        marker.scale.x = marker.scale.y = marker.scale.z = 1.0
-        markers.append(marker)
-    return MarkerArray(markers=markers)
+def cube(key: tuple[str, int], position: Iterable[float], stamp: float = 0.0) -> Marker:
+    """Return a marker of a unit cube."""
+    marker = Marker(
+        ns=key[0], id=key[1], type=Marker.CUBE, pose=pose_to_ros((*position, 0, 0, 0, 1))
+    )
+    marker.header.frame_id = "map"
+    marker.header.stamp = stamp_to_ros(round(stamp * NANOSECONDS))
+    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+    return marker
 
 
 def send(node: Node) -> Callable[[], None]:
     """Publish markers, poses in bulk, and poses one by one."""
     markers = node.create_publisher(MarkerArray, "objects", 10)
     poses = node.create_publisher(PointCloud2, "object_poses", 10)
-    given, header = cubes(), Header(frame_id="map")
+    row = [cube((BURST, number), (STEP * number, FAR, 0.0)) for number in range(COUNT)]
+    given, header = MarkerArray(markers=row), Header(frame_id="map")
     rows = np.zeros((COUNT, 7))
     rows[:, 0], rows[:, 1], rows[:, 6] = STEP * np.arange(COUNT), FAR, 1.0
     numbers, random = [namespace_number(BURST)] * COUNT, np.random.default_rng(1)

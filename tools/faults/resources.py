@@ -30,7 +30,8 @@ from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
 from obb_collision._jit import kernels
-from tools.faults.bench import ANSWERING, STARTING, Bench, check, cube
+from tools.faults.bench import ANSWERING, STARTING, Bench, check
+from tools.faults.peers import cube
 
 MORE = 64 * 2**20
 """Bytes of address space that a node gets beyond what it has."""

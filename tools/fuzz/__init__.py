@@ -16,6 +16,6 @@
 
 ``mutations`` spoils messages and bytes; ``files``, ``messages``, ``cases`` and ``robot`` make what
 is sent. ``process`` is the node's process and ``frames`` what runs in it, ``client`` talks to it,
-``session`` is an attack on it with its ``probes``, ``attack`` all parts of one. ``__main__`` is
-``python -m tools.fuzz``, ``report`` what it prints.
+``session`` is an attack on it with its ``probes``, and its result; ``attack`` all parts of one.
+``__main__`` is ``python -m tools.fuzz``.
 """

@@ -34,7 +34,7 @@ from obb_collision.cli import (
 )
 from obb_collision.words import shown
 from tools.fuzz.attack import Part, attack
-from tools.fuzz.report import faults, print_results
+from tools.fuzz.session import faults, print_results
 
 PROGRAM = "python -m tools.fuzz"
 ONLY = re.compile(r"(message|raw|scene|robot):(\d{1,9})(?:-(\d{1,9}))?")

@@ -39,9 +39,8 @@ from tools.fuzz.cases import CASES, Stream
 from tools.fuzz.client import STARTING, Client, FoundError
 from tools.fuzz.files import READERS, mutated_scene
 from tools.fuzz.process import Canary, Child, for_large_messages
-from tools.fuzz.report import Result
 from tools.fuzz.robot import ARGUMENTS, LATCHED, ROBOT
-from tools.fuzz.session import Session
+from tools.fuzz.session import Result, Session
 
 LARGEST_DOMAIN = 100
 PROGRESS = 5.0

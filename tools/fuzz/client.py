@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from random import Random
 from typing import Any, NamedTuple
 
@@ -198,6 +198,17 @@ class Client:
         values = [pair for status in self.diagnostics.status for pair in status.values]
         states = [pair.value for pair in values if pair.key.startswith("effect ")]
         return bool(states) and not any("ready" in state for state in states)
+
+    def last_counts(self, child: Child) -> Iterator[tuple[str, int]]:
+        """Yield the counts of new diagnostics; FoundError for internal errors of the node."""
+        self.diagnostics = None
+        for status in self.until(child, lambda: self.diagnostics, "diagnostics").status:
+            if status.name.endswith("internal errors") and status.level != status.OK:
+                counts = "; ".join(f"{pair.key}: {pair.value}" for pair in status.values)
+                raise FoundError(f"the node counted internal errors: {counts}")
+            for pair in status.values:
+                if pair.key in ("messages", "lost") or pair.key.startswith("rejected: "):
+                    yield pair.key, int(pair.value)
 
     def refused(self, reason: str) -> int:
         """Return how much was refused for a reason, by the last diagnostics."""

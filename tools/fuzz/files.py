@@ -141,7 +141,7 @@ def write_files(folder: Path, good: dict[str, bytes]) -> list[Path]:
 
 
 MESH = "part.obj"
-"""The mesh of the robot, in the folder of its URDF."""
+"""The mesh of the robot, in the folder of its URDF, and of a scene."""
 JOINTS = """
 <joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{n}"/>
 <origin xyz="0 0 0.1" rpy="0.1 0 0"/><axis xyz="0 1 0"/>
@@ -273,7 +273,6 @@ SCALARS = (
     *("x" * 1_000_000, "[" * 2000, "{a: " * 500),
 )
 BOMB = "a: &a [x, x]\nb: &b [*a, *a, *a, *a]\nc: &c [*b, *b, *b, *b]\nd: [*c, *c, *c, *c]\n"
-MESH = "part.obj"
 ARM = ("arm.urdf", "arm.srdf", "arm_finger.obj")
 """The files of the robot of a scene of the package."""
 SHOWN = 300

@@ -171,8 +171,8 @@ class Probes:
     def _cubes(self, ids: Any, poses: Floats, sizes: Floats, stamp: int) -> list[Marker]:
         cubes = []
         for ident, pose, size in zip(ids.tolist(), poses, sizes.tolist(), strict=True):
-            cube = Marker(ns=NAMESPACE, id=ident, type=Marker.CUBE, pose=pose_to_ros(pose))
-            cube.header.frame_id, cube.header.stamp = "map", stamp_to_ros(stamp)
+            cube = Marker(header=header_at(stamp), ns=NAMESPACE, id=ident, type=Marker.CUBE)
+            cube.pose = pose_to_ros(pose)
             cube.scale.x, cube.scale.y, cube.scale.z = size
             cubes.append(cube)
         return cubes
@@ -197,8 +197,8 @@ class Probes:
     ) -> list[Message]:
         messages = []
         for row in (*range(2, BOXES), 0, 1):  # the pair of 0 and 1 is there once all is done
-            message = TransformStamped(child_frame_id=name_from_key((NAMESPACE, int(ids[row]))))
-            message.header.frame_id, message.header.stamp = "map", stamp_to_ros(stamp + 1)
+            message = TransformStamped(header=header_at(stamp + 1))
+            message.child_frame_id = name_from_key((NAMESPACE, int(ids[row])))
             message.transform = transform_to_ros(poses[row])
             messages.append(("object_transform", serialize_message(message)))
         return messages
@@ -211,8 +211,8 @@ class Probes:
         for name in random.sample((*names, "a/1", "nobody/1", "", "b/2", "x" * 5000), HOSTILE):
             at = rows_before(rows, name) if name in names else random.randint(0, len(rows))
             rows.insert(at, (name, self._bad_pose(random)))
-        message = states_to_ros([name for name, _ in rows], np.array([pose for _, pose in rows]))
-        message.header.frame_id, message.header.stamp = "map", stamp_to_ros(stamp + 1)
+        every, moved = zip(*rows, strict=True)
+        message = states_to_ros(list(every), np.array(moved), header_at(stamp + 1))
         return [("object_states", serialize_message(message))]
 
     def _bad_pose(self, random: Random) -> Floats:
@@ -281,9 +281,7 @@ class Probes:
         for row in range(len(bad)):
             bad[row] = good[random.randrange(len(ids))]  # a later row of the same key counts
             bad[random.choice(columns)][row] = random.choice((np.nan, np.inf, 1e308))
-        message = cloud_to_ros(np.concatenate((bad, good)))
-        message.header.frame_id, message.header.stamp = "map", stamp_to_ros(stamp)
-        return message
+        return cloud_to_ros(np.concatenate((bad, good)), header_at(stamp))
 
     def points(
         self, random: Random, probe: Probe, stamp: int
@@ -304,9 +302,7 @@ class Probes:
                 rows[name][:200] = places[:, column]
                 rows[name][200:] = [random.choice(hostile) for _ in range(100)]
         random.shuffle(order := list(range(300)))
-        message = cloud_to_ros(rows[order])
-        message.header.frame_id, message.header.stamp = "map", stamp_to_ros(stamp)
-        return message, right
+        return cloud_to_ros(rows[order], header_at(stamp)), right
 
 
 def header_at(stamp: int) -> Header:

@@ -24,6 +24,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from statistics import median
 from typing import IO, NamedTuple
 
 ENDING = 30.0
@@ -41,6 +42,45 @@ class Usage(NamedTuple):
     descriptors: float
     threads: float
     children: float = 0.0
+
+
+WARM_UP = 0.2
+"""Share of the samples before the first one that counts."""
+FEWEST = 40
+"""Samples from which on growth is judged."""
+
+
+class Usages:
+    """Samples of what a process uses, of which a share at the beginning is warm-up."""
+
+    def __init__(self, warm_up: float = WARM_UP, window: float = WARM_UP) -> None:
+        self.samples: list[Usage] = []
+        self._warm_up, self._window = warm_up, window
+
+    def add(self, usage: Usage | None) -> None:
+        """Add a sample, if there is one."""
+        if usage is not None:
+            self.samples.append(usage)
+
+    def ends(self) -> tuple[Usage, Usage]:
+        """Return the medians of samples after warm-up, and of as many at the end."""
+        count = len(self.samples)
+        start, size = int(self._warm_up * count), max(1, round(self._window * count))
+        early, late = self.samples[start : start + size], self.samples[-size:]
+        first, last = (Usage(*map(median, zip(*part, strict=True))) for part in (early, late))
+        return first, last
+
+    def growth(self) -> Usage | None:
+        """Return by how much it uses more at the end; None where there are too few samples."""
+        if len(self.samples) < FEWEST:
+            return None
+        return Usage(*(round(after - before) for before, after in zip(*self.ends(), strict=True)))
+
+    def course(self) -> list[float]:
+        """Return the median memory (bytes) of each tenth of the samples, in their order."""
+        size = max(1, len(self.samples) // 10)
+        parts = [self.samples[k : k + size] for k in range(0, len(self.samples), size)]
+        return [median(usage.memory for usage in part) for part in parts]
 
 
 def status_of(number: int, field: str) -> int:

@@ -25,6 +25,8 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
+from collections import Counter
+from dataclasses import dataclass, field
 from itertools import pairwise
 from random import Random
 
@@ -49,8 +51,7 @@ from tools.fuzz.probes import (
     Probes,
     header_at,
 )
-from tools.fuzz.process import Canary, Child
-from tools.fuzz.report import Result
+from tools.fuzz.process import Canary, Child, Usages
 from tools.fuzz.robot import ask_robot
 
 PERIOD = 0.02
@@ -229,18 +230,12 @@ class Session:
 
     def end(self) -> None:
         """Read the last diagnostics; FoundError where the node counted internal errors."""
-        client = self._client
-        client.diagnostics = None
-        message = client.until(self._child, lambda: client.diagnostics, "diagnostics")
-        for status in message.status:
-            for pair in status.values:
-                if pair.key in ("messages", "lost"):
-                    self.result.received[pair.key] += int(pair.value)
-                if pair.key.startswith("rejected: "):
-                    self.result.refused[pair.key.partition(": ")[2]] += int(pair.value)
-            if status.name.endswith("internal errors") and status.level != status.OK:
-                counts = "; ".join(f"{pair.key}: {pair.value}" for pair in status.values)
-                raise FoundError(f"the node counted internal errors: {counts}")
+        for key, count in self._client.last_counts(self._child):
+            what, _, reason = key.partition(": ")
+            if reason:
+                self.result.refused[reason] += count
+            else:
+                self.result.received[what] += count
 
 
 def find_answer(answers: list[Answer], first: int, sure: Pair, most: int) -> set[Pair] | None:
@@ -258,3 +253,97 @@ def find_answer(answers: list[Answer], first: int, sure: Pair, most: int) -> set
         if sure in pairs:
             return pairs
     return None
+
+
+@dataclass
+class Result:
+    """What was sent and seen."""
+
+    sent: Counter[str] = field(default_factory=Counter)
+    """Messages and requests by topic and service."""
+    probes: Counter[str] = field(default_factory=Counter)
+    """Answered probes by the way in which their boxes came."""
+    again: int = 0
+    """Sets of boxes that were sent again, as a hostile one had a later stamp."""
+    longest: float = 0.0
+    """Longest time between two answers (s)."""
+    lost: int = 0
+    """Answers that the middleware lost on their way; times without them are not judged."""
+    excused: int = 0
+    """Times that were longer than allowed only because the machine had other work."""
+    late: list[tuple[str, float, float]] = field(default_factory=list)
+    """Where one was longer than allowed: the batch, its length and what is allowed."""
+    usages: Usages = field(default_factory=Usages)
+    received: Counter[str] = field(default_factory=Counter)
+    """Messages that the node has received, and those that its queues lost."""
+    refused: Counter[str] = field(default_factory=Counter)
+
+
+MORE = 8
+"""Descriptors and threads by which a node may grow after warm-up: of what comes and goes."""
+
+
+def print_results(results: list[Result]) -> None:
+    """Print what was sent and seen by all sessions together."""
+    sent, received, probes, refused = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
+    for result in results:
+        sent += result.sent
+        received += result.received
+        probes += result.probes
+        refused += result.refused
+    late = [row for result in results for row in result.late]
+    print(f"sent: {sent.total()} ({_listed(sent)})")
+    print(f"received by the inputs of the node: {_listed(received)}")
+    print(f"probes answered right: {probes.total()} ({_listed(probes)})")
+    again = sum(result.again for result in results)
+    print(f"sets of boxes sent again, most after hostile ones with later stamps: {again}")
+    print(
+        f"longest time without an answer: {max(result.longest for result in results):.3f} s; "
+        f"{len(late)} times longer than allowed, {sum(result.excused for result in results)} times "
+        f"by what other programs took; {sum(result.lost for result in results)} answers lost on "
+        "their way"
+    )
+    for batch, gap, allowed in late[:10]:
+        print(f"  during {batch}: {gap:.3f} s, allowed were {allowed:.3f} s")
+    for result in results:
+        _print_usages(result)
+    print(f"refused: {_listed(refused) or 'nothing was read'}")
+
+
+def _print_usages(result: Result) -> None:
+    samples, growth = result.usages.samples, result.usages.growth()
+    if samples:
+        first, last = samples[0], samples[-1]
+        print(
+            f"memory of the node: {_megabytes(first.memory)} after the first batch, "
+            f"{_megabytes(last.memory)} at the end; by tenths of the attack "
+            f"{', '.join(f'{size / 1e6:.0f}' for size in result.usages.course())}"
+        )
+    if growth is not None:
+        print(
+            f"after warm-up it grew by {_megabytes(growth.memory)}, {growth.descriptors} "
+            f"descriptors, {growth.threads} threads"
+        )
+
+
+def faults(result: Result, most: float) -> list[str]:
+    """Return what fell short; most: megabytes by which memory may grow."""
+    found = []
+    if result.late:
+        found.append(
+            f"the node was blocked for longer than allowed, first during {result.late[0][0]}"
+        )
+    growth = result.usages.growth()
+    if growth is not None and growth.memory > most * 1e6:
+        found.append(f"its memory grew by {_megabytes(growth.memory)}")
+    if growth is not None and max(growth.descriptors, growth.threads) > MORE:
+        found.append(f"it grew by {growth.descriptors} descriptors, {growth.threads} threads")
+    return found
+
+
+def _megabytes(size: float) -> str:
+    return f"{size / 1e6:.1f} MB"
+
+
+def _listed(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))

@@ -35,6 +35,7 @@ import obb_collision as oc
 from obb_collision.benchmarks.contestants import Frame, OurPairs, make_frames
 from obb_collision.cli import Parser, interruptible
 from obb_collision.typing import Floats
+from tools.pages import as_markdown
 
 SOURCE = Path(__file__).parent / "parry"
 FORM, SEED = "uniform", 1
@@ -102,11 +103,11 @@ def main(arguments: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         program = build(Path(folder))
         found = {boxes: measure(program, boxes, options.rounds) for boxes in options.boxes}
-    print("| ms per step (pairs) |", " | ".join(f"{boxes:,}" for boxes in found), "|")
-    print("| --- |", " | ".join("---" for _ in found), "|")
+    lines = [["ms per step (pairs)", *(f"{boxes:,}" for boxes in found)]]
     for name in next(iter(found.values())):
         cells = (f"{row[name][0]:.3g} ({row[name][1]:,})" for row in found.values())
-        print(f"| {name} |", " | ".join(cells), "|")
+        lines.append([name, *cells])
+    print(as_markdown(lines))
     return 0
 
 

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from obb_collision import sweeps, verdicts
-from obb_collision.benchmarks.measuring import processor_seconds
+from obb_collision.benchmarks.measuring import as_text, processor_seconds
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes
@@ -181,17 +181,15 @@ def main(arguments: list[str] | None = None) -> None:
     option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
     rows = {}
-    head = f"{'motion':34}{'hits':>6}{'ours µs':>9}{'fcl µs':>8}{'ratio':>7}"
-    print(f"{head}{'fcl misses':>18}{'fcl false':>10}")
+    lines = [["motion", "hits", "ours µs", "fcl µs", "ratio", "fcl misses", "fcl false"]]
     for turning in (False, True):
         for scene in SCENES:
             name = f"{scene}, {'turning' if turning else 'straight'}"
             row = rows[name] = compare(scene, options.pairs, turning)
             missed = f"{row['fcl_misses']:.0f} of {row['certain']:.0f}"
-            print(
-                f"{name:34}{row['hits']:6.0%}{row['ours_us']:9.2f}{row['fcl_us']:8.2f}"
-                f"{row['ratio']:7.1f}{missed:>18}{row['fcl_false']:10.0f}"
-            )
+            times = [f"{row[key]:.2f}" for key in ("ours_us", "fcl_us", "ratio")]
+            lines.append([name, f"{row['hits']:.0%}", *times, missed, f"{row['fcl_false']:.0f}"])
+    print(as_text(lines))
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))
 

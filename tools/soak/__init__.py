@@ -14,7 +14,6 @@
 
 """A node in another process at full rate for a long time, every answer checked.
 
-``world`` has the bodies, the changes of each step and their messages; ``session`` sends them;
-``checker`` judges the answers by brute force; ``result`` says what held, and reads what a process
-holds; ``__main__`` is ``python -m tools.soak``.
+``world`` has the bodies, the changes of each step and their messages; ``checker`` judges answers by
+brute force, and says what held; ``__main__`` sends the steps, and is ``python -m tools.soak``.
 """
