@@ -116,7 +116,7 @@ def _overlaps(a: Boxes, b: Boxes, pairs: ArrayLike | None) -> tuple[Floats, Floa
     verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())
     boxes, rows = one_set(a, b, rows)
     sizes, out = box_volumes(boxes.half_extents), np.zeros((2, len(rows)))
-    solid = (boxes.half_extents > 0.0).all(axis=1)
+    solid = np.asarray((boxes.half_extents > 0.0).all(axis=1))
     clipped = np.flatnonzero(verdicts == OVERLAP)
     clipped = clipped[solid[rows[clipped, 0]] & solid[rows[clipped, 1]]]
     overlap_kernel(boxes.arrays, sizes, _in_order(boxes, sizes, rows[clipped]), clipped, out)

@@ -171,7 +171,8 @@ class PlacedShapes:
     def _have_trees(self, pairs: Pairs) -> Mask:
         """Build the trees that pairs (k, 2) need; return (k,) which have them."""
         slots = np.unique(pairs)
-        return self._have(slots[self.kinds[slots] != ROUND], False)[pairs].all(axis=1)
+        have = self._have(slots[self.kinds[slots] != ROUND], False)
+        return np.asarray(have[pairs].all(axis=1))
 
     def _have_hulls(self, pairs: Pairs) -> Mask:
         """Build the hulls that pairs (k, 2) need; return (k,) which have them."""
