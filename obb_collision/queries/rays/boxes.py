@@ -32,7 +32,6 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
     sum_abs,
-    vector_at,
 )
 from obb_collision.queries.verdict.sat import BoxAt
 from obb_collision.typing import Floats, Vector
@@ -212,12 +211,6 @@ def enters_bounds(limits: Floats, node: int, ray: Ray, reach: float) -> float:
         enter = max(enter, near - DISTANCE_SLACK * abs(near))
         leave = min(leave, far + DISTANCE_SLACK * abs(far))
     return enter if enter <= leave else np.inf
-
-
-@njit(refcount=False)
-def ray_at(rays: Rays, n: int) -> Ray:
-    """Return ray n."""
-    return Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
 
 
 #: By how much a ray may be off once it is moved ahead, relative to the origin's offset from the
