@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import pytest
 from each import each
@@ -46,11 +46,23 @@ def same_domain(monkeypatch: pytest.MonkeyPatch) -> None:
 def running(rig: Rig) -> Iterator[Rig]:
     """Yield a rig that spins in a thread once it is told to."""
     yield rig
-    rig.executor.shutdown()
+    DONE.set()
+    for thread in threads:  # what spins is destroyed afterwards
+        thread.join()
+    threads.clear()
+    DONE.clear()
+
+
+DONE, threads = Event(), list[Thread]()
 
 
 def spin(rig: Rig) -> None:
-    Thread(target=rig.executor.spin, daemon=True).start()
+    def run() -> None:
+        while not DONE.is_set():
+            rig.executor.spin_once(timeout_sec=0.05)
+
+    threads.append(Thread(target=run, daemon=True))
+    threads[-1].start()
 
 
 def test_levels_are_exit_codes_and_the_screen_says_why(
