@@ -41,6 +41,13 @@ PUBLIC_ENOUGH = ("types", "config", "cgutils")
 NOT_INNER = {"_exit", "_fields", "_replace", "_asdict", "_make", "_field_defaults"}
 """Names with an underscore that the standard library documents."""
 LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+STEPS = (
+    ("objects/states.py", "store"),
+    ("store/store.py", "_write"),
+    ("broad_phase/find_pairs.py", "pairs_of_keys"),
+    ("outputs/outputs.py", "_publish_rows"),
+)
+"""Where poses are on their way to collisions: files, and functions in them."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Figures = dict[str, int | None]
 
@@ -276,32 +283,32 @@ def collected(root: Path) -> int:
 def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[int, int]:
     """Return how many functions and files poses go through in a node, to its collisions.
 
-    Those that every one of the samples goes through, so that no timer is among them.
+    Those that wait while poses are stored, objects placed, pairs found, or collisions published.
     """
     from tools.latency import Latency
 
-    seen: set[tuple[str, str, int]] = set()
-    callers = str(Path(sys.modules[Latency.__module__].__file__ or ""))
+    seen: set[tuple[str, int]] = set()
+    caller = sys.modules[Latency.__module__].__file__
 
     def note(frame: Any, event: str, _: object) -> None:
-        code = frame.f_code
-        inside = code.co_filename.startswith(f"{root / PACKAGE}{os.sep}")
-        if event == "call" and inside and code.co_filename != callers:
-            seen.add((code.co_filename, code.co_name, code.co_firstlineno))
+        place = Path(frame.f_code.co_filename), frame.f_code.co_name
+        if event != "call" or not any(place[0].match(end) and place[1] == n for end, n in STEPS):
+            return
+        while frame.f_code.co_filename != caller:
+            code, frame = frame.f_code, frame.f_back
+            if code.co_filename.startswith(f"{root / PACKAGE}{os.sep}"):
+                seen.add((code.co_filename, code.co_firstlineno))
 
-    latency, paths = Latency(), []
+    latency = Latency()
     try:
         latency.measure("object_poses", objects, 0.1)
         sys.setprofile(note)
         for _ in range(samples):
-            seen.clear()
             latency.sample("object_poses")
-            paths.append(set(seen))
     finally:
         sys.setprofile(None)
         latency.close()
-    path = {part for part in set.intersection(*paths) if not part[1].startswith("<")}
-    return len(path), len({file for file, *_ in path})
+    return len(seen), len({file for file, _ in seen})
 
 
 def table(values: Figures) -> str:

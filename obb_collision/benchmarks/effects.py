@@ -104,7 +104,7 @@ class PairsOnly(Variant):
     def step(self, frame: Moment) -> None:
         """Set a state and find the pairs."""
         self.set(frame)
-        self.scene._checks.find()
+        self.scene._checks.checker.find(exact=False)
 
 
 def frames_of(description: SceneDescription) -> list[Moment]:

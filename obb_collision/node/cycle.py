@@ -181,30 +181,30 @@ class CycleRunner:
 
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
-        self.failed = not self._node.guard.run("cycle", lambda: self._run(now))
+        self.failed = True
+        with self._node.guard.catching("cycle"):
+            start = perf_counter()
+            self.delay = waited = self._node.collect()
+            collected = perf_counter()
+            self._objects.update(now)
+            stages = {"inputs": collected - start, "update": perf_counter() - collected}
+            if self._settings.waiting:
+                self._settings.apply_accuracy()
+            if not self.paused:
+                stages.update(self.run_stages(now))
+                if waited:
+                    took = perf_counter() - start
+                    self.delay = waited + took
+                    age = (now - self._last_stamp) / NANOSECONDS
+                    self.monitor.add_delay(waited + took, age + took)
+            else:
+                self._outputs.publish_namespaces(self._objects.table.namespaces)
+            self.monitor.add(stages, 1.0 / self._node.parameters.rate)
+            self.failed = False
         if self.failed:
             self.report = None
         if self.report is None:
             self._outputs.events.pairs.interrupt()
-
-    def _run(self, now: int) -> None:
-        start = perf_counter()
-        self.delay = waited = self._node.collect()
-        collected = perf_counter()
-        self._objects.update(now)
-        stages = {"inputs": collected - start, "update": perf_counter() - collected}
-        if self._settings.waiting:
-            self._settings.apply_accuracy()
-        if not self.paused:
-            stages.update(self.run_stages(now))
-            if waited:
-                took = perf_counter() - start
-                self.delay = waited + took
-                age = (now - self._last_stamp) / NANOSECONDS
-                self.monitor.add_delay(waited + took, age + took)
-        else:
-            self._outputs.publish_namespaces(self._objects.table.namespaces)
-        self.monitor.add(stages, 1.0 / self._node.parameters.rate)
 
     def run_stages(self, now: int) -> dict[str, float]:
         """Check and publish; returns the seconds of each stage and of each effect computed."""
@@ -229,7 +229,8 @@ class CycleRunner:
         given = self._given(report, effects, now)
         self._outputs.publish_report(given)
         times.append(perf_counter())
-        self._node.guard.run("output markers", lambda: self._outputs.publish_markers(given))
+        with self._node.guard.catching("output markers"):
+            self._outputs.publish_markers(given)
         times.append(perf_counter())
         names = ("prepare", "check", "publish", "markers")
         stages = dict(zip(names, np.diff(times).tolist(), strict=True))
@@ -268,8 +269,10 @@ class Schedule:
     def __init__(self, node: CollisionNode) -> None:
         self._node, self._parameters = node, node.parameters
         self.clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._last = float("-inf")
-        self._timer = node.create_timer(1.0 / self._parameters.rate, self._cycle, clock=self.clock)
+        self.last = float("-inf")
+        """When the last cycle ended (s)."""
+        period = 1.0 / self._parameters.rate
+        self._timer = node.create_timer(period, node.run_cycle, clock=self.clock)
         self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
         self._burst_timer.cancel()
 
@@ -285,13 +288,19 @@ class Schedule:
             self._timer.timer_period_ns = period
             self._timer.reset()
 
-    def arrived(self) -> None:
-        """With trigger arrival: compute at once, or once the burst is over."""
-        if self._parameters.trigger != "arrival":
+    def arrived(self, topic: str) -> None:
+        """With trigger arrival: compute at once, or once the burst is over.
+
+        Not for queries, nor for points that nobody asked for.
+        """
+        node = self._node
+        if self._parameters.trigger != "arrival" or node.topics[topic].is_query:
             return
-        rest = self._parameters.min_period - (perf_counter() - self._last)
+        if topic == "points" and not node.effects.is_requested("points"):
+            return
+        rest = self._parameters.min_period - (perf_counter() - self.last)
         if rest <= 0.0:
-            self._cycle()
+            node.run_cycle()
             self._timer.reset()
         elif self._burst_timer.is_canceled():
             self._burst_timer.timer_period_ns = round(1e9 * max(rest, SHORTEST_TIMER))
@@ -299,8 +308,4 @@ class Schedule:
 
     def _end_burst(self) -> None:
         self._burst_timer.cancel()
-        self._cycle()
-
-    def _cycle(self) -> None:
         self._node.run_cycle()
-        self._last = perf_counter()

@@ -137,12 +137,13 @@ class MergerNode(Node):
         for region in self._regions:
             self._listen(region, NAMESPACES, lambda message, _: self._take_names(message))
             self._listen(region, STATUS, self._take_status)
-        self.create_timer(PERIOD, lambda: self.guard.run("status", self._look))
+        self.create_timer(PERIOD, self.guard.catching("status")(self._look))
         self._look()
 
     def _listen(self, region: str, topic: Topic, take: Callable[[Any, str], None]) -> Subscription:
         def taken(message: Any) -> None:
-            self.guard.run(f"{region}/{topic.name}", lambda: take(message, region))
+            with self.guard.catching(f"{region}/{topic.name}"):
+                take(message, region)
 
         name, qos = f"{region}/{topic.name}", copy(topic.qos)
         return self.create_subscription(topic.message, name, taken, qos)

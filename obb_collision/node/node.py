@@ -154,7 +154,8 @@ class CollisionNode(ManagedNode):
     def _report_start(self, text: str) -> None:
         """Report what the start waits for, unless it is to be abandoned."""
         if self.context.ok():
-            self.guard.run("status", lambda: self.status.rest(Reason("starting", detail=text)))
+            with self.guard.catching("status"):
+                self.status.rest(Reason("starting", detail=text))
 
     def rest(self, detail: str = "") -> None:
         """Report that nothing is configured; detail: what else there is to say."""
@@ -246,8 +247,6 @@ class CollisionNode(ManagedNode):
         self.robots = Robots(self, link_frames) if names else None  # then they cost nothing
         if self.robots is not None:
             self._configured.callback(self.robots.close)
-        self.subscribed = self._make_subscriptions()
-        self._configured.callback(self.subscribed.close)
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
@@ -257,6 +256,8 @@ class CollisionNode(ManagedNode):
         self.evidence = Evidence(self)
         self._schedule = Schedule(self)
         self._configured.callback(self._schedule.close)
+        self.subscribed = self._make_subscriptions()
+        self._configured.callback(self.subscribed.close)
 
     def _add_objects(self, scene_file: SceneFile) -> None:
         refused = scene_file.add_to(self.objects, self.now())
@@ -271,12 +272,12 @@ class CollisionNode(ManagedNode):
         self.reporting = reporting.Reporting(self)
         timer = self.create_timer(
             reporting.PERIOD,
-            lambda: self.guard.run("diagnostics", self.reporting.publish),
+            self.guard.catching("diagnostics")(self.reporting.publish),
             clock=self._schedule.clock,
         )
         self._configured.callback(self.destroy_timer, timer)
         # each at once: the executor takes one request per service between two cycles
-        self.parameters.on_change = lambda: self.guard.run("parameters", self._apply_parameters)
+        self.parameters.on_change = self.guard.catching("parameters")(self._apply_parameters)
         for service in (
             self.create_service(Trigger, "~/clear", self._clear),
             self.create_service(SetBool, "~/enable", self._enable),
@@ -330,18 +331,13 @@ class CollisionNode(ManagedNode):
         if self.robots is not None:
             callbacks |= self.robots.callbacks(self.inputs)
         latched = ("objects",) if self.parameters.latched_objects else ()
-        return Subscriptions(self, callbacks, self.monitors, self._arrived, latched, self.topics)
-
-    def _arrived(self, topic: str) -> None:
-        """Start a cycle for a message that requires one."""
-        if self.topics[topic].is_query:
-            return
-        if topic != "points" or self.effects.is_requested("points"):
-            self._schedule.arrived()
+        arrived = self._schedule.arrived
+        return Subscriptions(self, callbacks, self.monitors, arrived, latched, self.topics)
 
     def collect(self) -> float:
         """Read and apply the queued messages; returns their maximum waiting time (s)."""
-        self.guard.run("inputs", self.subscribed.drain)  # what is lost marks its input
+        with self.guard.catching("inputs"):  # what is lost marks its input
+            self.subscribed.drain()
         self._change("input objects", self.inputs.markers.apply)
         for each in self.inputs.sets:
             self._change(f"input {each.source.topic}", each.apply)
@@ -351,8 +347,10 @@ class CollisionNode(ManagedNode):
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
         """Change objects; after an error nobody foresaw they may be others than what was sent."""
-        if not self.guard.run(where, change):
-            self.objects.broken = where
+        with self.guard.catching(where):
+            change()
+            return
+        self.objects.broken = where
 
     def _apply_robots(self) -> None:
         assert self.robots is not None
@@ -411,8 +409,11 @@ class CollisionNode(ManagedNode):
         self.cycle.run(self.now())
         self._count_notes()
         if self.robots is not None:
-            self.guard.run("output robots", self.robots.publish)
-        self.guard.run("output collision_status", lambda: self._update_status(cycle=True))
+            with self.guard.catching("output robots"):
+                self.robots.publish()
+        with self.guard.catching("output collision_status"):
+            self._update_status(cycle=True)
+        self._schedule.last = perf_counter()
 
     def _update_status(self, cycle: bool = False) -> None:
         """Publish the current status of collisions; cycle: a cycle has just ended."""
@@ -434,8 +435,10 @@ class CollisionNode(ManagedNode):
     def _pause(self) -> None:
         """Take back what is said about collisions, until the next check."""
         self.cycle.forget()
-        self.guard.run("output markers", lambda: self.outputs.withdraw(self.now()))
-        self.guard.run("output collision_status", self._update_status)
+        with self.guard.catching("output markers"):
+            self.outputs.withdraw(self.now())
+        with self.guard.catching("output collision_status"):
+            self._update_status()
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Remove all objects and forget all names."""

@@ -102,7 +102,16 @@ class Checks:
             last.report = last.found = None
         report = last.report() if last.report is not None else None
         if report is None:
-            report = self._reported(start)
+            if last.found is None:
+                before = self.checker.last
+                last.found = self.checker.find(self.exact, self.budget)
+                last.outcomes_before = {} if before is None else before.outcomes
+            stages = {"pairs": perf_counter() - start}
+            store = self._objects.store
+            settings = self.effects.resolved(store.names, store.version)
+            report = Report(last.found, store.name_tuple(), stages, self._cycle, settings)
+            if self.effects.any_possible:
+                report.cycle  # noqa: B018, now: the scene may change before it is used
             last.report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
@@ -111,25 +120,6 @@ class Checks:
             self._before = None if lasting else report.cycle.as_before()
         if self.budget is not None:
             self.budget.finish()
-        return report
-
-    def find(self) -> Findings:
-        """Return what collides and nothing more: what a check costs without any effect."""
-        return self.checker.find(self.exact, self.budget)
-
-    def _reported(self, start: float) -> Report:
-        """Return a report of what collides now: of what is known already where nothing changed."""
-        store, last = self._objects.store, self._last
-        found = last.found
-        if found is None:
-            before = self.checker.last
-            found = last.found = self.find()
-            last.outcomes_before = {} if before is None else before.outcomes
-        stages = {"pairs": perf_counter() - start}
-        settings = self.effects.resolved(store.names, store.version)
-        report = Report(found, store.name_tuple(), stages, self._cycle, settings)
-        if self.effects.any_possible:
-            report.cycle  # noqa: B018, now: the scene may change before it is used
         return report
 
     def _cycle(self, found: Findings) -> Cycle:

@@ -135,20 +135,17 @@ class BoxInput:
         self._order = 0  # sets with an older stamp are late
         self._received = 0
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes, now: int) -> None:
         """Queue a complete set, serialised, for the next cycle."""
-        now = self._clock()
-        self._monitor.received(now)
         try:
             frame, stamp, given, size = self._read(data, self.max_points)
             check_name(frame, "frame")
             self._note_order(stamp, now)
         except RefusedError as error:
-            if error.reason == OLDER:
-                self._monitor.refuse(now, error.reason, "whole message", error.detail)
-            else:
-                self._monitor.refuse_whole(now, error.reason, error.detail)
+            if error.reason != OLDER:
                 self._doubt()
+                raise
+            self._monitor.refuse(now, error.reason, "whole message", error.detail)
             return
         cloud = QueuedCloud(given, frame, stamp, now, size)
         self._monitor.superseded += self.waiting.add(cloud)

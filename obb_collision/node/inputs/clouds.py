@@ -160,10 +160,8 @@ class Obstacles:
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not published."""
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes, now: int) -> None:
         """Keep a serialised cloud."""
-        now = self._clock()
-        self._monitor.received(now)
         try:
             message = cloud_from_bytes(data)
             stamp = stamp_from_ros(message.header.stamp)

@@ -20,7 +20,6 @@ Markers are in ``markers``, sets of boxes in ``boxes``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from obb_collision.node.inputs.boxes import OWNED, BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
 from obb_collision.node.messages.cdr import (
-    CloudMessage,
     Header,
     NamedPose,
     NamedStates,
@@ -55,7 +53,6 @@ from obb_collision.node.objects.table import Slots, signed
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.typing import Floats, Mask, Rows
 
-Message = TypeVar("Message")
 LENGTHS_DIFFER = "array lengths differ"
 """Reason: a message has more names than poses, or twists, or fewer."""
 
@@ -94,69 +91,58 @@ class Inputs:
         """Return the callback per input topic; they take serialised messages."""
         return {
             "objects": self.guarded("objects", self.markers.take),
-            "object_transform": self._stored("object_transform", pose_from_bytes, self._transform),
-            "object_states": self._stored("object_states", states_from_bytes, self._states),
-            "object_poses": self._stored("object_poses", cloud_from_bytes, self._poses),
+            "object_transform": self.guarded("object_transform", self._transform, in_order=True),
+            "object_states": self.guarded("object_states", self._states, in_order=True),
+            "object_poses": self.guarded("object_poses", self._poses, in_order=True),
             **{each.source.topic: self.guarded(each.source.topic, each.take) for each in self.sets},
         }
 
     def guarded(
         self,
         topic: str,
-        take: Callable[[bytes], None],
+        take: Callable[[bytes, int], None],
         in_order: bool = False,
         changes: bool = True,
     ) -> Callable[[bytes], None]:
-        """Return a callback that counts messages on which ``take`` fails.
+        """Return a callback that counts messages, and those that ``take`` refuses or fails on.
 
+        take: a message and the time (ns) of its receipt, RefusedError for a whole message.
         in_order: whether the markers and boxes that came before are applied first; changes: whether
         it changes objects, which after an error nobody foresaw may be others than were sent.
         """
+        monitor = self._monitors[topic]
 
         def callback(data: bytes) -> None:
+            now = self._clock()
+            monitor.received(now)
             try:
                 if in_order:
                     self.markers.apply()
                     for each in self.sets:
                         each.apply()
-                take(data)
+                take(data, now)
+            except RefusedError as error:
+                monitor.refuse_whole(now, error.reason, error.detail)
             except Exception as error:
                 self._guard.caught(f"input {topic}", error)
                 if changes and not isinstance(error, MemoryError):
                     self._objects.broken = f"input {topic}"
-                self._monitors[topic].refuse_whole(self._clock(), INTERNAL_ERROR, str(error))
+                monitor.refuse_whole(self._clock(), INTERNAL_ERROR, str(error))
 
         return callback
 
-    def _stored(
-        self,
-        topic: str,
-        read: Callable[[bytes], Message],
-        store: Callable[[Message, InputMonitor, int], None],
-    ) -> Callable[[bytes], None]:
-        """Return a callback that reads and stores states, behind what came before."""
-        monitor = self._monitors[topic]
-
-        def take(data: bytes) -> None:
-            now = self._clock()
-            monitor.received(now)
-            try:
-                store(read(data), monitor, now)
-            except RefusedError as error:
-                monitor.refuse_whole(now, error.reason, error.detail)
-
-        return self.guarded(topic, take, in_order=True)
-
-    def _transform(self, message: NamedPose, monitor: InputMonitor, now: int) -> None:
+    def _transform(self, data: bytes, now: int) -> None:
         """Store one pose."""
+        message = pose_from_bytes(data)
         if message.name in self.bases:
-            self.bases[message.name](message, now, monitor)
+            self.bases[message.name](message, now, self._monitors["object_transform"])
         else:
             names = [message.name]
             self._store_named("object_transform", names, message.pose, message.header, now)
 
-    def _states(self, message: NamedStates, monitor: InputMonitor, now: int) -> None:
+    def _states(self, data: bytes, now: int) -> None:
         """Store poses by name, and twists if there is one for each; else they are counted."""
+        message, monitor = states_from_bytes(data), self._monitors["object_states"]
         names, poses = message.names, message.poses
         if len(names) != len(poses):  # then the pose of a name is ambiguous
             detail = f"{len(names)} joint_names, {len(poses)} transforms"
@@ -187,9 +173,9 @@ class Inputs:
             twists[bad] = 0.0
         return twists
 
-    def _poses(self, message: CloudMessage, monitor: InputMonitor, now: int) -> None:
+    def _poses(self, data: bytes, now: int) -> None:
         """Store bulk poses by namespace number and id."""
-        table = self._objects.table
+        message, table = cloud_from_bytes(data), self._objects.table
         namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
         slots = table.find(namespaces, ids)
         name = self._names_of(namespaces, ids)
@@ -198,6 +184,7 @@ class Inputs:
             if not known.all():
                 first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
                 self._note_unknown(~known, name, now)
+                monitor = self._monitors["object_poses"]
                 monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
                 slots, ids, poses = slots[known], ids[known], poses[known]
                 name = self._names_of(namespaces[known], ids)

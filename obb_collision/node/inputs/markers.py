@@ -86,10 +86,8 @@ class MarkerInput:
         self.size = 0
         """Bytes that wait."""
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes, now: int) -> None:
         """Queue a serialised MarkerArray for the next cycle."""
-        now = self._clock()
-        self._monitor.received(now)
         self._waiting.append((data, now))
         self.size += len(data)
         if self.size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
@@ -146,13 +144,12 @@ class MarkerInput:
 
     def _run(self, messages: list[tuple[Items, int]]) -> bool:
         """Apply the markers of messages; return whether that went through."""
-
-        def run() -> None:
+        with self._guard.catching("input objects", "whole message"):
             markers, now = gather(*zip(*messages, strict=True)), self._clock()
             given = self._objects, self._monitor, self._guard, self._unknown
             MarkerUpdate(markers, now, *given).run()
-
-        return self._guard.run("input objects", run, "whole message")
+            return True
+        return False
 
 
 class MarkerUpdate:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from time import monotonic, time_ns
 from typing import Any, NamedTuple
 
@@ -186,7 +187,8 @@ class Subscriptions:
                 taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                 if taken is None:
                     break
-                self._take(topic, *taken)
+                message, info = taken
+                self._take(topic, message, info, is_awaited=False)
                 if monotonic() > end:
                     break
 
@@ -208,7 +210,10 @@ class Subscriptions:
         oldest, self._oldest = self._oldest, 0
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
-    def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
+    def _take(
+        self, topic: str, message: bytes, info: Mapping[str, Any], is_awaited: bool = True
+    ) -> None:
+        """Store a message; is_awaited: whether a cycle may begin for it."""
         self._monitors[topic].lost += self._losses[topic].count(
             info.get("publication_sequence_number")
         )
@@ -216,6 +221,8 @@ class Subscriptions:
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
         self._callbacks[topic](message)
+        if is_awaited:
+            self._arrived(topic)
 
     def _subscribe(self, topic: str) -> Subscription:
         kind, depth, reliability, durability = self._inputs[topic][:4]
@@ -223,14 +230,10 @@ class Subscriptions:
         if topic in self._latched:
             qos.depth, qos.durability = LATCHED_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL
 
-        def take(message: bytes, info: Any) -> None:
-            self._take(topic, message, info)
-            self._arrived(topic)
-
         subscription = self._node.create_subscription(
             kind,
             topic,
-            take,  # type: ignore[arg-type]  # rclpy gives the information to those that take two
+            partial(self._take, topic),
             qos,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see QosWatch
             qos_overriding_options=overridable(),

@@ -113,16 +113,13 @@ class States:
         if len(slots):
             self.superseded[state.topic] += self._placement.supersede(slots, frame)
             poses = self._unit(slots, poses, state.topic)
-            self._write(slots, poses, twists, frame, state.topic)
+            table, rows = self._table, as_slice(slots)
+            table.given[rows], table.twist[rows], table.frame[rows] = poses, twists, frame
+            table.topic[rows] = self._placement.topic_index(state.topic)
+            table.locked[rows] = False
+            table.mark(rows, POSE_GIVEN)
             self._stamp(slots, stamps, received, state.topic)
         return old
-
-    def _write(self, slots: Slots, poses: Floats, twists: Floats, frame: int, topic: str) -> None:
-        table, rows = self._table, as_slice(slots)
-        table.given[rows], table.twist[rows] = poses, twists
-        table.frame[rows], table.topic[rows] = frame, self._placement.topic_index(topic)
-        table.locked[rows] = False
-        table.mark(rows, POSE_GIVEN)
 
     def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
         """Store stamps; one that is not believed orders nothing."""

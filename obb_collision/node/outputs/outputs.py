@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -176,18 +175,19 @@ class Outputs:
 
         The table of namespaces goes first, so that the rest can be read.
         """
-        guard = self.guard
-        guard.run("output namespaces", lambda: self.publish_namespaces(given.table.namespaces))
+        with self.guard.catching("output namespaces"):
+            self.publish_namespaces(given.table.namespaces)
         if not given.effects.isdisjoint(("collisions", "text", "events")):
-            guard.run("output collisions", lambda: self._publish_pairs(given))
+            with self.guard.catching("output collisions"):
+                self._publish_pairs(given)
         if "events" not in given.effects:
             self.events.forget()
         results = given.report.results
         for name in results.keys() & given.effects:
             topic = TOPICS.get(name)
             if isinstance(topic, Cloud):
-                publish = partial(self._publish_cloud, name, topic, results[name], given)
-                guard.run(f"output {name}", publish)
+                with self.guard.catching(f"output {name}"):
+                    self._publish_cloud(name, topic, results[name], given)
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=stamp_to_ros(stamp), frame_id=self.parameters.fixed_frame)
@@ -206,7 +206,8 @@ class Outputs:
         if "collisions" in given.effects:
             self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
         if "events" in given.effects:
-            self.guard.run("output events", lambda: self._publish_events(rows, given))
+            with self.guard.catching("output events"):
+                self._publish_events(rows, given)
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self.parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)

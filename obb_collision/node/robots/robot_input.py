@@ -139,19 +139,17 @@ class RobotInput:
         """Why it is not known where its links are, "" if it is."""
         return "; ".join(self.faults.values())
 
-    def take_text(self, kind: str, data: bytes) -> None:
+    def take_text(self, kind: str, data: bytes, now: int) -> None:
         """Begin to read a URDF, with the SRDF if there is one, unless it is only sent again.
 
         While the last of either is refused, the robot is in doubt.
         """
-        now, monitor = self._clock(), self._monitors[kind]
-        monitor.received(now)
         try:
             text = text_from_bytes(data)
             if not text.lstrip("\ufeff \t\r\n").startswith(START):
                 raise RefusedError(BAD_DESCRIPTION, "no XML")
         except RefusedError as error:
-            monitor.refuse(now, error.reason, "whole message", error.detail)
+            self._monitors[kind].refuse(now, error.reason, "whole message", error.detail)
             self._refused[kind] = f"{kind} refused: {error}"
             return
         was_refused = bool(self._refused.pop(kind, "")) or BOTH in self._refused
@@ -182,17 +180,11 @@ class RobotInput:
         if self.reading is not None:
             self.reading.abandon()
 
-    def take_joints(self, data: bytes) -> None:
+    def take_joints(self, data: bytes, now: int) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
-        now, monitor = self._clock(), self._monitors[JOINT_STATES]
-        monitor.received(now)
-        try:
-            message = joints_from_bytes(data)
-        except RefusedError as error:
-            monitor.refuse_whole(now, error.reason, error.detail)
-            return
+        message = joints_from_bytes(data)
         if self.joints is not None:
-            self.joints.take(message, now, monitor, self._objects.states)
+            self.joints.take(message, now, self._monitors[JOINT_STATES], self._objects.states)
             self._changed, self._link_poses = True, None
 
     def take_base(self, message: NamedPose, now: int, monitor: InputMonitor) -> None:

@@ -169,7 +169,7 @@ class Robots:
         found = {}
         for robot, answers in zip(self.robots, self.answers, strict=True):
             inputs.bases[robot.name] = robot.take_base
-            takes: dict[str, Callable[[bytes], None]] = {
+            takes: dict[str, Callable[[bytes, int], None]] = {
                 DESCRIPTION: partial(robot.take_text, DESCRIPTION),
                 SEMANTIC: partial(robot.take_text, SEMANTIC),
                 JOINT_STATES: robot.take_joints,

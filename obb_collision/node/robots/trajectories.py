@@ -238,13 +238,11 @@ class Trajectories:
         self.stopped = ""
         """Why the last one was stopped, "" if it was not."""
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes, now: int) -> None:
         """Forward a message as it is, or say why not; always one without points: it is a stop.
 
         One with many pieces is decided in the next cycles, and waits for that.
         """
-        now = self._clock()
-        self._monitor.received(now)
         before, self.deciding = self.deciding, None
         if before is not None:
             self._refuse(RefusedError("superseded", "another one came before it was decided"))

@@ -89,10 +89,9 @@ class ValidityTopics:
         self._checked, self._publisher, self._monitor = checked, publisher, monitor
         self._parameters = checked.parameters
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes, now: int) -> None:
         """Answer a message; one that cannot be read has no answer, and is counted."""
-        now, monitor = self._checked.clock(), self._monitor
-        monitor.received(now)
+        monitor = self._monitor
         try:
             message = cloud_from_bytes(data)
             stamp = stamp_from_ros(message.header.stamp)

@@ -23,7 +23,8 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 INTERNAL_ERROR = "internal error"
@@ -61,14 +62,13 @@ class Guard:
         trace = "".join(traceback.format_exception(error))
         self._log(f"{INTERNAL_ERROR} (logged once, then only counted): {what}\n{trace}")
 
-    def run(self, where: str, action: Callable[[], None], item: str = "") -> bool:
-        """Call ``action``; returns whether it went through."""
+    @contextmanager
+    def catching(self, where: str, item: str = "") -> Iterator[None]:
+        """Count an exception that leaves the block; what is behind the block runs."""
         try:
-            action()
+            yield
         except Exception as error:
             self.caught(where, error, item)
-            return False
-        return True
 
     @property
     def total(self) -> int:

@@ -255,7 +255,7 @@ class Sets:
         header = Header(stamp=stamp_to_ros(stamp), frame_id=frame)
         places = [pose(ident) for ident in ids]
         message = boxes_to_ros(ids, places, np.ones((len(ids), 3)), header=header)
-        self.input.take(serialize_message(message))
+        self.input.take(serialize_message(message), self.now)
 
     def cycle(self, time: int) -> dict[int, float]:
         """Run a cycle; returns where which boxes are."""

@@ -53,7 +53,7 @@ def keys(rig: Rig) -> set[Key]:
 def wait(rig: Rig, *messages: bytes) -> None:
     """Let messages wait as if they had just come, without a cycle in between."""
     for message in messages:
-        rig.node.inputs.markers.take(message)
+        rig.node.inputs.markers.take(message, rig.node.now())
 
 
 def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
@@ -103,7 +103,7 @@ def test_what_waits_is_bounded(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Non
             *(cube(("c", k), (number, 3 * k, 0)) for k in range(20)),
             Marker(ns="d", id=number, action=Marker.DELETE),
         )
-        markers.take(message)
+        markers.take(message, rig.node.now())
         peak = max(peak, markers.size)
         assert markers.size <= 100_000 + 3 * len(message)
     assert peak > 50_000

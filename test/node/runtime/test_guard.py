@@ -179,22 +179,21 @@ def test_each_failure_is_logged_once_with_its_traceback() -> None:
     lines: list[str] = []
     guard = Guard(lines.append, lambda: True)
 
-    def fail() -> None:
-        raise UnforeseenError("x" * 10_000)
-
     for _ in range(3):
-        assert not guard.run("cycle", fail, "a/1")
+        with guard.catching("cycle", "a/1"):
+            raise UnforeseenError("x" * 10_000)
     assert guard.counts == {"cycle": 3}
     assert len(lines) == 1
     assert "Traceback" in lines[0]
     assert "a/1" in lines[0]
     assert len(guard.last) < 1000
-    guard.run("input objects", fail)
+    with guard.catching("input objects"):
+        raise UnforeseenError("x" * 10_000)
     assert len(lines) == 2
 
 
 def test_what_fails_because_the_context_is_gone_is_raised() -> None:
     guard = Guard(print, lambda: False)
-    with pytest.raises(UnforeseenError):
-        guard.run("cycle", failing(print, lambda: True))
+    with pytest.raises(UnforeseenError), guard.catching("cycle"):
+        raise UnforeseenError
     assert guard.total == 0
