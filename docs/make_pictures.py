@@ -12,15 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Makes the pictures in this folder anew: all, or those that are named.
+"""Makes the pictures of programs at work anew: all, or those that are named.
 
-    python docs/make_pictures.py [accuracy] [effects] [speed] [promises] [separating_axis] [demo]
-        [arm_cell] [robots]
+    python docs/make_pictures.py [demo] [arm_cell] [safety_stop] [planner]
 
-The plots are drawn from the tables on the pages, so that both say the same; the commands beside the
-tables measure anew. ``demo`` makes ``view.png`` and
-``demo.png``, ``arm_cell`` that of the tutorial: they need the extra ``ros``,
-``demo`` the extra ``view`` and Chromium or Chrome, too.
+``demo`` makes ``view.png``, ``view.gif`` and ``demo.png``, the others are those of the tutorials.
+They need the extras ``ros`` and ``bench``, ``demo`` the extra ``view`` and Chromium or Chrome, too.
 """
 
 from __future__ import annotations
@@ -37,22 +34,29 @@ from contextlib import closing, contextmanager
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import monotonic, sleep
+from time import monotonic, sleep, time
 from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
+import rclpy
+from make_plots import FOLDER, make, program_of
 from PIL import Image
 from rclpy.context import Context
+from sensor_msgs.msg import MultiDOFJointState
 from websockets.sync.client import connect
 
+from obb_collision.benchmarks import plots
 from obb_collision.demo.command import DEFAULT_SCENE, scene_file
+from obb_collision.demo.picture import draw_picture
 from obb_collision.demo.run import Demo
 from obb_collision.demo.scene import DemoScene
+from obb_collision.demo.snapshot import FREE, ROBOT, DrawnScene
 from obb_collision.demo.view import BrowserView, LiveView
+from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.runtime.environment import set_defaults
+from obb_collision.scene_files.description import View
 
-FOLDER = Path(__file__).parent
 #: When vehicles collide in the scene, seconds.
 TIME = 28.0
 #: When the arm grazes a board in its cell, seconds.
@@ -64,209 +68,13 @@ LOADED, SETTLED = 15.0, 1.5
 #: Pixels of the browser's window, and where it warns of a software renderer: painted over.
 WINDOW, WARNING = (1640, 883), (0, 0, 345, 190)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-#: Nanoseconds.
-UNITS = {"ns": 1.0, "µs": 1e3, "ms": 1e6}
-
-
-def table(page: str, head: str) -> list[list[str]]:
-    """Return the cells of the rows of a table whose first line begins in a certain way."""
-    lines = (FOLDER / page).read_text(encoding="utf-8").splitlines()
-    first = next(k for k, line in enumerate(lines) if line.startswith(head))
-    rows = []
-    for line in lines[first + 2 :]:
-        if not line.startswith("|"):
-            break
-        rows.append([cell.strip().replace("`", "") for cell in line.strip("|").split("|")])
-    return rows
-
-
-def _numbers(cell: str) -> list[tuple[str, float]]:
-    """Return the numbers of a cell such as ``3.6 / 10.7 µs`` with their unit; none is 0."""
-    unit = cell.rsplit(" ", 1)[-1]
-    parts = [part.split(" ")[0].replace(",", "") for part in cell.split(" / ")]
-    return [(unit, 0.0 if part == "none" else float(part)) for part in parts]
-
-
-def _kinds(name: str) -> list[str]:
-    """Return the contestants of a row such as ``coal hull / mesh``."""
-    library, *kinds = re.split(r" / | ", name)
-    return [f"{library} {kind}" for kind in kinds]
-
-
-def _price() -> Any:
-    from obb_collision.benchmarks.contest import ContestRow, Price
-
-    text = (FOLDER / "accuracy.md").read_text(encoding="utf-8")
-    shapes, pairs = re.findall(r"(\d+) meshes.*? ([\d,]+) pairs", text, re.DOTALL)[0]
-    price = Price("real meshes", "", int(shapes), 0, int(pairs.replace(",", "")))
-    for name, time, *_, false in table("accuracy.md", "| level |"):
-        names = _kinds(name) if " " in name else [name]
-        for one, (unit, number), (_, share) in zip(
-            names, _numbers(time), _numbers(false), strict=True
-        ):
-            row = ContestRow(one, " " in name, number * UNITS[unit], reports=100, false=int(share))
-            price.rows.append(row)
-    return price
-
-
-def draw_accuracy() -> None:
-    """Draw what accuracy costs: the time per pair against false alarms and errors of effects."""
-    from obb_collision.benchmarks.effects import EffectRow
-    from obb_collision.benchmarks.plots import save_accuracy
-
-    effect, rows = "", []
-    for name, time, mean, _ in table("accuracy.md", "| effect | time per pair"):
-        what, _, level = name.partition(" at ")
-        names = [level] if level else _kinds(name)
-        effect = {"time of impact": "sweep"}.get(what, what) if level else effect
-        for one, (unit, number), (_, error) in zip(
-            names, _numbers(time), _numbers(mean), strict=True
-        ):
-            rows.append(EffectRow(effect, one, not level, 1, number * UNITS[unit], 1e-3 * error))
-    save_accuracy([_price()], rows, FOLDER / "accuracy.svg")
-
-
-def _effect_costs() -> list[Any]:
-    from obb_collision.benchmarks.effects import ALL, OFF, PAIRS, CostRow
-
-    lines = (FOLDER / "effects.md").read_text(encoding="utf-8").splitlines()
-    head = next(line for line in lines if line.startswith("| | tabletop"))
-    rows = []
-    for column, (scene, objects) in enumerate(re.findall(r"(\w+), (\d+)", head), start=1):
-        base = 0.0
-        for cells in table("effects.md", head):
-            name, cell = cells[0].removeprefix("and ").split(",")[0], cells[column]
-            if not cell:
-                continue
-            number = float(cell.replace(",", ""))
-            base = number if name == OFF else base
-            step = base + number if cell.startswith("+") else number
-            name = ALL if name.startswith("all") else name
-            rows.append(CostRow(scene, name, int(objects), step, 0.0, 0.0, 0.0))
-    assert {PAIRS, OFF, ALL} <= {row.variant for row in rows}
-    return rows
-
-
-def draw_effects() -> None:
-    """Draw what each effect adds to a step, in the scenes that come with the package."""
-    from obb_collision.benchmarks.plots import save_effect_costs
-
-    save_effect_costs(_effect_costs(), FOLDER / "effects.svg")
-
-
-def draw_speed() -> None:
-    """Draw the tables of the full step: by number of boxes, and by form of the scene."""
-    from obb_collision.benchmarks.plots import save_speed
-    from obb_collision.benchmarks.steps import StepRow
-
-    rows = []
-    heads = {
-        "uniform": "| ms per step | 10 |",
-        "": "| ms per step | uniform |",
-    }
-    for form, start in heads.items():
-        text = (FOLDER / "speed.md").read_text(encoding="utf-8")
-        head = next(line for line in text.splitlines() if line.startswith(start))
-        columns = [cell.strip() for cell in head.strip("|").split("|")][1:]
-        for name, *cells in table("speed.md", start):
-            name, _, threads = name.replace(", best broad phase", ", 1 thread").rpartition(", ")
-            for column, cell in zip(columns, cells, strict=True):
-                if cell and not (column == "uniform" and not form):
-                    boxes = int(column.replace(",", "")) if form else 10_000
-                    ms, count = float(cell.split(" ")[0].rstrip("*")), int(threads.split(" ")[0])
-                    case = form or column, boxes, 1.0
-                    rows.append(StepRow(name, count, *case, ms, ms, 0, 0.0, 0, 0, 0, 0.0))
-    save_speed(rows, FOLDER / "speed.svg")
-
-
-def draw_promises() -> None:
-    """Draw the three promises beside each other, from the tables that prove them."""
-    from obb_collision.benchmarks import plots
-    from obb_collision.benchmarks.effects import ALL, PAIRS
-
-    with plots.picture(FOLDER / "promises.svg", (13.0, 3.8), "abc") as (_, panels):
-        levels = [row for row in _price().rows if not row.peer]
-        names = [f"{row.name}\n{plots.time(row.pair_ns)} per pair" for row in levels]
-        shares = [100.0 * row.false_of_reports for row in levels]
-        bars = panels["a"].barh(names, shares, color=plots.OURS)
-        panels["a"].bar_label(bars, [f"{share:.0f} %" for share in shares], padding=4)
-        panels["a"].set_title("You see what accuracy costs")
-        panels["a"].set_xlabel("share of the alarms that are false")
-
-        text = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
-        head = next(line for line in text.splitlines() if line.startswith("| pairs | this library"))
-        checkers = [cell.strip() for cell in head.strip("|").split("|")][1:]
-        rows = table("../README.md", "| pairs | this library")
-        wrong = [
-            sum(int(n) for row in rows for n in row[column].split("/"))
-            for column in range(1, len(checkers) + 1)
-        ]
-        colors = [plots.OURS, *["#b9bec5"] * len(checkers)][: len(checkers)]
-        bars = panels["b"].barh(checkers, wrong, color=colors)
-        panels["b"].bar_label(bars, [f"{count:,}" for count in wrong], padding=4)
-        panels["b"].set_title("It is right")
-        panels["b"].set_xlabel(f"wrong answers in {len(rows)}00,000 pairs")
-
-        costs = _effect_costs()
-        scene = max({row.scene for row in costs}, key=[row.scene for row in costs].count)
-        variants = [row.variant for row in costs if row.scene == scene and row.variant != PAIRS]
-        plots.draw_effect_costs(panels["c"], costs, variants, [scene])
-        panels["c"].set_title("You pay for what you ask for")
-        assert ALL in variants
-        for name in "ab":
-            panels[name].invert_yaxis()
-            panels[name].margins(x=0.22)
-            panels[name].grid(visible=False)
-            panels[name].set_xticks([])
-
-
-def draw_separating_axis() -> None:
-    """Draw the projections of two boxes of the plane on an axis that separates them, and not."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.2, 3.9), layout="constrained")
-    colors = ("#4c78a8", "#f58518")
-    boxes = [_rectangle((1.2, 1.6), 31.5, (0.65, 0.34)), _rectangle((2.2, 2.1), 49.0, (0.6, 0.35))]
-    titles = (
-        "On this axis the projections overlap",
-        "On this one they do not: the boxes are apart",
-    )
-    for axes, angle, title in zip(figure.subplots(1, 2), (0.0, 58.5), titles, strict=True):
-        _draw_projections(axes, boxes, colors, np.radians(angle))
-        axes.set_title(title)
-    figure.savefig(FOLDER / "separating_axis.svg")
-
-
-def _rectangle(center: tuple[float, float], degrees: float, half: tuple[float, float]) -> Any:
-    turn = np.radians(-degrees)
-    axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    return corners @ axes.T + center
-
-
-def _draw_projections(axes: Any, boxes: list[Any], colors: tuple[str, str], angle: float) -> None:
-    """Draw the boxes, and their projections on a line beside them."""
-    along = np.array([np.cos(angle), np.sin(angle)])
-    across = np.array([np.sin(angle), -np.cos(angle)])
-    foot = across * (max((box @ across).max() for box in boxes) + 0.25)
-    ends = []
-    for box, color in zip(boxes, colors, strict=True):
-        axes.fill(*box.T, facecolor=color, alpha=0.3, edgecolor=color, linewidth=2)
-        shadow = box @ along
-        ends.append((shadow.min(), shadow.max()))
-        for corner in (box[shadow.argmin()], box[shadow.argmax()]):
-            axes.plot(*np.transpose([corner, (corner @ along) * along + foot]), ":", color=color)
-        axes.plot(*(np.outer(ends[-1], along) + foot).T, color=color, linewidth=6, alpha=0.8)
-    low, high = sorted([ends[0][1], ends[1][0]])
-    word, color = ("gap", "#2ca02c") if ends[0][1] < ends[1][0] else ("overlap", "#d62728")
-    line = np.outer([low, high], along) + foot + 0.12 * across
-    axes.plot(*line.T, color=color, linewidth=4)
-    axes.text(
-        *(line.mean(axis=0) + 0.2 * across), word, color=color, weight="bold", ha="center",
-        va="center",
-    )  # fmt: skip
-    axes.set_aspect("equal")
-    axes.axis("off")
+#: How far the crate is from the vehicle of the safety stop, and where its node is killed, m;
+#: seconds without a node.
+CRATE, KILLED_AT, WITHOUT_NODE = 1.5, 1.1, 1.5
+#: Seconds without news of the vehicle at the end; shorter stops have no text.
+SILENCE = 1.0
+#: States of the planned path that are drawn, and from where.
+STATES, PATH_VIEW = 9, View((-2.0, 0.9, 1.9), (0.3, 0.0, 0.5))
 
 
 @contextmanager
@@ -359,38 +167,93 @@ def draw_arm_cell() -> None:
         demo.save_picture(FOLDER / "tutorials" / "arm_cell.png")
 
 
-def draw_robots() -> None:
-    """Draw the states per second of each checker in each world."""
-    sys.path.insert(0, str(FOLDER.parent))  # tools are not installed
-    from tools.robots import save_plot
+def draw_safety_stop() -> None:
+    """Run the program of the tutorial, kill its node and start it again; draw how it drove."""
+    text = (FOLDER / "tutorials" / "mobile_robot_safety_stop.md").read_text(encoding="utf-8")
+    parameters, program = re.findall(
+        r"^```(?:yaml|python)\n(.*?)^```", text, re.DOTALL | re.MULTILINE
+    )
+    gaps = [(0.0, np.inf)]
+    rclpy.init()
+    listener = rclpy.create_node("picture")
 
-    rows = [
-        {"world": world, "checker": checker, "states_per_second": float(rate.replace(",", ""))}
-        for world, _, checker, _, rate, *_ in table("robots.md", "| world | objects | checker |")
-    ]
-    save_plot(rows, FOLDER / "robots.svg")
+    def listen(message: MultiDOFJointState) -> None:
+        gaps.append((time(), CRATE - message.transforms[0].translation.x))
+
+    listener.create_subscription(MultiDOFJointState, "object_states", listen, 10)
+
+    def spin_until(condition: Callable[[], bool]) -> float:
+        while not condition():
+            rclpy.spin_once(listener, timeout_sec=0.1)
+        return time()
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "parameters.yaml"
+        file.write_text(parameters)
+        command = ["obb_collision_node", "--ros-args", "--params-file", str(file)]
+        node = subprocess.Popen(command)
+        start: Any = [sys.executable, "-c", program]
+        vehicle = subprocess.Popen(start, stderr=subprocess.PIPE, text=True)
+        killed = spin_until(lambda: gaps[-1][1] < KILLED_AT)
+        node.kill()
+        again = spin_until(lambda: time() > killed + WITHOUT_NODE)
+        node = subprocess.Popen(command)
+        end = spin_until(lambda: vehicle.poll() is not None)
+        node.terminate()
+        node.wait()
+    rclpy.shutdown()
+    said = re.findall(r"\[([\d.]+)\] \[safety_stop\]: (.*)", vehicle.communicate()[1])
+    begin = min(float(when) for when, words in said if words == "driving")
+    with plots.picture(FOLDER / "tutorials" / "safety_stop.svg", (9.0, 4.0)) as (_, panels):
+        axes = panels["a"]
+        gaps.append((end + SILENCE, gaps[-1][1]))
+        shown = [(when - begin, gap) for when, gap in gaps if when >= begin]
+        axes.plot(*zip(*shown, strict=True), color=plots.OURS, linewidth=3)
+        axes.axhline(0.5, color="0.3", linestyle="--", linewidth=1)
+        times = [float(when) - begin for when, _ in said] + [end + SILENCE - begin]
+        for (_, words), since, until in zip(said, times[:-1], times[1:], strict=True):
+            if words != "driving" and since > 0.0:
+                axes.axvspan(since, until, color="#f4c7c3")
+                if until - since > SILENCE:
+                    axes.text(since + 0.05, 1.5, words.replace(": ", ":\n"), va="top")
+        for when, words in ((killed, "node killed"), (again, "node started again")):
+            x, arrow = when - begin, {"arrowstyle": "->"}
+            axes.annotate(words, (x, 0.28), (x, 0.1), ha="left", arrowprops=arrow)
+        axes.set(xlabel="s", ylabel="m to the crate", xlim=(0, times[-1]), ylim=(0, 1.6))
+        axes.set_title("The vehicle stops without fresh answers, and half a metre before the crate")
+
+
+def draw_planner() -> None:
+    """Draw states of the arm along the path that the tutorial plans."""
+    found = program_of("tutorials/planner_states_without_ros.md")
+    robot, path, scene, shapes = found["robot"], found["path"], found["scene"], {}
+    scene.remove("table")
+    at = np.linspace(0.0, len(path) - 1.0, STATES)
+    states = np.stack([np.interp(at, range(len(path)), column) for column in path.T], axis=1)
+    for k, placed in enumerate(robot.link_poses(states)):
+        for link, pose, parts in zip(robot.link_names, placed, robot.shapes, strict=True):
+            for number, (shape, local) in enumerate(parts):
+                name = f"{k}/{link}/{number}"
+                scene.add(name, shape, compose_poses(pose, local))
+                shapes[name] = shape
+    none = np.empty((0, 3))
+    kinds = np.array([ROBOT if name in shapes else FREE for name in scene.names])
+    drawn = DrawnScene(
+        scene.names, scene.boxes, kinds, shapes, {}, none, none, none.reshape(0, 2, 3), none,
+        np.empty(0, np.bool_), [],
+    )  # fmt: skip
+    subtitle = f"{STATES} states of it, from the right to the left, and proved free in between"
+    figure = draw_picture(drawn, "A path of the arm around a post", subtitle, PATH_VIEW)
+    figure.legends[0].remove()
+    figure.savefig(FOLDER / "tutorials" / "planner.png", pil_kwargs={"optimize": True})
 
 
 PICTURES = {
-    "accuracy": draw_accuracy,
-    "effects": draw_effects,
-    "speed": draw_speed,
-    "promises": draw_promises,
-    "separating_axis": draw_separating_axis,
     "demo": draw_demo,
     "arm_cell": draw_arm_cell,
-    "robots": draw_robots,
+    "safety_stop": draw_safety_stop,
+    "planner": draw_planner,
 }
 
-
-def main() -> None:
-    """Make the pictures whose names are the arguments, or all."""
-    names = sys.argv[1:] or list(PICTURES)
-    if not set(names) <= set(PICTURES):
-        sys.exit(f"the pictures are {', '.join(PICTURES)}")
-    for name in names:
-        PICTURES[name]()
-
-
 if __name__ == "__main__":
-    main()
+    make(PICTURES)

@@ -63,9 +63,9 @@ def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
 
 
 def _small(table: Table, most: int) -> Table:
-    """Return the head, ours with the most threads, with one, and the best-known peers."""
-    one = f"{SEPARATIONS.name}, 1 thread"
-    wanted = (*(f"{name}, {most} thread" for name in OWN - {SCENE.name}), one, *SMALL)
+    """Return the head, ours with one thread, one with the most, and the best-known peers."""
+    quick = f"{SEPARATIONS.name}, {most} thread"
+    wanted = (*(f"{name}, 1 thread" for name in OWN - {SCENE.name}), quick, *SMALL)
     return [table[0], *(line for line in table[1:] if line[0].startswith(wanted))]
 
 

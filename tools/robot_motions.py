@@ -121,7 +121,7 @@ def motion_rows(
             ends = ends_of(robot, starts, length, rng)
             some = starts[:compared], ends[:compared]
             collides = sampled(checker, *some) if compared else np.empty(0, np.bool_)
-            here = {"world": f"{count} boxes", "length": length}
+            here = {"world": f"{count} boxes", "length": length, "checker": "this library"}
             yield here | _row(checker, starts, ends, collides)
             if vamp is not None:
                 a, b = starts[:TIMED], ends[:TIMED]

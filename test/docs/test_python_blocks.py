@@ -16,7 +16,7 @@
 
 The blocks of a page are one program, in one namespace; those with ROS have a node beside them, with
 the parameters that the page has for all nodes. A print with a comment in its line prints that
-comment, and nothing else is printed. They run in an empty folder, those about robots in the clone.
+comment, and nothing else is printed. They run in an empty folder.
 """
 
 from __future__ import annotations
@@ -98,8 +98,7 @@ def test_the_blocks_run_and_print_what_they_say(
 ) -> None:
     clean = tmp_path / "clean"
     clean.mkdir()
-    in_clone = "docs/robots.md", "docs/tutorials/planner_states_without_ros.md"
-    monkeypatch.chdir(ROOT if name in in_clone else clean)
+    monkeypatch.chdir(clean)
     parameters = tmp_path / "parameters.yaml"
     parameters.write_text("".join(parameter_blocks(name)))
     variables: dict[str, object] = {"__name__": Path(name).stem}

@@ -44,7 +44,7 @@ def test_it_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[
     finally:
         oc.set_threads(None)
     printed = capsys.readouterr().out
-    assert "| 5 boxes | 5 | this library |" in printed
+    assert "| us per state | 5 boxes | missed | false alarms |\n" in printed
     report = json.loads(file.read_text())
     rows = {row["checker"]: row for row in report["states"]}
     assert rows["this library"]["states_per_second"] > 0

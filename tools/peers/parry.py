@@ -14,7 +14,7 @@
 
 """The speed of pairs beside parry3d compiled in Rust, without Python: same frames, by turns.
 
-    python -m tools.peers.parry [--boxes 1000 10000 100000] [--rounds 5]
+    python -m tools.peers.parry [--boxes 1000 10000 100000] [--rounds 5] [--markdown docs/speed.md]
 
 It needs cargo. parry3d computes in single precision, so that a few of its verdicts differ.
 """
@@ -33,9 +33,9 @@ import numpy as np
 
 import obb_collision as oc
 from obb_collision.benchmarks.contestants import Frame, OurPairs, make_frames
-from obb_collision.cli import Parser, interruptible
+from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.typing import Floats
-from tools.pages import as_markdown
+from tools.pages import as_markdown, write_into
 
 SOURCE = Path(__file__).parent / "parry"
 FORM, SEED = "uniform", 1
@@ -99,15 +99,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.peers.parry", description=__doc__.split("\n")[0])
     parser.add_argument("--boxes", type=int, nargs="+", default=[1000, 10_000, 100_000])
     parser.add_argument("--rounds", type=int, default=5)
+    option(parser, "--markdown", new_file(".md"), text="page whose table is written anew")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         program = build(Path(folder))
         found = {boxes: measure(program, boxes, options.rounds) for boxes in options.boxes}
-    lines = [["ms per step (pairs)", *(f"{boxes:,}" for boxes in found)]]
+    lines = [["ms per step", *(f"{boxes:,}" for boxes in found)]]
     for name in next(iter(found.values())):
-        cells = (f"{row[name][0]:.3g} ({row[name][1]:,})" for row in found.values())
+        cells = (f"{row[name][0]:.3g} ({row[name][1]:,} pairs)" for row in found.values())
         lines.append([name, *cells])
     print(as_markdown(lines))
+    if options.markdown:
+        without = [[cell.partition(" (")[0] for cell in line] for line in lines]
+        write_into(options.markdown, {"parry": as_markdown(without)})
     return 0
 
 
