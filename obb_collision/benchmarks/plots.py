@@ -18,12 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from obb_collision.benchmarks.contest import Price
 from obb_collision.benchmarks.contestants import SCENE
-from obb_collision.benchmarks.effects import PAIRS, CostRow, EffectRow
+from obb_collision.benchmarks.effects import ALL, PAIRS, CostRow, EffectRow
 from obb_collision.benchmarks.speed import OWN
 from obb_collision.benchmarks.steps import StepRow
 
@@ -63,7 +66,7 @@ MARKS = "osD^"
 #: Where a label may stand: points from its spot, and its alignments; the first free one is taken.
 PLACES = [
     (x * scale, y * scale, ("right", "center", "left")[1 + (x > 0) - (x < 0)], va)
-    for scale in (1.0, 2.0, 3.0, 4.5)
+    for scale in (1.0, 2.0, 2.5, 3.0, 4.5)
     for x, y, va in (
         *((6, 6, "bottom"), (0, 8, "bottom"), (-6, 6, "bottom"), (9, 0, "center")),
         *((0, -8, "top"), (-9, 0, "center"), (6, -6, "top"), (-6, -6, "top")),
@@ -98,11 +101,14 @@ def look(name: str) -> dict[str, Any]:
 
 
 def place_labels(axes: Any, labels: Sequence[tuple[str, float, float, dict[str, Any]]]) -> None:
-    """Write labels (text, x, y, style) beside their spots, where none covers another or a spot."""
+    """Write labels (text, x, y, style) beside their spots: none covers another, a spot, a line."""
     figure = axes.figure
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # what is placed stays
     spots = [axes.transData.transform((x, y)) for _, x, y, _ in labels]
+    for line in axes.lines:
+        ends = axes.transData.transform(line.get_xydata())
+        spots += [at for a, b in pairwise(ends) for at in np.linspace(a, b, 100)]
     taken: list[Any] = []
     for text, x, y, style in labels:
         for right, up, ha, va in PLACES:
@@ -111,7 +117,7 @@ def place_labels(axes: Any, labels: Sequence[tuple[str, float, float, dict[str, 
             )  # fmt: skip
             box = note.get_window_extent()
             free = not any(box.overlaps(other) for other in taken)
-            free = free and axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1
+            free = free and bool((axes.bbox.min <= box.min).all()) and box.x1 <= axes.bbox.x1
             if free and not any(box.padded(3).contains(*spot) for spot in spots):
                 break
             note.remove()
@@ -178,7 +184,7 @@ def _draw_spots(axes: Any, spots: Sequence[Spot]) -> None:
             style = look(name) | {"linestyle": "none", "markerfacecolor": "white"}
             axes.plot(when, height, zorder=4, clip_on=False, **style)
     axes.set_xscale("log")
-    axes.margins(0.22, 0.14)
+    axes.margins(0.22, 0.2)
     axes.set_xlabel("time per pair")
     name_values(axes.xaxis, time)
 
@@ -243,7 +249,9 @@ def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
 
 def save_effect_costs(rows: Sequence[CostRow], path: Path) -> None:
     """Draw how many times as long as the pairs alone a step takes with each effect."""
-    variants = [name for name in dict.fromkeys(row.variant for row in rows) if name != PAIRS]
+    variants = sorted(
+        {row.variant: 0 for row in rows if row.variant != PAIRS}, key=lambda name: name == ALL
+    )
     scenes = list(dict.fromkeys(row.scene for row in rows))
     with picture(path, (9.0, 0.55 * len(variants) + 1.8)) as (figure, panels):
         axes = panels["a"]
