@@ -181,7 +181,7 @@ class CycleRunner:
 
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
-        self.failed = True
+        failed = True  # while it runs, what is asked is answered by what the last one was
         with self._node.guard.catching("cycle"):
             start = perf_counter()
             self.delay = waited = self._node.collect()
@@ -200,8 +200,9 @@ class CycleRunner:
             else:
                 self._outputs.publish_namespaces(self._objects.table.namespaces)
             self.monitor.add(stages, 1.0 / self._node.parameters.rate)
-            self.failed = False
-        if self.failed:
+            failed = False
+        self.failed = failed
+        if failed:
             self.report = None
         if self.report is None:
             self._outputs.events.pairs.interrupt()
