@@ -50,6 +50,7 @@ import numba
 import numpy as np
 from numba.core import config as _config
 from numba.core import types as _types
+from numba.experimental.structref import StructRefProxy
 
 from obb_collision._numba import Cache, Key, can_keep, function_of
 
@@ -358,6 +359,8 @@ def fields_of(kind: Any) -> tuple[Any, ...]:
     """
     if isinstance(kind, types.BaseTuple):
         return (getattr(kind, "fields", ()), *map(fields_of, kind))
+    if isinstance(kind, types.StructRef):
+        return tuple(map(fields_of, kind.field_dict.values()))
     return ()
 
 
@@ -404,6 +407,8 @@ def _value(value: Any) -> str:
         return f"fields {getattr(value, '_fields', ())}"
     if isinstance(value, type) and issubclass(value, Enum):
         return repr(list(value))
+    if isinstance(value, type) and issubclass(value, StructRefProxy):
+        return f"holds {value.__qualname__}"
     if value is None or isinstance(value, (bool, int, float, str, np.generic)):
         return f"{type(value).__name__} {value!r}"
     module = getattr(value, "__module__", None) or ""

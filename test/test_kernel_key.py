@@ -126,6 +126,7 @@ def test_fields_in_another_order_are_another_signature() -> None:
     assert str(first) == str(second)
     assert fields_of(first) != fields_of(second)
     assert fields_of(first) == fields_of(signature("x", "y"))
+    assert fields_of(jit.HeldType([("value", first)])) == (fields_of(first),)
 
 
 OWN = """

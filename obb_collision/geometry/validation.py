@@ -65,6 +65,8 @@ def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
 
 def as_flag(value: object, name: str) -> bool:
     """Return True or False; TypeError naming the argument for anything else."""
+    if value is True or value is False:
+        return value
     check_kind(value, bool, name, np.bool_)
     return bool(value)
 

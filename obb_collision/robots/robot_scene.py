@@ -537,7 +537,7 @@ class RobotScene(NotCopied):
             raise ValueError(
                 f"starts and ends must be as many, got {len(begins)} and {len(finishes)}"
             )
-        check_turns(self._model.tree, begins, finishes)
+        check_turns(self._model.limits.floating, begins, finishes)
         finest, where = positive_number(resolution, "resolution"), as_flag(first, "first")
         return check_motions(self._prepared, self._accuracy, begins, finishes, finest, where)
 
@@ -626,6 +626,9 @@ class RobotScene(NotCopied):
     def _states(self, value: ArrayLike, name: str) -> Floats:
         """Return checked states (n, joints)."""
         self._check_points()
+        given: ArrayLike = value[None] if type(value) is np.ndarray and value.ndim == 1 else value
+        if self._model.limits.hold(given):
+            return np.asarray(given)
         try:
             states, _ = checked_states(self._model.tree, value, self._joint_count, name)
         except ValueError as error:

@@ -60,6 +60,8 @@ def positive_triple(value: ArrayLike, name: str) -> Triple:
 
 def positive_number(value: ArrayLike, name: str) -> float:
     """Return a positive finite number; ValueError naming the argument otherwise."""
+    if isinstance(value, float) and 0.0 < value <= MAX_MAGNITUDE:  # nearly all are
+        return float(value)
     number = float(as_array(value, name, ()))
     if not number > 0.0:
         raise ValueError(f"{name} must be positive, got {number!r}")

@@ -23,7 +23,7 @@ with the bounds of ``verdict`` and ``convex`` for bodies that are where they are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from obb_collision.geometry.poses import (
     rotate_vectors,
     rotation_of,
 )
-from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.constants import MAX_MAGNITUDE, MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree, place_links
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 LINK_PLACING = 2**14 * ROUNDOFF
 #: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
 OPPOSITE = 1e-6
+FLOAT64 = np.dtype(np.float64)
 
 
 class LinkBodies(NamedTuple):
@@ -94,12 +95,33 @@ class Tests(NamedTuple):
     order: Integers
 
 
+class Chains(NamedTuple):
+    """Lengths of the segments of chains, along the axis of the joint before them, and across.
+
+    segments and joints: what leads from the first link of a pair of links, up and down, to the
+    second one: segments, and the joint behind each, -1 for none; those of pair u from ``starts[u]``
+    on.
+    """
+
+    links: Floats  #: (links, 2) from the origin of the parent to that of the joint
+    bodies: Floats  #: (robots' bodies, 2) from the origin of the link to the farthest corner
+    rows: Integers  #: (p,) which pair of links a tested pair of bodies belongs to
+    starts: Integers  #: (u + 1,)
+    segments: Floats  #: (s, 2)
+    joints: Integers  #: (s,)
+
+
 class Checked(NamedTuple):
-    """Robots and the world: kinematics, bodies, and which of them are tested."""
+    """Robots and the world: kinematics, bodies, and which of them are tested.
+
+    Kernels take it as ``Held``, of which there is one kind: states leave out what motions need.
+    """
 
     tree: Tree
     bodies: LinkBodies
     tests: Tests
+    chains: Chains  #: what moves bodies
+    meshes: Mask  #: (b,) bodies whose pairs hulls do not decide
 
 
 class PairValues(NamedTuple):
@@ -237,6 +259,8 @@ class JointLimits:
     def __init__(self, robots: Sequence[Robot]) -> None:
         self.lower = np.concatenate([robot.lower for robot in robots])
         self.upper = np.concatenate([robot.upper for robot in robots])
+        self.floating: list[int] = []
+        """The first columns of floating joints."""
         self._mimics: list[tuple[int, float, float, float, float]] = []
         first = 0
         for robot in robots:
@@ -246,19 +270,42 @@ class JointLimits:
                     _, _, columns, multipliers, offsets, *_ = robot.tree
                     how = float(multipliers[k]), float(offsets[k]), joint.lower, joint.upper
                     self._mimics.append((first + int(columns[k]), *how))
+            columns = robot.tree.columns[robot.tree.kinds == FLOATING]
+            self.floating += (first + columns).tolist()
             first += len(robot.joint_names)
-        self._inner_lower, self._inner_upper = self.lower.copy(), self.upper.copy()
+        self._inner = np.clip([self.lower, self.upper], -MAX_MAGNITUDE, MAX_MAGNITUDE)
+        self._inner[0, self.floating] = np.inf  # quaternions of zeros are none
         for column, multiplier, offset, lower, upper in self._mimics:
             if multiplier == 0.0:
-                self._inner_lower[column] = np.inf
+                self._inner[0, column] = np.inf
                 continue
             ends = (lower - offset) / multiplier, (upper - offset) / multiplier
-            self._inner_lower[column] = max(self._inner_lower[column], min(ends))
-            self._inner_upper[column] = min(self._inner_upper[column], max(ends))
+            self._inner[0, column] = max(self._inner[0, column], min(ends))
+            self._inner[1, column] = min(self._inner[1, column], max(ends))
 
-    def exceeded(self, states: Floats) -> Mask:
-        """Return (n, joints) which joints are out of their limits, or drive one that is."""
-        if ((states >= self._inner_lower) & (states <= self._inner_upper)).all():
+    def hold(self, states: Any) -> bool:
+        """Return whether something is an array of states (n, joints), all of them valid.
+
+        Also False for some that are: it is for most states, and as fast as can be.
+        """
+        return (
+            type(states) is np.ndarray
+            and states.dtype is FLOAT64
+            and states.flags.carray
+            and states.shape[1:] == self.lower.shape
+            and _are_between(states, self._inner)
+        )
+
+    def exceeded(self, states: Floats, others: Floats | None = None) -> Mask:
+        """Return (n, joints) which joints are out of their limits, or drive one that is.
+
+        others: more states (n, joints) of the same rows.
+        """
+        if others is not None:
+            if self.hold(others):
+                return self.exceeded(states)
+            return self.exceeded(states) | self.exceeded(others)
+        if self.hold(states):
             return np.zeros(states.shape, np.bool_)
         out = np.asarray((states < self.lower) | (states > self.upper))
         for column, multiplier, offset, lower, upper in self._mimics:
@@ -269,9 +316,22 @@ class JointLimits:
         return out
 
 
-def check_turns(tree: Tree, starts: Floats, ends: Floats) -> None:
-    """Raise ValueError where the quaternion of a floating joint would move through zero."""
-    for column in tree.columns[tree.kinds == FLOATING].tolist():
+@njit
+def _are_between(states: Floats, limits: Floats) -> bool:
+    """Return whether all states (n, joints) are between limits (2, joints)."""
+    good = True
+    for n in range(len(states)):
+        for k in range(states.shape[1]):
+            good &= limits[0, k] <= states[n, k] <= limits[1, k]  # False for NaN, too
+    return good
+
+
+def check_turns(floating: Sequence[int], starts: Floats, ends: Floats) -> None:
+    """Raise ValueError where the quaternion of a floating joint would move through zero.
+
+    floating: their first columns.
+    """
+    for column in floating:
         turns = [states[:, column + 3 : column + 7] for states in (starts, ends)]
         units = [turn / np.linalg.norm(turn, axis=1, keepdims=True) for turn in turns]
         opposite = np.flatnonzero(np.linalg.norm(units[0] + units[1], axis=1) < OPPOSITE)

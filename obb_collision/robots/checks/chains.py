@@ -16,65 +16,56 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from obb_collision.geometry.poses import rotate_vectors
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.robots.checks.arrays import LinkBodies
+from obb_collision.robots.checks.arrays import Chains, LinkBodies
 from obb_collision.robots.kinematics.kinematics import FIXED, PRISMATIC, Tree
 from obb_collision.typing import Floats, Integers
 
 #: Relative growth of lengths: more than their roundings.
 LENGTH_GROWTH = 1.0 + 2.0**12 * ROUNDOFF
+#: For what does not ask how bodies move.
+NO_CHAINS = Chains(
+    np.empty((0, 2)),
+    np.empty((0, 2)),
+    np.empty(0, np.int64),
+    np.zeros(1, np.int64),
+    np.empty((0, 2)),
+    np.empty(0, np.int64),
+)
 
 
-class Chains(NamedTuple):
-    """Lengths of the segments of chains, along the axis of the joint before them, and across.
+def chains_of(tree: Tree, bodies: LinkBodies, pairs: Integers, first: int, boxes: bool) -> Chains:
+    """Return the chains to the first bodies, those of robots, and between pairs (p, 2).
 
-    segments and joints: what leads from the first link of a pair of links, up and down, to the
-    second one: segments, and the joint behind each, -1 for none; those of pair u from ``starts[u]``
-    on.
+    boxes: whether to the spheres and boxes around bodies; else to their hulls.
     """
-
-    links: Floats  #: (links, 2) from the origin of the parent to that of the joint
-    bodies: Floats  #: (robots' bodies, 2) from the origin of the link to the farthest corner
-    rows: Integers  #: (p,) which pair of links a tested pair of bodies belongs to
-    starts: Integers  #: (u + 1,)
-    segments: Floats  #: (s, 2)
-    joints: Integers  #: (s,)
-
-    @classmethod
-    def of(cls, tree: Tree, bodies: LinkBodies, pairs: Integers, first: int, boxes: bool) -> Chains:
-        """Return the chains to the first bodies, those of robots, and between pairs (p, 2).
-
-        boxes: whether to the spheres and boxes around bodies; else to their hulls.
-        """
-        turning = (tree.kinds != FIXED) & (tree.kinds < PRISMATIC)
-        back = tree.rotations * (-1.0, -1.0, -1.0, 1.0)
-        axes = rotate_vectors(back, tree.directions) * turning[:, None]  # in the frames of links
-        roots = tree.parents[:, None] < 0
-        links = _split(tree.translations, np.where(roots, 0.0, axes[tree.parents]))
-        extents = np.empty((first, 2))
-        for i, frame in enumerate(bodies.frames[:first].tolist()):
-            blocks = bodies.blocks[bodies.starts[i] : bodies.starts[i + 1]]
-            corners = _split(blocks.transpose(0, 2, 1).reshape(-1, 3), axes[frame])
-            extents[i] = corners.max(axis=0) + bodies.rounds[i] * LENGTH_GROWTH
-            if boxes:
-                radius = max(bodies.spheres[i], np.linalg.norm(bodies.half_extents[i]))
-                extents[i] = 0.0, (np.linalg.norm(bodies.centers[i]) + radius) * LENGTH_GROWTH
-        unique, rows = np.unique(bodies.frames[pairs], axis=0, return_inverse=True)
-        paths = [_path(tree, links, a, b) for a, b in unique.tolist()]
-        steps = [step for path in paths for step in path]
-        return cls(
-            links,
-            extents,
-            rows.reshape(-1),
-            np.cumsum([0, *map(len, paths)]),
-            np.array([step[:2] for step in steps]).reshape(-1, 2),
-            np.array([step[2] for step in steps], np.int64),
-        )
+    turning = (tree.kinds != FIXED) & (tree.kinds < PRISMATIC)
+    back = tree.rotations * (-1.0, -1.0, -1.0, 1.0)
+    axes = rotate_vectors(back, tree.directions) * turning[:, None]  # in the frames of links
+    roots = tree.parents[:, None] < 0
+    links = _split(tree.translations, np.where(roots, 0.0, axes[tree.parents]))
+    extents = np.empty((first, 2))
+    for i, frame in enumerate(bodies.frames[:first].tolist()):
+        blocks = bodies.blocks[bodies.starts[i] : bodies.starts[i + 1]]
+        corners = _split(blocks.transpose(0, 2, 1).reshape(-1, 3), axes[frame])
+        extents[i] = corners.max(axis=0) + bodies.rounds[i] * LENGTH_GROWTH
+        if boxes:
+            radius = max(bodies.spheres[i], np.linalg.norm(bodies.half_extents[i]))
+            extents[i] = 0.0, (np.linalg.norm(bodies.centers[i]) + radius) * LENGTH_GROWTH
+    unique, rows = np.unique(bodies.frames[pairs], axis=0, return_inverse=True)
+    paths = [_path(tree, links, a, b) for a, b in unique.tolist()]
+    steps = [step for path in paths for step in path]
+    return Chains(
+        links,
+        extents,
+        rows.reshape(-1),
+        np.cumsum([0, *map(len, paths)]),
+        np.array([step[:2] for step in steps]).reshape(-1, 2),
+        np.array([step[2] for step in steps], np.int64),
+    )
 
 
 def _split(vectors: Floats, axes: Floats) -> Floats:

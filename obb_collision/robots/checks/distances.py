@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import Held, njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
@@ -94,9 +94,18 @@ class DistanceState(NamedTuple):
 
 @njit
 def distances_kernel(
-    question: DistanceQuestion, nearest: NearestPairs, start: int, stop: int
+    held: Held,
+    asked: tuple[bool, bool, Floats, float],
+    found: tuple[Floats, Integers, Floats],
+    start: int,
+    stop: int,
 ) -> None:
-    """Write the least signed distance of each state, negative where bodies collide."""
+    """Write the least signed distance of each state, negative where bodies collide.
+
+    asked, found: ``DistanceQuestion`` and ``NearestPairs`` as plain tuples, which come from Python
+    faster.
+    """
+    question, nearest = DistanceQuestion(held.value, *asked), NearestPairs(*found)
     bodies, placed, boxes = question.checked.bodies, new_placed(question.checked), question.boxes
     lower, spheres = np.empty(1 if question.given else len(placed.grown)), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
@@ -211,17 +220,40 @@ def _place_core(bodies: LinkBodies, placed: Placed, i: int, cores: Cores, boxes:
 
 
 def hull_distances(
-    checked: Checked, states: Floats, pairs: Integers, limit: float, boxes: bool = False
+    prepared: Prepared, states: Floats, pairs: Integers, limit: float, boxes: bool = False
 ) -> PairDistances:
     """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row.
 
     boxes: those of their boxes.
     """
     count = len(pairs)
-    found = NearestPairs(np.empty((count, 2)), pairs.copy(), np.empty((count, 3, 3)))
-    question = DistanceQuestion(checked, boxes, True, states, limit)
-    run(distances_kernel, count, FEWEST_PAIRS, question, found)
-    return PairDistances(found.bounds[:, 0], found.bounds[:, 1], found.vectors)
+    bounds, vectors = np.empty((count, 2)), np.empty((count, 3, 3))
+    asked, found = (boxes, True, states, limit), (bounds, pairs.copy(), vectors)
+    run(distances_kernel, count, FEWEST_PAIRS, prepared.held, asked, found)
+    return PairDistances(bounds[:, 0], bounds[:, 1], vectors)
+
+
+@njit
+def _name_pairs(
+    known: tuple[Integers, Floats, Floats], found: tuple[Floats, Integers, Floats], curved: bool
+) -> None:
+    """Turn pairs of bodies into those of what they belong to, and points into those of the scene.
+
+    known: the owners and excess of bodies, and the origin. curved: whether upper bounds are to be
+    those of the shapes, not of the prisms around them.
+    """
+    (owners, excess, origin), (bounds, pairs, vectors) = known, found
+    for n in range(len(pairs)):
+        i, j = pairs[n, 0], pairs[n, 1]
+        if curved:
+            bounds[n, 1] += excess[i] + excess[j]
+        a, b = owners[i], owners[j]
+        pairs[n, 0], pairs[n, 1] = min(a, b), max(a, b)
+        for k in range(3):
+            p, q = vectors[n, 0, k] + origin[k], vectors[n, 1, k] + origin[k]
+            vectors[n, 0, k], vectors[n, 1, k] = (q, p) if a > b else (p, q)
+            if a > b:
+                vectors[n, 2, k] *= -1.0
 
 
 def state_distances(
@@ -234,26 +266,19 @@ def state_distances(
     jacobian: bool,
 ) -> StateDistances:
     """Return distances up to a limit in states (n, joints): the least, or those of every pair."""
-    checked, origin = prepared.checked, prepared.world.origin
     if not self_pairs:
-        none = np.empty((0, 2), np.int64)
-        checked = checked._replace(tests=checked.tests._replace(pairs=none))
+        prepared = prepared.without_self_pairs
+    checked = prepared.checked
     ask = _all_distances if every else _least_distances
-    rows, (bounds, bodies, vectors) = ask(prepared, checked, accuracy, states, limit)
-    if accuracy >= Accuracy.HULL:  # of the shapes, not of the prisms around them
-        excess = prepared.excess[bodies]
-        bounds[:, 1] += excess[:, 0] + excess[:, 1]
+    rows, (bounds, bodies, vectors) = ask(prepared, accuracy, states, limit)
     gradients = None
     if jacobian:
         frames = np.append(checked.bodies.frames, -1)[bodies]
         given = np.ascontiguousarray(states[rows])
         gradients = distance_gradients(checked.tree, given, frames, vectors[:, :2], vectors[:, 2])
-    vectors[:, :2] += origin
-    swapped = np.flatnonzero(prepared.owners[bodies[:, 0]] > prepared.owners[bodies[:, 1]])
-    if len(swapped):
-        vectors[swapped, :2] = vectors[swapped, 1::-1]
-        vectors[swapped, 2] *= -1.0
-    pairs, (lower, upper) = prepared.owners_of(bodies), bounds.T
+    known = prepared.owners, prepared.excess, prepared.world.origin
+    _name_pairs(known, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
+    pairs, lower, upper = bodies, bounds[:, 0], bounds[:, 1]
     if every:  # the least of each two names
         order = np.lexsort([lower, pairs[:, 1], pairs[:, 0], rows])
         keys = np.column_stack([rows, pairs])[order]
@@ -268,30 +293,32 @@ def state_distances(
 
 
 def _least_distances(
-    prepared: Prepared, checked: Checked, accuracy: Accuracy, states: Floats, limit: float
+    prepared: Prepared, accuracy: Accuracy, states: Floats, limit: float
 ) -> tuple[Rows, NearestPairs]:
     """Return the least distance in each state."""
     count = len(states)
-    found = NearestPairs(
-        np.empty((count, 2)), np.empty((count, 2), np.int64), np.full((count, 3, 3), np.nan)
-    )
-    question = DistanceQuestion(checked, bool(accuracy < Accuracy.HULL), False, states, limit)
-    run(distances_kernel, count, FEWEST_DISTANCES, question, found)
+    vectors = np.empty((count, 3, 3))
+    vectors.fill(np.nan)
+    found = np.empty((count, 2)), np.empty((count, 2), np.int64), vectors
+    asked = bool(accuracy < Accuracy.HULL), False, states, limit
+    run(distances_kernel, count, FEWEST_DISTANCES, prepared.held, asked, found)
+    nearest = NearestPairs(*found)
     if accuracy == Accuracy.MESH:
-        _decide_meshes(prepared, checked, states, limit, found)
-    return np.arange(count), found
+        _decide_meshes(prepared, states, limit, nearest)
+    return np.arange(count), nearest
 
 
 def _all_distances(
-    prepared: Prepared, checked: Checked, accuracy: Accuracy, states: Floats, limit: float
+    prepared: Prepared, accuracy: Accuracy, states: Floats, limit: float
 ) -> tuple[Rows, NearestPairs]:
     """Return the distances of all pairs of bodies within a limit."""
-    ends = checked.tests.first, len(checked.tests.pairs)
+    tests = prepared.checked.tests
+    ends = tests.first, len(tests.pairs)
     near = PairValues(*(np.full((1, end), limit) for end in ends))
     level = Accuracy.OBB if accuracy < Accuracy.HULL else Accuracy.HULL
-    rows, pairs = all_pairs(checked, level, states, near)
+    rows, pairs = all_pairs(prepared, level, states, near)
     given = np.ascontiguousarray(states[rows])
-    bounds = hull_distances(checked, given, pairs, limit, boxes=bool(accuracy < Accuracy.HULL))
+    bounds = hull_distances(prepared, given, pairs, limit, boxes=bool(accuracy < Accuracy.HULL))
     if accuracy == Accuracy.MESH:
         set_mesh_distances(prepared, given, pairs, bounds, limit, depths=True)
     kept = bounds.lower < limit
@@ -299,9 +326,7 @@ def _all_distances(
     return rows[kept], NearestPairs(lower_upper, pairs[kept], bounds.vectors[kept])
 
 
-def _decide_meshes(
-    prepared: Prepared, checked: Checked, states: Floats, limit: float, nearest: NearestPairs
-) -> None:
+def _decide_meshes(prepared: Prepared, states: Floats, limit: float, nearest: NearestPairs) -> None:
     """Write the least distances of meshes, and their pairs, over those of hulls."""
     rows = np.flatnonzero(nearest.pairs[:, 0] >= 0)
     some, first = np.ascontiguousarray(states[rows]), nearest.pairs[rows]
@@ -309,12 +334,13 @@ def _decide_meshes(
     best = PairDistances(lower, upper, nearest.vectors[rows])
     set_mesh_distances(prepared, some, first, best, limit, depths=True)
     reach = np.clip(best.lower, 0.0, limit) * GROWTH
-    ends = checked.tests.first, len(checked.tests.pairs)
+    tests = prepared.checked.tests
+    ends = tests.first, len(tests.pairs)
     near = PairValues(*(np.repeat(reach[:, None], end, axis=1) for end in ends))
-    numbers, pairs = all_pairs(checked, Accuracy.HULL, some, near)
+    numbers, pairs = all_pairs(prepared, Accuracy.HULL, some, near)
     others = (pairs != first[numbers]).any(axis=1)
     numbers, pairs = numbers[others], pairs[others]
-    hulls = hull_distances(checked, some[numbers], pairs, limit)
+    hulls = hull_distances(prepared, some[numbers], pairs, limit)
     for these in _rounds(numbers, hulls.lower):
         again = these[hulls.lower[these] < best.lower[numbers[these]]]
         if len(again) == 0:

@@ -122,7 +122,7 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
     """Yield those of pairs (m, 2) that have a mesh, in their states."""
     if len(pairs) == 0:
         return
-    own, world, (tree, bodies, tests) = prepared.own.meshes, prepared.world, prepared.checked
+    own, world, (tree, bodies, tests, *_) = prepared.own.meshes, prepared.world, prepared.checked
     decided = prepared.meshes[pairs].any(axis=1)
     i, j = np.ascontiguousarray(pairs.T)
     outside = j >= tests.first

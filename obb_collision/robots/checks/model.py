@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obb_collision._jit import Held, hold
 from obb_collision.accuracy import Accuracy
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.arrays import (
@@ -50,7 +51,7 @@ from obb_collision.robots.checks.bodies import (
     largest_padding,
     world_of,
 )
-from obb_collision.robots.checks.chains import Chains
+from obb_collision.robots.checks.chains import NO_CHAINS, chains_of
 from obb_collision.robots.kinematics.kinematics import FLOATING
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.kinds import TRIANGLES, kind_of
@@ -145,25 +146,35 @@ class Prepared:
         return np.append(self.checked.bodies.excess, 0.0)
 
     @cached_property
-    def no_meshes(self) -> Mask:
-        """(b,) the same where hulls decide all pairs."""
-        return np.zeros(len(self.checked.bodies.frames), np.bool_)
+    def held(self) -> Held:
+        """``checked`` as kernels take it."""
+        return hold(self.checked)
 
     @cached_property
-    def _chains(self) -> dict[bool, Chains]:
+    def without_self_pairs(self) -> Prepared:
+        """The same where only pairs with the world are tested."""
+        tests = self.checked.tests._replace(pairs=np.empty((0, 2), np.int64))
+        return replace(self, checked=self.checked._replace(tests=tests))
+
+    @cached_property
+    def _moving(self) -> dict[Accuracy, Held]:
         return {}
 
-    def chains(self, accuracy: Accuracy) -> Chains:
-        """Return what moves bodies, for checks of motions."""
-        boxes = bool(accuracy < Accuracy.HULL)
-        if boxes not in self._chains:
-            tree, bodies, tests = self.checked
-            self._chains[boxes] = Chains.of(tree, bodies, tests.pairs, tests.first, boxes)
-        return self._chains[boxes]
+    def moving(self, accuracy: Accuracy) -> Held:
+        """Return ``checked`` with what motions need."""
+        if accuracy not in self._moving:
+            tree, bodies, tests, *_ = self.checked
+            boxes = bool(accuracy < Accuracy.HULL)
+            chains = chains_of(tree, bodies, tests.pairs, tests.first, boxes)
+            meshes = self.meshes & (accuracy == Accuracy.MESH)
+            self._moving[accuracy] = hold(self.checked._replace(chains=chains, meshes=meshes))
+        return self._moving[accuracy]
 
     def owners_of(self, bodies: Integers) -> Integers:
         """Return pairs of rows of ``names``, the smaller first, for pairs of bodies (m, 2)."""
-        return np.sort(self.owners[bodies], axis=1)
+        pairs = self.owners[bodies]
+        pairs.sort(axis=1)
+        return pairs
 
 
 class Model:
@@ -336,7 +347,8 @@ class Model:
             world.tree.starts,
             world.tree.order,
         )
-        checked = Checked(self.tree, joined([own.bodies, world.bodies]), tests)
+        bodies = joined([own.bodies, world.bodies])
+        checked = Checked(self.tree, bodies, tests, NO_CHAINS, np.empty(0, np.bool_))
         owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
         return Prepared(checked, own, world, self.limits, names, owners)
 

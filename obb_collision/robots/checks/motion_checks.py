@@ -24,17 +24,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from obb_collision._jit import Held
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.robots.checks.distances import hull_distances
 from obb_collision.robots.checks.meshes import set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
-from obb_collision.robots.checks.motion_room import (
-    MotionHits,
-    MotionQuestion,
-    MovingPairs,
-    OpenSpans,
-)
+from obb_collision.robots.checks.motion_room import MotionHits, MovingPairs
 from obb_collision.robots.checks.motions import PROBES, motions_kernel, moves_kernel
 from obb_collision.robots.checks.reports import MotionReport
 from obb_collision.robots.checks.states import check_states
@@ -48,6 +44,15 @@ AT_ONCE = 4
 SHORTER = 1.0 - 1e-9
 #: Motions below which a second thread does not pay.
 FEWEST_MOTIONS = 16
+#: No room for pairs and intervals.
+NO_SPANS: tuple[Integers, Floats] = np.empty((0, 3), np.int64), np.empty((0, 2))
+
+
+class Motions(NamedTuple):
+    """Motions as kernels take them; asked: the fields of ``MotionQuestion`` but the first."""
+
+    held: Held
+    asked: tuple[int, bool, float, Floats, Floats]
 
 
 class Spans(NamedTuple):
@@ -75,24 +80,23 @@ def check_motions(
 
     first: whether where each first collides is asked for, or anywhere.
     """
-    count, question = len(starts), _question(prepared, accuracy, starts, ends, resolution, first)
-    hits = MotionHits(np.empty(count), np.empty(count, np.bool_), np.empty((count, 2), np.int64))
+    count, held = len(starts), prepared.moving(accuracy)
+    question = Motions(held, (int(accuracy), first, resolution, starts, ends))
+    found = np.empty(count), np.empty(count, np.bool_), np.empty((count, 2), np.int64)
     counts = np.zeros(count, np.int64)
-    spans = OpenSpans(counts, counts, np.empty((0, 3), np.int64), np.empty((0, 2)))
-    run(motions_kernel, count, FEWEST_MOTIONS, question, hits, spans)
-    if counts.any():
-        total = int(counts.sum())
+    spans = counts, counts, *NO_SPANS
+    run(motions_kernel, count, FEWEST_MOTIONS, *question, found, spans)
+    total = int(counts.sum()) if accuracy == Accuracy.MESH else 0
+    if total:
         pairs, times = np.empty((total, 3), np.int64), np.empty((total, 2))
-        spans = OpenSpans(counts, np.cumsum(counts), pairs, times)
-        run(motions_kernel, count, FEWEST_MOTIONS, question, hits, spans)
+        spans = counts, np.cumsum(counts), pairs, times
+        run(motions_kernel, count, FEWEST_MOTIONS, *question, found, spans)
         motions = np.repeat(np.arange(count), counts)
-        _decide_meshes(
-            prepared, question, hits, Spans(motions, pairs, times, np.zeros(total, bool))
-        )
-    out = prepared.limits.exceeded(np.concatenate([starts, ends]))
-    out = out[:count] | out[count:]
-    pairs = prepared.owners_of(hits.pairs)
-    return MotionReport(hits.parameters, hits.undecided, out, pairs, prepared.names)
+        open_ = Spans(motions, pairs, times, np.zeros(total, bool))
+        _decide_meshes(prepared, question, MotionHits(*found), open_)
+    out = prepared.limits.exceeded(starts, ends)
+    parameters, undecided, bodies = found
+    return MotionReport(parameters, undecided, out, prepared.owners_of(bodies), prepared.names)
 
 
 def displacements(prepared: Prepared, states: Floats, deviations: Floats) -> Floats:
@@ -101,40 +105,26 @@ def displacements(prepared: Prepared, states: Floats, deviations: Floats) -> Flo
     states (m, joints): between which joints are; no joint may be planar or floating.
     """
     begin = np.tile(np.abs(states).max(axis=0, initial=0.0), (len(deviations), 1))
-    question = _question(prepared, Accuracy.HULL, begin, begin + np.abs(deviations), 0.0, False)
+    asked = int(Accuracy.HULL), False, 0.0, begin, begin + np.abs(deviations)
+    question = Motions(prepared.moving(Accuracy.HULL), asked)
     rows = np.arange(len(deviations))
     return _moves(question, rows, np.full((len(rows), 3), -1), np.zeros((len(rows), 2)))[:, 0]
 
 
-def _moves(question: MotionQuestion, motions: Rows, pairs: Integers, times: Floats) -> Floats:
+def _moves(question: Motions, motions: Rows, pairs: Integers, times: Floats) -> Floats:
     """Return (k, 2) how far pairs (k, 3) move between times (k, 2), and how far off the line."""
     moving = MovingPairs(motions, pairs, times, np.empty((len(motions), 2)))
-    run(moves_kernel, len(motions), FEWEST_MOTIONS, question, moving)
+    run(moves_kernel, len(motions), FEWEST_MOTIONS, *question, moving)
     return moving.moves
 
 
-def _question(
-    prepared: Prepared,
-    accuracy: Accuracy,
-    starts: Floats,
-    ends: Floats,
-    resolution: float,
-    first: bool,
-) -> MotionQuestion:
-    meshes = prepared.meshes if accuracy == Accuracy.MESH else prepared.no_meshes
-    given = first, resolution, starts, ends
-    chains = prepared.chains(accuracy)
-    return MotionQuestion(prepared.checked, meshes, chains, int(accuracy), *given)
-
-
-def _decide_meshes(
-    prepared: Prepared, question: MotionQuestion, hits: MotionHits, spans: Spans
-) -> None:
+def _decide_meshes(prepared: Prepared, question: Motions, hits: MotionHits, spans: Spans) -> None:
     """Decide intervals by meshes, and write where motions collide by these."""
     limits = np.where(np.isnan(hits.parameters), np.inf, hits.parameters)
+    first = question.asked[1]
     for step in range(MOST_ROUNDS):
         open_ = spans.times[:, 0] < limits[spans.motions]
-        if not question.first:
+        if not first:
             open_ &= np.isinf(limits[spans.motions])
         spans = spans.take(open_)
         if len(spans.motions) == 0:
@@ -156,23 +146,24 @@ def _decide_meshes(
 
 
 def _halved(
-    prepared: Prepared, question: MotionQuestion, spans: Spans, is_last: bool
+    prepared: Prepared, question: Motions, spans: Spans, is_last: bool
 ) -> tuple[Spans, Spans]:
     """Return where motions certainly collide or are undecided, and the intervals that are left."""
     motions, pairs, (first, last) = spans.motions, spans.pairs, spans.times.T
+    _, where, resolution, starts, ends = question.asked
     count, middle = len(motions), 0.5 * (first + last)
-    starts, ends = question.starts[motions], question.ends[motions]
+    starts, ends = starts[motions], ends[motions]
     states = np.ascontiguousarray(starts + middle[:, None] * (ends - starts))
     times = np.column_stack([np.append(first, middle), np.append(middle, last)])
     moves = _moves(question, np.tile(motions, 2), np.tile(pairs, (2, 1)), times)
     way, bend = moves.reshape(2, count, 2).max(axis=0).T
     limit = float((way + bend).max())
     bodies = np.where(pairs[:, 2:] < 0, pairs[:, 1::-1], pairs[:, :2])
-    found = hull_distances(question.checked, states, bodies, limit)
+    found = hull_distances(prepared, states, bodies, limit)
     set_mesh_distances(prepared, states, bodies, found, limit, depths=False)
     collide, free = found.upper <= 0.0, found.lower > way + bend
-    ended = (way + bend <= question.resolution) | ~((first < middle) & (middle < last)) | is_last
-    stop = ~free & (ended | (collide & (not question.first)))
+    ended = (way + bend <= resolution) | ~((first < middle) & (middle < last)) | is_last
+    stop = ~free & (ended | (collide & (not where)))
     at = np.where(ended, first, middle)
     sure = collide | spans.collide
     hits = Spans(motions[stop], pairs[stop], at[stop], sure[stop])
@@ -195,9 +186,9 @@ def _halved(
     return hits, rest
 
 
-def _collide_after(prepared: Prepared, question: MotionQuestion, rows: Rows, times: Floats) -> Mask:
+def _collide_after(prepared: Prepared, question: Motions, rows: Rows, times: Floats) -> Mask:
     """Return whether states of motions (k,) collide soon after times."""
-    collide, starts, ends = np.zeros(len(rows), np.bool_), question.starts, question.ends
+    collide, (*_, starts, ends) = np.zeros(len(rows), np.bool_), question.asked
     for probe in range(PROBES):
         after = times + 2.0 ** (probe - PROBES - 4)
         left = np.flatnonzero(~collide & (after <= 1.0))

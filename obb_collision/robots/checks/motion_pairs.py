@@ -165,7 +165,7 @@ def sweep_candidates(
                         candidates[count, 2] = -1
                         directions[count, 0], directions[count, 1], directions[count, 2] = n
                         count += 1
-    pairs, chains = tests.pairs, question.chains
+    pairs, chains = tests.pairs, question.checked.chains
     for m in range(len(pairs)):
         i, j = pairs[m, 0], pairs[m, 1]
         slack = 2.0 * LINK_PLACING * (bodies.reaches[i] + bodies.reaches[j])

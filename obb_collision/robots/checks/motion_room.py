@@ -31,7 +31,6 @@ from obb_collision.robots.checks.arrays import (
     Placed,
     place_state,
 )
-from obb_collision.robots.checks.chains import Chains
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
 from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask
@@ -50,8 +49,6 @@ class MotionQuestion(NamedTuple):
     """Motions from starts to ends (n, joints) that are checked on a level."""
 
     checked: Checked
-    meshes: Mask  #: (b,) bodies whose pairs hulls do not decide
-    chains: Chains
     level: int
     first: bool  #: whether the first collision is asked for, or any
     resolution: float
@@ -205,7 +202,7 @@ def _turning_speed(starts: Floats, ends: Floats, n: int, column: int) -> float:
 def set_bends(question: MotionQuestion, bends: Bends) -> None:
     """Write the bounds of links and bodies in the world, and of pairs."""
     parents, frames = question.checked.tree.parents, question.checked.bodies.frames
-    chains, bodies = question.chains, bends.bodies
+    chains, bodies = question.checked.chains, bends.bodies
     joints, links, pairs = bends.joints, bends.links, bends.pairs
     for link in range(len(parents)):
         for k in range(5):
@@ -238,8 +235,8 @@ def bend_of(span: float, second: float, length: float, blur: float) -> float:
 @njit(inline=True, refcount=False)
 def pair_bend(question: MotionQuestion, bends: Bends, m: int, span: float, blur: float) -> float:
     """Return the bend of the second body of pair m in the frame of the first."""
-    u, j = question.chains.rows[m], question.checked.tests.pairs[m, 1]
-    along, across = question.chains.bodies[j, 0], question.chains.bodies[j, 1]
+    u, j = question.checked.chains.rows[m], question.checked.tests.pairs[m, 1]
+    along, across = question.checked.chains.bodies[j, 0], question.checked.chains.bodies[j, 1]
     w, inner = bends.pairs[u, 0], bends.pairs[u, 1]
     second = bends.pairs[u, 3] + w * w * across + inner * inner * along
     return bend_of(span, second, bends.pairs[u, 4] + along + across, blur)
@@ -250,7 +247,7 @@ def new_room(question: MotionQuestion) -> MotionRoom:
     """Return room for one motion."""
     checked, joints = question.checked, question.starts.shape[1]
     links, first = len(checked.tree.parents), checked.tests.first
-    count, pairs = len(checked.bodies.frames), len(question.chains.starts) - 1
+    count, pairs = len(checked.bodies.frames), len(question.checked.chains.starts) - 1
     most = len(checked.tests.pairs) + first * (count - first)
     placed = Placed(
         np.empty((SLOTS, links, 7)),

@@ -33,7 +33,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import Held, njit
 from obb_collision.robots.checks.motion_pairs import (
     collides,
     moves_of,
@@ -55,6 +55,7 @@ from obb_collision.robots.checks.motion_room import (
     set_bends,
     set_joints,
 )
+from obb_collision.typing import Floats, Integers, Mask
 
 #: States of one motion; what is open after so many is undecided. Usual motions take ten.
 MOST_STATES = 20_000
@@ -68,21 +69,40 @@ MOST_PIECES = 32
 
 @njit
 def motions_kernel(
-    question: MotionQuestion, hits: MotionHits, spans: OpenSpans, start: int, stop: int
+    held: Held,
+    asked: tuple[int, bool, float, Floats, Floats],
+    found: tuple[Floats, Mask, Integers],
+    spans: tuple[Integers, Integers, Integers, Floats],
+    start: int,
+    stop: int,
 ) -> None:
     """Write where motions collide, and the intervals of pairs that hulls do not decide.
 
     Without room for these, their numbers; motions whose number is 0 are left out if there is room.
+    asked, found, spans: ``MotionQuestion``, ``MotionHits`` and ``OpenSpans`` as plain tuples, which
+    come from Python faster.
     """
+    question, hits, open_ = (
+        MotionQuestion(held.value, *asked),
+        MotionHits(*found),
+        OpenSpans(*spans),
+    )
     room = new_room(question)
     for n in range(start, stop):
-        if len(spans.pairs) == 0 or spans.counts[n] > 0:
-            _check_motion(question, hits, spans, n, room)
+        if len(open_.pairs) == 0 or open_.counts[n] > 0:
+            _check_motion(question, hits, open_, n, room)
 
 
 @njit
-def moves_kernel(question: MotionQuestion, moving: MovingPairs, start: int, stop: int) -> None:
+def moves_kernel(
+    held: Held,
+    asked: tuple[int, bool, float, Floats, Floats],
+    moving: MovingPairs,
+    start: int,
+    stop: int,
+) -> None:
     """Write how far pairs move between two times, and how far off the line."""
+    question = MotionQuestion(held.value, *asked)
     room = new_room(question)
     bends, candidates = room.bends, room.placed.candidates
     for k in range(start, stop):
@@ -181,7 +201,7 @@ def _first_colliding(question: MotionQuestion, room: MotionRoom, count: int, las
 @njit(inline=True, refcount=False)
 def _by_meshes(question: MotionQuestion, room: MotionRoom, c: int) -> bool:
     """Return whether hulls do not decide whether candidate c collides."""
-    meshes, candidates = question.meshes, room.placed.candidates
+    meshes, candidates = question.checked.meshes, room.placed.candidates
     return meshes[candidates[c, 0]] or meshes[candidates[c, 1]]
 
 

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import Held, njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
@@ -70,13 +70,15 @@ FEWEST_STATES = 64
 class StateQuestion(NamedTuple):
     """States (n, joints) in which bodies are looked for that may collide on a level.
 
-    near: distances within which they count as colliding; first: only the first pair of each state.
+    bodies, pairs: distances within which they count as colliding, as in ``PairValues``; first: only
+    the first pair of each state.
     """
 
     checked: Checked
     level: int
     states: Floats
-    near: PairValues
+    bodies: Floats
+    pairs: Floats
     first: bool
 
 
@@ -228,12 +230,20 @@ def _hulls_apart(
 
 
 @njit
-def pairs_kernel(question: StateQuestion, found: Found, start: int, stop: int) -> None:
+def pairs_kernel(
+    held: Held,
+    asked: tuple[int, Floats, Floats, Floats, bool],
+    found: tuple[Integers, Integers, Integers],
+    start: int,
+    stop: int,
+) -> None:
     """Write the pairs of bodies that may collide in each state; without room, their numbers.
 
-    States whose number is 0 are left out if there is room.
+    States whose number is 0 are left out if there is room. asked, found: ``StateQuestion`` and
+    ``Found`` as plain tuples, which take a third of the time to come from Python.
     """
-    _fill_pairs(question, found, new_placed(question.checked), start, stop)
+    question = StateQuestion(held.value, *asked)
+    _fill_pairs(question, Found(*found), new_placed(question.checked), start, stop)
 
 
 @njit(inline=True, refcount=False)
@@ -241,7 +251,8 @@ def _fill_pairs(
     question: StateQuestion, found: Found, placed: Placed, start: int, stop: int
 ) -> None:
     checked, level, states = question.checked, question.level, question.states
-    near, first, bodies = question.near, question.first, checked.bodies
+    near = PairValues(question.bodies, question.pairs)
+    first, bodies = question.first, checked.bodies
     counts, ends, pairs = found.counts, found.ends, found.pairs
     for n in range(start, stop):
         if len(pairs) and counts[n] == 0:
@@ -266,45 +277,44 @@ def first_pairs(prepared: Prepared, accuracy: Accuracy, states: Floats) -> Integ
     count = len(states)
     ends, pairs = np.arange(1, count + 1), np.empty((count, 2), np.int64)
     pairs.fill(-1)
-    question = StateQuestion(prepared.checked, int(accuracy), states, prepared.touching, True)
-    run(pairs_kernel, count, FEWEST_STATES, question, Found(ends, ends, pairs))
+    asked = int(accuracy), states, *prepared.touching, True
+    run(pairs_kernel, count, FEWEST_STATES, prepared.held, asked, (ends, ends, pairs))
     return pairs
 
 
 def all_pairs(
-    checked: Checked, accuracy: Accuracy, states: Floats, near: PairValues
+    prepared: Prepared, accuracy: Accuracy, states: Floats, near: PairValues
 ) -> tuple[Rows, Integers]:
     """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide.
 
     near: distances within which they count as colliding.
     """
     counts = np.zeros(len(states), np.int64)
-    found = Found(counts, counts, np.empty((0, 2), np.int64))
-    question = StateQuestion(checked, int(accuracy), states, near, False)
-    run(pairs_kernel, len(states), FEWEST_STATES, question, found)
-    found = Found(counts, np.cumsum(counts), np.empty((int(counts.sum()), 2), np.int64))
-    run(pairs_kernel, len(states), FEWEST_STATES, question, found)
-    return np.repeat(np.arange(len(states)), counts), found.pairs
+    question = prepared.held, (int(accuracy), states, *near, False)
+    found = counts, counts, np.empty((0, 2), np.int64)
+    run(pairs_kernel, len(states), FEWEST_STATES, *question, found)
+    pairs = np.empty((int(counts.sum()), 2), np.int64)
+    run(pairs_kernel, len(states), FEWEST_STATES, *question, (counts, np.cumsum(counts), pairs))
+    return np.repeat(np.arange(len(states)), counts), pairs
 
 
 def check_states(
     prepared: Prepared, accuracy: Accuracy, states: Floats, every: bool
 ) -> StateReport:
     """Return which states (n, joints) are valid; every: with all colliding pairs."""
-    checked = prepared.checked
     first = prepared.owners_of(first_pairs(prepared, accuracy, states))
     found = None
     if accuracy == Accuracy.MESH:
         rows = np.flatnonzero(first[:, 0] >= 0)
         near = np.ascontiguousarray(states[rows])
-        numbers, pairs = all_pairs(checked, accuracy, near, prepared.touching)
+        numbers, pairs = all_pairs(prepared, accuracy, near, prepared.touching)
         kept = mesh_collisions_of(prepared, near[numbers], pairs)
         found = _named_pairs(prepared, rows[numbers[kept]], pairs[kept])
         first = np.full_like(first, -1)
         rows, places = np.unique(found.states, return_index=True)
         first[rows] = found.pairs[places]
     elif every:
-        found = _named_pairs(prepared, *all_pairs(checked, accuracy, states, prepared.touching))
+        found = _named_pairs(prepared, *all_pairs(prepared, accuracy, states, prepared.touching))
     out = prepared.limits.exceeded(states)
     return StateReport(out, first, prepared.names, found if every else None)
 

@@ -25,33 +25,48 @@ from test_robot_motions import MOBILE
 import obb_collision as oc
 
 STEP = 1e-6
+NEAR = 2.0
 ARM = "config/arm.urdf", "config/arm.srdf"
 
 
-def differences(checker: oc.RobotScene, state: np.ndarray) -> np.ndarray:
-    """Return the central differences of the least distance by each joint."""
-    steps = STEP * np.eye(len(state))
-    after, before = (checker.distances(state + side * steps).distances for side in (1.0, -1.0))
-    return np.asarray((after - before) / (2.0 * STEP))
+def distances_by_pair(checker: oc.RobotScene, state: np.ndarray) -> dict[object, float]:
+    found = checker.distances(state, max_distance=NEAR, all_pairs=True)
+    return dict(zip(found.pairs, found.distances.tolist(), strict=True))
 
 
-@each("accuracy", ["obb", "hull"])
+@each("accuracy", ["obb", "hull", "mesh"])
 @each("mobile", [False, True])
 def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) -> None:
+    """Of every pair, and so of the least distance."""
     rng = np.random.default_rng(3)
     text = MOBILE if mobile else random_arm(rng, 5, shapes=SHAPES)
     robot = oc.Robot.from_urdf(text)
     base = [[0.3, -0.2, 0.1, 0.1, 0.2, 0.3, 0.9]]
     checker = oc.RobotScene([robot], random_world(rng, 3), accuracy, bases=base)
     joints = len(robot.joint_names)
-    states = rng.normal(0, 1.0, (60, joints)) if mobile else random_states(rng, robot, 200)
-    found = checker.distances(states, jacobian=True)
-    near = np.flatnonzero(found.distances > 1e-3)
-    assert len(near) >= 8
-    assert found.jacobians is not None
-    errors = [np.abs(found.jacobians[n] - differences(checker, states[n])).max() for n in near]
-    assert np.mean(np.array(errors) < 1e-7) >= 0.9  # others are where the closest pair changes
-    assert max(np.abs(found.jacobians[n]).max() for n in near) > 0.01
+    states = rng.normal(0, 1.0, (60, joints)) if mobile else random_states(rng, robot, 40)
+    every = checker.distances(states, max_distance=NEAR, all_pairs=True, jacobian=True)
+    assert every.jacobians is not None
+    errors: list[float] = []
+    for n, state in enumerate(states):
+        ends = [
+            [distances_by_pair(checker, state + way * step) for way in (1.0, -1.0)]
+            for step in STEP * np.eye(joints)
+        ]
+        for row in np.flatnonzero((every.states == n) & (every.distances > 1e-3)):
+            pair = every.pairs[row]
+            if all(pair in end for both in ends for end in both):
+                slopes = [(after[pair] - before[pair]) / (2.0 * STEP) for after, before in ends]
+                errors.append(np.abs(every.jacobians[row] - slopes).max())
+    assert len(errors) >= 40
+    assert np.mean(np.array(errors) < 1e-7) >= 0.9  # others are where the closest features change
+    assert np.abs(every.jacobians[every.distances > 1e-3]).max() > 0.01
+    least = checker.distances(states, max_distance=NEAR, jacobian=True)
+    assert least.jacobians is not None
+    for n in np.flatnonzero((least.distances > 1e-3) & (least.distances < NEAR)):
+        rows = [k for k in np.flatnonzero(every.states == n) if every.pairs[k] == least.pairs[n]]
+        same = every.jacobians[rows]
+        np.testing.assert_allclose(least.jacobians[n : n + 1], same, rtol=0, atol=1e-6)
 
 
 @each("accuracy", ["obb", "hull", "mesh"])
