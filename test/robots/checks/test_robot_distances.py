@@ -63,10 +63,10 @@ def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) 
     assert np.abs(every.jacobians[every.distances > 1e-3]).max() > 0.01
     least = checker.distances(states, max_distance=NEAR, jacobian=True)
     assert least.jacobians is not None
-    for n in np.flatnonzero((least.distances > 1e-3) & (least.distances < NEAR)):
-        rows = [k for k in np.flatnonzero(every.states == n) if every.pairs[k] == least.pairs[n]]
+    for at in np.flatnonzero((least.distances > 1e-3) & (least.distances < NEAR)):
+        rows = [k for k in np.flatnonzero(every.states == at) if every.pairs[k] == least.pairs[at]]
         same = every.jacobians[rows]
-        np.testing.assert_allclose(least.jacobians[n : n + 1], same, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(least.jacobians[at : at + 1], same, rtol=0, atol=1e-6)
 
 
 @each("accuracy", ["obb", "hull", "mesh"])
