@@ -28,6 +28,9 @@ share neither code nor formula. Boxes are closed:
 * TOUCHING (1): on no axis, but on some they share one point only;
 * OVERLAP (2): on every axis they share more than that.
 
+Verdicts of many pairs come from the same intervals in doubles where their rounding can't matter,
+and from integers elsewhere.
+
 A box is any triple ``(center (3,), rotation (3, 3), half_extents (3,))`` of doubles.
 """
 
@@ -192,8 +195,40 @@ def verdict(a: Box, b: Box) -> int:
 
 def verdicts(a: Sequence[Any], b: Sequence[Any]) -> np.ndarray:
     """Exact verdicts row by row; ``a`` and ``b`` are (centers, rotations, half_extents)."""
-    rows = zip(*a, *b, strict=True)
-    return np.array([ExactPair(r[:3], r[3:]).verdict() for r in rows], dtype=np.int8)
+    found = _certain_verdicts(a, b)
+    rows = np.flatnonzero(found < 0)
+    arrays = [np.asarray(array)[rows] for array in (*a, *b)]
+    found[rows] = [ExactPair(r[:3], r[3:]).verdict() for r in zip(*arrays, strict=True)]
+    return found
+
+
+#: Rounding of gaps along axes, relative to all lengths of a pair: more than 64 roundoffs.
+_ROUNDING = 1e-13
+
+
+def _certain_verdicts(a: Sequence[Any], b: Sequence[Any]) -> np.ndarray:
+    """Return the verdicts that doubles are certain of, -1 where they are not."""
+    (p, r, h), (q, s, k) = ([np.asarray(x, np.float64) for x in side] for side in (a, b))
+    with np.errstate(all="ignore"):
+        size = np.abs(np.hstack([p, q, h, k])).sum(axis=1)
+        plain = (size > 1e-100) & (size < 1e100)  # no under- or overflow
+        edges = [side.transpose(0, 2, 1) for side in (r, s)]
+        normals = [np.cross(np.roll(e, -1, axis=1), np.roll(e, -2, axis=1)) for e in edges]
+        crossed = np.cross(edges[0][:, :, None], edges[1][:, None]).reshape(-1, 9, 3)
+        axes = np.concatenate([*normals, crossed], axis=1)
+        signs = np.array(_SIGNS, float)
+        along_a = np.einsum("nki,nji->nkj", (signs * h[:, None]) @ edges[0], axes)
+        along_b = np.einsum(
+            "nki,nji->nkj", (signs * k[:, None]) @ edges[1] + (q - p)[:, None], axes
+        )
+        gaps = np.maximum(
+            along_b.min(axis=1) - along_a.max(axis=1), along_a.min(axis=1) - along_b.max(axis=1)
+        )
+        doubt = _ROUNDING * size[:, None]
+        found = np.full(len(p), -1, np.int8)
+        found[plain & (gaps < -doubt).all(axis=1)] = OVERLAP
+        found[plain & (gaps > doubt).any(axis=1)] = SEPARATE
+    return found
 
 
 def relative_separations(a: Sequence[Any], b: Sequence[Any]) -> np.ndarray:

@@ -111,7 +111,7 @@ def check_union(whole: oc.Scene, parts: Sequence[oc.Scene]) -> None:
         assert union == sorted(expected), what
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(boxes, min_size=2, max_size=12), splits, st.lists(moves, max_size=4), st.booleans())
 def test_regions_find_together_what_one_scene_finds(
     given_boxes: Any, parts: Any, steps: Any, padded: bool

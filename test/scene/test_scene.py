@@ -72,7 +72,7 @@ def random_shape(rng: np.random.Generator) -> oc.shapes.Shape | oc.OBB:
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0, 60]))
 def test_any_history_of_changes_is_what_exact_arithmetic_says(
     seed: int, exact: bool, many: int

@@ -117,8 +117,9 @@ def test_words_that_cannot_be_used_are_refused_wherever_they_stand(
     content = FULL if source == "own" else yaml.safe_load((DATA / source).read_text())
     ways = words_in(content)
     assert len(ways) > 20
-    if source != "own":  # a load takes long: every place gets one of the words
-        ways = ways[BAD_WORDS.index(word) :: len(BAD_WORDS)]
+    ways = ways[
+        BAD_WORDS.index(word) :: len(BAD_WORDS) if source != "own" else 2
+    ]  # a load takes long
     for way in ways:
         if way == ("description",) and word in ("a\nb", "x" * 5000):
             continue  # text for people may have lines

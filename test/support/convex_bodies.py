@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -61,7 +62,12 @@ Pair = tuple[ConvexBodies, ConvexBodies]
 
 def hulls(scale: Floats, seed: int = 0) -> tuple[Hulls, Floats]:
     """Return hulls of random corners (HULLS, CORNERS_EACH, 3), these scaled by scale (3,)."""
-    corners = np.random.default_rng(seed).uniform(-1, 1, (HULLS, CORNERS_EACH, 3)) * scale
+    return _hulls(CORNERS_EACH, tuple(np.asarray(scale).tolist()), seed)
+
+
+@cache
+def _hulls(count: int, scale: tuple[float, ...], seed: int) -> tuple[Hulls, Floats]:
+    corners = np.random.default_rng(seed).uniform(-1, 1, (HULLS, count, 3)) * scale
     pool = HullPool()
     for part in corners:
         pool.append(Hulls.of(part))
@@ -150,6 +156,11 @@ def outward_faces(points: Floats) -> Integers:
     return np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
 
 
+@cache
+def _distinct(points: bytes) -> Floats:
+    return np.unique(np.frombuffer(points).reshape(-1, 3), axis=0)
+
+
 def corners_of(body: ConvexBodies, i: int) -> Floats:
     """Return the corners (n, 3) of body i in its own frame: of a hull, a box or a segment."""
     if body.kinds[i] == BOX:
@@ -157,7 +168,7 @@ def corners_of(body: ConvexBodies, i: int) -> Floats:
     if body.kinds[i] == CORNERS:
         row = body.rows[i]
         blocks = body.hulls.blocks[body.hulls.starts[row] : body.hulls.starts[row + 1]]
-        return np.unique(blocks.transpose(0, 2, 1).reshape(-1, 3), axis=0)
+        return _distinct(blocks.transpose(0, 2, 1).tobytes())
     return np.array([[0.0, 0.0, body.sizes[i, 3]], [0.0, 0.0, -body.sizes[i, 3]]])
 
 

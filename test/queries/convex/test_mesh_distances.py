@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cache
 
 import convex_bodies
 import numpy as np
@@ -86,19 +87,27 @@ def test_convex_meshes_are_as_far_as_their_hulls(name: str, kind: str, pairs: in
     assert (found.lower == 0.0)[truth.lower < -room].all()
 
 
+@cache
+def meshes_and_their_triangles() -> tuple[MeshTrees, list[MeshTrees]]:
+    trees = trees_of("star0", "torus0", "open_sphere1", "crumbs0", solid=False)
+    parts = (trees.triangles[slice(*trees.starts[root])] for root in trees.roots)
+    return trees, [
+        MeshTrees.join([MeshTrees.build(t, [[0, 1, 2]]) for t in part.reshape(-1, 3, 3)])
+        for part in parts
+    ]
+
+
 @each("kind", ROUND_KINDS)
 def test_meshes_are_as_near_as_the_nearest_of_their_triangles(kind: str) -> None:
-    trees = trees_of("star0", "torus0", "open_sphere1", "crumbs0", solid=False)
+    trees, parts_of = meshes_and_their_triangles()
     a, b = bodies_of(trees, 40, 1.0, 7)
     bodies, rows = round_bodies(kind, b, 0.02), np.arange(40)
     found = mesh_body_distances(a, np.full(40, 0.01), bodies, rows, rows)[0]
     for n in rows[::3].tolist():
-        first, last = trees.starts[trees.roots[a.meshes[n]]]
-        corners = trees.triangles[first:last].reshape(-1, 3, 3)
-        each = MeshTrees.join([MeshTrees.build(t, [[0, 1, 2]]) for t in corners])
-        count = len(corners)
+        triangles = parts_of[a.meshes[n]]
+        count = len(triangles)
         alone = PlacedMeshes(
-            each, range(count), np.tile(a.centers[n], (count, 1)),
+            triangles, range(count), np.tile(a.centers[n], (count, 1)),
             np.tile(a.rotations[n], (count, 1, 1)),
         )  # fmt: skip
         all_n = np.full(count, n)

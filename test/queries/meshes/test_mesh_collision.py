@@ -42,11 +42,11 @@ def trees() -> MeshTrees:
     return MeshTrees.join([MeshTrees.build(*ZOO[name]) for name in NAMES])
 
 
-@each("spread, seed", [(0.25, 1), (0.5, 2), (0.9, 3)])
+@each("spread, seed", [(0.25, 1), (0.9, 3)])
 def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(
     trees: MeshTrees, spread: float, seed: int
 ) -> None:
-    """Containment included: small meshes come to lie within solids. 120,000 pairs in all."""
+    """Containment included: small meshes come to lie within solids."""
     assert len(NAMES) >= 60
     small = MeshTrees.join([trees, MeshTrees.join(shrunk(0.15))])
     a, b = bodies_of(small, PAIRS, spread, seed)
@@ -184,7 +184,7 @@ def test_many_faces_in_one_place_end() -> None:
 def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
     """A corner or edge within 1e-12 to 1e-17 of a face or edge, under poses: against integers."""
     rng = np.random.default_rng(10)
-    count = 400
+    count = 200
     wrong = decided = 0
     rotations = Rotation.random(2 * count, random_state=rng).as_matrix()
     for n in range(count):
@@ -205,7 +205,7 @@ def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
     assert decided > 0.95 * count
 
 
-SEVERAL = 80
+SEVERAL = 40
 
 
 def triangles(corners: ArrayLike, rows: ArrayLike | None = None) -> PlacedMeshes:
@@ -230,33 +230,29 @@ def _pairs(maker: Maker, count: int) -> Pair:
 
 @each("maker", FAMILIES)
 def test_against_exact_linear_programming(maker: Maker) -> None:
+    """In either order, whichever corner is the first, and of a quarter of the size."""
     a, b = _pairs(maker, SEVERAL)
     truth = np.array([triangle_verdict(x, y) for x, y in zip(a, b, strict=True)])
-    certified = triangle_verdicts(a, b)
+    one, other = triangles(a), triangles(b)
+    certified = oc.verdicts(one, other)
     decided = certified != Verdict.TOUCHING
     assert (certified[decided] == truth[decided]).all()
-    assert (triangle_verdicts(a, b, exact=True) == truth).all()
-
-
-@each("maker", FAMILIES)
-def test_exact_verdicts_keep_the_symmetries(maker: Maker) -> None:
-    a, b = _pairs(maker, 30)
-    verdicts = triangle_verdicts(a, b, exact=True)
-    assert (triangle_verdicts(b, a, exact=True) == verdicts).all()
-    assert (triangle_verdicts(a[:, [2, 0, 1]], b[:, [1, 0, 2]], exact=True) == verdicts).all()
-    if maker is not extreme_sizes:
-        assert (triangle_verdicts(a * 0.25, b * 0.25, exact=True) == verdicts).all()
+    assert (oc.verdicts(one, other, exact=True) == truth).all()
+    assert (oc.verdicts(other, one, exact=True) == truth).all()
+    few, scale = slice(0, SEVERAL, 4), 1.0 if maker is extreme_sizes else 0.25
+    turned = a[few][:, [2, 0, 1]] * scale, b[few][:, [1, 0, 2]] * scale
+    assert (triangle_verdicts(*turned, exact=True) == truth[few]).all()
 
 
 def test_ordinary_pairs_are_all_decided() -> None:
     rng = np.random.default_rng(1)
-    a, b = rng.normal(size=(2, 1000, 3, 3))
+    a, b = rng.normal(size=(2, 300, 3, 3))
     assert (triangle_verdicts(a, b) != Verdict.TOUCHING).all()
 
 
 def test_apart_in_one_plane_is_separate_without_integers() -> None:
-    a, b = _pairs(coplanar, 400)
-    certified, truth = triangle_verdicts(a, b), triangle_verdicts(a, b, exact=True)
+    one, other = (triangles(side) for side in _pairs(coplanar, 150))
+    certified, truth = oc.verdicts(one, other), oc.verdicts(one, other, exact=True)
     assert (certified == truth).all()
     assert set(truth.tolist()) == {Verdict.SEPARATE, Verdict.TOUCHING}
 

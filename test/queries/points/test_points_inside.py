@@ -52,7 +52,7 @@ def points_near(obb: OBB, rng: np.random.Generator, n: int) -> np.ndarray:
 @each("name", FAMILIES)
 def test_points_near_the_surface(name: str) -> None:
     rng = np.random.default_rng(5)
-    a, _ = family(name, 25)
+    a, _ = family(name, 10)
     for row in range(len(a)):
         obb = OBB(*row_of(a, row))
         points = points_near(obb, rng, 40)
@@ -200,7 +200,7 @@ def test_margins(scale: float) -> None:
     boxes = crowded("points and plates", 12, rng)
     boxes = Boxes(scale * boxes.centers, boxes.rotations, scale * boxes.half_extents)
     margin = 0.25 * scale
-    local = rng.uniform(-1.0, 1.0, (12, 10, 3)) * (boxes.half_extents + 1.2 * margin)[:, None]
+    local = rng.uniform(-1.0, 1.0, (12, 4, 3)) * (boxes.half_extents + 1.2 * margin)[:, None]
     on_face = local[:, ::2]  # at the margin from a face, as well as doubles can say
     on_face[..., 0] = boxes.half_extents[:, None, 0] + margin
     points = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, local)

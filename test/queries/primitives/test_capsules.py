@@ -84,7 +84,7 @@ def check(verdict: int, separation: float, square: Fraction, radius: Fraction, s
 
 @each("scale", SCALES)
 def test_capsules_against_boxes(scale: float) -> None:
-    boxes, p, q = scene(100, 1)
+    boxes, p, q = scene(60, 1)
     boxes = Boxes(boxes.centers * scale, boxes.rotations, boxes.half_extents * scale)
     p, q = p * scale, q * scale
     bare = oc.separations(Capsules(p, q, np.zeros(len(p))), boxes).separations

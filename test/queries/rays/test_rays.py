@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from distances import box, segment, squared_distance
 from each import each
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from membership import Box, determinant, fractions, outside
 from support import family, refused, row_of
@@ -101,7 +101,7 @@ def check(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayH
 
 @each("name", FAMILIES)
 def test_rays_aimed_at_one_box(name: str) -> None:
-    boxes, _ = family(name, 20)
+    boxes, _ = family(name, 8)
     rng = np.random.default_rng(1)
     for b in range(len(boxes)):
         one = boxes[np.array([b])]
@@ -109,6 +109,7 @@ def test_rays_aimed_at_one_box(name: str) -> None:
         check(one, origins, directions, cast_rays(one, origins, directions))
 
 
+@settings(max_examples=50)
 @given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 2**32 - 1), st.integers(2, 12))
 def test_the_nearest_of_several_boxes(name: str, seed: int, n: int) -> None:
     boxes, _ = family(name, n)
@@ -150,7 +151,7 @@ def test_faces_and_distances() -> None:
 
 @each("name", ["ordinary scene", "zero extents", "exact resting contact"])
 def test_segments(name: str) -> None:
-    boxes, _ = family(name, 30)
+    boxes, _ = family(name, 15)
     rng = np.random.default_rng(3)
     starts, ways = aimed(boxes, rng, 4)
     ends = starts + ways * rng.choice([0.0, 0.4, 0.5, 1.0, 3.0], (len(starts), 1))

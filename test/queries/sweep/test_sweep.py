@@ -148,7 +148,7 @@ def test_a_bullet_never_passes_a_paper_wall() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(vectors, vectors, vectors, quaternions, quaternions, quaternions, extents, extents)
 def test_any_doubles_at_all(
     one: Any, two: Any, three: Any, q: Any, r: Any, s: Any, half: Any, other: Any

@@ -36,7 +36,7 @@ EYE = np.eye(3)
 STILL = [0.0] * 6
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     radius=st.floats(0.01, 100.0),
     share=st.floats(-0.98, 0.98),

@@ -66,7 +66,7 @@ def swept(motion: Twisting, rows: np.ndarray) -> Sweeps:
 @each("name", [*TURNING, *TWISTING])
 def test_none_missed_none_late_and_none_too_early(name: str, pairs: int) -> None:
     rng = np.random.default_rng(zlib.crc32(name.encode()))
-    left = total = max(150, pairs // 7) if name in TURNING else max(60, pairs // 70)
+    left = total = max(70, pairs // 7) if name in TURNING else max(40, pairs // 70)
     certain = hits = open_ = 0
     while left > 0:
         count = min(left, CHUNK)
@@ -160,7 +160,7 @@ def test_any_number_of_steps_is_enough_for_free_until() -> None:
 numbers = st.floats(-1e300, 1e300)
 
 
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(
     st.tuples(*12 * [numbers]), st.tuples(*12 * [numbers]), st.tuples(*6 * [st.floats(0, 1e300)]),
     st.floats(1e-300, 1.0),

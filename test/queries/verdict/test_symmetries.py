@@ -215,7 +215,7 @@ np.savez(sys.argv[1], **out)
 
 def test_the_compiler_changes_no_bit(tmp_path: Path) -> None:
     """The same functions run by the Python interpreter, in a process of their own."""
-    rows = 40
+    rows = 12
     test = Path(__file__).parents[2]
     paths = [test / "oracles", test / "support", test.parent, os.environ.get("PYTHONPATH", "")]
     environment = {
@@ -252,7 +252,7 @@ def test_axis_of_separate_pairs_proves_it(name: str, pairs: int) -> None:
 
 @each("name", FAMILIES)
 def test_gap_is_the_largest_and_depth_the_least_over_15_axes(name: str, pairs: int) -> None:
-    a, b = family(name, pairs)
+    a, b = family(name, max(pairs // 3, 100))
     gaps, axes = witnesses(a, b)
     truth = oracle.separations(stored(a), stored(b))
     scale = np.maximum(sizes(a, b), np.abs(truth))

@@ -145,23 +145,28 @@ def between(a: oc.Boxes, b: oc.Boxes, exact: bool) -> np.ndarray:
     return pairs[oc.verdicts(a, b, pairs, exact=exact) != SEPARATE]
 
 
-def overlapping(boxes: oc.Boxes, slack: float) -> set[tuple[int, int]]:
-    """Return the pairs whose world bounds, grown a little, have a common point."""
+def table(pairs: np.ndarray, n: int) -> np.ndarray:
+    """Return which of n boxes are pairs (n, n)."""
+    found = np.zeros((n, n), np.bool_)
+    found[tuple(pairs.T)] = True
+    return found
+
+
+def overlapping(boxes: oc.Boxes, slack: float) -> np.ndarray:
+    """Return which world bounds, grown a little, meet (n, n), above the diagonal."""
     low, high = boxes.world_bounds()
     more = slack * (np.abs(low) + np.abs(high)).sum(axis=1, keepdims=True)
     low, high = low - more, high + more
-    return keys(
-        np.argwhere(np.triu(((low[:, None] <= high) & (low <= high[:, None])).all(axis=2), 1))
-    )
+    return np.triu(((low[:, None] <= high) & (low <= high[:, None])).all(axis=2), 1)
 
 
-def near_balls(boxes: oc.Boxes, slack: float) -> set[tuple[int, int]]:
-    """Return the pairs whose balls about them, a little larger, have a common point."""
+def near_balls(boxes: oc.Boxes, slack: float) -> np.ndarray:
+    """Return whether balls about boxes, a little larger, have a common point, in the same way."""
     x, y, z = (boxes.centers[:, None] - boxes.centers).T
     a, b, c = boxes.half_extents.T
     radii = np.hypot(np.hypot(a, b), c)
     gaps = np.hypot(np.hypot(x, y), z) - (radii[:, None] + radii) * (1.0 + slack)
-    return keys(np.argwhere(np.triu(gaps <= slack * np.hypot(np.hypot(x, y), z), 1)))
+    return np.triu(gaps <= slack * np.hypot(np.hypot(x, y), z), 1)
 
 
 def keys(pairs: np.ndarray) -> set[tuple[int, int]]:
@@ -178,11 +183,16 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
     pairs, near = oc.find_pairs(boxes), oc.find_pairs(boxes, accuracy="aabb")
     assert pairs.dtype == np.int64
     np.testing.assert_array_equal(pairs, brute_force(boxes).reshape(-1, 2))
-    assert near.tolist() == sorted(near.tolist())
-    assert overlapping(boxes, 0.0) <= keys(near) <= overlapping(boxes, 1e-13)
     balls = oc.find_pairs(boxes, accuracy="sphere")
-    assert balls.tolist() == sorted(balls.tolist())
-    assert keys(pairs) | near_balls(boxes, 0.0) <= keys(balls) <= near_balls(boxes, 1e-11)
+    # each pair once, in order; all that certainly are near and none that certainly are not
+    for found, least, most in (
+        (near, overlapping(boxes, 0.0), overlapping(boxes, 1e-13)),
+        (balls, table(pairs, len(boxes)) | near_balls(boxes, 0.0), near_balls(boxes, 1e-11)),
+    ):
+        there = table(found, len(boxes))
+        np.testing.assert_array_equal(found, np.argwhere(there))
+        assert not (least & ~there).any()
+        assert not (there & ~most).any()
     for threads in (2, 3, 5) if n == 1000 else ():
         oc.set_threads(threads)
         assert oc.find_pairs(boxes).tobytes() == pairs.tobytes()
@@ -192,7 +202,7 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
 @each("make", FAMILIES)
 def test_every_pair_is_found_by_exact_truth(make: Callable[[Rng, int], oc.Boxes]) -> None:
     """Against the oracle, which shares nothing with the library; bounds hold every corner."""
-    boxes = make(np.random.default_rng(99), 60)
+    boxes = make(np.random.default_rng(99), 45)
     rows = all_pairs(len(boxes))
     truth = rows[oracle.verdicts(*(stored(boxes[rows[:, k]]) for k in (0, 1))) != SEPARATE]
     np.testing.assert_array_equal(oc.find_pairs(boxes, exact=True), truth)
@@ -256,7 +266,7 @@ def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> oc.Boxes:
                     (-324, 300)])  # fmt: skip
 def test_what_is_not_separate_is_found_at_every_magnitude(low: int, high: int) -> None:
     touching = 0
-    for seed in range(8):
+    for seed in range(4):
         boxes = nearly_touching(np.random.default_rng(seed), 15, (low, high))
         found, exact = oc.find_pairs(boxes), oc.find_pairs(boxes, exact=True)
         np.testing.assert_array_equal(found, brute_force(boxes))
@@ -266,7 +276,7 @@ def test_what_is_not_separate_is_found_at_every_magnitude(low: int, high: int) -
         for accuracy in ("sphere", "aabb"):
             assert keys(found) <= keys(oc.find_pairs(boxes, accuracy=accuracy))
         touching += len(found) - len(exact)
-    assert touching > 8  # pairs apart that doubles can't tell apart
+    assert touching > 4  # pairs apart that doubles can't tell apart
 
 
 @settings(max_examples=80)
@@ -370,7 +380,7 @@ def greedy(boxes: oc.Boxes, scores: list[float], threshold: float) -> list[int]:
     return kept
 
 
-@each("seed", range(40))
+@each("seed", range(20))
 def test_what_is_kept_is_what_the_definition_keeps(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(0, 80))

@@ -86,7 +86,7 @@ def crowd(seed: int, accuracy: str, padding: float, thin: float) -> oc.Scene:
     return scene
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.05]), st.sampled_from([1.0, 0.03, 1e-3]))
 def test_levels_are_in_order_and_effects_never_contradict_verdicts(
     seed: int, padding: float, thin: float
@@ -204,7 +204,7 @@ def test_pairs_that_hardly_touch_have_a_point_or_a_distance(level: str, exact: b
     # Moved until they touch but for rounding: verdicts and effects decide with other bounds.
     rng = np.random.default_rng(7)
     scene = oc.Scene(accuracy=level, exact=exact)
-    for number in range(150):
+    for number in range(100):
         corners = rng.integers(-1, 2, (2, 12, 3)) * rng.choice([1.0, 1e-3], (2, 1, 3))
         one = Hull(corners[0])
         other: Shape = Box(np.ptp(corners[1], axis=0) + 0.1)

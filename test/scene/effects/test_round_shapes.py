@@ -52,13 +52,14 @@ def reach_down(shape: Shape, turn: Rotation) -> float:
 @each("shape", [shape for shape in SHAPES if not isinstance(shape, Box)])
 def test_beside_a_mesh_they_collide_at_their_very_radius(shape: Shape, padding: float) -> None:
     """In any direction; a mesh around them would collide before, up to a few percent."""
+    scene = oc.Scene(accuracy="mesh", padding=padding)
+    scene.set_effect("clearance", max_distance=10.0)
+    scene.add("mesh", BLOCK)
+    scene.add("round", shape)
     for turn in Rotation.random(6, np.random.default_rng(5)):
         for gap in (0.1, 1e-4, 1e-6, 1e-8, -1e-8, -1e-6, -0.01):
-            scene = oc.Scene(accuracy="mesh", padding=padding)
-            scene.set_effect("clearance", max_distance=10.0)
-            scene.add("mesh", BLOCK)
             height = TOP + reach_down(shape, turn) + 2.0 * padding + gap
-            scene.add("round", shape, [0.01, 0.02, height, *turn.as_quat()])
+            scene.move("round", [0.01, 0.02, height, *turn.as_quat()])
             report = scene.check()
             assert len(report) == (gap < 0.0)
             assert report.clearances.distances == pytest.approx([max(gap, 0.0)], abs=2e-9)
@@ -107,7 +108,7 @@ def test_verdicts_say_what_effects_say(
     )
     rng = np.random.default_rng(17)
     outcomes = {True: 0, False: 0}
-    for mesh in [*MESHES, *MESHES]:
+    for mesh in MESHES:
         scene = oc.Scene(accuracy="mesh", padding=padding)
         scene.set_effect("clearance", max_distance=10.0)
         pose = np.concatenate([rng.uniform(-1.5, 1.5, 3), Rotation.random(1, rng).as_quat()[0]])
@@ -121,7 +122,7 @@ def test_verdicts_say_what_effects_say(
             place[:3] += (step - clear.distances[0]) * away
             scene.move("other", place)
             outcomes[_consistent(scene)] += 1
-    assert min(outcomes.values()) > 10
+    assert min(outcomes.values()) > 5
 
 
 def _consistent(scene: oc.Scene) -> bool:
