@@ -1,0 +1,353 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""PlacedRobots: robots in a scene, where they stand, their paddings and what is attached."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, unit_poses
+from obb_collision.geometry.validation import NotCopied, as_array, check_kind
+from obb_collision.obb import OBB
+from obb_collision.robots.checks.bodies import WorldState, padding_of
+from obb_collision.robots.checks.model import Attached, Model, Prepared
+from obb_collision.robots.kinematics.kinematics import checked_states, link_poses
+from obb_collision.robots.robot import Robot
+from obb_collision.scene.objects import check_padding
+from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Shape
+from obb_collision.typing import Floats
+from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
+
+
+class PlacedRobots(NotCopied):
+    """Robots in a scene: the part of ``RobotScene`` that says what is checked.
+
+    Parameters as there.
+    """
+
+    ignores_points = False
+    """Whether obstacle points of the scene are none for robots; else a scene with some raises."""
+
+    def __init__(
+        self,
+        robots: Robot | Sequence[Robot] | Mapping[str, Robot],
+        scene: Scene | None,
+        padding: float | Mapping[str, float],
+        bases: ArrayLike | None,
+    ) -> None:
+        several, names = _named(robots)
+        check_kind(scene, Scene, "scene", type(None))
+        poses = np.tile(IDENTITY_POSE, (len(several), 1)) if bases is None else bases
+        checked = as_array(poses, "bases", (len(several), 7))
+        self._scene = Scene() if scene is None else scene
+        self._check_points()
+        self._model = Model(several, names, unit_poses(checked))
+        self._joint_count = len(self._model.joint_names)
+        self.padding = padding
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots, in the order of their joints in a state."""
+        return self._model.robots
+
+    @property
+    def scene(self) -> Scene:
+        """The world."""
+        return self._scene
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The columns of a state, with the name of the robot in front where robots have names."""
+        return self._model.joint_names
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """All links, in the order of the robots."""
+        return self._model.link_names
+
+    @property
+    def padding(self) -> dict[str, float]:
+        """Metres by which each link is grown; may be set, to a number or some links' by name."""
+        return dict(zip(self._model.link_names, self._model.paddings.tolist(), strict=True))
+
+    @padding.setter
+    def padding(self, value: float | Mapping[str, float]) -> None:
+        paddings = np.zeros(len(self._model.link_names))
+        if isinstance(value, Mapping):
+            for name, metres in value.items():
+                check_padding(metres)
+                paddings[self._link(name, "padding")] = metres
+        else:
+            check_padding(value)
+            paddings[:] = value
+        self._model.set_paddings(paddings)
+
+    @property
+    def bases(self) -> Floats:
+        """The poses (r, 7) of the robots' roots in the scene; may be set."""
+        return self._model.bases.copy()
+
+    @bases.setter
+    def bases(self, value: ArrayLike) -> None:
+        given = unit_poses(as_array(value, "bases", (len(self._model.robots), 7)))
+        if not np.array_equal(given, self._model.bases):
+            self._model.set_bases(given)
+
+    def world_state(self) -> WorldState:
+        """Return what its checks depend on in the scene as it is, to see whether that changes.
+
+        Not the objects that are links or attached. Its ``is_current`` says whether it is the same.
+        """
+        return WorldState(self._scene, self._model.left_out)
+
+    @property
+    def link_objects(self) -> dict[str, tuple[str, ...]]:
+        """The objects of the scene that are links themselves, by link; may be set.
+
+        They are no obstacles. What the rules of the scene say of them counts for the link, and so
+        does the largest of their paddings, besides its own.
+        """
+        return dict(self._model.link_objects)
+
+    @link_objects.setter
+    def link_objects(self, value: Mapping[str, Sequence[str]]) -> None:
+        check_kind(value, Mapping, "link_objects")
+        found = {}
+        for link, names in value.items():
+            self._link(link, "link_objects")
+            several = [names] if isinstance(names, str) else list(names)
+            found[link] = tuple(
+                check_name(name, "link_objects", MAX_OBJECT_NAME) for name in several
+            )
+        self._model.set_link_objects(found)
+
+    @property
+    def attached(self) -> dict[str, str]:
+        """What is attached, and the link that it is attached to, by name."""
+        links = self._model.link_names
+        return {name: links[each.link] for name, each in self._model.attached.items()}
+
+    def attach(
+        self,
+        name: str,
+        shape: Shape | OBB,
+        link: str,
+        pose: ArrayLike | None = None,
+        *,
+        touch_links: Sequence[str] | Set[str] = (),
+        padding: float = 0.0,
+    ) -> None:
+        """Attach an object to a link, or replace the attached one of that name.
+
+        It moves with the link and is checked against the scene and all links but that one, those
+        that never move against it, and ``touch_links``. An object of the same name in the scene
+        stays there: remove it.
+
+        Parameters
+        ----------
+        name : str
+        shape : Shape or OBB
+        link : str
+        pose : (7,) array_like, optional
+            In the frame of the link; the identity by default.
+        touch_links : str, or sequence or set of str
+            Links that it may touch, such as fingers.
+        padding : float
+            Metres, besides that of the link.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        TypeError
+            For another kind of shape.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> checker = oc.RobotScene([arm])
+        >>> checker.attach("cup", oc.shapes.Sphere(0.1), "hand")
+        >>> checker.attached
+        {'cup': 'hand'}
+        """
+        check_name(name, "name", MAX_OBJECT_NAME)
+        check_kind(shape, Shape, "shape", OBB)
+        check_padding(padding)
+        self._attach(name, shape, link, pose, touch_links, padding, of_scene=False)
+
+    def attach_object(
+        self,
+        name: str,
+        link: str,
+        pose: ArrayLike | None = None,
+        *,
+        state: ArrayLike | None = None,
+        touch_links: Sequence[str] | Set[str] = (),
+    ) -> None:
+        """Attach an object of the scene, with the shape and padding that it has there now.
+
+        Either its pose on the link is given, or the state of the robots in which it stays where it
+        is in the scene.
+
+        While it is attached it is no obstacle, wherever it is in the scene. Else as ``attach``.
+
+        Parameters
+        ----------
+        name : str
+            Of the object.
+        link : str
+        pose : (7,) array_like, optional
+            In the frame of the link.
+        state : (joints,) array_like, optional
+            In which it is grasped.
+        touch_links : str, or sequence or set of str
+            Links that it may touch, such as fingers.
+
+        Raises
+        ------
+        KeyError
+            For an unknown object.
+        ValueError
+            Naming the argument; without pose and state, and with both.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> checker = oc.RobotScene([arm], scene)
+        >>> checker.attach_object("cup", "hand", state=[])
+        >>> checker.attached
+        {'cup': 'hand'}
+        """
+        shape = self._scene.objects.shape_of(name)
+        padding = padding_of(self._scene, name)
+        if (pose is None) == (state is None):
+            raise ValueError(
+                "pose, on the link, or state, in which it stays in place, must be given"
+            )
+        if state is not None:
+            states = self._states(as_array(state, "state", (self._joint_count,)), "state")
+            where = link_poses(self._model.tree, states)[0, self._link(link, "link")]
+            where[:3] += self._model.origin
+            pose = compose_poses(inverse_poses(where), self._scene.pose(name))
+        self._attach(name, shape, link, pose, touch_links, padding, of_scene=True)
+
+    def _attach(
+        self,
+        name: str,
+        shape: Shape | OBB,
+        link: str,
+        pose: ArrayLike | None,
+        touch_links: Sequence[str] | Set[str],
+        padding: float,
+        of_scene: bool,
+    ) -> None:
+        if name in self._model.link_names:
+            raise ValueError(f"name must not be that of a link, got {shown(name)}")
+        where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
+        check_kind(touch_links, Sequence, "touch_links", Set)
+        touched = [touch_links] if isinstance(touch_links, str) else list(touch_links)
+        touching = frozenset(self._link(each, "touch_links") for each in touched)
+        row = self._link(link, "link")
+        each = Attached(shape, row, unit_poses(where), touching, padding, of_scene)
+        self._model.attach(name, each)
+
+    def detach(self, name: str) -> None:
+        """Remove what is attached.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            Naming what is not attached.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> checker = oc.RobotScene([arm])
+        >>> checker.attach("cup", oc.shapes.Sphere(0.1), "hand")
+        >>> checker.detach("cup")
+        """
+        if not isinstance(name, str) or name not in self._model.attached:
+            raise KeyError(f"name must be that of something attached, got {shown(name)}")
+        self._model.detach(name)
+
+    def _check_points(self) -> None:
+        points = self._scene.obstacle_points
+        if points is not None and len(points) and not self.ignores_points:
+            raise ValueError(
+                f"scene must have no obstacle_points, got {len(points)}: they are not checked "
+                "against robots; set scene.obstacle_points = None"
+            )
+
+    def _states(self, value: ArrayLike, name: str) -> Floats:
+        """Return checked states (n, joints)."""
+        self._check_points()
+        given: ArrayLike = value[None] if type(value) is np.ndarray and value.ndim == 1 else value
+        if self._model.limits.hold(given):
+            return np.asarray(given)
+        try:
+            states, _ = checked_states(self._model.tree, value, self._joint_count, name)
+        except ValueError as error:
+            raise with_joints(error, self.joint_names) from None
+        return states
+
+    @property
+    def _prepared(self) -> Prepared:
+        """What kernels take."""
+        return self._model.prepared(self._scene)
+
+    def _link(self, name: str, argument: str) -> int:
+        """Return the number of a link; ValueError naming the argument for an unknown one."""
+        row = self._model.link_rows.get(name) if isinstance(name, str) else None
+        if row is None:
+            close = get_close_matches(str(name), self._model.link_names, 1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(f"{argument} must name links, got {shown(name)}{hint}")
+        return row
+
+
+def _named(
+    robots: Robot | Sequence[Robot] | Mapping[str, Robot],
+) -> tuple[list[Robot], list[str | None]]:
+    """Return robots and their names, None for those without."""
+    names: list[str | None]
+    if isinstance(robots, Mapping):
+        several, names = list(robots.values()), [check_name(name, "robots") for name in robots]
+    else:
+        check_kind(robots, Robot, "robots", Sequence)
+        several = [robots] if isinstance(robots, Robot) else list(robots)
+        names = [None] * len(several)
+    for robot in several:
+        check_kind(robot, Robot, "robots")
+    if not several:
+        raise ValueError("robots must not be empty")
+    return several, names
+
+
+def with_joints(error: ValueError, joints: Sequence[str]) -> ValueError:
+    """Return an error about states; one about their shape names the joints."""
+    if "must have shape" not in str(error):
+        return error
+    return ValueError(f"{error}; the joints are {', '.join(joints)}")
