@@ -58,20 +58,29 @@ SUBCOMMANDS = {
 """Where each is, in this package, and what it does."""
 
 
-def _program(name: str, what: str, epilog: str, module: str) -> Command:
-    """Return a command that takes ROS arguments only, and runs the ``main`` of a module."""
+def _program(name: str, what: str, epilog: str, module: str, needed: str = "") -> Command:
+    """Return a command that takes ROS arguments only, and runs the ``main`` of a module.
+
+    needed: a parameter without which it is refused, unless it may be in a file.
+    """
 
     @restored_signals()
     def run(args: Sequence[str] | None = None) -> int:
         end_at_once_on_signals()
-        Parser(
+        parser = Parser(
             prog=name,
             usage="%(prog)s [--help] [--ros-args ...]",
             description=f"{what}, until SIGINT or SIGTERM. Takes ROS arguments only.",
             epilog=f"For example: {name} --ros-args {epilog}",
             allow_abbrev=False,
-        ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
-        return _main_of(module)(args) if is_ros_here(name) else 1
+        )
+        given = sys.argv[1:] if args is None else args
+        parser.parse_args(without_ros_arguments(given))
+        if not is_ros_here(name):
+            return 1
+        if needed and not any(f"{needed}:=" in word or word == "--params-file" for word in given):
+            parser.error(f"needs the parameter {needed}")
+        return _main_of(module)(args)
 
     return run
 
@@ -105,6 +114,7 @@ merge = _program(
     "Joins the topics of collision nodes that share a scene by regions",
     "-p regions:='[west, east]' -p timeout:=0.5. docs/scaling.md has the topics and parameters.",
     "node.merger",
+    "regions",
 )
 demo = _loaded("demo.command")
 view = _loaded("demo.command", "view_main")

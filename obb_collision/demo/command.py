@@ -107,6 +107,9 @@ def make_parser() -> argparse.ArgumentParser:
 
 def scene_file(text: str) -> tuple[SceneDescription, Path]:
     """Convert for argparse: the description in a scene file, and its path."""
+    if not os.path.exists(text) and text not in SCENES.split(", "):  # before seconds of imports
+        reason = f"there is no such file; the scenes of the package are {SCENES}"
+        raise argparse.ArgumentTypeError(f"{shown(text)}: {reason}")
     from obb_collision.scene_files import SceneFileError, describe_scene, find_scene
 
     try:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -78,6 +79,10 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     if options.urdf is None:  # not before unknown options are named
         parser.error("the file of the robot is missing")
+    for file in (options.urdf, options.srdf):
+        if file is not None and not os.path.exists(file):  # before seconds of imports
+            sys.stderr.write(f"{NAME}: {printable(str(file))}: there is no such file\n")
+            return FAILED
     from obb_collision.robots.description.xml_values import read_source
     from obb_collision.robots.robot import Robot
 
