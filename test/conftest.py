@@ -21,6 +21,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -43,6 +44,12 @@ settings.load_profile("repeatable")
 # tests start would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+#: Folders that need ROS, or the parser of robots besides, are left out where there is none.
+NEEDS = {"rclpy": ["node/*", "demo/*"], "lxml": ["node/robots/*"]}
+collect_ignore_glob = [
+    glob for name, globs in NEEDS.items() if not find_spec(name) for glob in globs
+]
 
 #: Pairs of each family that fit a test run of minutes on two cores.
 DEFAULT_PAIRS = 500

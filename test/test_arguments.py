@@ -12,17 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arguments that make no sense are refused by their names, whichever function gets them.
-
-Every public function and method is called with each of its arguments replaced by things of every
-kind. It may be of use (a list of numbers is an array); if not, it is a ValueError, TypeError or
-KeyError that names the argument, and never an AttributeError out of something private.
-
-    python test_arguments.py [STEP]
-
-runs hostile ones, one after another, with a step only one of so many: in a process of its own, so
-that whatever ends it is known by the last line.
-"""
+"""Arguments that make no sense are refused by their names, whichever function gets them."""
 
 from __future__ import annotations
 
@@ -43,6 +33,7 @@ from public_calls import BOXES, POSE, public_calls, scene
 
 import obb_collision as oc
 from obb_collision.shapes import Hull, Mesh, Sphere
+from obb_collision.words import MAX_NAME, MAX_SHOWN, check_name, printable, shown
 
 ERRORS = (ValueError, TypeError, KeyError)
 CALLS = public_calls()
@@ -59,8 +50,8 @@ def test_arguments_of_a_wrong_kind_are_refused_by_name(label: str) -> None:
     function, good = CALLS[label]
     if CALLS[label].works:
         function(**good)
-    for name in good:
-        for wrong in WRONG:
+    for number, name in enumerate(good, len(label)):
+        for wrong in WRONG[number % 2 :: 2]:  # half of them each, in turn
             try:
                 function(**{**good, name: wrong})
             except ERRORS as error:
@@ -307,7 +298,7 @@ def main() -> None:
 
 
 #: One case in so many is run; all of them take a minute or two.
-@pytest.mark.parametrize("step", [8, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("step", [24, pytest.param(1, marks=pytest.mark.slow)])
 def test_hostile_arguments_are_answered_or_refused(step: int) -> None:
     """Nothing that is handed to the library ends the process, or is read out of bounds."""
     source, support = Path(oc.__file__).parents[1], Path(__file__).parent / "support"
@@ -325,6 +316,58 @@ def test_hostile_arguments_are_answered_or_refused(step: int) -> None:
     assert ran.returncode == 0, f"ended by {ran.returncode} in {lines[-1:]}: {ran.stderr[-2000:]}"
     assert lines[-1].startswith("done ")
     assert len(lines) > 20_000 // step
+
+
+BAD_NAMES = ["", "\ud800/1", "a\x00b", "a\nb", "\x1b[31m", "a\u2028b", "a\x85", "x" * 10**6]
+
+
+class Sulky:
+    """Can't be shown."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no")
+
+
+@each("name", [*BAD_NAMES, None, 3, b"a", ["a"]])
+def test_what_is_no_name_is_refused_in_one_printable_line(name: Any) -> None:
+    with pytest.raises(ValueError, match=r"^name must ") as error:
+        check_name(name, "name")
+    assert str(error.value).isprintable()
+    assert len(str(error.value)) < 200
+
+
+@each("name", ["a", "gripper/1", "Ünïcode 物 🎲", "/5", " ", "x" * MAX_NAME])
+def test_other_names_stay_as_they_are(name: str) -> None:
+    assert check_name(name, "name") == name
+
+
+@each("name", BAD_NAMES)
+def test_no_scene_has_an_object_of_such_a_name(name: str) -> None:
+    scene = oc.Scene()
+    with pytest.raises(ValueError, match=r"^name must "):
+        scene.add(name, oc.shapes.Box([1, 1, 1]))
+    assert len(scene) == 0
+
+
+@each("value", [
+        "x" * 10**6, "\ud800", 10**5000, dict.fromkeys(range(99), "a" * 99), np.zeros((99, 99)),
+        [[["\n"] * 99] * 99] * 99, Sulky(), None, b"\x00" * 999,
+    ])  # fmt: skip
+def test_values_are_shown_in_a_short_line(value: Any) -> None:
+    text = shown(value)
+    assert 0 < len(text) <= MAX_SHOWN
+    assert text.isprintable()
+    text.encode()
+
+
+def test_values_of_just_the_length_that_is_shown_are_whole() -> None:
+    value = ["x" * 36, "x" * 36]
+    assert (len(repr(value)), shown(value)) == (MAX_SHOWN, repr(value))
+    assert shown(["x" * 36, "x" * 37]) == repr(value)[:-3] + "..."
+
+
+def test_what_cannot_be_printed_is_escaped() -> None:
+    assert printable("a\nb\x00\ud800 é") == "a\\nb\\x00\\ud800 é"
 
 
 if __name__ == "__main__":

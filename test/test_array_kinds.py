@@ -123,10 +123,7 @@ CALLS: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
     "verdicts pairs": (lambda v: oc.verdicts(boxes(), boxes(), v), PAIRS),
     "separations pairs": (lambda v: oc.separations(boxes(), boxes(), v).verdicts, PAIRS),
     "verdicts of meshes pairs": (lambda v: oc.verdicts(bodies(), bodies(), v), PAIRS[:1]),
-    "PlacedMeshes meshes": (
-        lambda v: oc.verdicts(bodies(v), bodies(), [[0, 1]]),
-        FACES[0, :2],
-    ),
+    "PlacedMeshes meshes": (lambda v: oc.verdicts(bodies(v), bodies(), [[0, 1]]), FACES[0, :2]),
     "Mesh vertices": (lambda v: Mesh(v, FACES).local_box, TETRAHEDRON),
     "Mesh faces": (lambda v: Mesh(TETRAHEDRON, v).faces, FACES),
     "MeshTrees faces": (lambda v: oc.MeshTrees.build(TETRAHEDRON, v).triangles, FACES),

@@ -12,27 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Console scripts: what they say about themselves, and why they can't start, in a line."""
+"""Commands: what they say of themselves, and why they cannot start or use their arguments."""
 
 from __future__ import annotations
 
+import re
+import select
 import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+from argparse import ArgumentTypeError
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from importlib import import_module
+from io import StringIO
 
 import pytest
 from each import each
-from programs import SCRIPTS, function_of
+from processes import PATIENCE, limited
+from programs import NEED_ROS, PROGRAMS, SCRIPTS, function_of
 
 pytest.importorskip("rclpy")
+
 import rig  # noqa: F401 - of this machine only
 
 import obb_collision
 from obb_collision import commands
+from obb_collision.cli import Progress, interruptible, real, whole
 from obb_collision.node.runtime import environment
-
-PATIENCE = 120.0
 
 
 @pytest.fixture(autouse=True)
@@ -158,3 +165,166 @@ def test_other_arguments_end_the_node_with_one_line(capfd: pytest.CaptureFixture
 def test_ros_arguments_end_with_two_dashes() -> None:
     arguments = ["a", "--ros-args", "-p", "x:=1", "--", "b", "--ros-args", "-h", "--ros-args"]
     assert environment.without_ros_arguments(arguments) == ["a", "b"]
+
+
+WHOLES = ["x", "-1", "1.5", "", "nan", "9" * 5000, "9" * 400, "\ud800", "1\n2"]
+REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
+FILES = ["/none/such/file", "/", "x" * 5000 + "/y", "nul\0", "\ud800/x", ""]
+PLOTS = [*FILES, "x.exe"]
+DRAWN = {"--picture": PLOTS}
+SEED, JSON = {"--seed": WHOLES}, {"--json": FILES}
+OPTIONS: dict[str, dict[str, list[str]]] = {
+    "obb_collision_node": {},
+    "obb_collision_merge": {},
+    "python -m tools.regions": {
+        "--objects": WHOLES, "--processes": WHOLES, "--seconds": REALS, "--halo": REALS, **SEED,
+        **JSON,
+    },
+    "obb_collision warm-up": {},
+    "obb_collision accuracy": {
+        **dict.fromkeys(("--seed", "--bodies", "--pairs", "--timed"), WHOLES),
+        "--seconds": REALS, "--meshes": FILES[:1] + FILES[2:5], **DRAWN, **JSON,
+    },
+    "obb_collision_demo": {
+        "--seconds": REALS, "--objects": WHOLES, "--rate": REALS, "--picture": FILES, **SEED,
+        "--scene": ["none", "/dev/zero", "/", "x" * 5000, "nul\0", "\ud800", "a\nb.yaml"],
+    },
+    "obb_collision status": {"--timeout": REALS, "--node": ["a b", "/", "\ud800"]},
+    "obb_collision view": {"--port": [*WHOLES, "65536"], "--scene": ["none", "/", "nul\0"]},
+    "python -m tools.soak": {
+        "--seconds": REALS, "--steps": WHOLES, "--objects": WHOLES, "--warm-up": REALS,
+        "--growth": REALS, "--log": FILES, **SEED, **JSON,
+    },
+    "python -m tools.fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
+    "python -m tools.known_bugs": {"--markdown": PLOTS},
+    "python -m tools.robots": {
+        **dict.fromkeys(("--boxes", "--states", "--motions", "--latency"), WHOLES),
+        **dict.fromkeys(("--plot", "--markdown"), PLOTS), "--compared": WHOLES, **SEED, **JSON,
+    },
+    "python -m tools.faults": {"--only": ["none such", "", "\ud800"], "--markdown": PLOTS},
+    "python -m tools.latency": {
+        "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
+    },
+    "obb_collision srdf": {
+        "--time-limit": [*REALS, "0"], "--output": FILES, "--report": FILES,
+    },
+    "obb_collision speed": {
+        **dict.fromkeys(("--sizes", "--threads", "--steps"), WHOLES), **DRAWN,
+        **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS),
+        "--forms": ["none such"], "--peers": ["none such"], **SEED, **JSON,
+    },
+    "python -m tools.wrong_answers": {
+        "--pairs": WHOLES, "--family": ["none such"], "--seconds": REALS, **SEED, **JSON,
+    },
+    "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
+    "python -m tools.weight": {},
+    "python -m tools.goals": {
+        "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED, **JSON,
+    },
+    "python -m tools.peers.effects": {
+        "--seconds": REALS, "--pairs": WHOLES, "--meshes": FILES[:1], **SEED, **JSON,
+    },
+    "python -m tools.peers.engines": {"--sizes": WHOLES, "--markdown": PLOTS},
+}  # fmt: skip
+
+
+def test_limits_of_numbers_are_within_them() -> None:
+    kinds: tuple[Callable[[str], float], ...] = (whole(2, 5), real(2.0, 5.0))
+    for convert in kinds:
+        assert [convert(text) for text in ("2", "3", "5")] == [2, 3, 5]
+        for text in ("1", "6"):
+            with pytest.raises(ArgumentTypeError, match="must be between 2 and 5"):
+                convert(text)
+
+
+def test_every_script_is_tried() -> None:
+    same = {"obb_collision", "obb_collision node", "obb_collision merge", "obb_collision demo"}
+    assert set(OPTIONS) == set(PROGRAMS) - same
+
+
+@pytest.mark.parametrize("script", OPTIONS)
+def test_arguments_that_cannot_be_used_are_refused_in_a_line(
+    script: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if script in NEED_ROS:
+        pytest.importorskip("rclpy")
+    main = function_of(script)
+    cases = [[option, bad] for option, values in OPTIONS[script].items() for bad in values]
+    cases += [["--nonsense"], ["--nonsense=\ud800\x1b"], *([option] for option in OPTIONS[script])]
+    if script == "obb_collision view":  # takes the name of a node
+        cases += [["a b"], ["/"], ["\ud800"], ["a", "b"]]
+    elif script == "obb_collision srdf":
+        cases += [["a.urdf", "extra"], []]
+    elif script not in ("python -m tools.fuzz", "python -m tools.soak"):  # its are for the node
+        cases += [["extra"]]
+    for arguments in cases:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2, arguments
+        printed, told = capsys.readouterr()
+        assert printed == "", arguments
+        assert told.count("\n") == 1, (arguments, told)
+        assert told[:-1].isprintable(), (arguments, told)
+        assert len(told) < 2000
+        assert not arguments or arguments[0].split("=")[0] in told or arguments[0][0] != "-"
+
+
+def test_a_command_that_does_not_exist_is_refused_in_a_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for arguments in ([], ["nonsense"], ["--nonsense"]):
+        with pytest.raises(SystemExit) as ended:
+            function_of("obb_collision")(arguments)
+        assert ended.value.code == 2
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+class Terminal(StringIO):
+    """A stream that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_is_a_line_that_changes_on_a_terminal_and_else_one_per_topic() -> None:
+    said = []
+    for stream in (Terminal(), StringIO()):
+        with Progress(stream) as progress:
+            for what in ("a 1/2", "a 2/2", "b"):
+                progress.show(what)
+        said.append(stream.getvalue())
+    shown, written = (re.sub(r"\[ *\d+ s\]", "", text) for text in said)
+    assert shown == "\r\x1b[K a 1/2\r\x1b[K a 2/2\r\x1b[K b\r\x1b[K"
+    assert written == " a 1/2\n b\n"
+
+
+def interrupted() -> int:
+    """Be ended by Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_is_one_line_and_exit_code_130(capsys: pytest.CaptureFixture[str]) -> None:
+    assert interruptible("a program", "; half done")(interrupted)() == 130
+    assert capsys.readouterr().err == "\na program: interrupted; half done\n"
+
+
+def test_a_signal_ends_a_program_that_runs() -> None:
+    code = (  # where SIGINT is ignored, as in the background of a shell, Python leaves it at that
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from tools.wrong_answers import main; "
+        "raise SystemExit(main(['--pairs', '200000']))"
+    )
+    command = [sys.executable, "-c", code]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as process:  # type: ignore[call-overload]
+        begun, _, _ = select.select([process.stderr], [], [], PATIENCE)  # progress: it runs
+        with limited(process):
+            said = None
+            while said is None:  # an interrupt within a callback is lost
+                process.send_signal(signal.SIGINT)
+                with suppress(subprocess.TimeoutExpired):
+                    _, said = process.communicate(timeout=10.0)
+    assert begun
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "python -m tools.wrong_answers: interrupted"
+    assert "Traceback" not in said

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The kernel cache: edits, damage, folders that take nothing, and numba without inner parts."""
+"""The kernel cache: keys, edits, damage, folders that take nothing, numba without inner parts."""
 
 from __future__ import annotations
 
@@ -20,19 +20,23 @@ import ast
 import os
 import re
 import shutil
-import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import bounds_checks
+import numba
 import pytest
-from processes import PATIENCE
+from each import each
+from processes import Done, run_python
 
 import obb_collision._jit as jit
 import obb_collision._kernel_cache as kernel_cache
 import obb_collision._numba as numba_parts
-from obb_collision._kernel_cache import Compiled, compiled
+from obb_collision._kernel_cache import FLAGS, Compiled, compiled, config, fields_of, kernel_key
+from obb_collision.warm_up.steps import possible_steps, task_of
 
 PACKAGE = Path(kernel_cache.__file__).resolve().parent
 EXAMPLE = """
@@ -54,75 +58,42 @@ assert names["kernel"](1.5) == 5.0
 """
 
 
-def run(home: Path, code: str, **environment: str) -> str:
-    """Run code in a process with a cache of its own; returns what it says on stderr."""
-    variables = {**os.environ, "NUMBA_CACHE_DIR": str(home), **environment}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=variables, timeout=PATIENCE, capture_output=True,
-        text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stderr
+def run(home: Path, code: str, **environment: str) -> Done:
+    """Run code in a process with a cache of its own."""
+    return run_python("-c", code, NUMBA_CACHE_DIR=str(home), **environment)
 
 
 def kernels(home: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in sorted(home.rglob("*.kernel"))}
 
 
-@pytest.fixture(scope="module")
-def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a copy of the package, and the kernels of one run in ``cache``."""
-    folder = tmp_path_factory.mktemp("copied")
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(PACKAGE, folder / PACKAGE.name, ignore=ignored)
-    assert run_copied(folder) != []
-    return folder
-
-
-def run_copied(folder: Path) -> list[str]:
-    """Use the copy; return the kernels that it compiled."""
-    code = """
-import obb_collision as oc
+USE = """
 from obb_collision._kernel_cache import compiled
-oc.Boxes.from_poses([(1, 2, 3, 0, 0, 0, 1)], [(1, 1, 1)])
+from obb_collision.geometry.poses import as_poses
+as_poses([(1, 2, 3, 0, 0, 0, 1)])
 print(compiled.names)
 """
-    variables = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, env=variables | {"PYTHONPATH": str(folder)},
-        timeout=PATIENCE, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    names: list[str] = ast.literal_eval(done.stdout)
-    return names
+EDIT = "    usual = True\n", "    edited = 0.5\n    usual = True\n"
 
 
-def test_an_edit_that_kernels_do_not_depend_on_compiles_nothing(copied: Path) -> None:
-    for file in (copied / PACKAGE.name).rglob("*.py"):
+def test_an_edit_compiles_what_depends_on_it_and_nothing_else(tmp_path: Path) -> None:
+    package = tmp_path / PACKAGE.name
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def compiled_now() -> list[str]:
+        code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}){USE}"
+        names: list[str] = ast.literal_eval(run(tmp_path / "cache", code).stdout)
+        return names
+
+    assert len(compiled_now()) > 1
+    for file in package.rglob("*.py"):
         text = file.read_text()
         edited = re.sub(r'(    """)(\w)', r"\1Edited: \2", f"# a line more\n{text}\nEDITED = 1\n")
-        file.write_text(edited)
-    assert "Edited: " in (copied / PACKAGE.name / "geometry" / "poses.py").read_text()
-    assert run_copied(copied) == []
-
-
-def test_an_edit_of_a_kernel_compiles_it(copied: Path) -> None:
-    file = copied / PACKAGE.name / "geometry" / "poses.py"
-    text = file.read_text()
-    edited = text.replace("    usual = True\n", "    edited = 0.5\n    usual = True\n")
-    assert edited != text
-    file.write_text(edited)
-    try:
-        assert run_copied(copied) == ["geometry.poses._read_kernel"]
-    finally:
-        file.write_text(text)
-
-
-def test_another_processor_is_another_file(tmp_path: Path) -> None:
-    run(tmp_path, RUN)
-    assert len(kernels(tmp_path)) == 2
-    run(tmp_path, RUN, NUMBA_CPU_NAME="generic")
-    assert len(kernels(tmp_path)) == 4
+        file.write_text(edited.replace(*EDIT))
+    text = (package / "geometry" / "poses.py").read_text()
+    assert "Edited: " in text
+    assert EDIT[1] in text
+    assert compiled_now() == ["geometry.poses._read_kernel"]
 
 
 def forget_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,18 +173,34 @@ def test_what_only_loads_compiles_nothing(home: Path) -> None:
         assert use_example() == []
 
 
-FULL = """
+FULL = f"""
 import resource
-resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # as a full disk: files end there
+from pathlib import Path
+from obb_collision import _kernel_cache as cache
+_, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, most))  # as a full disk: files end there
+{RUN}
+assert sorted(cache.unsaved) == {NAMES}
+assert not [path for path in cache.places[0].rglob("*") if path.is_file()], "half written"
+resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+cache.unsaved.clear()
+cache.places[:] = [Path(__import__("sys").executable) / "cache"]
+assert cache.private_place() == cache.private_place() == cache.places[-1]
+{RUN}
+assert cache.unsaved == []
+assert list(cache.places[-1].rglob("*.kernel"))
 """
 
 
-def test_a_full_disk_is_said_once_and_stops_nothing(tmp_path: Path) -> None:
-    said = run(tmp_path, FULL + RUN + "\nfrom obb_collision import _kernel_cache as cache"
-               f"\nassert sorted(cache.unsaved) == {NAMES}")  # fmt: skip
+def test_a_full_disk_is_said_once_and_a_private_folder_takes_kernels_until_the_process_ends(
+    tmp_path: Path,
+) -> None:
+    private = tmp_path / "private"
+    private.mkdir()
+    said = run(tmp_path, FULL, TMPDIR=str(private)).stderr
     assert said.count(f"kernels can't be kept in {tmp_path / 'obb_collision'}: File too large") == 1
     assert kernels(tmp_path) == {}
-    assert not list(tmp_path.rglob("tmp*"))  # nothing half written is left
+    assert list(private.iterdir()) == []
 
 
 def test_a_folder_that_is_a_file_is_said_and_stops_nothing(
@@ -229,26 +216,17 @@ def test_a_folder_that_is_a_file_is_said_and_stops_nothing(
     assert f"kernels can't be kept in {folder}: Not a directory" in caplog.text
 
 
-def test_without_a_home_folder_nothing_is_said_and_nothing_stops(tmp_path: Path) -> None:
-    said = run(tmp_path, RUN, NUMBA_CACHE_DIR="", XDG_CACHE_HOME="relative", HOME="~")
-    assert "kept in" not in said
-    assert not Path("~").exists()
-
-
-def test_a_private_folder_takes_what_the_other_does_not_and_goes_with_the_process(
-    tmp_path: Path,
+def test_without_a_home_folder_nothing_is_said_and_nothing_stops(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (tmp_path / "file").write_text("")
-    private = tmp_path / "private"
-    private.mkdir()
-    code = (
-        "from obb_collision import _kernel_cache as cache\n"
-        "assert cache.private_place() == cache.private_place() == cache.places[-1]\n"
-        + RUN
-        + "\nassert cache.unsaved == []\nassert list(cache.places[-1].rglob('*.kernel'))"
-    )
-    run(tmp_path / "file", code, TMPDIR=str(private))
-    assert list(private.iterdir()) == []
+    monkeypatch.setattr(kernel_cache.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setenv("HOME", "~")
+    assert kernel_cache.cache_home() is None
+    monkeypatch.setattr(kernel_cache, "places", [])
+    forget_kernels(monkeypatch)
+    assert use_example() == NAMES
+    assert "kept in" not in caplog.text
 
 
 def test_a_kernel_is_compiled_for_python_and_for_kernels_and_one_for_python_does_for_both(
@@ -279,20 +257,27 @@ def test_a_number_written_out_is_no_kernel_of_its_own(home: Path) -> None:
     assert compiled.names[before:].count("example.inner") == 1
 
 
-def test_compiling_is_logged_on_stderr_and_can_be_silenced(tmp_path: Path) -> None:
-    quiet = "import logging; logging.getLogger('obb_collision').setLevel('ERROR')\n"
-    eager = "from obb_collision._kernel_cache import compiled; compiled._due = 0.0\n"
-    loud = run(
-        tmp_path,
-        eager.replace("_due = 0.0", "_due = FIRST_LINE").replace(
-            "import compiled", "import FIRST_LINE, compiled"
-        )
-        + "compiled.seconds = 1.0\n"
-        + RUN,
-    )
+LOGGED = f"""
+import logging
+from obb_collision._kernel_cache import FIRST_LINE, compiled
+compiled._due, compiled.seconds = FIRST_LINE, 1.0
+{RUN}
+logging.getLogger('obb_collision').setLevel('ERROR')
+compiled._due = 0.0
+{RUN.replace("2.0 *", "1.0 + 1.0 *").replace("5.0", "3.5")}
+assert compiled.names.count("example.kernel") == 2
+"""
+
+
+def test_compiling_is_logged_on_stderr_and_silenced_and_another_processor_is_another_file(
+    home: Path,
+) -> None:
+    use_example()
+    assert len(kernels(home)) == 2
+    loud = run(home.parent, LOGGED, NUMBA_CPU_NAME="generic").stderr
     assert loud.startswith("compiling kernels (obb_collision warm-up compiles all beforehand)")
-    assert "so far" in loud
-    assert run(tmp_path / "other", quiet + eager + RUN) == ""
+    assert loud.count("so far") == 1
+    assert len(kernels(home)) == 5
 
 
 def test_a_quick_compilation_is_not_worth_a_line(caplog: pytest.LogCaptureFixture) -> None:
@@ -318,3 +303,147 @@ def test_without_an_inner_part_of_numba_kernels_are_compiled_all_the_same(
     use_example()
     assert bool(kernels(home)) == (hidden != "CompileResult")
     assert bool(kernel_cache.why_not_kept()) == (hidden == "CompileResult")
+
+
+KERNEL = """
+from typing import NamedTuple
+import numpy as np
+from obb_collision._jit import njit
+
+class Point(NamedTuple):
+    x: float
+    y: float
+
+FACTOR = 2.0
+STEPS = (1, 2)
+ARRAY = np.array([1.0, 2.0])
+
+@njit
+def helper(x):
+    return x + 1.0
+
+@njit
+def kernel(x):
+    'Return something.'
+    return Point(helper(x) * FACTOR + 0.25, ARRAY[STEPS[0]])
+"""
+
+
+@pytest.fixture(autouse=True)
+def _own_kernels() -> Iterator[None]:
+    """Leave those of a test out of those of the package."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jit, "kernels", [*jit.kernels])
+        patch.setattr(jit, "caches", [*jit.caches])
+        yield
+
+
+def key_of(source: str) -> str:
+    names: dict[str, Any] = {"__name__": "obb_collision.example"}
+    exec(source, names)
+    return kernel_key(names["kernel"])
+
+
+@each(
+    "before, after, same",
+    [
+        ("Return something.", "Return something else.", True),
+        ("import numpy", "# a comment\nimport numpy", True),
+        ("FACTOR = 2.0", "OTHER = 1\nFACTOR = 2.0", True),
+        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004", False),
+        ("STEPS = (1, 2)", "STEPS = (1, 3)", False),
+        ("1.0, 2.0]", "1.0, 3.0]", False),
+        ("x + 1.0", "x + 2.0", False),
+        ("x + 1.0", "x - 1.0", False),
+        ("0.25", "0.5", False),
+        ("    x: float\n    y: float", "    y: float\n    x: float", False),
+    ],
+)
+def test_the_key_has_what_a_kernel_depends_on(before: str, after: str, same: bool) -> None:
+    assert before in KERNEL
+    assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
+
+
+@each("flag", FLAGS)
+def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = key_of(KERNEL)
+    monkeypatch.setattr(config, flag, "another", raising=False)
+    assert key_of(KERNEL) != before
+
+
+def test_what_a_key_cannot_be_made_of_is_refused() -> None:
+    with pytest.raises(TypeError, match="depends on a dict"):
+        key_of(KERNEL.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
+
+
+def test_every_kernel_has_a_key_of_its_own() -> None:
+    for step in possible_steps():
+        task_of(step)  # imports its kernels
+    keys = {kernel_key(kernel) for kernel in jit.kernels}
+    assert len(keys) == len(jit.kernels) > 250
+
+
+def test_fields_in_another_order_are_another_signature() -> None:
+    def signature(*fields: str) -> Any:
+        make: Any = NamedTuple
+        point = make("Point", [(field, float) for field in fields])
+        return numba.typeof((point(1.0, 2.0), 1))
+
+    first, second = signature("x", "y"), signature("y", "x")
+    assert str(first) == str(second)
+    assert fields_of(first) != fields_of(second)
+    assert fields_of(first) == fields_of(signature("x", "y"))
+    assert fields_of(jit.HeldType([("value", first)])) == (fields_of(first),)
+
+
+OWN = """
+import numpy as np
+from obb_collision._jit import njit
+
+@njit
+def item(values, row):
+    return values[row]
+
+print(item(np.arange(4.0)[:3], 3))
+"""
+LENGTHS = """
+import numpy as np
+from obb_collision.numerics.vec3 import fill_lengths
+
+lengths = np.zeros(3)
+fill_lengths(np.ones((3, 3)), lengths[:2])
+print(round(lengths[2] ** 2, 9))
+"""
+BOTH = f"""
+for code in {(OWN, LENGTHS)!r}:
+    try:
+        exec(code, {{"__name__": "obb_collision.example"}})
+    except Exception as error:
+        print(f"{{type(error).__name__}}: {{error}}")
+"""
+
+
+CAUGHT = """
+import numpy as np
+import pytest
+from bounds_checks import none_out_of_bounds
+from obb_collision.numerics.vec3 import fill_lengths
+
+with pytest.raises(AssertionError, match="accesses out of bounds, called from"):
+    with none_out_of_bounds():
+        try:
+            fill_lengths(np.ones((3, 3)), np.zeros(3)[:2])
+        except IndexError:
+            pass
+"""
+
+
+def test_an_access_out_of_bounds_raises_with_the_flag_and_is_found_where_it_is_caught(
+    tmp_path: Path,
+) -> None:
+    assert run(tmp_path, BOTH, NUMBA_BOUNDSCHECK="0").stdout.split() == ["3.0", "3.0"]
+    path = f"import sys; sys.path.append({str(Path(bounds_checks.__file__).parent)!r})"
+    caught = path + CAUGHT if sys.version_info >= (3, 12) else ""  # it needs sys.monitoring
+    for more in ("", caught):  # compiled, whatever the cache has without the flag, and from it
+        checked = run(tmp_path, BOTH + more, NUMBA_BOUNDSCHECK="1")
+        assert checked.stdout.splitlines() == ["IndexError: index is out of bounds"] * 2

@@ -12,15 +12,201 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""package.xml, setup.py and the sources agree."""
+"""The package: imports of its layers, versions, docstrings with examples that run, the licence."""
 
 from __future__ import annotations
 
 import ast
+import doctest
+import importlib
+import inspect
+import pkgutil
 import re
 import sys
+import typing
+from collections.abc import Callable
+from enum import Enum
+from functools import cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
+
+import numpy as np
+from each import each
+from processes import run_python
+from public_calls import public_methods, public_objects
+
+import obb_collision
+import obb_collision as oc
+from obb_collision import _jit
+from obb_collision._numba import function_of
+
+SOURCE = Path(obb_collision.__file__).parent
+KERNELS = {"_jit", "_kernel_cache", "_numba"}
+BASE = KERNELS | {"_threads", "typing", "words"}
+GEOMETRY = BASE | {"numerics", "geometry"}
+LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
+#: What each folder, or module beside them, may import besides itself.
+LAYERS: dict[str, set[str]] = {
+    "_numba": set(),
+    "_kernel_cache": {"_numba"},
+    "_jit": {"_kernel_cache", "_numba"},
+    "_threads": {"words"},
+    "typing": set(),
+    "words": set(),
+    "cli": {"words"},
+    "accuracy": {"words"},
+    "numerics": BASE,
+    "geometry": BASE | {"numerics"},
+    "shapes": GEOMETRY,
+    "queries": GEOMETRY,
+    "obb": GEOMETRY | {"queries"},
+    "regions": {"scene"},
+    "scene": GEOMETRY | {"accuracy", "queries", "obb", "shapes"},
+    "robots": LIBRARY | {"cli"},
+    "api": LIBRARY | {"regions", "robots", "scene_files"},
+    "warm_up": LIBRARY | {"cli"},
+    "scene_files": LIBRARY | {"robots"},
+    "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up"},
+    "demo": LIBRARY | {"cli", "robots", "scene_files", "node"},
+    "benchmarks": LIBRARY | {"cli", "scene_files"},
+    "commands": {"cli", "node", "demo"},
+    "__main__": {"commands"},
+}
+#: The layers that may import ROS.
+ABOVE = {"node", "demo"}
+ROS = {
+    "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
+    "moveit_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
+    "trajectory_msgs", "vision_msgs", "visualization_msgs",
+}  # fmt: skip
+#: Allowed below the node: resolving a package:// mesh path, where ROS is there.
+OPTIONAL = {("geometry", "ament_index_python")}
+MODULES = {p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py"}
+
+
+@cache
+def imported(path: Path) -> set[str]:
+    """Return the dotted names that a module imports; not those for the type checker alone."""
+    names: set[str] = set()
+    waiting: list[ast.AST] = [ast.parse(path.read_text())]
+    while waiting:
+        node = waiting.pop()
+        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            waiting += ast.iter_child_nodes(node)
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            assert node.module is not None
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def test_no_layer_looks_up() -> None:
+    for path in MODULES:
+        layer = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+        for name in imported(path):
+            top, _, rest = name.partition(".")
+            if top == "obb_collision" and rest:
+                assert rest.split(".")[0] in LAYERS[layer] | {layer}, f"{path} imports {name}"
+            if layer not in ABOVE:
+                assert top not in ROS or (layer, top) in OPTIONAL, f"{path} imports {name}"
+
+
+def folder(path: Path) -> str:
+    """Return the folder of a module, dotted; of one beside the folders, its own name."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(parts[:-1]) or parts[0]
+
+
+def folders_imported() -> dict[str, set[str]]:
+    """Return for each folder those that its modules import from."""
+    edges: dict[str, set[str]] = {}
+    for path in MODULES:
+        below = edges.setdefault(folder(path), set())
+        if path.name == "__init__.py":  # names that load when first used
+            continue
+        for name in imported(path):
+            parts = name.split(".")[1:]
+            for count in range(1, len(parts) + 1):
+                module = SOURCE.joinpath(*parts[:count]).with_suffix(".py")
+                if name.startswith("obb_collision.") and module in MODULES:
+                    below.add(folder(module))
+        below.discard(folder(path))
+    return edges
+
+
+def test_folders_import_in_one_direction() -> None:
+    edges = folders_imported()
+    order: list[str] = []
+    while edges:
+        free = sorted(name for name, below in edges.items() if not below - set(order))
+        assert free, f"a circle among {sorted(edges)}"
+        order += free
+        for name in free:
+            del edges[name]
+    assert order.index("queries.verdict") < order.index("scene") < order.index("node")
+
+
+def test_every_layer_is_known() -> None:
+    found = {p.relative_to(SOURCE).parts[0].removesuffix(".py") for p in MODULES}
+    assert found == set(LAYERS)
+
+
+def test_the_library_imports_without_ros_and_what_takes_long_loads_when_it_is_used() -> None:
+    code = f"""
+import sys
+for name in {sorted(ROS)!r}:
+    sys.modules[name] = None
+import obb_collision as oc
+import obb_collision.api
+slow = "scipy.spatial", "scipy.sparse", "scipy.special", "trimesh", "matplotlib"
+assert not {{*slow}} & sys.modules.keys()
+axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+assert len(oc.find_pairs(oc.Boxes([[0, 0, 0], [1, 0, 0]], [axes] * 2, [[1, 1, 1]] * 2))) == 1
+"""
+    run_python("-c", code)
+
+
+ARRAYS = re.compile(r"Floats|Integers|Rows|Mask|Radii|NDArray")
+OTHERS = ("obb_collision.node", "obb_collision.demo", "obb_collision.benchmarks")
+
+
+def load_all() -> None:
+    """Import every module of the library, so that all kernels are defined."""
+    for module in pkgutil.walk_packages(obb_collision.__path__, "obb_collision."):
+        if not module.name.startswith(OTHERS) and not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+
+
+def holds_arrays(kind: Any) -> bool:
+    """Return whether a type, a tuple or NamedTuple with all that is in it, holds arrays."""
+    fields = getattr(kind, "__annotations__", {}) if hasattr(kind, "_fields") else {}
+    if any(ARRAYS.search(str(field)) for field in fields.values()):
+        return True
+    within = typing.get_type_hints(kind).values() if fields else typing.get_args(kind)
+    return "ndarray" in str(kind) or any(map(holds_arrays, within))
+
+
+def returns_arrays(function: Callable[..., Any]) -> bool:
+    """Return whether a function is declared to return arrays."""
+    return holds_arrays(typing.get_type_hints(function)["return"])
+
+
+def test_what_counts_references_takes_no_arrays_from_what_does_not() -> None:
+    load_all()
+    counts = {kernel: "_nrt" not in kernel.targetoptions for kernel in _jit.kernels}
+    lends = {k for k in counts if not counts[k] and returns_arrays(function_of(k))}
+    assert {function_of(kernel).__name__ for kernel in lends} >= {"borrowed_core"}
+    wrong = [
+        (function.__name__, function_of(kernel).__name__)
+        for function in (function_of(kernel) for kernel in counts if counts[kernel])
+        for kernel in lends
+        if any(function.__globals__.get(name) is kernel for name in function.__code__.co_names)
+    ]
+    assert not wrong
+
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
@@ -43,27 +229,22 @@ EXTRAS = {
     "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "viser",
 }  # fmt: skip
 #: Messages for which there is a topic or a service only where somebody has installed them.
-OPTIONAL = {"moveit_msgs", "vision_msgs"}
+OPTIONAL_MESSAGES = {"moveit_msgs", "vision_msgs"}
 
 
-def imported() -> set[str]:
-    """Return the top-level modules that the package and its launch file import anywhere."""
-    found = set()
-    for path in [*(ROOT / "obb_collision").rglob("*.py"), *(ROOT / "launch").glob("*.py")]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                found |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                found.add(node.module)
-            elif isinstance(node, ast.Call) and ast.unparse(node.func).startswith("optional_"):
-                found.add(ast.literal_eval(node.args[0]))
-    tops = {name.partition(".")[0] for name in found}
+def dependencies() -> set[str]:
+    """Return the top-level modules that the package and its launch files import anywhere."""
+    files = [*MODULES, *(ROOT / "launch").glob("*.py")]
+    names = {name for path in files for name in imported(path)}
+    optional = r'\boptional_\w+\(\s*"(\w+)'
+    names |= {name for path in files for name in re.findall(optional, path.read_text())}
+    tops = {name.partition(".")[0] for name in names}
     return tops - set(sys.stdlib_module_names) - {"obb_collision"}
 
 
 def test_what_is_imported_is_declared_for_rosdep() -> None:
     declared = {element.text for element in PACKAGE.findall("exec_depend")}
-    modules = imported() - EXTRAS - OPTIONAL
+    modules = dependencies() - EXTRAS - OPTIONAL_MESSAGES
     assert {"rclpy", "builtin_interfaces", "numpy"} <= modules, "the search finds imports"
     assert {KEYS.get(name, name) for name in modules} <= declared
 
@@ -142,3 +323,74 @@ def test_source_files_begin_with_copyright_and_licence() -> None:
     assert len(contents) > 400
     without = [path for path, text in contents.items() if text and not text.startswith(HEADER)]
     assert without == []
+
+
+OBJECTS = dict(public_objects())
+METHODS = dict(public_methods())
+DOCUMENTED = {**OBJECTS, **METHODS}
+
+
+def sections(value: Any) -> set[str]:
+    """Return the titles of the sections of a docstring."""
+    return set(re.findall(r"^(\w+)\n-+$", inspect.getdoc(value) or "", re.MULTILINE))
+
+
+def arguments(value: Any) -> set[str]:
+    """Return the names of the arguments of a function or a class."""
+    if inspect.isclass(value) and issubclass(value, Enum):
+        return set()
+    return set(inspect.signature(value).parameters) - {"self", "cls"}
+
+
+@each("name", DOCUMENTED)
+def test_examples_run(name: str) -> None:
+    known: dict[str, Any] = {"oc": oc, "np": np}
+    said: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    for example in examples_of(name):
+        found = doctest.DocTestParser().get_doctest(example, known, name, None, 0)
+        runner.run(found, out=said.append, clear_globs=False)
+        known = found.globs
+    assert runner.failures == 0, "".join(said)
+
+
+def examples_of(name: str) -> list[str]:
+    """Return the docstring of a name, after that of its class where it goes on with its example."""
+    text = inspect.getdoc(DOCUMENTED[name]) or ""
+    owner = name.rpartition(".")[0]
+    if f"as in the example of ``{owner}``" not in text:
+        return [text]
+    return [inspect.getdoc(OBJECTS[owner]) or "", text]
+
+
+@each("name", OBJECTS)
+def test_every_public_name_has_its_sections_and_an_example(name: str) -> None:
+    value = OBJECTS[name]
+    text = inspect.getdoc(value) or ""
+    assert ">>> " in text
+    found = sections(value)
+    assert "Examples" in found
+    if name in MADE_BY_THE_LIBRARY:
+        return
+    names = arguments(value)
+    assert not names or {"Parameters", "Raises"} <= found
+    assert all(re.search(rf"^(\w+, )*{one}\b.* : ", text, re.MULTILINE) for one in names)
+    assert inspect.isclass(value) or "Returns" in found
+
+
+@each("name", METHODS)
+def test_every_public_method_has_its_sections(name: str) -> None:
+    value = METHODS[name]
+    text = inspect.getdoc(value) or ""
+    found = sections(value)
+    names = arguments(value)
+    if names:
+        assert {"Parameters", "Raises", "Examples"} <= found
+        missing = [
+            n for n in names if not re.search(rf"^\**(\w+, )*\**{n}\b.* : ", text, re.MULTILINE)
+        ]
+        assert missing == []
+
+
+#: What a user gets and does not make.
+MADE_BY_THE_LIBRARY = {"MeshTrees", "Report", "Robot", "SceneDescription", "shapes.Shape"}

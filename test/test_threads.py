@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from each import each
+from processes import run_python
 
 import obb_collision as oc
 from obb_collision._kernel_cache import KernelMissingError, only_loading
@@ -190,8 +189,6 @@ run_parts(lambda part: part, 3)
 
 @each("code", [FORK, LATE])
 def test_a_forked_process_and_one_that_ends_go_on(code: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=120
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    done = run_python("-W", "ignore", "-c", code)
+    assert done.stderr == ""
     assert set(done.stdout.splitlines()) == {"[0, 1, 2]"}

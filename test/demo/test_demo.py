@@ -12,43 +12,48 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""The demo: its random scene, its run over real topics against brute force, its command line."""
+"""The demo and its live view: random scenes over real topics against brute force, and commands."""
 
 from __future__ import annotations
 
 import os
 import signal
-import subprocess
+import socket
 import sys
 from collections.abc import Iterator
+from contextlib import closing, contextmanager, nullcontext
 from itertools import combinations
 from pathlib import Path
-from time import perf_counter
+from types import SimpleNamespace
+from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from processes import limited, output_until
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from processes import output_until, started
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException
+from rig import own_context
+from std_msgs.msg import Header
 
 import obb_collision as oc
-from obb_collision.demo.command import MIN_OBJECTS, main
-from obb_collision.demo.scene import random_scene
+from obb_collision.demo.command import MIN_OBJECTS, main, open_view
+from obb_collision.demo.listener import Listener, boxes_from_bytes
+from obb_collision.demo.run import NAMESPACE, Demo
+from obb_collision.demo.scene import DemoScene, random_scene
+from obb_collision.demo.snapshot import FREE
+from obb_collision.demo.status import Status
+from obb_collision.demo.view import NOTES, WAITING, BrowserView, LiveView, banner
 from obb_collision.geometry.poses import as_poses
-
-rclpy_context = pytest.importorskip("rclpy.context")
-
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
-from rclpy.executors import ExternalShutdownException  # noqa: E402
-from std_msgs.msg import Header  # noqa: E402 - needs ROS
-
-from obb_collision.demo.listener import Listener  # noqa: E402
-from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
-from obb_collision.demo.scene import DemoScene  # noqa: E402
-from obb_collision.node import namespace_number  # noqa: E402
-from obb_collision.node.messages.clouds import cloud_to_ros  # noqa: E402
-from obb_collision.node.messages.conversions import namespaces_to_ros, stamp_to_ros  # noqa: E402
-from obb_collision.node.messages.marker_shapes import shape_from_ros, shape_to_ros  # noqa: E402
-from obb_collision.node.topics.topics import COLLISIONS  # noqa: E402
+from obb_collision.node import namespace_number
+from obb_collision.node.messages.box_markers import COLORS, Markers
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import namespaces_to_ros, stamp_to_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.marker_shapes import shape_from_ros, shape_to_ros
+from obb_collision.node.node import NODE_NAME
+from obb_collision.node.topics.topics import COLLISIONS
 
 #: Domains of these tests, apart from those a robot or the other tests use.
 DOMAIN = 60 + os.getpid() % 40
@@ -106,14 +111,21 @@ def lines() -> list[str]:
     return []
 
 
+@contextmanager
+def made(objects: int, seed: int, *more: Any, **options: Any) -> Iterator[Demo]:
+    """Yield the demo of a random scene, which is ended."""
+    with own_context(DOMAIN) as context:
+        running = Demo(context, DemoScene(random_scene(objects, seed)), 20.0, *more, **options)
+        try:
+            yield running
+        finally:
+            running.close()
+
+
 @pytest.fixture
 def demo(lines: list[str]) -> Iterator[Demo]:
-    context = rclpy_context.Context()
-    context.init(domain_id=DOMAIN)
-    running = Demo(context, DemoScene(random_scene(OBJECTS, 7)), 20.0, 2.0, lines.append)
-    yield running
-    running.close()
-    context.try_shutdown()
+    with made(OBJECTS, 7, 2.0, lines.append) as running:
+        yield running
 
 
 def test_pairs_received_are_those_of_brute_force(demo: Demo) -> None:
@@ -175,41 +187,25 @@ def test_without_rclpy_it_says_how_to_get_it(
     ]
 
 
+DEMO = "-c", "from obb_collision.commands import demo_script; raise SystemExit(demo_script())"
+ELSEWHERE = {"ROS_DOMAIN_ID": str(DOMAIN + 1)}
+
+
 def test_ctrl_c_ends_it_with_its_summary() -> None:
-    code = "from obb_collision.commands import demo_script as demo; raise SystemExit(demo())"
-    demo = subprocess.Popen(
-        [sys.executable, "-c", code, "--seconds", "3600", "--no-picture", "--objects", "20"],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN + 1)},
-    )
-    assert demo.stdout is not None
-    limit = perf_counter() + PATIENCE
-    received: list[str] = []
-    for line in demo.stdout:
-        received.append(line)
-        if " begins " in line:
-            break
-        assert perf_counter() < limit
-    demo.send_signal(signal.SIGINT)
-    rest, _ = demo.communicate(timeout=PATIENCE)
+    few = ("--seconds", "3600", "--no-picture", "--objects", "20")
+    with started(*DEMO, *few, **ELSEWHERE) as demo:
+        received = output_until(demo, " begins ")
+        demo.send_signal(signal.SIGINT)
+        rest, _ = demo.communicate(timeout=PATIENCE)
     assert demo.returncode == 0
-    assert received[0].startswith("scene random: 20 objects")
-    assert received[1].startswith("topics to watch: ")
+    assert "scene random: 20 objects" in received
+    assert "topics to watch: " in received
     assert " pairs in all, " in rest
 
 
+@pytest.mark.slow  # test_warm_up interrupts a node that compiles
 def test_ctrl_c_ends_it_while_kernels_compile(tmp_path: Path) -> None:
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    code = "from obb_collision.commands import demo_script as demo; raise SystemExit(demo())"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, "--no-picture"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN + 1)} | cache,
-    )
-    with limited(process):
+    with started(*DEMO, "--no-picture", NUMBA_CACHE_DIR=str(tmp_path), **ELSEWHERE) as process:
         output_until(process, "steps done")
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=PATIENCE)
@@ -218,22 +214,15 @@ def test_ctrl_c_ends_it_while_kernels_compile(tmp_path: Path) -> None:
 
 
 def test_it_ends_while_it_waits_for_effects() -> None:
-    context = rclpy_context.Context()
-    context.init(domain_id=DOMAIN)
     asked: list[bool] = []
-    scene = DemoScene(random_scene(OBJECTS, 7))
-    running = Demo(context, scene, 20.0, 1.0, lambda line: None, stopped=lambda: bool(asked))
-    asked.append(True)
-    try:
+    with made(OBJECTS, 7, 1.0, print, stopped=lambda: bool(asked)) as running:
+        asked.append(True)
         with pytest.raises(ExternalShutdownException):
             running.begin()
-    finally:
-        running.close()
-        context.try_shutdown()
 
 
 def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
-    context = rclpy_context.Context()
+    context = Context()
     context.init(domain_id=DOMAIN)
     lines: list[str] = []
     listener = Listener(lines.append, context=context)
@@ -254,3 +243,126 @@ def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
     finally:
         listener.destroy_node()
         context.try_shutdown()
+
+
+def test_without_viser_it_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert open_view(0) is None
+    assert capsys.readouterr().err.splitlines() == [
+        "the live view needs viser: pip install 'obb_collision[view]'"
+    ]
+
+
+@pytest.fixture
+def live() -> Iterator[Demo]:
+    """Yield a demo as it is watched."""
+    with made(20, 2, 1.0, print, live=True) as running:
+        yield running
+
+
+def test_the_view_shows_what_the_node_published(live: Demo) -> None:
+    pytest.importorskip("viser")
+    live.begin()
+    states = []
+    with closing(BrowserView(port=0)) as view:
+        assert WAITING in view.panel.content
+        for time in (0.0, 4.0):
+            live.settle(time)
+            snapshot = live.snapshot()
+            view.show(snapshot)
+            drawn = {name: handle for name, (_, handle) in view.handles.items() if handle}
+            scales = [h.batched_scales for name, h in drawn.items() if "/" in name]
+            assert np.count_nonzero(np.concatenate(scales).all(axis=1)) == 20
+            ends = [len(body.edges()) for body in snapshot.wires()]
+            assert len(drawn["edges"].points) == sum(ends) > 12
+            np.testing.assert_allclose(drawn["contact"].points, snapshot.contacts, atol=1e-5)
+            states.append(snapshot.states.tolist())
+        view.show_notes(snapshot)
+        assert sum(row.visible for row in view.rows) == min(len(snapshot.notes), NOTES)
+        (note, *_), camera = snapshot.notes, FakeCamera()
+        view.fly_to(note, camera)
+        np.testing.assert_allclose(camera.look_at, note.place)
+        assert np.linalg.norm(np.subtract(camera.position, note.place)) < 5.0 * note.extent
+        assert states[0] != states[1]
+        assert f"{states[1].count(FREE)} free" in view.panel.content
+        with urlopen(view.url, timeout=10.0) as page:
+            assert page.status == 200
+
+
+class FakeCamera:
+    """A client's camera, without the client."""
+
+    client = SimpleNamespace(atomic=nullcontext)
+    position, look_at = (9.0, 0.0, 9.0), (0.0, 0.0, 0.0)
+
+
+def test_the_banner_says_level_reason_and_time_and_that_a_node_is_silent() -> None:
+    pytest.importorskip("viser")
+    status = Status()
+    assert "STALE" in banner(status, 0.0)  # nothing was heard yet
+    status.level, status.message, status.stamp = "ERROR", "2 pairs <collide>", 1e9
+    status.values = {"reason": "blocked"}
+    text = banner(status, 0.1)
+    assert all(part in text for part in ("ERROR", "blocked", "2 pairs &lt;collide&gt;", ":46:40"))
+    assert "STALE" in banner(status, 60.0)
+
+
+def test_the_view_follows_the_topics(live: Demo) -> None:
+    pytest.importorskip("viser")
+    view = BrowserView(port=0)
+    with closing(LiveView(view, live.listener, live.scene.shapes)):
+        live.begin()
+        live.spin_until(lambda: "edges" in view.handles, PATIENCE)
+        live.spin_until(lambda: live.listener.status.level in view.banner.content, PATIENCE)
+
+
+def test_a_running_node_is_shown_by_its_topics(live: Demo) -> None:
+    pytest.importorskip("viser")
+    with socket.socket() as probe:
+        probe.bind(("localhost", 0))
+        port = probe.getsockname()[1]
+    node = f"{NAMESPACE}/{NODE_NAME}"
+    view = ("-m", "obb_collision", "view", node, "--port", str(port))
+    with started(*view, ROS_DOMAIN_ID=str(DOMAIN)) as process:
+        assert f"view: http://localhost:{port}\n" in output_until(process, "view:")
+        topic = f"{node}/markers"
+        live.begin()
+        live.spin_until(lambda: live.listener.count_subscribers(topic) >= 2, PATIENCE)
+        with urlopen(f"http://localhost:{port}", timeout=10.0) as page:
+            assert page.status == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=PATIENCE) == 0
+
+
+def test_boxes_come_out_of_the_bytes_of_markers() -> None:
+    random = np.random.default_rng(5)
+    poses = np.zeros((3, 7))
+    poses[:, :3], poses[:, 6] = random.normal(size=(3, 3)), 1.0
+    boxes = oc.Boxes.from_poses(poses, np.full((3, 3), 0.5))
+    keys = [("a", 1), ("a longer name", 2), ("b", -3)]
+    states = np.array([0, 1, 2])
+    cubes = boxes_from_bytes(Markers("map").write(keys, boxes, states, 7, 1.0, None))
+    assert cubes.names == ["a/1", "a longer name/2", "b/-3"]
+    np.testing.assert_array_equal(cubes.poses, poses)
+    np.testing.assert_array_equal(cubes.sizes, np.ones((3, 3)))
+    assert cubes.doubtful.tolist() == [False, False, True]
+    assert (cubes.frame, cubes.stamp, cubes.lines) == ("map", 7, [])
+    lines = boxes_from_bytes(Markers("map").write(keys, boxes, states, 7, 1.0, 0.01))
+    assert lines.names == []
+    for (ends, color), expected in zip(lines.lines, COLORS, strict=True):
+        assert len(ends) == 24
+        np.testing.assert_allclose(color, expected[:3], atol=1e-6)
+    with pytest.raises(RefusedError):
+        boxes_from_bytes(b"no markers")
+
+
+def test_edges_of_many_boxes_are_shown(live: Demo) -> None:
+    pytest.importorskip("viser")
+    with closing(BrowserView(port=0)) as view:
+        ends = np.random.default_rng(1).normal(size=(48, 3))
+        assert WAITING in view.panel.content
+        view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])
+        assert view.handles["edges of boxes"][0] == 36
+        assert view.panel.content == ""

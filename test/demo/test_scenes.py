@@ -12,8 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""The demo with scene files: their objects, rules and effects over real topics."""
+"""The demo with scene files, over real topics; links of the arm's cell by an independent check."""
 
 from __future__ import annotations
 
@@ -25,16 +24,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from each import each
+from rig import own_context
 
+import obb_collision as oc
 from obb_collision.demo.command import main, make_parser
+from obb_collision.demo.listener import ClearancesNarrator, PointsInsideNarrator, Predictions
+from obb_collision.demo.run import Demo
+from obb_collision.demo.scene import DemoScene
+from obb_collision.demo.snapshot import OVERLAPPING, ROBOT
+from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction
 from obb_collision.scene_files import READY, find_scene, load_scene
-
-rclpy_context = pytest.importorskip("rclpy.context")
-
-from obb_collision.demo.listener import ClearancesNarrator, PointsInsideNarrator, Predictions  # noqa: E402
-from obb_collision.demo.run import Demo  # noqa: E402
-from obb_collision.demo.scene import DemoScene  # noqa: E402
-from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction  # noqa: E402
 
 DOMAIN = 100 + os.getpid() % 40
 MOVEIT = Path(__file__).parents[1] / "data" / "moveit"
@@ -116,18 +115,17 @@ def lines() -> list[str]:
 @pytest.fixture
 def start(lines: list[str]) -> Iterator[Start]:
     """Yield a function that starts the demo with a scene file."""
-    context = rclpy_context.Context()
-    context.init(domain_id=DOMAIN)
     started: list[Demo] = []
+    with own_context(DOMAIN) as context:
 
-    def start(path: Path) -> Demo:
-        started.append(Demo(context, DemoScene(load_scene(path), path), 20.0, 1.5, lines.append))
-        return started[0]
+        def start(path: Path) -> Demo:
+            scene = DemoScene(load_scene(path), path)
+            started.append(Demo(context, scene, 20.0, 1.5, lines.append))
+            return started[0]
 
-    yield start
-    for demo in started:
-        demo.close()
-    context.try_shutdown()
+        yield start
+        for demo in started:
+            demo.close()
 
 
 def test_a_file_gets_the_effects_it_calls_for(
@@ -191,3 +189,63 @@ def test_scenes_of_the_package_are_found_by_name(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--scene", "kitchen"])
     assert "tabletop, warehouse, lidar_zone, arm_cell" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def demo() -> Iterator[Demo]:
+    """Yield the demo of the cell, started."""
+    file = find_scene("arm_cell")
+    with own_context(DOMAIN) as context:
+        demo = Demo(context, DemoScene(load_scene(file), file), 30.0, 1.0, lambda _: None)
+        try:
+            demo.begin()
+            yield demo
+        finally:
+            demo.close()
+
+
+def test_links_collide_by_name_when_the_robot_scene_says_so(demo: Demo) -> None:
+    (arm,) = demo.scene.robots
+    checker = oc.RobotScene({"arm": arm.robot}, demo.scene.description.build(), bases=[arm.pose])
+    seen = set()
+    for time in (0.5, 5.0, 9.6, 10.0, 12.0):
+        demo.settle(time)
+        rows = demo.listener.pairs.rows
+        found = {frozenset((_link(row.a), _link(row.b))) for row in rows}
+        report = checker.check(arm.joints(time)[0], all_pairs=True)
+        wanted = set() if report.valid[0] else {frozenset(pair) for pair in report.pairs_of(0)}
+        assert found == wanted
+        seen |= found
+    assert frozenset(("arm/hand", "shelf/3")) in seen
+    assert frozenset(("arm/right_finger", "shelf/3")) in seen
+
+
+def _link(name: str) -> str:
+    """Return the link of an object of the arm, and any other name as it is."""
+    return name.rpartition("/")[0] if name.startswith("arm/") else name
+
+
+def test_colliding_links_are_red_and_near_ones_have_lines(demo: Demo) -> None:
+    demo.settle(10.0)
+    snapshot = demo.snapshot()
+    states = dict(zip(snapshot.names, snapshot.states.tolist(), strict=True))
+    red = {name for name, state in states.items() if state == OVERLAPPING}
+    assert red == {"arm/hand/1", "arm/right_finger/0", "shelf/3"}
+    assert states["arm/forearm/1"] == ROBOT
+    assert len(snapshot.near) == len(demo.listener.effects["clearance"].rows) > 0
+    near = {row.b if row.b.startswith("arm/") else row.a for row in _clearances(demo)}
+    assert near <= {"arm/hand/0", "arm/hand/1", "arm/left_finger/0", "arm/right_finger/0"}
+
+
+def _clearances(demo: Demo) -> list[NamedClearance]:
+    return list(demo.listener.effects["clearance"].rows)
+
+
+def test_bodies_of_links_are_drawn_where_the_robot_has_them(demo: Demo) -> None:
+    demo.settle(5.0)
+    (arm,) = demo.scene.robots
+    bodies = {body.name: body for body in demo.snapshot().bodies()}
+    poses = arm.robot.link_poses(arm.joints(5.0)[0])
+    row = arm.robot.link_names.index("right_finger")
+    wanted = poses[row, :3] + np.array(arm.pose[:3])  # the base is not turned
+    np.testing.assert_allclose(bodies["arm/right_finger/0"].position, wanted, atol=1e-6)

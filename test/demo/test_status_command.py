@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
 
 import pytest
-from each import each
-
-pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from each import each
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, sync
@@ -42,62 +41,47 @@ def same_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
 
 
-@pytest.fixture
-def running(rig: Rig) -> Iterator[Rig]:
-    """Yield a rig that spins in a thread once it is told to."""
-    yield rig
-    DONE.set()
-    for thread in threads:  # what spins is destroyed afterwards
-        thread.join()
-    threads.clear()
-    DONE.clear()
+@contextmanager
+def spinning(rig: Rig) -> Iterator[None]:
+    """Spin a rig in a thread: what spins is not destroyed meanwhile."""
+    done = Event()
 
-
-DONE, threads = Event(), list[Thread]()
-
-
-def spin(rig: Rig) -> None:
     def run() -> None:
-        while not DONE.is_set():
+        while not done.is_set():
             rig.executor.spin_once(timeout_sec=0.05)
 
-    threads.append(Thread(target=run, daemon=True))
-    threads[-1].start()
+    thread = Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
-def test_levels_are_exit_codes_and_the_screen_says_why(
-    running: Rig, capsys: pytest.CaptureFixture[str]
+def test_levels_are_exit_codes_the_screen_says_why_and_json_has_all_values(
+    rig: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    running.send(cube(("box", 1)), cube(("box", 2), (0.5, 0.0, 0.0)))
-    assert sync(running)
-    spin(running)
-    assert commands.status(["--node", NODE, "--timeout", "60"]) == 1
-    text = capsys.readouterr().out
-    assert text.startswith(f"{NODE}: ERROR\n  1 pair collides")
-    for word in ("objects 3", "  objects: 3 objects; count 3; colliding 2", "  cycle: ", "input "):
-        assert word in text
-
-
-def test_free_is_zero_and_json_has_all_values(
-    running: Rig, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sync(running)
-    spin(running)
-    code = commands.status(["--json", "--timeout", "60"])
+    with spinning(rig):
+        assert commands.status(["--node", NODE[1:], "--timeout", "60"]) == 3
+    assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
+    sync(rig)
+    with spinning(rig):
+        code = commands.status(["--json", "--timeout", "60"])
     nodes = json.loads(capsys.readouterr().out)
     found = nodes[NODE]  # without its name
     assert code == 0 or len(nodes) > 1  # others may test on this machine
     assert (found["level"], found["values"]["reason"]) == ("OK", "")
     assert found["parts"]["objects"]["count"] == "1"
     assert "cycle mean (ms)" in found["parts"]["cycle"]
-
-
-def test_not_known_is_three_with_its_reason(
-    running: Rig, capsys: pytest.CaptureFixture[str]
-) -> None:
-    spin(running)
-    assert commands.status(["--node", NODE[1:], "--timeout", "60"]) == 3
-    assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
+    rig.send(cube(("box", 1)), cube(("box", 2), (0.5, 0.0, 0.0)))
+    assert sync(rig)
+    with spinning(rig):
+        assert commands.status(["--node", NODE, "--timeout", "60"]) == 1
+    text = capsys.readouterr().out
+    assert text.startswith(f"{NODE}: ERROR\n  1 pair collides")
+    for word in ("objects 3", "  objects: 3 objects; count 3; colliding 2", "  cycle: ", "input "):
+        assert word in text
 
 
 def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -30,12 +29,10 @@ from pages import ROOT, code_blocks
 
 pytest.importorskip("rclpy")
 from node_process import environment, running
-from processes import PATIENCE, limited
+from processes import PATIENCE, started
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rig import DOMAIN, NAMESPACE, Client, cube
+from rig import NAMESPACE, Client, client_apart, cube
 from visualization_msgs.msg import Marker
 
 from tools.fuzz.process import for_killed_processes
@@ -102,14 +99,7 @@ def program(folder: Path, name: str, head: str) -> Iterator[Program]:
     file.write_text(head + code)
     names = ("-r", f"__ns:={NAMESPACE}", "-r", f"__node:={name}")
     arguments = ("--ros-args", *names, "-p", "crate:=1000.0")
-    process = subprocess.Popen(
-        [sys.executable, str(file), *arguments],
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    with limited(process):
+    with started(str(file), *arguments, **environment()) as process:
         yield Program(process)
 
 
@@ -126,16 +116,8 @@ def collision_node(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[Client]:
-    with for_killed_processes(tmp_path):
-        context = Context()
-        context.init(domain_id=DOMAIN)
-        executor = SingleThreadedExecutor(context=context)
-        found = Client(context, executor)
-        found.patience = PATIENCE
+    with for_killed_processes(tmp_path), client_apart() as found:
         yield found
-        executor.shutdown()
-        found.client.destroy_node()
-        context.try_shutdown()
 
 
 def test_it_stops_each_time_within_what_the_page_says(tmp_path: Path, client: Client) -> None:

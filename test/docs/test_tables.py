@@ -12,14 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The tables of the documentation are those of the code; its links lead somewhere."""
+"""The tables and links of the documentation are those of the code, its drawing is true."""
 
 from __future__ import annotations
 
 import ast
 import re
+import sys
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
+import pytest
 from each import each
 from pages import PAGES, ROOT, code_blocks, page_name, table_rows
 
@@ -27,6 +31,14 @@ import obb_collision as oc
 from obb_collision import Accuracy
 from obb_collision.geometry.representations import memory_table
 from obb_collision.scene.effects import EFFECTS
+
+pytest.importorskip("rclpy")
+
+from rig import Rig, cube
+from visualization_msgs.msg import Marker
+
+from obb_collision.node import namespace_number
+from obb_collision.node.topics.topics import TOPICS
 
 README = ROOT / "README.md"
 LIBRARY, NUMERICS = (ROOT / "docs" / f"{name}.md" for name in ("library", "numerics"))
@@ -149,3 +161,75 @@ def test_files_that_are_named_exist_and_those_beside_the_folders_are_named() -> 
         assert (ROOT / path).exists(), path
     for file in set(PACKAGE.glob("*.py")) - {PACKAGE / "__init__.py"}:
         assert f"`{file.name}`" in text, file.name
+
+
+def test_the_tables_are_up_to_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import make_tables  # type: ignore[import-not-found]
+
+    found = make_tables.tables()
+    marks: list[str] = []
+    for name in make_tables.PAGES:
+        text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+        marks += re.findall(r"<!-- table: (.*) -->", text)
+        assert make_tables.with_tables(text, found) == text, "python docs/make_tables.py"
+    assert sorted(marks) == sorted(found)
+    assert make_tables.PARAMETER_FILE.read_text(encoding="utf-8") == make_tables.parameter_file()
+
+
+def test_the_recording_leaves_out_what_is_computed_for_subscribers() -> None:
+    text = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+    (pattern,) = re.findall(r"--exclude-regex '(.*)'", text)
+    names = {key: "/cell/" + t.name.replace("~", "obb_collision") for key, t in TOPICS.items()}
+    left_out = {key for key, name in names.items() if re.search(pattern, name)}
+    assert left_out == {"text", "contacts", "clearance", "sweep", "points", "markers"}
+
+
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+MOST_WORDS = 600
+
+
+def drawn() -> list[str]:
+    """Return the folders of the drawing that data passes, in its order."""
+    drawing = ARCHITECTURE.split("```")[1]
+    return re.findall(r"^ ((?:node|scene)/\w+)", drawing, re.MULTILINE)
+
+
+def test_a_pose_passes_the_folders_in_the_order_of_the_drawing() -> None:
+    number, count = namespace_number("a"), 100  # of a few the broad phase is not asked
+    poses = [[0.5 * n, 0, 0, 0, 0, 0, 1] for n in range(count)]
+    entered: dict[str, None] = {}
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        path = Path(frame.f_code.co_filename)
+        # what is asked for is looked up first
+        name = frame.f_code.co_name
+        before = name == "checked" or path.name in ("ladder.py", "settings.py")
+        before |= path.name == "outputs.py" and not name.startswith("publish_report")
+        if event == "call" and path.is_relative_to(PACKAGE) and not before:
+            entered.setdefault(path.parent.relative_to(PACKAGE).as_posix())
+
+    with Rig(accuracy="hull") as rig:
+        rig.listen("contacts")
+        rig.send(*(cube(("a", n), type=Marker.SPHERE) for n in range(count)))
+        rig.send_poses(range(count), poses, [number] * count).answer()
+        sys.setprofile(note)
+        try:
+            rig.send_poses(range(count), poses[::-1], [number] * count).answer()
+        finally:
+            sys.setprofile(None)
+    assert len(drawn()) == 9
+    assert [folder for folder in entered if folder in drawn()] == drawn()
+
+
+def test_the_page_is_short_and_names_every_layer_in_the_order_of_imports() -> None:
+    assert len(ARCHITECTURE.split()) <= MOST_WORDS
+    named = [
+        name
+        for row in re.findall(r"^\| (`.*?) \|", ARCHITECTURE, re.MULTILINE)
+        for name in re.findall(r"`(\w+)`", row)
+    ]
+    folders = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    assert set(named) == folders
+    for folder in re.findall(r"queries/\w+|`([\w/]+\.py)`", ARCHITECTURE):
+        assert not folder or (PACKAGE / folder).exists(), folder

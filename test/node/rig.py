@@ -24,15 +24,18 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, TypeVar
 from unittest.mock import patch
 
 import numpy as np
+import processes
 import pytest
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from processes import SharedWorker, build_by
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -66,6 +69,7 @@ from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
 from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
+from obb_collision.scene.building.process import WorkerProcess
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 DOMAIN = 1 + os.getpid() % 100
@@ -192,26 +196,29 @@ class Client:
         self.stamp += 1_000_000
         return Header(stamp=stamp_to_ros(self.stamp), frame_id=frame)
 
-    def send(self, *markers: Marker, stamped: bool = True) -> None:
+    def send(self, *markers: Marker, stamped: bool = True) -> Client:
         """Publish markers, all with the next stamp."""
         if stamped:
             stamp = self.header().stamp
             for marker in markers:
                 marker.header.stamp = stamp
         self.pubs["objects"].publish(MarkerArray(markers=list(markers)))
+        return self
 
-    def send_transform(self, name: str, pose: Any, frame: str = FRAME) -> None:
+    def send_transform(self, name: str, pose: Any, frame: str = FRAME) -> Client:
         """Publish one pose (7,)."""
         message = TransformStamped(header=self.header(frame), child_frame_id=name)
         message.transform = transform_to_ros(pose)
         self.pubs["object_transform"].publish(message)
+        return self
 
     def send_states(
         self, names: list[str], poses: Any, frame: str = FRAME, twists: Any = None
-    ) -> None:
+    ) -> Client:
         """Publish poses (n, 7), and twists (n, 6), by name."""
         message = states_to_ros(names, poses, self.header(frame), twists)
         self.pubs["object_states"].publish(message)
+        return self
 
     def send_points(self, points: Any, frame: str = FRAME, kind: str = "<f4") -> None:
         """Publish a cloud of points (n, 3), with the next stamp."""
@@ -220,29 +227,36 @@ class Client:
             rows[name] = np.asarray(points)[:, column]
         self.pubs["points"].publish(cloud_to_ros(rows, self.header(frame)))
 
-    def send_poses(self, ids: Any, poses: Any, namespaces: Any = None, **options: Any) -> None:
+    def send_poses(self, ids: Any, poses: Any, namespaces: Any = None, **options: Any) -> Client:
         """Publish bulk poses (n, 7)."""
         header = self.header(options.pop("frame", FRAME))
         self.pubs["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header, **options))
+        return self
 
     def send_boxes(
         self, ids: Any, poses: Any, sizes: Any = 1.0, namespaces: Any = None, **options: Any
-    ) -> None:
+    ) -> Client:
         """Publish a complete set of boxes: poses (n, 7) and sizes, (n, 3) or one for all."""
         header = self.header(options.pop("frame", FRAME))
         sizes = np.broadcast_to(sizes, (len(ids), 3))
         message = boxes_to_ros(ids, poses, sizes, namespaces, header, **options)
         self.pubs["object_boxes"].publish(message)
+        return self
 
-    def answer(self) -> PointCloud2:
-        """Wait for the ``collisions`` of the last state sent."""
+    def hear(self, topic: str) -> None:
+        """Subscribe to the topic of an effect, and wait until that is ready: its messages come."""
+        self.listen(topic)
+        self.until(lambda: topic in self.last, topic)
+
+    def answer(self, topic: str = "collisions") -> PointCloud2:
+        """Wait for the message of a topic that is about the last state sent."""
 
         def arrived() -> Any:
-            message = self.last.get("collisions")
+            message = self.last.get(topic)
             return message is not None and stamp_from_ros(message.header.stamp) == self.stamp
 
-        self.until(arrived, f"collisions of stamp {self.stamp}")
-        return self.last["collisions"]
+        self.until(arrived, f"{topic} of stamp {self.stamp}")
+        return self.last[topic]
 
     def pairs(self) -> set[tuple[str, str]]:
         """Names of the pairs in the answer to the last state, in the order of the rows."""
@@ -321,6 +335,41 @@ class Client:
         }
 
 
+@contextmanager
+def own_context(domain: int = DOMAIN) -> Iterator[Context]:
+    """Yield a context with participants of its own."""
+    context = Context()
+    context.init(domain_id=domain)
+    try:
+        yield context
+    finally:
+        context.try_shutdown()
+
+
+@contextmanager
+def client_apart() -> Iterator[Client]:
+    """Yield a client of nodes in other processes."""
+    with own_context() as context:
+        made = Client(context, SingleThreadedExecutor(context=context))
+        made.patience = processes.PATIENCE
+        try:
+            yield made
+        finally:
+            made.executor.shutdown()
+            made.client.destroy_node()
+
+
+@contextmanager
+def node_apart(name: str) -> Iterator[Node]:
+    """Yield a node of a context of its own, as of another process."""
+    with own_context() as context:
+        node = Node(name, context=context, namespace=NAMESPACE)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+
+
 class Rig(Client):
     """A collision node and a client in one context on one executor."""
 
@@ -332,6 +381,7 @@ class Rig(Client):
         tf2: bool = False,
         sure_points: bool = True,
         unmatched: Iterable[str] = (),
+        own_builder: bool = False,
         **parameters: Any,
     ) -> None:
         """Wait until they have met.
@@ -340,8 +390,9 @@ class Rig(Client):
         same node whether tf2 is installed or not. deaf: the client listens to nothing yet, nor
         waits for a node without autostart; given: more parameters, of any name. sure_points: points
         arrive as surely as all else, so that a test need not send them twice. unmatched: inputs
-        whose publishers here do not fit.
+        whose publishers here do not fit. own_builder: shapes are built by a process of this node.
         """
+        build_by(WorkerProcess if own_builder else SharedWorker)
         parameters |= given or {}
         parameters.setdefault("mesh_folders", [tempfile.gettempdir()])
         parameters.setdefault("cycle_timeout", 30.0)  # slow enough for a loaded machine
@@ -437,6 +488,12 @@ class Rig(Client):
         """Refused items of an input so far, by reason."""
         return dict(self.monitor(topic).refused)
 
+    def refuses(self, topic: str, expected: dict[str, int]) -> None:
+        """Wait until items of an input are refused, as many as expected by reason and no more."""
+        count = sum(expected.values())
+        self.until(lambda: sum(self.refused(topic).values()) >= count, f"refusals by {topic}")
+        assert self.refused(topic) == expected
+
     def set(self, **parameters: Any) -> list[Any]:
         """Set parameters of the node as a remote client would; returns the results."""
         return self.node.set_parameters(
@@ -448,6 +505,7 @@ class Rig(Client):
 
     def __exit__(self, *_: object) -> None:
         """Take both nodes down."""
+        build_by(WorkerProcess)
         self.executor.shutdown()
         self.client.destroy_node()
         self.node.destroy_node()

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rig import LATCHED, NAMESPACE, RELIABILITY, Rig, cube
+from rig import LATCHED, NAMESPACE, RELIABILITY, Client, Rig, cube
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -30,6 +30,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import duration_to_ros, stamp_from_ros
 from obb_collision.node.parameters.parameters import SPECS
+from obb_collision.node.robots import validity
+
+validity.LONGEST_CHECK = 30.0  # slow enough for a loaded machine
 
 CRATE, HAND = ("crate", 1), ("arm/hand", 1)
 EDGES = (0.1, 0.1, 0.1)
@@ -95,19 +98,19 @@ class RobotRig(Rig):
 
     def send_joints(
         self, velocities: Mapping[str, float] | None = None, /, **values: float
-    ) -> None:
+    ) -> Client:
         """Send values of joints, with the next stamp."""
         message = JointState(header=self.header(), name=list(values))
         message.position = [float(value) for value in values.values()]
         message.velocity = [float((velocities or {}).get(name, 0.0)) for name in values]
         self.joint_states.publish(message)
+        return self
 
     def start_robot(self, urdf: str = URDF, **values: float) -> None:
         """Send a URDF, wait for the robot, and for the answer to its joints."""
         self.describe(urdf)
         self.until(lambda: self.robot.fault[:5] in ("", "joint"), "the robot")
-        self.send_joints(None, **({"lift": 0.0, "turn": 0.0} | values))
-        self.answer()
+        self.send_joints(None, **({"lift": 0.0, "turn": 0.0} | values)).answer()
 
     @property
     def robot(self) -> Any:
@@ -123,13 +126,11 @@ class RobotRig(Rig):
 
     def put(self, place: Sequence[float], size: Sequence[float] = EDGES) -> None:
         """Put a crate somewhere."""
-        self.send(cube(CRATE, place, size))
-        self.answer()
+        self.send(cube(CRATE, place, size)).answer()
 
     def move(self, velocities: Mapping[str, float] | None = None, /, **values: float) -> None:
         """Send values of joints, and wait for the answer to them; others are zero."""
-        self.send_joints(velocities, **({"lift": 0.0, "turn": 0.0} | values))
-        self.answer()
+        self.send_joints(velocities, **({"lift": 0.0, "turn": 0.0} | values)).answer()
 
 
 class AskingRig(RobotRig):

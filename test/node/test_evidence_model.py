@@ -29,26 +29,10 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from each import each
-from evidence_model import (
-    ARM,
-    EDGE,
-    OFFSET,
-    ORDER,
-    REACH,
-    SPEED,
-    WAIT,
-    Model,
-    Robot,
-)
+from evidence_model import ARM, EDGE, OFFSET, ORDER, REACH, SPEED, WAIT, Model, Robot
 from geometry_msgs.msg import Point, TransformStamped
 from hypothesis import settings
-from hypothesis.stateful import (
-    RuleBasedStateMachine,
-    initialize,
-    invariant,
-    precondition,
-    rule,
-)
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
@@ -63,11 +47,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.inputs import MarkerUpdate
-from obb_collision.node.messages.conversions import (
-    stamp_to_ros,
-    states_to_ros,
-    transform_to_ros,
-)
+from obb_collision.node.messages.conversions import stamp_to_ros, states_to_ros, transform_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.scene.building.builder import Outcome
@@ -655,7 +635,7 @@ def duration(seconds: float) -> Any:
 
 
 TestEvidenceMachine = EvidenceMachine.TestCase
-TestEvidenceMachine.settings = settings(max_examples=150, stateful_step_count=15, deadline=None)
+TestEvidenceMachine.settings = settings(max_examples=100, stateful_step_count=15, deadline=None)
 
 LISTS = "object_timeout_overrides stale_policy_overrides required_objects required_inputs"
 PLAIN: dict[str, Any] = {name: [] for name in (*LISTS.split(), "ignored_objects")}

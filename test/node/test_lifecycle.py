@@ -17,21 +17,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from built_markers import Gate, triangle
 from each import each
-
-pytest.importorskip("rclpy")
-from gate import Gate
 from lifecycle_msgs.msg import Transition
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rig import DOMAIN, NAMESPACE, STATUS, Rig, cube, pose, sync
-from shape_markers import triangle
+from rig import NAMESPACE, STATUS, Rig, cube, own_context, pose, sync
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
@@ -99,8 +94,7 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
 ) -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
         rig.wait_inputs()
-        rig.send(cube(A1), cube(A2, (3, 0, 0)))
-        rig.answer()
+        rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
         rig.says(FREE, "free", False)
         checks = count_checks(rig, monkeypatch)
         assert rig.change(DEACTIVATE)
@@ -190,18 +184,6 @@ def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
         rig.send(cube(A1), triangle())
         rig.built(("body", 1))
         rig.says(COLLIDING, "1 pair", True)
-        assert before.shapes.builder.process.number is None, "its process has ended"
-
-
-@each("way", [*WAYS])
-def test_shut_down_it_knows_nothing_for_good_and_its_process_stays(way: str) -> None:
-    with managed(*WAYS[way]) as rig:
-        assert rig.change(SHUTDOWN[way])
-        assert rig.state() == "finalized"
-        rig.says(UNKNOWN, "shutting down", True)
-        assert not rig.change(CONFIGURE)
-        assert all(result.successful for result in rig.set(rate=40.0))
-        assert not any(thread.name == STATUS for thread in threading.enumerate())
 
 
 def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
@@ -242,7 +224,9 @@ def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
 
 
 @each("way", [*WAYS])
-def test_a_transition_that_is_not_possible_is_refused_and_changes_nothing(way: str) -> None:
+def test_transitions_that_are_not_possible_change_nothing_and_a_shut_down_is_for_good(
+    way: str,
+) -> None:
     with managed(*WAYS[way]) as rig:
         possible = {
             "unconfigured": {CONFIGURE},
@@ -253,6 +237,12 @@ def test_a_transition_that_is_not_possible_is_refused_and_changes_nothing(way: s
         assert not any(rig.change(transition) for transition in others)
         assert not rig.change(0, "no such transition")
         assert rig.state() == way
+        assert rig.change(SHUTDOWN[way])
+        assert rig.state() == "finalized"
+        rig.says(UNKNOWN, "shutting down", True)
+        assert not rig.change(CONFIGURE)
+        assert all(result.successful for result in rig.set(rate=40.0))
+        assert not any(thread.name == STATUS for thread in threading.enumerate())
 
 
 def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_reason(
@@ -318,17 +308,11 @@ def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.Mo
 
 
 def test_nothing_is_left_of_a_node_that_cannot_start(tmp_path: Path) -> None:
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    make: Callable[[], CollisionNode] = lambda: CollisionNode(  # noqa: E731
-        context=context,
-        cli_args=["--ros-args", "-p", f"scene_file:={tmp_path}/missing.yaml"],
-    )
+    arguments = ["--ros-args", "-p", f"scene_file:={tmp_path}/missing.yaml"]
     before = threading.active_count()
-    with pytest.raises(ValueError, match="missing"):
-        make()
+    with own_context() as context, pytest.raises(ValueError, match="missing"):
+        CollisionNode(context=context, cli_args=arguments)
     assert threading.active_count() == before
-    context.shutdown()
 
 
 def test_two_nodes_on_threads_of_a_process_check_while_one_of_them_changes_its_state() -> None:

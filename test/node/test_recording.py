@@ -12,31 +12,202 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A recording replayed into another node gives the same answers, in a loop, too."""
+"""What a node begins with from a scene file, and the same answers from a recording."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-from bags import Entry, read_bag, write_bag
+from each import each
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from rig import INPUTS, NAMESPACE, OUTPUTS, Rig, cube
+from rig import INPUTS, NAMESPACE, OUTPUTS, Rig, cube, own_context
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node import events_from_ros, namespace_number
+from obb_collision import Accuracy, commands
+from obb_collision.node import collisions_from_ros, events_from_ros, namespace_number
 from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros
+from obb_collision.node.node import CollisionNode
+from obb_collision.node.scene_file import SceneFile, keys_from_names
+from obb_collision.scene_files import READY, load_scene
+
+ROOT = Path(__file__).parents[2]
+SCENE = """
+accuracy: {default: obb, parts: aabb, lid: sphere}
+padding: 0.25
+groups: {parts: ["part/*"]}
+allowed: [[parts, lid]]
+effects:
+  contacts: {mode: "on", objects: [lid, parts], max_points: 8}
+  clearance: off
+  markers: off
+objects:
+  - {name: part/7, shape: box, size: [1, 1, 1], position: [0, 0, 0]}
+  - {name: part/8, shape: box, size: [1, 1, 1], position: [1.25, 0, 0]}
+  - {name: lid, shape: box, size: [1, 1, 1], position: [0, 0, 0.5], accuracy: aabb}
+  - {name: floor, shape: box, size: [9, 9, 1], position: [0, 0, -1.25], padding: 0.0}
+"""
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[CollisionNode]:
+    """Yield a node that has ROS arguments."""
+    given = ["--ros-args", *arguments]
+    with own_context() as context:
+        node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=given)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    file = tmp_path / "scene.yaml"
+    file.write_text(SCENE)
+    return file
+
+
+def test_objects_rules_and_settings_of_a_scene_file_are_those_of_the_node(scene_file: Path) -> None:
+    with Rig(scene_file=str(scene_file)) as rig:
+        rig.until(lambda: len(rig.node.cycle.report or ()) > 0, "pairs")
+        report = rig.node.cycle.report
+        assert report is not None
+        assert set(report.names()) == {
+            ("part/7", "part/8"),  # 0.25 apart, both padded by as much
+            ("part/7", "floor/0"),
+            ("part/8", "floor/0"),
+        }
+        scene = rig.node.objects.scene
+        assert scene.accuracy == Accuracy.OBB
+        assert scene.objects.store.accuracies[scene.index("part/7")] == Accuracy.AABB
+        assert scene.objects.store.accuracies[scene.index("lid/0")] == Accuracy.AABB
+        value = {name: rig.node.get_parameter(name).value for name in rig.node._parameters}
+        assert value["padding"] == 0.25
+        assert value["effects.contacts"] == "on"
+        assert value["effects.contacts_max_points"] == 8
+        assert value["effects.contacts_objects"] == ["part/*", "lid/0"]
+        assert (value["effects.clearance"], value["effects.markers"]) == ("off", "off")
+        assert value["effects.sweep"] == "auto"
+        assert scene.effects["contacts"].values["max_points"] == 8
+
+
+def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) -> None:
+    with Rig(scene_file=str(scene_file), padding=0.5) as rig:
+        rig.send(cube(("part", 7), (20.0, 0.0, 0.0)), cube(("lid", 0), (20.5, 0.0, 0.0))).answer()
+        names = {(row["id_a"], row["id_b"]) for row in collisions_from_ros(rig.last["collisions"])}
+        assert (7, 0) not in names, "they may still touch"
+        assert rig.node.get_parameter("padding").value == 0.5, "what is said to the node counts"
+        rig.send(Marker(ns="floor", action=Marker.DELETEALL))
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "floor gone")
+
+
+@each("name", READY)
+def test_ready_scenes_start_by_name(name: str) -> None:
+    with started("-p", f"scene_file:={name}") as node:
+        assert len(node.objects.table) == len(load_scene(name).objects)
+        node.cycle.run(1)
+        assert node.cycle.report is not None
+
+
+def test_what_cannot_be_used_ends_the_node_with_the_reason(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text("objects:\n  - {name: a/1, shape: box, size: [1, -1, 1]}\n")
+    for given, reason in (
+        (f"scene_file:={file}", f"{file}:2: "),
+        ("stale_policy:=forget", "stale_policy must be one of unknown, collide, keep, ignore"),
+    ):
+        assert commands.node(["--ros-args", "-p", given]) == 1
+        assert reason in capfd.readouterr().err
+
+
+@each(
+    "names, keys",
+    [
+        (["cup/1", "a/b/2", "/3"], [("cup", 1), ("a/b", 2), ("", 3)]),
+        (["cup", "cup/0", "cup/x"], [("cup", 1), ("cup", 0), ("cup/x", 0)]),
+        (["a/01", "a/-1", "a/9999999999"], [("a/01", 0), ("a/-1", 0), ("a/9999999999", 0)]),
+    ],
+)
+def test_names_of_a_file_become_keys(names: list[str], keys: list[Any]) -> None:
+    assert keys_from_names(names) == keys
+
+
+def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
+    found = SceneFile(load_scene(scene_file))
+    values = found.parameters()
+    assert values["accuracy_overrides"] == ["part/*: aabb", "lid/0: sphere", "lid/0: aabb"]
+    assert values["effects.contacts_objects"] == ["part/*", "lid/0"]
+
+
+def test_the_parameter_file_of_the_package_starts_a_node_with_the_defaults() -> None:
+    with started("--params-file", str(ROOT / "config" / "obb_collision.yaml")) as node:
+        assert node.parameters.accuracy_overrides == []
+        assert node.parameters.mode("contacts") == "auto"
+        defaults = {"objects": ["*"], "horizon": 1.0, "tolerance": 1e-4, "accuracy": "pairs"}
+        assert node.parameters.setting("sweep") == defaults
+
+
+def test_unquoted_words_and_empty_lists_of_yaml_are_understood(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    accuracy_overrides: []\n    effects:\n"
+        "      contacts: off\n      clearance: on\n      contacts_objects: []\n"
+    )
+    with started("--params-file", str(file), "-p", "effects.sweep:=off") as node:
+        modes = [node.parameters.mode(name) for name in ("contacts", "clearance", "sweep")]
+        assert modes == ["off", "on", "off"]
+        assert node.parameters.accuracy_overrides == []
+        assert node.parameters.setting("contacts")["objects"] == []
+
 
 RECORDED = ("collisions", "contacts", "events", "obb_collision/markers", "collision_status")
+
+
+class Entry(NamedTuple):
+    """One message: topic, type (``std_msgs/msg/Bool``), time of receipt (ns), serialised."""
+
+    topic: str
+    kind: str
+    time: int
+    data: bytes
+
+
+def write_bag(folder: Path, entries: Iterable[Entry]) -> None:
+    """Write a new bag, as ``ros2 bag record`` does."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for entry in entries:
+            if entry.topic not in connections:
+                connections[entry.topic] = writer.add_connection(
+                    entry.topic, entry.kind, typestore=store
+                )
+            writer.write(connections[entry.topic], entry.time, entry.data)
+
+
+def read_bag(folder: Path) -> list[Entry]:
+    """Return what is in a bag, in the order of its times."""
+    from rosbags.rosbag2 import Reader
+
+    with Reader(folder) as reader:
+        return [
+            Entry(connection.topic, connection.msgtype, time, bytes(data))
+            for connection, time, data in reader.messages()
+        ]
 
 
 class Recorder:
@@ -107,8 +278,7 @@ def recording() -> list[Entry]:
             else:
                 rig.send_transform("a/3", places[0])
             rig.answer()
-        rig.send(Marker(ns="a", id=5, action=Marker.DELETE), cube(("b", 1)))
-        rig.answer()
+        rig.send(Marker(ns="a", id=5, action=Marker.DELETE), cube(("b", 1))).answer()
         rig.cycles(3)
         rig.until(lambda: recorder.of("obb_collision/markers"), "markers")
         return recorder.entries
@@ -157,38 +327,3 @@ def test_a_replay_gives_the_answers_of_the_live_run_and_again_in_a_loop(
                 )
                 assert changes(recorder.entries) == changes(recording)
         assert rig.refused("objects") == rig.refused("object_poses") == {}
-
-
-def test_clouds_are_as_rviz_and_foxglove_require_them(recording: list[Entry]) -> None:
-    """By the checks in both sources: fields x y z, float32 for RViz, and sizes that match."""
-    found = [
-        m for topic in ("collisions", "contacts", "events") for m in messages(recording, topic)
-    ]
-    assert any(m.width for m in found)
-    for message in found:
-        assert isinstance(message, PointCloud2)
-        assert message.header.frame_id == "map"
-        assert not message.is_bigendian
-        fields = {field.name: field for field in message.fields}
-        assert len(fields) == len(message.fields)
-        for name in "xyz":
-            assert fields[name].datatype == PointField.FLOAT32
-        size = {PointField.FLOAT32: 4, PointField.FLOAT64: 8, PointField.INT32: 4}
-        for field in fields.values():
-            assert field.count == 1
-            assert field.offset + size.get(field.datatype, 1) <= message.point_step
-        assert message.width * message.height * message.point_step == len(message.data)
-        assert message.row_step == message.width * message.point_step
-
-
-def test_markers_are_as_rviz_and_foxglove_require_them(recording: list[Entry]) -> None:
-    shown = [marker for m in messages(recording, "obb_collision/markers") for marker in m.markers]
-    assert {marker.type for marker in shown} == {Marker.CUBE}
-    for marker in shown:
-        if marker.action == Marker.DELETE:
-            continue
-        turn = marker.pose.orientation
-        assert np.linalg.norm([turn.x, turn.y, turn.z, turn.w]) == pytest.approx(1.0, abs=1e-9)
-        assert min(marker.scale.x, marker.scale.y, marker.scale.z) > 0.0
-        assert 0.0 < marker.color.a <= 1.0
-        assert marker.header.frame_id == "map"

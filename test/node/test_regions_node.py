@@ -17,8 +17,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,16 +24,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from node_process import environment
-from processes import PATIENCE, limited
+from processes import PATIENCE, started
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rig import DOMAIN, LATCHED, NAMESPACE, OUTPUTS, Client
+from rig import DOMAIN, LATCHED, NAMESPACE, OUTPUTS, Client, client_apart
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node import namespace_number
@@ -262,41 +257,29 @@ def status(objects: str, level: bytes = FREE, **more: str) -> DiagnosticArray:
 
 
 def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is_known() -> None:
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    executor = SingleThreadedExecutor(context=context)
-    client = Client(context, executor)
-    client.patience = PATIENCE
-    told = client.client.create_publisher(DiagnosticArray, "west/collision_status", STATUS.qos)
-    rows = client.client.create_publisher(PointCloud2, "west/collisions", 10)
-    said: list[DiagnosticStatus] = []
+    with client_apart() as client:
+        told = client.client.create_publisher(DiagnosticArray, "west/collision_status", STATUS.qos)
+        rows = client.client.create_publisher(PointCloud2, "west/collisions", 10)
+        said: list[DiagnosticStatus] = []
 
-    def take(message: DiagnosticArray) -> None:
-        said.append(message.status[0])
+        def take(message: DiagnosticArray) -> None:
+            said.append(message.status[0])
 
-    client.client.create_subscription(DiagnosticArray, "merged/collision_status", take, LATCHED)
-    rows_sent = True
-    process = subprocess.Popen(
-        [sys.executable, *COMMAND, *ARGUMENTS],
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+        client.client.create_subscription(DiagnosticArray, "merged/collision_status", take, LATCHED)
+        rows_sent = True
 
-    def heard(level: bytes, reason: str, who: str, sent: DiagnosticArray | None) -> bool:
-        assert process.poll() is None, process.communicate()[0]
-        if sent is not None:
-            told.publish(sent)
-        if rows_sent:
-            rows.publish(cloud_to_ros(np.zeros(0, COLLISIONS.dtype), client.header()))
-        if not said:
-            return False
-        values = values_of(said[-1])
-        return (said[-1].level, values["reason"], values["who"]) == (level, reason, who)
+        def heard(level: bytes, reason: str, who: str, sent: DiagnosticArray | None) -> bool:
+            assert process.poll() is None, process.communicate()[0]
+            if sent is not None:
+                told.publish(sent)
+            if rows_sent:
+                rows.publish(cloud_to_ros(np.zeros(0, COLLISIONS.dtype), client.header()))
+            if not said:
+                return False
+            values = values_of(said[-1])
+            return (said[-1].level, values["reason"], values["who"]) == (level, reason, who)
 
-    try:
-        with limited(process):
+        with started(*COMMAND, *ARGUMENTS, **environment()) as process:
             west, silent = f"{NAMESPACE}/west", f"{NAMESPACE}/west (silent)"
             for bad in (status("9" * 10_000), DiagnosticArray()):
                 client.until(partial(heard, FREE, "", "", status("3")), "free")
@@ -322,7 +305,3 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
             client.until(lambda: "shutting down" in said[-1].message, "the last word")
             assert said[-1].level == UNKNOWN
             assert "internal error" in output
-    finally:
-        executor.shutdown()
-        client.client.destroy_node()
-        context.try_shutdown()

@@ -12,15 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that a test talks to, each with a limit."""
+"""Processes that a test talks to, each with a limit, and one that builds for many tests."""
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Timer
+from pathlib import Path
+from threading import Lock, Timer
+from typing import Any, TypeAlias
 
+from obb_collision.scene.building import builder
+from obb_collision.scene.building.jobs import Task
+from obb_collision.scene.building.process import Limits, WorkerProcess
+from obb_collision.scene_files import mesh_files
+
+Process: TypeAlias = "subprocess.Popen[str]"
+Done: TypeAlias = "subprocess.CompletedProcess[str]"
 PATIENCE = 1200.0
 """Seconds that a process may take on a loaded machine, compiling kernels included."""
 
@@ -38,6 +49,27 @@ def limited(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
         process.communicate(timeout=PATIENCE)
 
 
+@contextmanager
+def started(*arguments: str, cwd: str | Path | None = None, **more: str) -> Iterator[Process]:
+    """Start Python with arguments and more in its environment; what it says is one text."""
+    process = subprocess.Popen(
+        [sys.executable, *arguments], cwd=cwd, env=os.environ | more, stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    with limited(process):
+        yield process
+
+
+def run_python(*arguments: str, cwd: str | Path | None = None, **more: str) -> Done:
+    """Run Python with arguments and more in its environment; it must end with exit code 0."""
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=cwd, env=os.environ | more, timeout=PATIENCE,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def output_until(process: subprocess.Popen[str], word: str) -> str:
     """Return the output up to a line with a word, without which the process must not end."""
     assert process.stdout is not None
@@ -46,3 +78,25 @@ def output_until(process: subprocess.Popen[str], word: str) -> str:
         lines.append(process.stdout.readline())
         assert lines[-1], f"ended without {word!r}: {lines}"
     return "".join(lines)
+
+
+class SharedWorker:
+    """Stands for a WorkerProcess: one builds for all nodes of a run, as it takes long to start."""
+
+    _one, _lock = WorkerProcess(), Lock()
+
+    def run(self, task: Task, limits: Limits) -> Any:
+        """Return the result of a task, as the process has it."""
+        with self._lock:
+            return self._one.run(task, limits)
+
+    def stop(self) -> None:
+        """Let it go on: it ends with the run."""
+
+    close = stop
+
+
+def build_by(kind: Any) -> None:
+    """Set what builds for whom is made from now on: SharedWorker, or a WorkerProcess for each."""
+    for module in (builder, mesh_files):
+        vars(module)["WorkerProcess"] = kind

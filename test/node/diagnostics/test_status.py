@@ -12,37 +12,41 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Statistics and diagnostics of inputs and cycles, services, and how the node is run."""
+"""Statistics, diagnostics and services; QoS of endpoints: what fits whom, and its parameters."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 from each import each
-
-pytest.importorskip("rclpy")
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rig import DOMAIN, NAMESPACE, PATIENCE, Rig, cube, pose
-from sensor_msgs.msg import PointCloud2
+from lifecycle_msgs.msg import Transition
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rig import INPUTS, NAMESPACE, PATIENCE, Rig, cube, node_apart, pose
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs import detections
+from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.node import CollisionNode
+from obb_collision.node.topics.cloud import LATCHED, RELIABLE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
 def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig: Rig) -> None:
     rig.listen("/diagnostics")
-    rig.send(cube(A1), cube(A2), cube(B1, (9, 0, 0), (0, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2), cube(B1, (9, 0, 0), (0, 0, 0))).answer()
     rig.next("/diagnostics")
     status = rig.status("input objects")
     assert status["topic"] == NAMESPACE + "/objects"
@@ -58,26 +62,13 @@ def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig:
     assert rig.last["/diagnostics"].status[0].hardware_id == "obb_collision"
 
 
-@contextmanager
-def other_participant() -> Iterator[Node]:
-    """Yield a node that may use a topic with another type, as that of another process may."""
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    node = Node("other", context=context, namespace=NAMESPACE)
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-
-
 def test_a_listener_with_incompatible_qos_or_type_is_reported(
     rig: Rig, capfd: pytest.CaptureFixture[str]
 ) -> None:
     rig.listen("/diagnostics")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     rig.client.create_subscription(PointCloud2, "contacts", lambda message: None, latched)
-    with other_participant() as other:
+    with node_apart("other") as other:  # as of another process: of another type
         other.create_subscription(Bool, "clearances", lambda message: None, 1)
         wrong = {"contacts", "clearances"}
         rig.until(lambda: wrong <= set(rig.status(": qos")), "mismatches")
@@ -89,8 +80,7 @@ def test_a_listener_with_incompatible_qos_or_type_is_reported(
 
 
 def test_clear_removes_everything(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2))
-    rig.answer()
+    rig.send(cube(A1), cube(A2)).answer()
     response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
     assert (response.success, response.message) == (True, "2 objects removed")
     assert len(collisions_from_ros(rig.next("collisions"))) == 0
@@ -100,8 +90,7 @@ def test_clear_removes_everything(rig: Rig) -> None:
 
 def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) -> None:
     rig.listen("/diagnostics")
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     assert rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False)).success
     status = rig.status(": cycle")
     assert (status["enabled"], status["level"]) == ("False", "01")
@@ -217,8 +206,7 @@ def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:
     for number in range(50):
         rig.send(cube(("a", 1), (number, 0, 0)), cube(("a", 2), size=BROKEN))
     rig.answer()
-    rig.send_transform("a/1", pose(1.0))
-    rig.answer()
+    rig.send_transform("a/1", pose(1.0)).answer()
     node = rig.node
     node.reporting.publish()  # as every second while nobody subscribes
     rig.listen("/diagnostics")
@@ -226,3 +214,153 @@ def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:
     assert float(status["rate (Hz)"]) == 0.0
     assert status["messages"] == "50"
     assert (status["message"], status["level"]) == ("0 messages", "00")
+
+
+BEST_EFFORT, RELIABLY = ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE
+LATCHING = DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def overrides(topic: str, **policies: Any) -> dict[str, Any]:
+    """Return parameters that override the QoS of an endpoint, "TOPIC.KIND"."""
+    name, _, kind = topic.rpartition(".")
+    return {f"qos_overrides.{name}.{kind}.{policy}": value for policy, value in policies.items()}
+
+
+def test_points_arrive_from_a_driver_that_sends_best_effort() -> None:
+    with Rig(sure_points=False) as rig:
+        rig.client.destroy_publisher(rig.pubs["points"])
+        qos = QoSProfile(depth=5, reliability=BEST_EFFORT)
+        driver = rig.pubs["points"] = rig.client.create_publisher(PointCloud2, "points", qos)
+        rig.until(driver.get_subscription_count, "match")
+        rig.listen("points_inside")
+        rig.send(cube(A1)).answer()
+
+        def inside() -> Any:  # best effort: sent again until it arrives
+            rig.send_points(np.zeros((3, 3)))
+            rig.executor.spin_once(timeout_sec=0.05)
+            message = rig.last.get("points_inside")
+            return message is not None and message.width == 1
+
+        rig.until(inside, "points in the box")
+
+
+def test_joints_and_detections_match_what_sends_best_effort(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = {"detections": Input(PointCloud2, *detections.QUEUE)}  # vision_msgs need not be there
+    monkeypatch.setattr(detections, "INPUTS", given)
+    with Rig(robots=["arm"]) as rig:
+        for kind, topic in ((JointState, "arm/joint_states"), (PointCloud2, "detections")):
+            qos = QoSProfile(depth=5, reliability=BEST_EFFORT)
+            sensor = rig.client.create_publisher(kind, topic, qos)
+            rig.until(sensor.get_subscription_count, topic)
+
+
+def test_overrides_are_named_by_the_full_topic_of_a_node_in_a_namespace() -> None:
+    given = overrides(f"{NAMESPACE}/objects.subscription", depth=7, reliability="best_effort")
+    given |= overrides(f"{NAMESPACE}/collisions.publisher", depth=3, reliability="best_effort")
+    given |= overrides(f"{NAMESPACE}/contacts.publisher", durability="transient_local")
+    given |= overrides("/diagnostics.publisher", depth=2)
+    with Rig(given=given, deaf=True) as rig:
+        objects = rig.node.subscribed.open["objects"].qos_profile
+        ends = {topic: end.qos_profile for topic, end in rig.node.outputs.ends.items()}
+        assert (objects.depth, objects.reliability) == (7, BEST_EFFORT)
+        assert (ends["collisions"].depth, ends["collisions"].reliability) == (3, BEST_EFFORT)
+        assert ends["contacts"].durability == LATCHING
+        assert ends["/diagnostics"].depth == 2
+        # the others are as they were: profiles are not shared
+        assert (ends["clearances"].depth, ends["clearances"].reliability) == (10, RELIABLY)
+        assert ends["clearances"].durability == DurabilityPolicy.VOLATILE
+    assert (RELIABLE.depth, RELIABLE.reliability) == (10, RELIABLY)
+    assert (LATCHED.depth, LATCHED.durability) == (1, LATCHING)
+
+
+@contextmanager
+def sender(**policies: Any) -> Iterator[Any]:
+    """Yield a publisher of ``objects`` as of another process, in a context of its own."""
+    with node_apart("sender") as node:
+        yield node.create_publisher(MarkerArray, "objects", QoSProfile(**policies))
+
+
+def test_all_that_was_latched_before_the_node_started_is_received() -> None:
+    with sender(depth=300, durability=LATCHING) as latched:
+        for number in range(300):  # more than wait where senders do not latch
+            latched.publish(MarkerArray(markers=[cube(("a", number), (2.0 * number, 0, 0))]))
+        latched.publish(MarkerArray(markers=[cube(("a", 299), (2.5, 0, 0))]))
+        with Rig(deaf=True, latched_objects=True, unmatched={"objects"}) as rig:
+            rig.until(lambda: len(rig.node.objects.table) == 299, "all but the oldest")
+            rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair")
+            monitor = rig.monitor("objects")
+            assert (monitor.messages, monitor.lost, monitor.refused.total()) == (300, 0, 0)
+
+
+def test_senders_that_do_not_latch_are_named_where_objects_are_latched() -> None:
+    with sender(depth=1, durability=LATCHING) as latched:
+        latched.publish(MarkerArray(markers=[cube(A1)]))
+        with Rig(deaf=True, latched_objects=True, unmatched={"objects"}) as rig:
+            rig.listen("/diagnostics")
+            rig.until(lambda: rig.status(": qos").get("objects") == "1", "the volatile one")
+            status = rig.status(": qos")
+            assert status["level"] == "01"
+            assert "incompatible QoS on objects" in status["message"]
+            assert "Volatile publisher" in status["objects: 1"]
+            assert "client" in status["objects: 1"], "the node whose publisher does not latch"
+            assert rig.status("input objects")["qos mismatches"] == "1"
+            rig.until(lambda: len(rig.node.objects.table) == 1, "the latched one")
+
+
+def test_objects_latched_before_a_node_was_configured_are_received() -> None:
+    with (
+        sender(depth=1, durability=LATCHING) as latched,
+        Rig(deaf=True, latched_objects=True, autostart=False) as rig,
+    ):
+        latched.publish(MarkerArray(markers=[cube(A1), cube(("a", 2), (0.5, 0, 0))]))
+        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            assert rig.change(transition)
+        rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair")
+        for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+            assert rig.change(transition)
+        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            assert rig.change(transition)
+        rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair again")
+
+
+def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
+    declared = set(rig.node._parameters)
+    ends = [
+        *((end.topic_name, "subscription") for end in rig.node.subscribed.open.values()),
+        *((end.topic_name, "publisher") for end in rig.node.outputs.ends.values()),
+    ]
+    assert {name for name, kind in ends if kind == "subscription"} == {
+        f"{NAMESPACE}/{topic}" for topic in INPUTS
+    }
+    assert rig.node.robots is None, "without robots none of theirs"
+    for name, kind in ends:
+        for policy in ("depth", "durability", "reliability"):
+            assert f"qos_overrides.{name}.{kind}.{policy}" in declared
+
+
+@each(
+    "policies, reason",
+    [
+        ({"depth": -3}, "depth must be 1 to 100000, not -3"),
+        ({"depth": 100_001}, "depth must be 1 to 100000, not 100001"),
+        ({"depth": 10**12}, "depth must be 1 to 100000, not 1000000000000"),
+        ({"durability": "unknown"}, "unknown is no"),
+    ],
+)
+def test_overrides_out_of_range_are_refused_with_the_reason(
+    policies: dict[str, Any], reason: str
+) -> None:
+    for end in ("objects.subscription", "collisions.publisher"):
+        given = [
+            Parameter(name, value=value)
+            for name, value in overrides(f"{NAMESPACE}/{end}", **policies).items()
+        ]
+        with node_apart("observer") as observer:
+            with pytest.raises(InvalidQosOverridesError, match=reason):
+                CollisionNode(
+                    context=observer.context, namespace=NAMESPACE, parameter_overrides=given
+                )
+            left = [observer.count_subscribers(topic) for topic in ("objects", "points")]
+            assert left == [0, 0], "a node that can't start receives nothing any more"

@@ -20,12 +20,10 @@ import math
 from typing import Any, NamedTuple
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
 from each import each
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from rig import Rig, cube, pose, sync
 from visualization_msgs.msg import Marker, MarkerArray
@@ -34,7 +32,6 @@ from obb_collision.node.inputs import markers as marker_input
 from obb_collision.node.inputs.batch import Batch, find_faults, gather, settle
 from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
-from obb_collision.node.messages.errors import RefusedError
 
 SECOND = 1_000_000_000
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -145,8 +142,7 @@ def test_other_topics_come_after_the_markers_before_them(rig: Rig) -> None:
 
 
 def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (5, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (5, 0, 0))).answer()
     objects, stamp = rig.node.objects, rig.stamp
     slot, born = objects.table.slots[A1], objects.scene.objects.store.born.copy()
     rig.stamp -= 900_000_000
@@ -185,8 +181,7 @@ def test_overload_is_said_with_the_age_of_the_newest_state(
 
 
 def test_no_message_has_no_delay(rig: Rig) -> None:
-    rig.send(cube(A1))
-    rig.answer()
+    rig.send(cube(A1)).answer()
     rig.cycles(1)
     assert rig.subscribed.take_wait() == 0.0
     rig.listen("/diagnostics")
@@ -334,43 +329,6 @@ def results(
         if bad >= 0:
             doubtful[key] = int(bad)
     return rows, doubtful
-
-
-def test_states_before_the_last_one_are_at_hand_where_that_cannot_be_built() -> None:
-    sent = [Action("add", "a", 1, stamp, 0) for stamp in (0, 2, 1, 3)]
-    markers = gathered([sent[:2], sent[2:]])
-    found = settle(markers, find_faults(markers, lambda frame: 0), 0, ANY)
-    assert found.winner.tolist() == [3]
-    assert found.previous.tolist() == [-1, 0, -1, 1]
-    assert found.late.tolist() == [False, False, True, False]
-
-
-def test_what_is_wrong_is_said_by_reason() -> None:
-    def refuse(frame: str) -> int:
-        if frame == "nowhere":
-            raise RefusedError("unknown frame")
-        return 0
-
-    good = Action("add", "a", 1, 1, 0)
-    markers = [marker_of(good) for _ in range(9)]
-    markers[1].pose.position.x = float("nan")
-    markers[2].pose.orientation.w = 0.0
-    markers[3].header.frame_id = "nowhere"
-    markers[4].ns = "x" * 256
-    markers[5].action = 7
-    markers[6].header.stamp.sec = -1
-    markers[7].scale.z = -1.0
-    markers[8].type, markers[8].scale.z = Marker.TRIANGLE_LIST, -1.0  # seen when it is built
-    scan = markers_from_bytes(serialize_message(MarkerArray(markers=markers)))
-    faults = find_faults(gather([scan], [0]), refuse)
-    reasons = [None if n < 0 else faults.errors[n].reason for n in faults.number.tolist()]
-    assert reasons == [
-        *(None, "bad pose", "zero quaternion", "unknown frame", "bad name", "unknown action"),
-        *("bad stamp", "bad scale", None),
-    ]
-    assert [faults.of_shape[n] for n in faults.number.tolist() if n >= 0] == [
-        *(False, False, False, True, True, False, True)
-    ]
 
 
 def test_names_are_told_apart_by_their_bytes() -> None:

@@ -23,18 +23,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
+from geometry_msgs.msg import Point, Transform, TransformStamped, Twist, Vector3
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-pytest.importorskip("rclpy")
-from each import each
-from geometry_msgs.msg import (
-    Point,
-    Transform,
-    TransformStamped,
-    Twist,
-    Vector3,
-)
 from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2, PointField
@@ -168,6 +160,7 @@ def read_markers(data: bytes) -> cdr.Items:
     return read
 
 
+@settings(max_examples=40)
 @given(messages(MarkerArray))
 def test_a_marker_has_the_namespace_and_frame_of_the_one_before_or_others(
     message: MarkerArray,
@@ -199,6 +192,7 @@ kinds = each("kind", KINDS)
 
 
 @kinds
+@settings(max_examples=50)
 @given(st.data())
 def test_messages_are_read_field_by_field_as_rclpy_reads_them(kind: str, draw: Any) -> None:
     strategy, read, same = KINDS[kind]
@@ -208,7 +202,7 @@ def test_messages_are_read_field_by_field_as_rclpy_reads_them(kind: str, draw: A
 
 
 @kinds
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(st.data())
 def test_damaged_messages_are_refused_or_read_as_rclpy_reads_them(kind: str, draw: Any) -> None:
     strategy, read, same = KINDS[kind]

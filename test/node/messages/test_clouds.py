@@ -23,25 +23,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
-
-pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from each import each
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from rig import pose
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from obb_collision import Verdict
-from obb_collision.node import (
-    collisions_to_ros,
-    named_pairs,
-    namespace_number,
-    poses_from_ros,
-)
+from obb_collision.node import collisions_to_ros, named_pairs, namespace_number, poses_from_ros
 from obb_collision.node.messages import conversions as cv
 from obb_collision.node.messages.cdr import states_from_bytes
 from obb_collision.node.messages.clouds import (
@@ -186,12 +179,6 @@ def test_points_are_those_at_their_places(
 
 
 HOSTILE: dict[str, PointCloud2] = {
-    "an offset near 2^31": cloud(
-        bytes(24), fields=xyz(0, 4, 2**31 - 4), width=2, height=1, point_step=12
-    ),
-    "an offset at which the size wraps": cloud(
-        bytes(24), fields=xyz(2**31 - 2, 4, 8), width=2, height=1, point_step=12
-    ),
     "2^32-1 by 2^32-1 points of no size": cloud(
         b"", fields=xyz(0, 4, 8), width=2**32 - 1, height=2**32 - 1, point_step=0
     ),
@@ -200,12 +187,6 @@ HOSTILE: dict[str, PointCloud2] = {
     ),
     "rows that overlap": cloud(
         bytes(60_011), fields=xyz(0, 4, 8), width=1, height=60_000, point_step=12, row_step=1
-    ),
-    "a point larger than the data": cloud(
-        bytes(12), fields=xyz(0, 4, 8), width=1, height=1, point_step=2**32 - 1
-    ),
-    "no point, of the largest size": cloud(
-        b"", fields=xyz(0, 4, 8), width=0, height=1, point_step=2**32 - 1
     ),
     "a field twice": cloud(
         bytes(24),
@@ -267,23 +248,17 @@ pose_rows = st.lists(poses, max_size=6)
 INTEGERS = ("i1", "u1", "i2", "u2", "i4", "u4")
 
 
-@given(poses)
-def test_poses_and_transforms_come_back_bit_for_bit(values: list[float]) -> None:
+@given(poses, st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1), st.floats(0.0, 1e6))
+def test_poses_transforms_stamps_and_durations_come_back_bit_for_bit(
+    values: list[float], seconds: int, rest: int, span: float
+) -> None:
     p, q = (pose := cv.pose_to_ros(values)).position, pose.orientation
     assert [p.x, p.y, p.z, q.x, q.y, q.z, q.w] == values
     assert cv.transform_from_ros(cv.transform_to_ros(values)).tolist() == values
-
-
-@given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
-def test_stamps_come_back(seconds: int, rest: int) -> None:
     nanoseconds = seconds * 10**9 + rest
     assert cv.stamp_from_ros(cv.stamp_to_ros(nanoseconds)) == nanoseconds
-
-
-@given(st.floats(0.0, 1e6))
-def test_durations_come_back_to_the_nanosecond(seconds: float) -> None:
-    found = cv.duration_to_ros(seconds)
-    assert found.sec * 10**9 + found.nanosec == round(seconds * 1e9)
+    found = cv.duration_to_ros(span)
+    assert found.sec * 10**9 + found.nanosec == round(span * 1e9)
 
 
 @given(pose_rows)

@@ -21,8 +21,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
 import trimesh
 from each import each
 from geometry_msgs.msg import Point
@@ -31,12 +29,7 @@ from rig import Rig, color, cube
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision import OBB, Boxes, shapes
-from obb_collision.node.messages.box_markers import (
-    COLORS,
-    MarkerArrayWriter,
-    Markers,
-    edge_points,
-)
+from obb_collision.node.messages.box_markers import COLORS, MarkerArrayWriter, Markers, edge_points
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import (
     Signature,
@@ -188,6 +181,9 @@ def test_serialised_cubes_are_what_rclpy_reads() -> None:
     assert (second.pose.position.x, second.pose.orientation.y) == pytest.approx((5.0, 0.6))
     assert (first.scale.x, first.scale.y, first.scale.z) == (1.0, 2.0, 3.0)
     assert second.scale.y > 0.0, "RViz refuses flat cubes"
+    turns = [marker.pose.orientation for marker in (first, second)]
+    norms = [np.linalg.norm([turn.x, turn.y, turn.z, turn.w]) for turn in turns]
+    assert norms == pytest.approx([1.0, 1.0], abs=1e-9), "as RViz and Foxglove require them"
     assert (second.color.r, second.color.a) == pytest.approx((COLORS[2][0], COLORS[2][3]))
 
 
@@ -223,8 +219,7 @@ A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 def test_marker_boxes_are_complete_coloured_by_state_and_deleted_when_gone() -> None:
     with Rig(marker_rate=100.0) as rig:
         rig.listen("obb_collision/markers")
-        rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0), (1, 2, 3)))
-        rig.answer()
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0), (1, 2, 3))).answer()
         bad = cube(B1, (8, 0, 0), (0, 1, 1))
 
         def shown() -> dict[tuple[str, int], Marker]:

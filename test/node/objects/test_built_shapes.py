@@ -24,14 +24,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
 import trimesh
+from built_markers import BODY, BOX, OTHER, PAIR, Gate, doubtful, mesh_marker, named, triangle
 from each import each
-from gate import Gate
 from geometry_msgs.msg import Point
 from rig import Rig, cube, sync
-from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, triangle
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
@@ -211,21 +208,10 @@ def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) 
         marker.ns, marker.id = key
     rig.send(*bad.values(), cube(BOX), cube(OTHER))
     assert named(rig.pairs()) == named({("box/1", "body/2")})
-    rig.until(lambda: rig.refused("objects") == {"unreadable mesh": len(bad)}, "refusals")
+    rig.refuses("objects", {"unreadable mesh": len(bad)})
     assert rig.node.objects.unplaceable == dict.fromkeys(bad, "unreadable mesh")
     assert rig.node.guard.total == 0
     assert named(sync(rig)) == named({("box/1", "body/2")})
-
-
-def test_embedded_meshes_need_no_temporary_folder(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("TMPDIR", "TEMP", "TMP"):
-        monkeypatch.setenv(name, "/dev/full")
-    monkeypatch.setattr(tempfile, "tempdir", "/dev/full")
-    rig.send(cube(BOX), embedded("part.stl", STL))
-    rig.built(BODY)
-    assert named(sync(rig)) == named(PAIR)
 
 
 def test_materials_behind_pipes_do_not_hold_up_a_mesh(rig: Rig, tmp_path: Path) -> None:
@@ -237,24 +223,27 @@ def test_materials_behind_pipes_do_not_hold_up_a_mesh(rig: Rig, tmp_path: Path) 
     assert named(sync(rig)) == named(PAIR)
 
 
-def test_without_a_process_that_builds_the_rest_goes_on(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+def test_without_a_process_that_builds_the_rest_goes_on_and_it_needs_no_temporary_folder(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/no/python")
-    rig.listen("/diagnostics")
-    rig.send(cube(BOX), cube(OTHER), triangle())
-    assert named(rig.pairs()) == named({("box/1", "body/2")})
-    rig.until(lambda: rig.refused("objects"), "refusal")
-    assert rig.refused("objects") == {"shape builder failed": 1}
-    status = rig.status(": objects")
-    assert status["unplaceable: shape builder failed"] == "1"
-    rig.send(triangle(OTHER))
-    rig.until(lambda: rig.refused("objects")["shape builder failed"] == 2, "refusal")
-    assert named(sync(rig)) == named({("box/1", "body/2")}), "the last box stays"
-    assert doubtful(rig, OTHER)
-    monkeypatch.undo()
-    rig.send(triangle())
-    rig.built(BODY)
+    with Rig(own_builder=True) as rig:
+        rig.listen("/diagnostics")
+        rig.send(cube(BOX), cube(OTHER), triangle())
+        assert named(rig.pairs()) == named({("box/1", "body/2")})
+        rig.refuses("objects", {"shape builder failed": 1})
+        status = rig.status(": objects")
+        assert status["unplaceable: shape builder failed"] == "1"
+        rig.send(triangle(OTHER))
+        rig.until(lambda: rig.refused("objects")["shape builder failed"] == 2, "refusal")
+        assert named(sync(rig)) == named({("box/1", "body/2")}), "the last box stays"
+        assert doubtful(rig, OTHER)
+        monkeypatch.undo()
+        for name in ("TMPDIR", "TEMP", "TMP"):
+            monkeypatch.setenv(name, "/dev/full")
+        monkeypatch.setattr(tempfile, "tempdir", "/dev/full")
+        rig.send(embedded("part.stl", STL))
+        rig.built(BODY)
 
 
 def test_an_item_beyond_the_limits_is_refused_alone(rig: Rig) -> None:

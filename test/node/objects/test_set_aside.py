@@ -18,11 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
 from each import each
 from objects_rig import START, ObjectsRig
 from rig import Rig, color, cube, pose, sync
@@ -161,28 +160,17 @@ def test_many_that_fail_are_found_over_several_cycles(monkeypatch: pytest.Monkey
     assert report.pairs.tolist() == checked.pairs_without(*bad)
 
 
+@each("error", [UnforeseenError, MemoryError])
 def test_what_fails_without_any_object_is_no_objects_fault(
-    monkeypatch: pytest.MonkeyPatch,
+    error: type[Exception], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked = Checked(5, monkeypatch)
-    checked.failing.groups = [set()]
-    with pytest.raises(UnforeseenError):
-        checked.check()
+    with monkeypatch.context() as patch:
+        patch.setattr(checker.Checker, "find", Mock(side_effect=error))
+        with pytest.raises(error):
+            checked.check()
     assert checked.slots_aside() == []
-    checked.failing.groups = []
     assert checked.check().pairs.tolist() == checked.pairs_without()
-
-
-def test_no_memory_is_no_objects_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    checked = Checked(5, monkeypatch)
-
-    def fail(*_: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(checker.Checker, "find", fail)
-    with pytest.raises(MemoryError):
-        checked.check()
-    assert checked.slots_aside() == []
 
 
 def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
@@ -214,34 +202,12 @@ def in_placing(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
     return "placing objects"
 
 
-def in_bounds(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
-    given: Any = checker
-    run, kernel = given.run, given.bounds_kernel
-
-    def fail(function: Any, *args: Any) -> None:
-        if function is kernel and bad() in args[3]:
-            raise UnforeseenError("by the test")
-        run(function, *args)
-
-    patch.setattr(checker, "FEW", 0)  # a few boxes take none
-    patch.setattr(checker, "run", fail)
+def in_checking(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
+    Failing(patch).groups = [{bad()}]
     return "check"
 
 
-def in_verdicts(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
-    given: Any = checker
-    few = given.few_pairs
-
-    def fail(*args: Any) -> Any:
-        if bad() in args[1]:
-            raise UnforeseenError("by the test")
-        return few(*args)
-
-    patch.setattr(checker, "few_pairs", fail)
-    return "check"
-
-
-@each("stage", [in_placing, in_bounds, in_verdicts])
+@each("stage", [in_placing, in_checking])
 def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes_on(
     stage: Callable[..., str], rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,16 +18,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 from each import each
-from effect_topics import listening
+from hypothesis import given
+from hypothesis import strategies as st
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
 from rig import FRAME, FakeFrames, Rig, cube, pose, sync
 from std_msgs.msg import Header
@@ -120,8 +119,7 @@ def test_senders_far_ahead_of_the_node_move_their_objects_all_the_same() -> None
 
 
 def test_by_topics_a_marker_of_the_future_among_others_does_not_outlast_them(rig: Rig) -> None:
-    rig.send(cube(A2))
-    rig.answer()
+    rig.send(cube(A2)).answer()
     markers = [cube(A1, (x, 0, 0)) for x in (5.0, 0.5, 0.25)]
     rig.stamp += 1
     for marker, stamp in zip(markers, (rig.now() + HOUR, rig.stamp, rig.stamp + 1), strict=True):
@@ -135,41 +133,20 @@ def test_by_topics_a_marker_of_the_future_among_others_does_not_outlast_them(rig
 BAD = [Time(sec=2**31 - 1, nanosec=2**32 - 1), Time(sec=-1), Time(sec=1, nanosec=10**9)]
 
 
-def send_marker(rig: Rig, stamp: Time) -> None:
-    marker = cube(A1, (9, 0, 0))
-    marker.header.stamp = stamp
-    rig.send(marker, stamped=False)
+SENDERS: dict[str, Callable[[Rig], Any]] = {
+    "objects": lambda rig: rig.send(cube(A1, (9, 0, 0))),
+    "object_transform": lambda rig: rig.send_transform("a/1", pose(9.0)),
+    "object_states": lambda rig: rig.send_states(["a/1"], [pose(9.0)]),
+    "object_poses": lambda rig: rig.send_poses([1], [pose(9.0)]),
+    "points": lambda rig: rig.send_points([[0.0, 0.0, 0.0]]),
+}
 
 
-def with_stamp(method: str) -> Callable[[Rig, Time], None]:
-    """Return what sends a pose of a/1 or points with a stamp of its own."""
-
-    def send(rig: Rig, stamp: Time) -> None:
-        header = rig.header
-
-        def stamped(frame: str = FRAME) -> Header:
-            made = header(frame)
-            made.stamp = stamp
-            return made
-
-        rig.header = stamped  # type: ignore[method-assign]
-        try:
-            if method == "object_transform":
-                rig.send_transform("a/1", pose(9.0))
-            elif method == "object_states":
-                rig.send_states(["a/1"], [pose(9.0)])
-            elif method == "object_poses":
-                rig.send_poses([1], [pose(9.0)])
-            else:
-                rig.send_points([[0.0, 0.0, 0.0]])
-        finally:
-            del rig.header
-
-    return send
-
-
-POSE_TOPICS = ("object_transform", "object_states", "object_poses", "points")
-SENDERS = {"objects": send_marker} | {topic: with_stamp(topic) for topic in POSE_TOPICS}
+def send_stamped(rig: Rig, topic: str, stamp: Time) -> None:
+    """Send a pose of a/1, or points, with a stamp of its own."""
+    header = Header(stamp=stamp, frame_id=FRAME)
+    with patch.object(rig, "header", lambda *_: header):
+        SENDERS[topic](rig)
 
 
 @each("topic", SENDERS)
@@ -177,7 +154,7 @@ def test_stamps_that_no_clock_gives_are_refused_by_topic(rig: Rig, topic: str) -
     rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     for stamp in BAD:
-        SENDERS[topic](rig, stamp)
+        send_stamped(rig, topic, stamp)
         expected = {"bad stamp": BAD.index(stamp) + 1}
         rig.until(lambda e=expected: rig.refused(topic) == e, "refusal")  # type: ignore[misc]
     assert sync(rig) == {("a/1", "a/2")}
@@ -187,8 +164,7 @@ def test_stamps_that_no_clock_gives_are_refused_by_topic(rig: Rig, topic: str) -
 
 def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> None:
     rig.listen("/diagnostics")
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     ahead = stamp_to_ros(rig.now() + HOUR)
     message = states_to_ros(["a/2"], np.array([pose(0.5)]), rig.header())
     message.header.stamp = ahead
@@ -207,10 +183,9 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
 
 
 def test_by_topics_the_points_of_the_future_carry_their_time_of_receipt(rig: Rig) -> None:
-    listening(rig, "points_inside")
-    rig.send(cube(A1))
-    rig.answer()
-    SENDERS["points"](rig, stamp_to_ros(rig.now() + HOUR))
+    rig.hear("points_inside")
+    rig.send(cube(A1)).answer()
+    send_stamped(rig, "points", stamp_to_ros(rig.now() + HOUR))
     message = rig.until(lambda: (m := rig.last.get("points_inside")) and m.width and m, "inside")
     assert stamp_from_ros(message.header.stamp) <= rig.now()
     assert dict(rig.monitor("points").doubted) == {AHEAD: 1}
@@ -227,30 +202,13 @@ def twist(rig: Rig, name: str) -> list[float]:
     return twists
 
 
-def test_a_state_with_a_twist_sets_it_and_one_without_ends_it(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
-    rig.send_states(["a/1", "a/2"], [pose(0.0), pose(3.0)], twists=[FORWARD, [0.0] * 6])
-    rig.answer()
-    assert twist(rig, "a/1") == FORWARD
-    assert twist(rig, "a/2") == [0.0] * 6
-    rig.send_transform("a/1", pose(0.1))
-    rig.answer()
-    assert twist(rig, "a/1") == [0.0] * 6
-
-
-@each("way", ["states", "poses", "marker"])
-def test_any_other_state_ends_a_twist(rig: Rig, way: str) -> None:
-    rig.send(cube(A1))
-    rig.answer()
-    rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
-    rig.answer()
-    if way == "states":
-        rig.send_states(["a/1"], [pose(1.0)])
-    elif way == "poses":
-        rig.send_poses([1], [pose(1.0)])
-    else:
-        rig.send(cube(A1, (1.0, 0.0, 0.0)))
+@each("topic", [topic for topic in SENDERS if topic != "points"])
+def test_a_state_with_a_twist_sets_it_and_any_other_ends_it(rig: Rig, topic: str) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
+    twists = [FORWARD, [0.0] * 6]
+    rig.send_states(["a/1", "a/2"], [pose(0.0), pose(3.0)], twists=twists).answer()
+    assert [twist(rig, name) for name in ("a/1", "a/2")] == twists
+    SENDERS[topic](rig)
     rig.answer()
     assert twist(rig, "a/1") == [0.0] * 6
 
@@ -260,10 +218,8 @@ def test_twists_of_a_turned_frame_are_turned_with_it() -> None:
     turn = np.sqrt(0.5)
     frames.known["robot"] = [5.0, 0.0, 0.0, 0.0, 0.0, turn, turn]  # x of it is y of the map
     with Rig(frames) as rig:
-        rig.send(cube(A1))
-        rig.answer()
-        rig.send_states(["a/1"], [pose(0.0)], "robot", twists=[FORWARD])
-        rig.answer()
+        rig.send(cube(A1)).answer()
+        rig.send_states(["a/1"], [pose(0.0)], "robot", twists=[FORWARD]).answer()
         assert twist(rig, "a/1") == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
 
 
@@ -271,8 +227,7 @@ def test_twists_of_a_turned_frame_are_turned_with_it() -> None:
 def test_a_twist_that_is_no_number_is_refused_alone_and_its_pose_is_used(
     rig: Rig, bad: list[float]
 ) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     rig.send_states(["a/1", "a/2"], [pose(2.5), pose(3.0)], twists=[bad, FORWARD])
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("object_states") == {"bad twist": 1}
@@ -283,10 +238,8 @@ def test_a_twist_that_is_no_number_is_refused_alone_and_its_pose_is_used(
 
 def test_a_stale_object_is_not_taken_to_go_on() -> None:
     with Rig(object_timeout=0.3) as rig:
-        rig.send(cube(A1))
-        rig.answer()
-        rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
-        rig.answer()
+        rig.send(cube(A1)).answer()
+        rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD]).answer()
         rig.until(lambda: rig.node.objects.table.has(STALE).any(), "stale")
         rig.cycles(2)
         assert twist(rig, "a/1") == [0.0] * 6
@@ -294,10 +247,8 @@ def test_a_stale_object_is_not_taken_to_go_on() -> None:
 
 def test_twists_are_not_used_where_sweeps_are_off() -> None:
     with Rig(given={"effects.sweep": "off"}) as rig:
-        rig.send(cube(A1))
-        rig.answer()
-        rig.send_states(["a/1"], [pose(1.0)], twists=[FORWARD])
-        rig.answer()
+        rig.send(cube(A1)).answer()
+        rig.send_states(["a/1"], [pose(1.0)], twists=[FORWARD]).answer()
         assert twist(rig, "a/1") == [0.0] * 6
 
 
@@ -306,7 +257,7 @@ REASON = "doubtful: quaternion far from unit length"
 FAR = [0.0, 0.0, 2.0**0.5, 2.0**0.5]
 PLACE = [0.0, 0.0, 0.0, *FAR]
 COLLIDE = ({("bar/1", "post/1")}, {("post/1", "bar/1")})
-FAR_SENDERS: dict[str, Callable[[Rig], None]] = {
+FAR_SENDERS: dict[str, Callable[[Rig], Any]] = {
     "objects": lambda rig: rig.send(
         cube(("bar", 1), size=(8.0, 0.5, 0.5), pose=pose_to_ros(PLACE))
     ),

@@ -25,8 +25,6 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
-
-pytest.importorskip("rclpy")
 from objects_rig import SECOND, START, ObjectsRig
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -58,8 +56,7 @@ MOST = 3
 
 def test_free_and_colliding_are_told_with_stamp_and_age() -> None:
     with Rig() as rig:
-        rig.send(cube(A1), cube(A2, (3, 0, 0)))
-        rig.answer()
+        rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
         before = rig.now()
         rig.until(lambda: rig.says(FREE, flag=False)["objects"] == "2", "both")
         values = rig.says(FREE, flag=False)
@@ -76,8 +73,7 @@ def test_free_and_colliding_are_told_with_stamp_and_age() -> None:
 def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_objects_only() -> None:
     radii = "clearance radius (m)", "clearance radius of selected objects (m)"
     with Rig(given={"effects.clearance_max_distance": 0.7}) as rig:
-        rig.send(cube(A1), cube(A2, (1.5, 0, 0)), cube(B1, (3, 0, 0)))
-        rig.answer()
+        rig.send(cube(A1), cube(A2, (1.5, 0, 0)), cube(B1, (3, 0, 0))).answer()
         for objects, radius in ((["*"], "0.7"), (["b/*"], "0.0"), (["b/*", "*"], "0.7")):
             rig.set(**{"effects.clearance_objects": objects})
 
@@ -91,8 +87,7 @@ def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_obj
 
 def test_with_unknown_is_collision_off_the_flag_tells_of_collisions_only() -> None:
     with Rig(unknown_is_collision=False) as rig:
-        rig.send(*PAIR)
-        rig.answer()
+        rig.send(*PAIR).answer()
         rig.says(COLLIDING, flag=True)
         rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False))
         rig.says(UNKNOWN, "disabled", False)
@@ -105,8 +100,7 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(
 ) -> None:
     with Rig(cycle_timeout=0.1) as rig:
         rig.listen(STATUS)
-        rig.send(cube(A1))
-        rig.answer()
+        rig.send(cube(A1)).answer()
         rig.says(FREE, flag=False)
         publisher = rig.publisher(STATUS)
         publish, told = publisher.publish, threading.Event()
@@ -192,8 +186,7 @@ def told(*markers: Marker, **options: Any) -> Iterator[Rig]:
     """Yield a rig with some objects."""
     with Rig(**options) as rig:
         if markers:
-            rig.send(*markers)
-            rig.answer()
+            rig.send(*markers).answer()
         yield rig
 
 

@@ -21,8 +21,6 @@ from typing import Any
 
 import pytest
 from each import each
-
-pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
 
 from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
@@ -272,8 +270,7 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
 def test_only_objects_that_call_for_an_effect_get_it() -> None:
     with Rig(given={"effects.contacts_objects": ["a/2"]}) as rig:
         rig.listen("contacts", "/diagnostics")
-        rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4)))
-        rig.answer()
+        rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4))).answer()
         rig.until(lambda: rig.last.get("contacts") and rig.next("contacts").width > 0, "contacts")
         ids = pairs_of(rig.next("contacts"))
         assert ids == {(0, 2), (1, 2), (2, 3)}

@@ -12,22 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node by its topics only: what goes in and what comes out."""
+"""The node by its topics only: what goes in and what comes out; clouds of obstacle points."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from each import each
-
-pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticStatus
-from rig import FRAME, Rig, cube, overlaps, pose, sync
+from each import each
+from rig import FRAME, FakeFrames, Rig, cube, overlaps, pose, sync
+from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from obb_collision import Verdict
-from obb_collision.node import collisions_from_ros, namespace_number
+from obb_collision.node import collisions_from_ros, named_points_inside, namespace_number
+from obb_collision.node.inputs import clouds as obstacles
+from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import namespace_table, stamp_from_ros
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -81,29 +84,24 @@ def test_rows_are_sorted_with_the_smaller_key_first(rig: Rig) -> None:
 
 @each("single", [False, True])
 def test_clouds_move_many_objects_by_number(rig: Rig, single: bool) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(B1, (6, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(B1, (6, 0, 0))).answer()
     namespaces = [namespace_number("b"), namespace_number("a")]
     rig.send_poses([1, 2], [pose(0.5), pose(1.25)], namespaces, single=single)
     assert rig.pairs() == {("a/1", "b/1"), ("a/2", "b/1")}
 
 
 def test_clouds_without_ns_serve_a_single_namespace_and_are_refused_otherwise(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     rig.send_poses([2], [pose(0.5)])
     assert rig.pairs() == {("a/1", "a/2")}
-    rig.send(cube(B1, (9, 0, 0)))
-    rig.answer()
+    rig.send(cube(B1, (9, 0, 0))).answer()
     rig.send_poses([2], [pose(5.0)])
-    rig.until(lambda: rig.refused("object_poses"), "refusal")
-    assert rig.refused("object_poses") == {"field layout": 1}
+    rig.refuses("object_poses", {"field layout": 1})
     assert sync(rig) == {("a/1", "a/2")}
 
 
 def test_an_unchanged_shape_is_a_pose_update_and_a_changed_one_is_fitted(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     shape = rig.node.objects.table.signature(A2)
     rig.send(cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
@@ -132,8 +130,7 @@ def test_lifetimes_end_objects_and_a_new_marker_renews_them() -> None:
     with Rig(rate=200.0) as rig:
         rig.send(cube(A1), cube(A2, lifetime=Duration(nanosec=1_000)))
         assert rig.pairs() == {("a/1", "a/2")}, "RViz takes lifetimes up to 0.1 ms as none"
-        rig.send(cube(A2, lifetime=Duration(nanosec=200_000_000)))
-        rig.answer()
+        rig.send(cube(A2, lifetime=Duration(nanosec=200_000_000))).answer()
         rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "expiry")
         assert list(rig.node.objects.table.slots) == [A1]
 
@@ -147,8 +144,7 @@ def test_padding_grows_every_box_on_every_side() -> None:
 
 
 def test_the_older_of_two_states_is_dropped_whatever_its_way(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     newest = rig.stamp
     rig.stamp -= 900_000_000
     rig.send_transform("a/2", pose(0.0))
@@ -164,8 +160,7 @@ def test_the_older_of_two_states_is_dropped_whatever_its_way(rig: Rig) -> None:
 
 def test_text_for_people_is_capped_and_states_the_total() -> None:
     with Rig(max_text_pairs=2) as rig:
-        rig.send(*(cube(("a", number)) for number in range(4)))
-        rig.answer()
+        rig.send(*(cube(("a", number)) for number in range(4))).answer()
         rig.listen("collisions_text")
         message = rig.next("collisions_text")
         assert message.status[0].message == "6 pairs in collision, the first 2 named"
@@ -187,8 +182,7 @@ def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
 
 
 def test_latched_topics_reach_late_subscribers(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2))
-    rig.answer()
+    rig.send(cube(A1), cube(A2)).answer()
     rig.last.pop("namespaces")
     rig.listen("namespaces")
     message = rig.until(lambda: rig.last.get("namespaces"), "latched table")
@@ -230,3 +224,127 @@ def test_more_pairs_than_a_message_holds_are_said_and_all_objects_marked() -> No
         rig.send(cube(("a", 8), (51.0, 0.0, 0.0)))
         assert len(collisions_from_ros(rig.answer())) == 28
         assert rig.next("collisions_text").status[0].message == "28 pairs in collision"
+
+
+def inside(rig: Rig) -> list[tuple[str, int]]:
+    """Names and counts in the answer to the last cloud."""
+    message = rig.answer("points_inside")
+    return [(found.name, found.points) for found in named_points_inside(message, ["a"])]
+
+
+@each("kind", ["<f4", "<f8", ">f4", ">f8"])
+def test_clouds_of_any_float_and_endianness_are_taken(rig: Rig, kind: str) -> None:
+    rig.hear("points_inside")
+    rig.send(cube(("a", 1))).answer()
+    rig.send_points([[0.0, 0, 0], [0.5, 0, 0], [0.75, 0, 0]], kind=kind)
+    assert inside(rig) == [("a/1", 2)]
+
+
+def test_the_latest_cloud_counts_and_an_empty_one_has_no_points(rig: Rig) -> None:
+    rig.hear("points_inside")
+    rig.send(cube(("a", 1))).answer()
+    rig.send_points([[0.0, 0, 0]])
+    assert inside(rig) == [("a/1", 1)]
+    rig.send_transform("a/1", pose(9.0)).answer()
+    rig.until(lambda: rig.next("points_inside").width == 0, "moved away from the points")
+    rig.send_points([[9.0, 0, 0], [9.1, 0, 0]])
+    assert inside(rig) == [("a/1", 2)]
+    rig.send_points(np.empty((0, 3)))
+    assert inside(rig) == []
+
+
+def test_a_margin_counts_points_near_a_box() -> None:
+    with Rig(given={"effects.points_margin": 0.25}) as rig:
+        rig.hear("points_inside")
+        rig.send(cube(("a", 1))).answer()
+        rig.send_points([[0.75, 0, 0], [0.8, 0, 0]])
+        assert inside(rig) == [("a/1", 1)]
+        rig.set(**{"effects.points_margin": 0.5})
+        rig.until(
+            lambda: [p.points for p in named_points_inside(rig.next("points_inside"), ["a"])] == [2]
+        )
+
+
+def test_points_of_other_frames_are_placed_in_doubles() -> None:
+    frames = FakeFrames()
+    turn = np.sqrt(0.5)
+    frames.known["lidar"] = [1e6, 2.0, 3.0, 0.0, 0.0, turn, turn]
+    with Rig(frames) as rig:
+        rig.hear("points_inside")
+        rig.send(cube(("a", 1), (1e6, 3.0, 3.0), (2e-3, 2e-3, 2e-3))).answer()
+        rig.send_points([[1.0, 0.0, 0.0], [1.002, 0.0, 0.0]], "lidar")
+        assert inside(rig) == [("a/1", 1)]
+        assert ("lidar", rig.stamp) in frames.asked
+
+
+def test_a_cloud_waits_for_its_frame_and_no_longer_than_the_timeout() -> None:
+    frames = FakeFrames()
+    with Rig(frames, transform_timeout=60.0) as rig:
+        rig.hear("points_inside")
+        rig.send(cube(("a", 1))).answer()
+        rig.send_points([[0.0, 0, 0]], "late")
+        rig.until(lambda: any(frame == "late" for frame, _ in frames.asked), "look-up")
+        rig.cycles(2)
+        assert rig.refused("points") == {}
+        frames.known["late"] = pose(0.0)
+        assert inside(rig) == [("a/1", 1)]
+        rig.set(transform_timeout=0.0)
+        rig.send_points([[0.0, 0, 0]], "never")
+        rig.refuses("points", {"unknown frame": 1})
+        assert rig.next("points_inside").width == 1, "the last good cloud stays"
+
+
+def latest(rig: Rig) -> int:
+    """Stamp of the cloud that waits to be looked at."""
+    waiting = rig.obstacles.waiting.clouds
+    return waiting[-1].stamp if waiting else 0
+
+
+def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> None:
+    rig.hear("points_inside")
+    rig.listen("/diagnostics")
+    rig.send(cube(("a", 1))).answer()
+    rig.pubs["points"].publish(PointCloud2())
+    rig.refuses("points", {"field layout": 1})
+    rig.send_points([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, 0]])
+    assert inside(rig) == [("a/1", 1)]
+    status = rig.status("input points")
+    assert status["rejected: field layout"] == "1"
+    assert status["not finite in the last cloud"] == "2"
+    rig.send_points([[0.0, 0, 0]], "nowhere")
+    rig.until(lambda: rig.refused("points").get("unknown frame") == 1, "unknown frame")
+
+
+def test_a_cloud_that_nobody_asks_about_is_kept_but_not_looked_at(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taken: list[Any] = []
+
+    def noted(message: PointCloud2, most: int) -> Any:
+        taken.append(points_from_ros(message, most))
+        return taken[-1]
+
+    monkeypatch.setattr(obstacles, "points_from_ros", noted)
+    with Rig() as rig:
+        rig.send(cube(("a", 1))).answer()
+        for _ in range(3):
+            rig.send_points([[0.0, 0, 0]])
+        rig.until(lambda: latest(rig) == rig.stamp, "the last cloud")
+        rig.cycles(2)
+        assert taken == []
+        rig.hear("points_inside")
+        assert inside(rig) == [("a/1", 1)]
+        assert len(taken) == 1, "the latest one only"
+
+
+def test_off_gives_the_subscription_up_and_auto_takes_it_again() -> None:
+    with Rig(given={"effects.points": "off"}) as rig:
+        publisher = rig.pubs["points"]
+        # that of the test before may still be leaving
+        rig.until(lambda: publisher.get_subscription_count() == 0, "no subscription")
+        rig.set(**{"effects.points": "auto"})
+        rig.until(publisher.get_subscription_count, "subscription")
+        rig.set(**{"effects.points": "off"})
+        rig.until(lambda: publisher.get_subscription_count() == 0, "no subscription")
+        rig.set(**{"effects.points": "on"})
+        rig.until(publisher.get_subscription_count, "subscription")

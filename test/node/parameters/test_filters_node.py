@@ -20,14 +20,12 @@ import math
 from typing import Any
 
 import pytest
+from built_markers import RING, crate, levels, ring
 from each import each
-
-pytest.importorskip("rclpy")
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rig import Rig, cube, pose, sync
-from rings import RING, crate, levels, ring
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import collisions_from_ros
@@ -111,9 +109,7 @@ def test_groups_stand_for_their_members_in_every_list() -> None:
         assert float(scene.obb("tray/1").half_extents[0]) == 0.5
 
 
-def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together(
-    rig: Rig,
-) -> None:
+def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together(rig: Rig) -> None:
     assert len(fill(rig)) == 10
     refused = set_atomically(rig, groups=["moved: cup/*"], allowed_pairs=["moved tary"])
     assert not refused.successful
@@ -129,11 +125,6 @@ def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together
     until_pairs(rig, 8)
     assert set_atomically(rig, allowed_pairs=[""], groups=[""]).successful
     until_pairs(rig, 10)
-
-
-def test_a_node_whose_lists_do_not_fit_does_not_start() -> None:
-    with pytest.raises(ValueError, match="allowed_pairs: 'gripper' is no group"):
-        Rig(allowed_pairs=["gripper table/1"])
 
 
 def test_groups_are_limited_with_all_that_they_stand_for() -> None:
@@ -153,8 +144,7 @@ def test_words_with_spaces_are_in_quotes() -> None:
 def test_padding_shows_in_the_markers(form: str) -> None:
     with Rig(padding=0.125, marker_form=form, marker_rate=100.0) as rig:
         rig.listen("obb_collision/markers")
-        rig.send(cube(("arm", 1)), cube(("cup", 1), (9.0, 0, 0)))
-        rig.answer()
+        rig.send(cube(("arm", 1)), cube(("cup", 1), (9.0, 0, 0))).answer()
 
         def edges() -> dict[float, float]:
             """Extent along x of each box drawn, by where its centre is."""
@@ -212,22 +202,10 @@ def test_a_halo_smaller_than_what_effects_look_beyond_is_refused(rig: Rig) -> No
     assert rig.node.guard.total == 0
 
 
-def test_a_start_with_a_halo_that_is_too_small_ends_with_the_reason() -> None:
-    with (
-        pytest.raises(ValueError, match="region_halo must be at least"),
-        Rig(region=["z: 0 to inf"], region_halo=0.0),
-    ):
-        pass
-
-
 def test_a_region_is_the_same_after_it_was_a_parameter() -> None:
     region = Region([-math.inf, 0.1, 1 / 3], [0.1 + 0.2, math.inf, 1e300])
     entries = [range_from_text(text) for text in text_from_region(region)]
-    assert entries == [
-        ("x", -math.inf, 0.1 + 0.2),
-        ("y", 0.1, math.inf),
-        ("z", 1 / 3, 1e300),
-    ]
+    assert entries == [("x", -math.inf, 0.1 + 0.2), ("y", 0.1, math.inf), ("z", 1 / 3, 1e300)]
     assert text_from_region(Region([-math.inf] * 3, [math.inf] * 3)) == [""]
 
 
@@ -260,8 +238,7 @@ def test_diagnostics_say_what_effects_are_computed_on_and_that_a_budget_lowers_t
         assert "highest accuracy in the time budget" not in seen
         rig.set(time_budget=1e-9)
         for step in range(20):  # what it has time for is measured first
-            rig.send_transform("box/1", pose(1e-4 * step))
-            rig.answer()
+            rig.send_transform("box/1", pose(1e-4 * step)).answer()
         seen = said(rig, "clearance on obb")
         assert seen["clearance on obb"] == "1"
         assert "clearance on mesh" not in seen
@@ -296,8 +273,7 @@ def test_overrides_are_for_names_and_namespaces_also_of_objects_to_come() -> Non
 
 def test_an_override_outlives_a_change_of_shape() -> None:
     with Rig(accuracy_overrides=["a/*: aabb"]) as rig:
-        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
-        rig.answer()
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0))).answer()
         rig.send(cube(("a", 1), size=(2.0, 2.0, 2.0)))
         assert rig.pairs() == {("a/1", "a/2")}
         assert levels(rig) == ["aabb"]

@@ -23,8 +23,6 @@ from typing import Any
 import pytest
 import yaml
 from each import each
-
-pytest.importorskip("rclpy")
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rig import Rig, cube
@@ -75,8 +73,7 @@ def check_usable(rig: Rig) -> None:
     for spec in SPECS:
         spec.read(rig.node.get_parameter(spec.name).value)
     rig.set(**{"rate": 50.0, "max_objects": 20000, "effects.collisions": "auto"})
-    rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0.0, 0.0)))
-    rig.answer()
+    rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0.0, 0.0))).answer()
 
 
 def test_every_type_for_every_parameter_is_taken_or_refused_with_a_reason(rig: Rig) -> None:
@@ -248,6 +245,31 @@ def test_a_wrong_value_is_refused_with_the_reason_and_changes_nothing(
     assert reason in result.reason
     assert result.reason.startswith(name) or not isinstance(value, list)
     assert rig.node.get_parameter(name).value == before
+
+
+HERE = "arm: 0 0 0 0 0 0 1"
+
+
+@each(
+    "given, reason",
+    [
+        ({"allowed_pairs": ["gripper table/1"]}, "allowed_pairs: 'gripper' is no group"),
+        ({"region": ["z: 0 to inf"], "region_halo": 0.0}, "region_halo must be at least"),
+        ({"mesh_folders": ["arm: /a", "arm: /b"]}, "one entry for each package"),
+        *(
+            ({"mesh_folders": [folder]}, "is no absolute path")
+            for folder in ("meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b")
+        ),
+        ({"robots": ["arm", "arm"]}, "twice"),
+        ({"robots": ["an arm"]}, "letters"),
+        ({"robots": ["arm"], "robot_bases": ["leg: base"]}, "none of robots"),
+        ({"robots": ["arm"], "robot_bases": ["arm: 0 0 0 0 0 0 0"]}, "no pose"),
+        ({"robots": ["arm"], "robot_bases": [HERE, HERE]}, "twice"),
+    ],
+)
+def test_parameters_that_make_no_sense_end_the_start(given: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        Rig(given=given)
 
 
 def test_the_file_of_the_package_has_every_parameter_at_its_default() -> None:

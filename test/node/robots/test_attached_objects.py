@@ -20,10 +20,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("lxml")
 from each import each
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message

@@ -26,9 +26,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("lxml")
 from each import each
 from rig import FakeFrames, cube, pose
 from robot_rig import BOTH, HAND, NOT_KNOWN, ROW, URDF, VALID, AskingRig, RobotRig
@@ -203,7 +200,7 @@ def test_states_that_cannot_be_read_are_never_valid(arm: AskingRig) -> None:
 
 
 def test_trajectories_with_too_many_points_are_refused_before_they_are_read(arm: AskingRig) -> None:
-    for count, names in ((5001, BOTH), (100_000, ())):
+    for count, names in ((5001, BOTH), (20_000, ())):
         text = f"refused: too many pieces: {count} points, 5000 is the limit"
         assert arm.go([(0.0, [0.0] * len(names))] * count, names)[0].message == text
     assert arm.go([(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])])[0].message == "forwarded"
@@ -265,8 +262,7 @@ def test_neither_absurd_speeds_nor_clear_read_the_description_again(
 
 def test_what_is_in_the_way_of_links_is_gone_after_clear() -> None:
     with RobotRig() as rig:
-        rig.send(cube(HAND))
-        rig.answer()
+        rig.send(cube(HAND)).answer()
         rig.describe()
         rig.until(lambda: "refused" in rig.robot.fault, "the refusal")
         assert rig.call(Trigger, "obb_collision/clear", Trigger.Request()).success
@@ -293,7 +289,7 @@ def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description_and_to_the_
         number.unlink()
         return found
 
-    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
+    with RobotRig({"mesh_folders": [str(tmp_path)]}, own_builder=True) as rig:
         readers = [read_for_ever(rig)]
         rig.describe()
         rig.until(lambda: rig.robot.links is not None, "the robot")

@@ -12,29 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots in the node: links are objects, and what is not known is never free."""
+"""Robots in the node: links are objects, and what is not known is named and never free."""
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import permutations
+from pathlib import Path
+from threading import Event
+from threading import enumerate as enumerate_threads
+from typing import Any
+from unittest.mock import patch
+
 import numpy as np
 import pytest
+import trimesh
+from built_markers import Gate
 from each import each
-
-pytest.importorskip("rclpy")
-pytest.importorskip("lxml")
-from lifecycle_msgs.msg import Transition
 from objects_rig import ObjectsRig
-from rig import LATCHED, FakeFrames, Rig, cube, pose
+from rig import LATCHED, STATUS, FakeFrames, Rig, cube, pose
 from robot_rig import CRATE, EDGES, HAND, HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 import obb_collision as oc
-from obb_collision import Accuracy
+from obb_collision import Accuracy, Robot
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING
+from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.robots import AttachedObjects, LinkObjects
+from obb_collision.node.runtime import warm_up
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 
 
@@ -81,8 +89,7 @@ def test_a_base_is_fixed_by_a_frame_or_by_a_topic() -> None:
         rig.move()
         rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(6.0, 0.0, 0.5), atol=1e-12)
-        rig.send_transform("arm", pose(7.0))
-        rig.answer()
+        rig.send_transform("arm", pose(7.0)).answer()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(8.0, 0.0, 0.5), atol=1e-12)
 
 
@@ -109,8 +116,7 @@ def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
         rig.known("joint_unknown", "arm (joints without a state: turn)")
         rig.send_joints(turn=0.0)
         rig.known()
-        rig.send(cube(CRATE, (9.0, 0.0, 0.0)))
-        rig.answer()
+        rig.send(cube(CRATE, (9.0, 0.0, 0.0))).answer()
         rig.send_joints(lift=float("nan"), turn=0.0)
         rig.known("joint_unknown", "arm (joints whose state was refused: lift)")
         assert rig.refused("arm/joint_states") == {"bad position": 1}
@@ -125,22 +131,10 @@ def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
         rig.known()
 
 
-def test_stale_joints_are_not_free(arm: AskingRig) -> None:
-    arm.known()
-    arm.set(joint_timeout=0.001)
-    arm.known("joint_unknown", "arm (joints with a stale state: lift, turn)")
-    arm.listen("/diagnostics")
-    assert arm.status(": robot arm")["message"].startswith("joints with a stale state")
-    arm.set(joint_timeout=0.0)
-    arm.send_joints(lift=0.0, turn=0.0)
-    arm.known()
-
-
 def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> None:
     arm.listen("predicted_collisions", "clearances")
     arm.send(cube(CRATE, (1.0, 0.0, 1.05), EDGES))
-    arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0)
-    arm.answer()
+    arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0).answer()
 
     def coming() -> list[object]:
         message = arm.next("predicted_collisions")
@@ -149,8 +143,7 @@ def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> Non
     (found,) = arm.until(coming, "a prediction")
     assert {found.a, found.b} == {"arm/hand/1", "crate/1"}
     assert found.time == pytest.approx(0.8, abs=1e-3)
-    arm.send_joints(lift=0.37, turn=0.0)
-    arm.answer()
+    arm.send_joints(lift=0.37, turn=0.0).answer()
     near = arm.until(
         lambda: named_clearances(arm.next("clearances"), arm.last["namespaces"]), "clearance"
     )
@@ -160,12 +153,10 @@ def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> Non
 
 def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
     before = arm.pose_of(HAND)
-    arm.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0)))
-    arm.answer()
+    arm.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0))).answer()
     arm.send(Marker(action=Marker.DELETEALL))
     arm.send_transform("arm/hand/1", pose(40.0))
-    arm.send(cube(CRATE, (9, 0, 0)))
-    arm.answer()
+    arm.send(cube(CRATE, (9, 0, 0))).answer()
     np.testing.assert_array_equal(arm.pose_of(HAND), before)
     assert arm.refused("objects") == {"object of another input": 1}
     assert arm.refused("object_transform") == {"object of another input": 1}
@@ -207,37 +198,6 @@ def test_several_robots_are_obstacles_to_each_other() -> None:
         rig.known()
         rig.send_joints(lift=-0.5, turn=0.0)
         assert pairs(rig) == {("arm/hand/1", "leg/rock/0")}
-
-
-def test_a_node_that_is_configured_again_has_its_robots_again() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        for transition in (
-            Transition.TRANSITION_DEACTIVATE,
-            Transition.TRANSITION_CLEANUP,
-            Transition.TRANSITION_CONFIGURE,
-            Transition.TRANSITION_ACTIVATE,
-        ):
-            assert rig.change(transition)
-        rig.wait_inputs()
-        rig.start_robot()
-        rig.known()
-        assert rig.node.objects.scene.accuracy == Accuracy.HULL
-
-
-@each(
-    "given, reason",
-    [
-        ({"robots": ["arm", "arm"]}, "twice"),
-        ({"robots": ["an arm"]}, "letters"),
-        ({"robots": ["arm"], "robot_bases": ["leg: base"]}, "none of robots"),
-        ({"robots": ["arm"], "robot_bases": ["arm: 0 0 0 0 0 0 0"]}, "no pose"),
-        ({"robots": ["arm"], "robot_bases": [HERE, HERE]}, "twice"),
-    ],
-)
-def test_parameters_that_make_no_sense_end_the_start(given: object, reason: str) -> None:
-    with pytest.raises(ValueError, match=reason):
-        Rig(given=given)  # type: ignore[arg-type]
 
 
 def test_a_quaternion_of_zeros_is_refused() -> None:
@@ -287,3 +247,115 @@ def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
     assert counted is not None
     rows, columns = (each.ravel() for each in np.indices(allowed.shape))
     np.testing.assert_array_equal(counted(rows, columns), ~allowed.ravel())
+
+
+PAST = 60 * NANOSECONDS
+
+
+def statuses(rig: RobotRig) -> list[Any]:
+    """Return the list that all levels of the status are added to from now on."""
+    levels: list[Any] = []
+    rig.listen(STATUS)
+    rig.client.create_subscription(
+        type(rig.until(lambda: rig.last.get(STATUS), STATUS)),
+        STATUS,
+        lambda message: levels.append(message.status[0].level),  # type: ignore[attr-defined]
+        50,
+    )
+    return levels
+
+
+CORNER = cube(("crate", 1), (1.27, 0.17, 0.58), (0.02, 0.02, 0.02))
+"""In the box of the ball that is the hand, and not in the ball."""
+
+
+def ball(folder: Path) -> str:
+    """Return the robot with a flat ball of 1280 faces as its hand."""
+    found = trimesh.creation.icosphere(3).apply_scale((0.3, 0.2, 0.1))
+    found.export(folder / "ball.obj")
+    before, end, after = URDF.rpartition('<box size="0.2 0.2 0.2"/>')
+    assert end
+    return f'{before}<mesh filename="file://{folder}/ball.obj"/>{after}'
+
+
+def test_links_whose_hulls_are_being_built_are_unknown_and_collide_with_nothing(
+    tmp_path: Path,
+) -> None:
+    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
+        gate, levels = Gate(rig, trees=True), statuses(rig)
+        rig.send(CORNER)
+        rig.describe(ball(tmp_path))
+        rig.known("joint_unknown")
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.known("shape_building", "arm/hand/1")
+        rig.send(cube(("crate", 2), (9.0, 0.0, 0.0)), cube(("crate", 3), (9.0, 0.0, 0.0)))
+        rig.until(lambda: COLLIDING in levels, "a pair of others")
+        rig.send(cube(("crate", 2), (9.0, 9.0, 9.0)))
+        rig.known("shape_building", "arm/hand/1")
+        levels.clear()
+        gate.open()
+        rig.known()
+        assert COLLIDING not in levels
+
+
+def test_links_are_unknown_while_kernels_of_their_accuracy_are_loaded(tmp_path: Path) -> None:
+    is_ready = warm_up.WarmUp.is_ready
+    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
+        rig.set(accuracy="obb")
+        rig.send(CORNER)
+        rig.start_robot(ball(tmp_path))
+        rig.until(lambda: len(rig.pairs()), "boxes that meet")
+
+        def lacks_hull(warm: warm_up.WarmUp, level: Accuracy) -> bool:
+            return level != Accuracy.HULL and is_ready(warm, level)
+
+        with patch.object(warm_up.WarmUp, "is_ready", lacks_hull):
+            rig.set(accuracy="hull")
+            rig.known("starting")
+            levels = statuses(rig)
+            rig.cycles(3)
+        rig.known()
+        assert COLLIDING not in levels
+
+
+def has_text(rig: RobotRig, text: str) -> bool:
+    """Return whether a text is the latest of its kind that the node has taken."""
+    return text in rig.robot._texts.values()
+
+
+def test_a_text_that_is_refused_counts_until_the_next_one_of_its_kind() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        rig.known()
+        texts = {rig.descriptions: URDF, rig.semantics: SRDF}
+        for refused, other in permutations(texts):
+            refused.publish(String(data="none"))
+            rig.known("robot_unknown")
+            other.publish(String(data=texts[other]))
+            rig.until(partial(has_text, rig, texts[other]), "the other text")
+            rig.cycles(3)
+            rig.known("robot_unknown")
+            refused.publish(String(data=texts[refused]))
+            rig.until(lambda: rig.robot.fault[:5] in ("", "joint"), "the robot")
+            rig.send_joints(lift=0.0, turn=0.0)
+            rig.known()
+
+
+def test_of_a_flood_of_descriptions_one_is_read_at_a_time_and_the_last_one_counts() -> None:
+    from_urdf, may_go = Robot.from_urdf, Event()
+    read: list[str] = []
+
+    def slow(urdf: str, *args: Any, **options: Any) -> Robot:
+        read.append(urdf)
+        assert may_go.wait(60.0)
+        return from_urdf(urdf, *args, **options)
+
+    with RobotRig() as rig, patch.object(Robot, "from_urdf", slow):
+        texts = [URDF.replace('name="arm"', f'name="arm{n}"', 1) for n in range(9)]
+        for text in texts:
+            rig.describe(text)
+            rig.until(partial(has_text, rig, text), "a text")
+        assert [thread.name for thread in enumerate_threads()].count("robot_description") == 1
+        may_go.set()
+        rig.known("joint_unknown")
+        assert read == [texts[0], texts[-1]]

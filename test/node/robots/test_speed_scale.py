@@ -20,9 +20,6 @@ from typing import Any
 
 import pytest
 from each import each
-
-pytest.importorskip("rclpy")
-pytest.importorskip("lxml")
 from rig import cube, pose
 from robot_rig import URDF, RobotRig, box
 from sensor_msgs.msg import JointState

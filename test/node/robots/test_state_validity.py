@@ -12,29 +12,36 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""States to check: each is answered, and valid only where everything is known."""
+"""States to check, by topic and by MoveIt's service: valid only where everything is known."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from operator import attrgetter
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from each import each
-
-pytest.importorskip("rclpy")
-pytest.importorskip("lxml")
 from rig import FakeFrames, cube, pose
 from robot_rig import (
     BAD_STATE,
     COLLIDES,
     CRATE,
+    EDGES,
     NOT_KNOWN,
     OUT_OF_LIMITS,
+    SRDF,
     URDF,
     VALID,
     AskingRig,
     box,
 )
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from test_attached_objects import TOOL, held, put
+from visualization_msgs.msg import Marker
 
 import obb_collision as oc
 from obb_collision.node import namespace_number
@@ -45,8 +52,7 @@ from obb_collision.node.robots import validity
 def test_each_state_is_valid_or_says_why_not() -> None:
     with AskingRig() as rig:
         rig.start_robot()
-        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
-        rig.answer()
+        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1))).answer()
         nan = float("nan")
         states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
         rows = rig.ask(states)
@@ -67,8 +73,7 @@ def test_answers_are_those_of_the_library() -> None:
         for number, place in enumerate(places[np.hypot(*places[:, :2].T) > 0.85]):
             markers.append(cube(("crate", number), place, (0.2, 0.2, 0.2)))
             scene.add(f"crate/{number}", oc.shapes.Box((0.2, 0.2, 0.2)), pose(*place))
-        rig.send(*markers)
-        rig.answer()
+        rig.send(*markers).answer()
         robot = oc.Robot.from_urdf(bulky)
         checker = oc.RobotScene([robot], scene)
         states = rng.uniform((-1.0, -3.0), (1.5, 3.2), (500, 2))
@@ -101,14 +106,11 @@ def test_states_are_where_the_base_is() -> None:
         rig.send_transform("arm", pose(5.0))
         rig.until(lambda: rig.robot.joints is not None, "the robot")
         rig.send_joints(lift=0.0, turn=0.0)
-        rig.send(cube(CRATE, (6.0, 0.0, 0.0), (0.1, 0.1, 0.1)))
-        rig.answer()
+        rig.send(cube(CRATE, (6.0, 0.0, 0.0), (0.1, 0.1, 0.1))).answer()
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, COLLIDES]
-        rig.send_transform("arm", pose(9.0))
-        rig.answer()
+        rig.send_transform("arm", pose(9.0)).answer()
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, VALID]
-        rig.send_transform("arm", pose(3.0), "odom")
-        rig.answer()
+        rig.send_transform("arm", pose(3.0), "odom").answer()
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, COLLIDES]
 
 
@@ -123,8 +125,7 @@ def test_rules_of_objects_count_for_states() -> None:
     ):
         with AskingRig(rules) as rig:
             rig.start_robot()
-            rig.send(cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
-            rig.answer()
+            rig.send(cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1))).answer()
             assert rig.reasons(states) == [reason], rules
 
 
@@ -135,18 +136,15 @@ def test_without_knowing_everything_no_state_is_valid() -> None:
         rig.describe()
         rig.until(lambda: rig.robot.joints is not None, "the robot")
         assert rig.reasons(state) == [NOT_KNOWN]
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
+        rig.send_joints(lift=0.0, turn=0.0).answer()
         assert rig.reasons(state) == [VALID]
         for names in (("lift",), ("lift", "turn", "tail"), ("lift", "bend")):
             assert rig.reasons(np.zeros((1, len(names))), names=names) == [NOT_KNOWN]
         assert rig.reasons(state, kind="<f4") == [NOT_KNOWN]
         rig.send(cube(CRATE, (9, 0, 0), (0, 1, 1)))
-        rig.send_joints(lift=0.0, turn=0.0)
-        rig.answer()
+        rig.send_joints(lift=0.0, turn=0.0).answer()
         assert rig.reasons(state) == [NOT_KNOWN]
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
+        rig.send(cube(CRATE, (9, 0, 0))).answer()
         assert rig.reasons(state) == [VALID]
         rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False))
         assert rig.reasons(state) == [NOT_KNOWN]
@@ -162,8 +160,7 @@ def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
     state = [[0.0, 0.0]]
     with AskingRig() as rig:
         rig.start_robot()
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
+        rig.send(cube(CRATE, (9, 0, 0))).answer()
         rig.set(region=["x: -5.0 to 5.0"])
         rig.cycles(2)
         assert rig.reasons(state) == [NOT_KNOWN]
@@ -173,8 +170,7 @@ def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
         rig.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
         rig.cycles(2)
         assert rig.reasons(state) == [NOT_KNOWN]
-        rig.send(cube(CRATE, (9, 0, 0)))
-        rig.answer()
+        rig.send(cube(CRATE, (9, 0, 0))).answer()
         assert rig.reasons(state) == [VALID]
 
 
@@ -191,3 +187,160 @@ def test_more_states_than_a_cycle_may_wait_for_are_refused(monkeypatch: pytest.M
         assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
         rig.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
         rig.until(lambda: "too many points" in monitor.refused, "the refusal")
+
+
+ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
+"""Of moveit_msgs/ContactInformation."""
+QUARTER = {"lift": 0.0, "turn": np.pi / 2}
+GROUPS = (
+    '<group name="top"><link name="hand"/></group><group name="lower"><joint name="lift"/></group>'
+)
+
+
+def plain(**fields: Any) -> SimpleNamespace:
+    return SimpleNamespace(**fields)
+
+
+def request_of(values: Mapping[str, float], group: str = "") -> Any:
+    """Return what looks like a request."""
+    joints = plain(name=list(values), position=list(values.values()))
+    state = plain(
+        joint_state=joints,
+        multi_dof_joint_state=plain(joint_names=[], transforms=[]),
+        attached_collision_objects=[],
+    )
+    kinds = ("joint", "position", "orientation", "visibility")
+    constraints = plain(**{f"{kind}_constraints": [] for kind in kinds})
+    return plain(robot_state=state, group_name=group, constraints=constraints)
+
+
+def contact() -> Any:
+    header = plain(stamp=None, frame_id="")
+    return plain(header=header, position=plain(), normal=plain())
+
+
+class ServiceRig(AskingRig):
+    """A rig that calls the service without moveit_msgs; the robot has a crate in its way."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.semantics.publish(String(data=SRDF.replace("</robot>", GROUPS + "</robot>")))
+        self.start_robot()
+        self.until(lambda: self.robot.links.robot.groups, "the SRDF")
+        put(self, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
+        monitor = self.monitor("arm/states_to_check")
+        self.service = validity.StateService(self.ends.checked, monitor, contact)
+
+    def call_it(self, request: Any) -> Any:
+        return self.service.answer(request, plain(valid=True, contacts=[], cost_sources=[]))
+
+    def is_valid(self, values: Mapping[str, float], group: str = "") -> bool:
+        return bool(self.call_it(request_of(values, group)).valid)
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[ServiceRig]:
+    with ServiceRig() as made:
+        yield made
+
+
+@pytest.fixture
+def rig(shared: ServiceRig) -> ServiceRig:
+    """Return the rig with the robot at rest, nothing attached and nothing refused so far."""
+    put(shared, Marker(action=Marker.DELETEALL), cube(CRATE, (0.0, 1.0, 0.5), EDGES))
+    shared.monitor("arm/states_to_check").refused.clear()
+    return shared
+
+
+def test_a_state_is_valid_or_has_contacts(rig: ServiceRig) -> None:
+    assert rig.is_valid({"lift": 0.0, "turn": 0.0})
+    assert rig.is_valid({})  # as it is now
+    response = rig.call_it(request_of({"turn": np.pi / 2}))  # the other joint as it is now
+    assert not response.valid
+    assert response.cost_sources == []
+    (found,) = response.contacts
+    assert (found.contact_body_1, found.body_type_1) == ("hand", ROBOT_LINK)
+    assert (found.contact_body_2, found.body_type_2) == ("crate/1", WORLD_OBJECT)
+    assert found.header.frame_id == "map"
+    assert found.depth > 0.09
+    place, normal = (np.array([at.x, at.y, at.z]) for at in (found.position, found.normal))
+    assert np.abs(place - (0.0, 1.0, 0.5)).max() < 0.15
+    np.testing.assert_allclose(np.linalg.norm(normal), 1.0)
+    assert rig.refused("arm/states_to_check") == {}
+
+
+def test_out_of_limits_is_not_valid(rig: ServiceRig) -> None:
+    response = rig.call_it(request_of({"turn": 3.1}))
+    assert (response.valid, response.contacts) == (False, [])
+
+
+def test_a_group_counts_alone_with_what_it_moves(rig: ServiceRig) -> None:
+    assert not rig.is_valid(QUARTER, "top")
+    assert not rig.is_valid(QUARTER, "lower")  # it moves the hand
+    put(rig, cube(("wall", 1), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)))  # in the base
+    assert not rig.is_valid({"turn": 0.0})
+    assert rig.is_valid({"turn": 0.0}, "top")
+
+
+def test_what_is_attached_is_named(rig: ServiceRig) -> None:
+    put(rig, held(), cube(CRATE, (0.0, 1.3, 0.5), (0.1, 0.1, 0.1)))
+    (found,) = rig.call_it(request_of(QUARTER, "top")).contacts
+    assert (found.contact_body_1, found.body_type_1) == (f"{TOOL[0]}/1", ROBOT_ATTACHED)
+    assert found.contact_body_2 == "crate/1"
+
+
+SEVERAL = "robot_state.multi_dof_joint_state"
+
+
+@each(
+    "field, value, reason",
+    [
+        ("robot_state.joint_state.name", ["elbow", "turn"], "unknown joint"),
+        ("robot_state.joint_state.name", ["turn", "turn"], "repeated joint"),
+        ("robot_state.joint_state.position", [0.0, 0.0, 1.0], "array lengths differ"),
+        ("robot_state.joint_state.position", [float("nan"), 0.0], "bad state"),
+        ("group_name", "legs", "unknown group"),
+        ("constraints.joint_constraints", [plain()], "not evaluated"),
+        (f"{SEVERAL}.joint_names", ["world"], "not evaluated"),
+        (f"{SEVERAL}.transforms", [plain()], "not evaluated"),
+        ("robot_state.attached_collision_objects", [plain()], "not evaluated"),
+    ],
+)
+def test_what_cannot_be_decided_is_not_valid(
+    field: str, value: Any, reason: str, rig: ServiceRig
+) -> None:
+    rig.monitor("arm/states_to_check").refused.clear()
+    request = request_of({"lift": 0.0, "turn": 0.0})
+    outer, _, name = field.rpartition(".")
+    setattr(attrgetter(outer)(request) if outer else request, name, value)
+    assert not rig.call_it(request).valid
+    assert rig.refused("arm/states_to_check") == {reason: 1}
+    assert rig.is_valid({"lift": 0.0, "turn": 0.0})
+
+
+def test_without_knowing_the_scene_no_state_is_valid(rig: ServiceRig) -> None:
+    rig.send_joints(lift=float("nan"))
+    rig.until(lambda: rig.robot.fault, "the fault")
+    assert not rig.is_valid({"lift": 0.0, "turn": 0.0})
+    assert rig.refused("arm/states_to_check") == {"scene not known": 1}
+
+
+def test_what_fails_is_not_valid(rig: ServiceRig) -> None:
+    response = rig.call_it(plain())
+    assert not response.valid
+    assert rig.refused("arm/states_to_check") == {"internal error": 1}
+
+
+def test_the_service_of_moveit(rig: ServiceRig) -> None:
+    srv = pytest.importorskip("moveit_msgs.srv")
+    request = srv.GetStateValidity.Request()
+    request.robot_state.joint_state.name = ["turn"]
+    for turn, valid in ((0.0, True), (np.pi / 2, False)):
+        request.robot_state.joint_state.position = [turn]
+        response = rig.call(srv.GetStateValidity, "arm/check_state_validity", request)
+        assert response.valid is valid
+        bodies = [(each.contact_body_1, each.contact_body_2) for each in response.contacts]
+        assert bodies == ([] if valid else [("hand", "crate/1")])
+    request.robot_state.joint_state.name = ["elbow"]
+    response = rig.call(srv.GetStateValidity, "arm/check_state_validity", request)
+    assert not response.valid

@@ -21,12 +21,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from each import each
-
-pytest.importorskip("rclpy")
-pytest.importorskip("lxml")
-pytest.importorskip("trajectory_msgs")
 from diagnostic_msgs.msg import DiagnosticStatus
+from each import each
 from lifecycle_msgs.msg import Transition
 from rclpy.serialization import serialize_message
 from rig import LATCHED, cube
@@ -37,9 +33,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.messages.conversions import (
-    stamp_to_ros,
-)
+from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.robots import trajectories
 
 NONE = [0.0, 0.0]
@@ -108,12 +102,12 @@ def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
         trajectory = JointTrajectory(joint_names=list(BOTH), points=[point])
         for begin, end in ((0.0, 0.3), (1.4, 1.45)):
             rig.begin([(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])])
-            rig.robot.take_joints(joints(end))
+            rig.robot.take_joints(joints(end), rig.now())
             assert node._clear(Trigger.Request(), Trigger.Response()).success
             for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
-                rig.robot.take_joints(joints(0.1 * step))
+                rig.robot.take_joints(joints(0.1 * step), rig.now())
             node.robots.callbacks(node.inputs)["arm/trajectory_in"](serialize_message(trajectory))
-            rig.robot.take_joints(joints(1.4))
+            rig.robot.take_joints(joints(1.4), rig.now())
             node.run_cycle()
             node.robots.hold("a later stop")
             rig.until(lambda: len(rig.said) == 2, "what is said")
@@ -173,9 +167,7 @@ def test_splines_swing_where_lines_do_not(order: int, rig: TrajectoryRig) -> Non
     assert int(values["pieces"]) > 10
 
 
-def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are(
-    rig: TrajectoryRig,
-) -> None:
+def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are(rig: TrajectoryRig) -> None:
     on_the_way = (np.cos(0.8), np.sin(0.8), 0.5)
     rig.put(on_the_way)
     values = rig.refused_for(HIT, QUARTER[1:])
@@ -233,8 +225,7 @@ def test_stamps_say_when_it_begins(rig: TrajectoryRig) -> None:
     rig.set(stamp_tolerance=20.0)
     points = [(0.0, [0.0, 0.0], [0.0, 0.0]), (2.0, [0.0, -1.0], [0.0, 0.0])]
     rig.put((np.cos(0.25), np.sin(0.25), 0.5))
-    rig.send_joints({"turn": 2.0}, lift=0.0, turn=0.0)
-    rig.answer()
+    rig.send_joints({"turn": 2.0}, lift=0.0, turn=0.0).answer()
     rig.forwards(points)  # at once: there is no time for a swing
     values = rig.refused_for(HIT, points, stamp=stamped(rig, 1.0))  # joints swing on until then
     assert values["index"] == "0"
@@ -253,8 +244,7 @@ def test_stamps_say_when_it_begins(rig: TrajectoryRig) -> None:
 
 def test_no_swing_begins_with_a_velocity_that_is_not_known(rig: TrajectoryRig) -> None:
     rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
-    rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0)
-    rig.answer()
+    rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0).answer()
     still = [0.0, 0.0]
     rig.refused_for("the velocity of joint turn is not known", [(1.0, still, still)])
     rig.forwards([(1.0, still)])
@@ -290,8 +280,7 @@ def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(
 
 def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: TrajectoryRig) -> None:
     crate = cube(CRATE, (0.0, 1.35, 0.85), (0.6, 0.6, 0.6), type=Marker.SPHERE)
-    rig.send(crate)
-    rig.answer()
+    rig.send(crate).answer()
     rig.run()
     crate.type = Marker.CUBE  # another shape in the same box
     rig.send(crate)
@@ -338,8 +327,7 @@ def test_a_trajectory_counts_until_the_robot_is_there_however_slow(
 def test_what_the_robot_has_behind_it_counts_no_more(rig: TrajectoryRig) -> None:
     rig.begin(SHORT)
     for lift, place in ((0.25, (1.0, 0.0, 0.5)), (0.5, (0.0, 1.0, 1.0))):
-        rig.send_joints(lift=lift, turn=np.pi / 2)
-        rig.answer()
+        rig.send_joints(lift=lift, turn=np.pi / 2).answer()
         rig.cycles(2)
         rig.put(place)
         rig.cycles(2)

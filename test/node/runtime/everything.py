@@ -12,18 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Everything that can be asked of a node, one thing after the other, in a process of its own.
+"""Everything that can be asked of a robot, and of a node, each in a process of its own.
 
-``python everything.py`` runs it and prints, as JSON, which kernels the process compiled or loaded
-after "ready" without a step of warming up, how many by steps, and for each thing asked the longest
-time between two cycles.
+``python everything.py FOLDER`` prints two lines of JSON: which kernels the process compiled or
+loaded after "ready" without a step of warming up, and of the node how many by steps, and for each
+thing asked the longest time between two cycles.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
@@ -31,6 +33,8 @@ import numpy as np
 from geometry_msgs.msg import Point
 from node_process import kernels_of_steps
 from rig import Rig, cube, pose
+from robot_rig import URDF, AskingRig
+from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
 
 from obb_collision import Accuracy, _jit, _kernel_cache
@@ -114,11 +118,9 @@ class Everything(Rig):
 
     def move(self) -> None:
         """Move things by each topic, all of them and few; send points of each layout."""
-        self.send(*(cube(("many", n), (0.85 * n, 5.0, 0.0)) for n in range(3, MANY)))
-        self.answer()
+        self.send(*(cube(("many", n), (0.85 * n, 5.0, 0.0)) for n in range(3, MANY))).answer()
         for step in (0.1, 0.2):
-            self.send_transform("many/5", pose(0.85 * 5 + step, 5.0))
-            self.answer()
+            self.send_transform("many/5", pose(0.85 * 5 + step, 5.0)).answer()
         twists = np.array([(1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 2.0)])
         self.send_states(["many/6", "many/7"], [pose(5.0, 5.0), pose(6.0, 5.0)], twists=twists)
         self.answer()
@@ -127,11 +129,14 @@ class Everything(Rig):
             self.send_poses([8, 9], poses, [namespace_number("many")] * 2, single=single)
             self.send_boxes([1, 2 + single], [pose(30), pose(30.5)], 1.0 + single, single=single)
             self.answer()
+        clouds = self.monitor("points")
         for kind in ("<f4", "<f8"):
             for more in ([], [("intensity", kind)]):
                 rows = np.zeros(40, [(name, kind) for name in "xyz"] + more)
+                count = clouds.messages
                 self.pubs["points"].publish(cloud_to_ros(rows, self.header()))
-                self.cycles(3)
+                self.until(lambda n=count: clouds.messages > n, "points")  # type: ignore[misc]
+                self.cycles(1)
 
 
 def marker(kind: int, number: int) -> Marker:
@@ -158,8 +163,7 @@ def waiting_effects(rig: Everything) -> set[str]:
 
 def switch_everything(rig: Everything) -> Iterator[str]:
     """Ask for one thing after the other; yields what it was once it is answered."""
-    rig.send(cube(("alone", 1)))
-    rig.answer()
+    rig.send(cube(("alone", 1))).answer()
     yield "one object"
     rig.send(*objects())
     for kind in BUILT:
@@ -186,11 +190,10 @@ def switch_everything(rig: Everything) -> Iterator[str]:
         if name == "marker_form":
             rig.listen(EFFECTS["markers"])
         assert all(result.successful for result in rig.set(**{name: value})), name
-        rig.cycles(5)
+        rig.cycles(2)
         rig.move()
         yield f"{name} {value}"
-    rig.send(*(cube(("crowd", n), (0.0, -5.0, 0.0)) for n in range(200)))
-    rig.answer()
+    rig.send(*(cube(("crowd", n), (0.0, -5.0, 0.0)) for n in range(200))).answer()
     rig.move()
     yield "a crowd"
     rig.send(Marker(ns="many", action=Marker.DELETEALL))
@@ -199,8 +202,56 @@ def switch_everything(rig: Everything) -> Iterator[str]:
     yield "objects that go"
 
 
-def main() -> None:
-    """Run it."""
+SHAPES = (
+    '<sphere radius="0.1"/>',
+    '<cylinder radius="0.1" length="0.2"/>',
+    '<capsule radius="0.1" length="0.2"/>',
+    '<mesh filename="file://{0}/finger.obj"/>',
+)
+MESH = "v 0 0 0\nv 0.2 0 0\nv 0 0.2 0\nv 0 0 0.2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def ask(rig: AskingRig) -> None:
+    """Ask everything of a robot once."""
+    rig.move()
+    scales: list[object] = []
+    rig.client.create_subscription(Float64, "arm/speed_scale", scales.append, 10)
+    for kind in (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW):
+        rig.send(cube(("crate", kind), (0.3 * kind, 0.9, 0.5), (0.2, 0.3, 0.4), type=kind))
+    rig.answer()
+    rig.move({"lift": 0.1, "turn": 0.5}, lift=0.1, turn=0.2)
+    rig.until(lambda: scales, "a scale")
+    states = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 2))
+    for count in (0, 1, 3, 200):
+        rig.ask(states[:count])
+    rig.set(state_validity_distance=1.0)
+    rig.ask(states)
+    rig.set(trajectory_margin=1e-4)
+    still = [0.0, 0.0]
+    rig.publish([(500.0 * n, [lift, 0.2], still) for n, lift in enumerate((0.1, 0.2, 0.1))])
+    rig.until(lambda: rig.said, "the trajectory")
+    rig.send(cube(("crate", 7), (1.0, 0.2, 0.6), (0.5, 0.5, 0.5))).answer()
+    rig.cycles(3)
+
+
+def all_of_a_robot(folder: Path) -> dict[str, Any]:
+    """Ask for all that can be asked of a robot; returns the kernels that no step has loaded."""
+    (folder / "finger.obj").write_text(MESH)
+    shapes = "".join(
+        f"<collision><geometry>{shape.format(folder)}</geometry></collision>" for shape in SHAPES
+    )
+    urdf = URDF.replace('<link name="column">', f'<link name="column">{shapes}', 1)
+    loaded = kernels_of_steps()
+    with AskingRig({"mesh_folders": [str(folder)]}) as rig:
+        before = _jit.loaded_kernels()
+        rig.describe(urdf)
+        rig.until(lambda: rig.robot.links is not None, rig.robot.fault)
+        ask(rig)
+        return {"new": sorted(_jit.loaded_kernels() - before - loaded)}
+
+
+def all_of_a_node(_: Path) -> dict[str, Any]:
+    """Ask for all that can be asked of a node; returns what came of its kernels and cycles."""
     loaded = kernels_of_steps()
     rig = Everything()
     Garbage.settle()  # as the executable does
@@ -209,9 +260,19 @@ def main() -> None:
         stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
         new = sorted(rig.kernels() - before - loaded)
     names = _kernel_cache.compiled.names[compiled:]
-    found = {"new": new, "loaded": len(loaded - before), "compiled": names, "stages": stages}
-    sys.stdout.write(json.dumps(found) + "\n")
+    return {"new": new, "loaded": len(loaded - before), "compiled": names, "stages": stages}
+
+
+def main(folder: str) -> None:
+    """Run each part in a process of its own, which begins with what all of them import."""
+    for part in (all_of_a_robot, all_of_a_node):
+        number = os.fork()
+        if not number:
+            sys.stdout.write(json.dumps(part(Path(folder))) + "\n")
+            sys.stdout.flush()
+            os._exit(0)
+        assert os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]) == 0, part
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

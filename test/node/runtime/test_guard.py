@@ -12,26 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A failure inside the node never ends it: at the item, the message, the output and the cycle."""
+"""A failure inside the node never ends it, nor does a clock that jumps or rclpy without a part."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-from rclpy.context import Context
+from builtin_interfaces.msg import Duration, Time
+from each import each
+from objects_rig import SECOND, START, ObjectsRig
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
-from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
+from rclpy.qos import QoSProfile
+from rig import NAMESPACE, Rig, cube, node_apart, pose, sync
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
+from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
+from obb_collision.node.objects.conditions import STALE
+from obb_collision.node.runtime import inner
+from obb_collision.node.runtime.clock import LARGEST_SLEW, NodeClock, boot_time
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import spin
+from obb_collision.shapes import Box
 
 A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
 
@@ -77,8 +85,7 @@ def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.Monke
 
 
 def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig.send(cube(A))
-    rig.answer()
+    rig.send(cube(A)).answer()
     with monkeypatch.context() as patch:
         patch.setattr(rig.node.objects, "clear", failing(lambda: 0, lambda *_: True))
         response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
@@ -92,62 +99,57 @@ def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_what_the_executor_raises_does_not_end_the_spinning() -> None:
-    context, caught = Context(), list[Exception]()
-    context.init(domain_id=DOMAIN)
-    node = Node("raises", context=context, namespace=NAMESPACE)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    caught = list[Exception]()
+    with node_apart("raises") as node:
+        context, executor = node.context, SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
 
-    def tick() -> None:
-        if len(caught) == 3:
-            context.try_shutdown()
-        raise UnforeseenError("by the test")
+        def tick() -> None:
+            if len(caught) == 3:
+                context.try_shutdown()
+            raise UnforeseenError("by the test")
 
-    def take(error: Exception) -> None:
-        if not context.ok():
-            raise error
-        caught.append(error)
+        def take(error: Exception) -> None:
+            if not context.ok():
+                raise error
+            caught.append(error)
 
-    node.create_timer(0.001, tick)
-    with suppress(ExternalShutdownException, UnforeseenError):
-        spin(executor, take)
-    assert len(caught) == 3
-    node.destroy_node()
+        node.create_timer(0.001, tick)
+        with suppress(ExternalShutdownException, UnforeseenError):
+            spin(executor, take)
+        assert len(caught) == 3
 
 
 def test_a_message_that_cannot_be_taken_leaves_no_callback_waiting() -> None:
-    context, caught, ticks = Context(), list[Exception](), list[int]()
-    context.init(domain_id=DOMAIN)
-    node = Node("takes", context=context, namespace=NAMESPACE)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    take = executor._take_timer
+    caught, ticks = list[Exception](), list[int]()
+    with node_apart("takes") as node:
+        context, executor = node.context, SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        take = executor._take_timer
 
-    def fail_once(timer: Any) -> Any:
-        if not caught:
-            raise MemoryError
-        return take(timer)
+        def fail_once(timer: Any) -> Any:
+            if not caught:
+                raise MemoryError
+            return take(timer)
 
-    executor._take_timer = fail_once  # type: ignore[method-assign]
+        executor._take_timer = fail_once  # type: ignore[method-assign]
 
-    def tick() -> None:
-        ticks.append(1)
-        if len(ticks) == 3:
-            context.try_shutdown()
+        def tick() -> None:
+            ticks.append(1)
+            if len(ticks) == 3:
+                context.try_shutdown()
 
-    node.create_timer(0.001, tick)  # all of a node's callbacks are in one group
-    with suppress(ExternalShutdownException):
-        spin(executor, caught.append)
-    assert (len(caught), len(ticks)) == (1, 3)
-    node.destroy_node()
+        node.create_timer(0.001, tick)  # all of a node's callbacks are in one group
+        with suppress(ExternalShutdownException):
+            spin(executor, caught.append)
+        assert (len(caught), len(ticks)) == (1, 3)
 
 
 def test_a_queue_that_cannot_be_read_is_unknown_hides_no_other_and_is_opened_again(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig.listen("collision_status")
-    rig.send(cube(A), cube(B, (3, 0, 0)))
-    rig.answer()
+    rig.send(cube(A), cube(B, (3, 0, 0))).answer()
     subscribed = rig.node.subscribed
     drain, topic, before = subscribed._drain, "object_states", subscribed.open["object_states"]
 
@@ -197,3 +199,165 @@ def test_what_fails_because_the_context_is_gone_is_raised() -> None:
     with pytest.raises(UnforeseenError), guard.catching("cycle"):
         raise UnforeseenError
     assert guard.total == 0
+
+
+def test_a_node_that_ends_leaves_no_service() -> None:
+    with Rig() as rig:
+        rig.node.destroy_node()
+        own = f"{NAMESPACE}/obb_collision/"
+        rclpys = f"{own}get_type_description"  # it stays as long as the object of the node does
+
+        def left() -> set[str]:
+            names = {name for name, _ in rig.client.get_service_names_and_types()}
+            return {name for name in names if name.startswith(own)}
+
+        rig.until(lambda: left() <= {rclpys}, "no service")
+        assert not [*rig.node.services]
+
+
+def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inner, "getattr", lambda _, name, default: default, raising=False)
+    with Rig() as rig:
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert all(result.successful for result in rig.set(padding=0.01))
+        inner.release(rig.executor)
+    assert not [*rig.node.services]
+
+
+A1, A2 = ("a", 1), ("a", 2)
+
+
+class Times:
+    """A node's clock that a test sets."""
+
+    def __init__(self, simulated: bool = False) -> None:
+        self.time, self.steady, self.simulated = START, 0, simulated
+        self.jumps: list[int] = []
+        self.slow = 0
+        self.clock = NodeClock(
+            lambda: self.time,
+            lambda: self.simulated,
+            lambda shift, now: self.jumps.append(shift),
+            self._steady,
+        )
+
+    def _steady(self) -> int:
+        self.steady += self.slow
+        return self.steady
+
+    def step(self, moved: int, elapsed: int) -> list[int]:
+        """Let time pass, and return the jumps that are found."""
+        self.time, self.steady, self.jumps[:] = self.time + moved, self.steady + elapsed, []
+        assert self.clock.now() == self.time
+        return self.jumps
+
+
+YEARS = 56 * 365 * 86400
+BACK, FURTHER = START // SECOND, 7
+"""Seconds that the time falls back without a message of /clock, and of the first one."""
+
+
+@each(
+    "steps",
+    [
+        # of each step: whether the time is simulated, how far it moves, how long it takes, the jump
+        *([(0, 1, 1, 0), (0, n + 1, 1, n), (0, 1, 1, 0)] for n in (-3600, -1, 1, YEARS)),
+        [(0, 1.0005, 1, 0)] * 1000,  # slewed
+        [(1, 50, 1, 0), (1, 0, 9, 0), (1, -20, 1, -20)],  # as fast as it likes, paused, and back
+        [(1, -BACK, 1, -BACK - 1), (1, 0, 1, 0), (1, FURTHER, 1, FURTHER), (0, 2, 1, 1)],
+    ],
+)
+def test_jumps_are_steps_of_the_systems_clock_and_of_a_simulation_those_back(
+    steps: list[tuple[int, float, int, int]],
+) -> None:
+    times = Times(simulated=len(steps) == 3 and steps[0][0] == 1)
+    for simulated, moved, elapsed, jump in steps:
+        times.simulated = bool(simulated)
+        found = times.step(int(moved * SECOND), elapsed * SECOND)
+        assert found == [jump * SECOND] * (jump != 0)
+
+
+def test_a_look_that_is_held_up_decides_nothing() -> None:
+    times = Times()
+    times.slow = LARGEST_SLEW
+    assert times.step(SECOND, 2 * SECOND) == []
+    times.slow = 0
+    steady = times.steady
+    times.time = START + steady
+    assert times.step(0, 0) == []
+
+
+def test_the_steady_clock_does_not_go_back() -> None:
+    first = boot_time()
+    assert boot_time() >= first > 0
+    assert first >= time.monotonic_ns() - SECOND, "the time asleep counts"
+
+
+@each("shift", [-500 * SECOND, 500 * SECOND])
+def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
+    rig = ObjectsRig(A1, object_timeout=3.0)
+    slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
+    rig.slots = np.append(rig.slots, slot)
+    rig.objects.shapes.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
+    rig.send(rig.now)
+    rig.cycle()
+    rig.now += shift
+    rig.objects.clock_jumped(shift)
+    rig.now += SECOND
+    rig.cycle()
+    assert set(rig.objects.table.slots) == {A1, A2}
+    assert not rig.objects.table.has(STALE).any()
+    assert not rig.objects.table.doubtful.any()
+    assert len(rig.objects.unplaceable) == 1
+    rig.now += SECOND + 1
+    rig.cycle()
+    assert set(rig.objects.table.slots) == {A1}
+    assert rig.objects.unplaceable == {}
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.objects.table.has(STALE, rig.slots[0])
+
+
+def test_by_topics_the_time_may_change_to_a_simulations_and_back(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with Rig() as rig:
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0), lifetime=Duration(sec=3600)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        rig.set(use_sim_time=True)
+        assert rig.now() == 0, "no message of /clock so far"
+        assert "the clock jumped by -" in capfd.readouterr().err
+        rig.cycles(2)
+        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
+        rig.until(lambda: rig.now() == 7 * SECOND, "time")
+        rig.cycles(2)
+        assert "the clock jumped by +7.000 s" in capfd.readouterr().err
+        rig.set(use_sim_time=False)
+        rig.cycles(2)
+        assert "the clock jumped by +" in capfd.readouterr().err
+        assert set(rig.node.objects.table.slots) == {A1, A2}
+        assert not rig.node.objects.table.doubtful.any()
+        rig.send(cube(A2, (3, 0, 0)))
+        assert rig.pairs() == set()
+
+
+@each("sec, nanosec", [(-5, 0), (-(2**31), 2**32 - 1), (3, 10**9)])
+@each("from_start", [False, True])
+def test_times_that_no_clock_gives_are_refused(
+    capfd: pytest.CaptureFixture[str], from_start: bool, sec: int, nanosec: int
+) -> None:
+    with Rig(use_sim_time=from_start) as rig:
+        if not from_start:
+            rig.set(use_sim_time=True)
+        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+        clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
+        warning = f"/clock: refused bad stamp: sec {sec}"
+        rig.until(lambda: rig.node.guard.total or warning in capfd.readouterr().err, "warning")
+        assert rig.node.guard.total == 0
+        assert rig.now() == 0
+        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
+        rig.until(lambda: rig.now() == 7 * SECOND, "time")

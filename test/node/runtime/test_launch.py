@@ -27,15 +27,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from node_process import environment
-from processes import limited
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rig import DOMAIN, NAMESPACE, Client
+from processes import started
+from rig import NAMESPACE, client_apart
 
 from obb_collision.node.inputs import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
@@ -146,15 +142,9 @@ class Launched:
     ) -> Iterator[subprocess.Popen[str]]:
         """Launch; killed at the end if it still runs."""
         before = os.environ.get("AMENT_PREFIX_PATH", "")
-        process = subprocess.Popen(
-            [sys.executable, "-c", LAUNCH, ROOT / "launch" / file, *arguments],
-            env=environment(AMENT_PREFIX_PATH=f"{self._folder / 'prefix'}:{before}"),
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        with limited(process):
+        path = environment(AMENT_PREFIX_PATH=f"{self._folder / 'prefix'}:{before}")
+        launch = str(ROOT / "launch" / file)
+        with started("-c", LAUNCH, launch, *arguments, cwd=ROOT, **path) as process:
             yield process
 
     def run(self, *arguments: str, **which: str) -> tuple[int, str]:
@@ -192,23 +182,15 @@ def test_the_node_is_configured_and_activated_by_whom_launch_is_told(
 ) -> None:
     node = tmp_path / "prefix/lib/obb_collision/obb_collision_node"
     node.write_text(REAL.format(python=sys.executable))
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    other = Client(context, SingleThreadedExecutor(context=context))
     arguments = (f"namespace:={NAMESPACE}", *([f"autostart:={who}"] if who else ()))
-    with launched.running(*arguments) as process:
-        try:
-            other.until(lambda: other.state() == state, state)
-            process.send_signal(signal.SIGINT)
-            output, _ = process.communicate(timeout=60)
-            assert process.returncode == 0, output
-            assert "Traceback" not in output
-            waited = "unconfigured: nothing is stored" in output
-            assert waited == (who in ("launch", "false")), output
-        finally:
-            other.executor.shutdown()
-            other.client.destroy_node()
-            context.try_shutdown()
+    with launched.running(*arguments) as process, client_apart() as other:
+        other.until(lambda: other.state() == state, state)
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
+    waited = "unconfigured: nothing is stored" in output
+    assert waited == (who in ("launch", "false")), output
 
 
 @pytest.fixture

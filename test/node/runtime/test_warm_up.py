@@ -12,10 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels made ready at the start and beside the cycles: where, in which order, and what waits."""
+"""Kernels made ready at the start and beside the cycles; nothing is compiled after "ready"."""
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Event, Thread
@@ -23,10 +27,10 @@ from time import monotonic
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
+from built_markers import RING, levels, ring
+from node_process import cached, environment, running
+from processes import PATIENCE, output_until, run_python
 from rig import Rig, cube, sync
-from rings import RING, levels, ring
 from visualization_msgs.msg import Marker
 
 from obb_collision import Accuracy, _kernel_cache
@@ -35,8 +39,6 @@ from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
 
 SEPARATIONS = "effect separations"
-PATIENCE = 60.0
-"""Seconds that a thread may take on a loaded machine."""
 
 
 class Cache:
@@ -343,3 +345,101 @@ def test_an_effect_that_cannot_be_compiled_says_why_in_the_diagnostics(late_cach
         rig.listen("/diagnostics", "contacts")
         rig.until(lambda: "full" in rig.status(": cycle")["effect contacts"], "the reason")
         assert "contacts" not in rig.last
+
+
+EVERYTHING = Path(__file__).with_name("everything.py")
+LONGEST_WORK = 0.1
+"""Seconds that the process of a node may work between two cycles, by its own clock."""
+LONGEST_SHARE = 0.2
+"""Of the time that others compile: a cycle that waits for them takes about all of it."""
+
+
+def ask_everything(folder: Path, cache: Path | None = None) -> list[dict[str, Any]]:
+    """Run the script that asks for everything; returns what it found of a robot and of a node."""
+    where = environment(**({} if cache is None else cached(cache)))
+    done = run_python(str(EVERYTHING), str(folder), **where)
+    return [json.loads(line) for line in done.stdout.splitlines()[-2:]]
+
+
+def test_no_cycle_loads_a_kernel(tmp_path: Path) -> None:
+    """Whatever is asked for is loaded before the node is ready, or beside its cycles."""
+    pytest.importorskip("lxml")
+    pytest.importorskip("trajectory_msgs")
+    of_robot, found = ask_everything(tmp_path)
+    assert of_robot["new"] == found["new"] == found["compiled"] == []
+    assert found["loaded"] > 0, "or this would show nothing"
+    for stage, numbers in found["stages"]:
+        if stage.startswith(("effect ", "accuracy ")):
+            assert numbers["longest work"] < LONGEST_WORK, (stage, numbers)
+
+
+@pytest.mark.slow  # test_warm_up.py holds up what compiles, and cycles go on
+def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_path: Path) -> None:
+    _, found = ask_everything(tmp_path, tmp_path)
+    assert found["new"] == found["compiled"] == []
+    slow = [
+        (stage, numbers)
+        for stage, numbers in found["stages"]
+        if stage.startswith(("effect ", "accuracy ")) and not stage.endswith("moved")
+        if numbers["seconds"] > 2.0
+    ]
+    assert slow, "nothing took long enough to be compiled"
+    for stage, numbers in slow:
+        assert numbers["longest work"] < LONGEST_WORK, (stage, numbers)
+        assert numbers["longest"] < LONGEST_SHARE * numbers["seconds"], (stage, numbers)
+
+
+def copy_kernels(folder: Path) -> None:
+    """Copy the kernels to another cache."""
+    for source in _kernel_cache.places[0].iterdir():
+        if source.is_dir():
+            shutil.copytree(source, folder / "obb_collision" / source.name)
+
+
+def damage(files: list[Path]) -> None:
+    """Damage kernels, each in one of four ways."""
+    for number, file in enumerate(files):
+        content = file.read_bytes()
+        half = content[: len(content) // 2]
+        ways = (b"", bytes(len(content)), os.urandom(len(content)), half)
+        file.write_bytes(ways[number % len(ways)])
+
+
+@pytest.mark.slow  # test_kernel_cache damages single files
+def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path) -> None:
+    copy_kernels(tmp_path)
+    damage(sorted(tmp_path.rglob("*.kernel")))
+    with running(**cached(tmp_path)) as process:
+        output = output_until(process, "ready:")
+        assert f"kernels in {tmp_path / 'obb_collision'} are damaged" in output
+        assert "compiling kernels for boxes" in output
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    with running(**cached(tmp_path)) as process:
+        assert "compiling" not in output_until(process, "ready:")
+
+
+@pytest.mark.slow
+def test_where_the_cache_takes_nothing_a_temporary_folder_does(tmp_path: Path) -> None:
+    file, temporary = tmp_path / "file", tmp_path / "temporary"
+    file.write_text("no folder")
+    temporary.mkdir()
+    with running(TMPDIR=str(temporary), **cached(file)) as process:
+        output = output_until(process, "ready:")
+        assert f"kernels can't be kept in {file / 'obb_collision'}" in output
+        assert list(temporary.glob("obb_collision-kernels-*/*/*.kernel"))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    assert not list(temporary.glob("obb_collision-kernels-*"))
+
+
+def test_a_start_that_compiles_says_how_far_it_is_and_can_be_interrupted(tmp_path: Path) -> None:
+    with running(**cached(tmp_path)) as process:
+        first = output_until(process, "compiling kernels for")
+        assert str(tmp_path / "obb_collision") in first
+        assert "kernels and" in output_until(process, "steps done")
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, output
+        assert "Traceback" not in output
+        assert "ready:" not in output

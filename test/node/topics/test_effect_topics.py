@@ -19,8 +19,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -28,10 +26,8 @@ from typing import Any
 import numpy as np
 import numpy.lib.recfunctions as rfn
 import pytest
-
-pytest.importorskip("rclpy")
 from each import each
-from effect_topics import answer, listening
+from processes import run_python
 from rig import FIRST_STAMP, Rig, cube, pose
 from sensor_msgs.msg import PointField
 
@@ -62,7 +58,7 @@ CLOUDS = {topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cl
 
 @each("topic", ["contacts", "clearances", "predicted_collisions"])
 def test_messages_come_every_cycle_also_when_there_is_nothing(rig: Rig, topic: str) -> None:
-    listening(rig, topic)
+    rig.hear(topic)
     first, second = rig.next(topic), rig.next(topic)
     assert (first.width, second.width) == (0, 0)
     assert first.header.frame_id == "map"
@@ -70,10 +66,10 @@ def test_messages_come_every_cycle_also_when_there_is_nothing(rig: Rig, topic: s
 
 
 def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig) -> None:
-    listening(rig, "contacts")
+    rig.hear("contacts")
     # sent so that scene indices and keys disagree on who is first
     rig.send(cube(("a", 2), (0.75, 0.25, 0.0)), cube(("a", 1)))
-    message = answer(rig, "contacts")
+    message = rig.answer("contacts")
     rows = contacts_from_ros(message)
     assert rows["index"].tolist() == [0, 1, 2, 3]
     assert rows["count"].tolist() == [4] * 4
@@ -93,9 +89,9 @@ def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig)
 
 def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() -> None:
     with Rig(given={"effects.clearance_max_distance": 0.75}) as rig:
-        listening(rig, "clearances")
+        rig.hear("clearances")
         rig.send(cube(("a", 2), (1.5, 0, 0)), cube(("a", 1)), cube(("b", 1), (-1.8, 0, 0)))
-        (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces("a", "b"))
+        (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a", "b"))
         assert (found.a, found.b, found.distance) == ("a/1", "a/2", 0.5)
         assert (found.point_a[0], found.point_b[0]) == (0.5, 1.0)
         assert found.point_a[1:] == found.point_b[1:]
@@ -106,20 +102,17 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
 
 
 def test_overlapping_boxes_have_a_negative_clearance(rig: Rig) -> None:
-    listening(rig, "clearances")
+    rig.hear("clearances")
     rig.send(cube(("a", 1)), cube(("a", 2), (0.75, 0, 0)))
-    (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces("a"))
+    (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a"))
     assert found.distance == -0.25
 
 
 def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
-    listening(rig, "predicted_collisions")
-    rig.send(cube(("wall", 1), (2.0, 0, 0), (0.5, 4, 4)), cube(("fast", 1)))
-    rig.answer()
+    rig.hear("predicted_collisions")
+    rig.send(cube(("wall", 1), (2.0, 0, 0), (0.5, 4, 4)), cube(("fast", 1))).answer()
     rig.send_states(["fast/1"], [pose(0.0)], twists=[[2.5, 0, 0, 0, 0, 0]])
-    (found,) = named_predictions(
-        answer(rig, "predicted_collisions"), rig.namespaces("wall", "fast")
-    )
+    (found,) = named_predictions(rig.answer("predicted_collisions"), rig.namespaces("wall", "fast"))
     assert (found.a, found.b) == ("wall/1", "fast/1")
     assert found.time == pytest.approx(0.5)
     assert found.point[0] == pytest.approx(1.75)
@@ -131,13 +124,13 @@ def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
 
 
 def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) -> None:
-    listening(rig, "predicted_collisions")
+    rig.hear("predicted_collisions")
     rig.send(cube(("wall", 1), (2.0, 0, 0), (0.25, 4, 4)), cube(("fast", 1), size=(0.5, 0.5, 0.5)))
     rig.answer()
     before = rig.stamp
     rig.stamp += 99_000_000
     rig.send_transform("fast/1", pose(4.0))
-    message = answer(rig, "predicted_collisions")
+    message = rig.answer("predicted_collisions")
     assert rig.pairs() == set(), "neither before nor after"
     seconds = 1e-9 * (rig.stamp - before)
     table = rig.namespaces("wall", "fast")
@@ -209,12 +202,11 @@ def test_rows_are_aligned_and_drawn_by_rviz(cloud: Cloud[Any]) -> None:
 
 
 def test_points_inside_are_counted_by_object(rig: Rig) -> None:
-    listening(rig, "points_inside")
-    rig.send(cube(("a", 1)), cube(("a", 2), (2.0, 0, 0)), cube(("b", 1), (9.0, 0, 0)))
-    rig.answer()
+    rig.hear("points_inside")
+    rig.send(cube(("a", 1)), cube(("a", 2), (2.0, 0, 0)), cube(("b", 1), (9.0, 0, 0))).answer()
     inside = [[9.0, 9, 9], [2.4, 0, 0], [0.25, 0, 0], [np.nan, 0, 0], [0.125, 0, 0], [0.4, 0, 0]]
     rig.send_points(inside)
-    message = answer(rig, "points_inside")
+    message = rig.answer("points_inside")
     assert named_points_inside(message, rig.namespaces("a", "b")) == [
         ("a/1", 3, 2, 4, 0.125),
         ("a/2", 1, 1, 1, pytest.approx(0.4)),
@@ -323,11 +315,7 @@ def test_an_effect_is_one_file_and_one_entry(tmp_path: Path) -> None:
     tools = Path(__file__).parents[1]
     others = os.environ.get("PYTHONPATH", "").split(os.pathsep)  # what is needed may be there
     path = os.pathsep.join(map(str, (folder, tools, tools.parent / "support", *others)))
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], cwd=folder, env={**os.environ, "PYTHONPATH": path},
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    done = run_python("-c", PROGRAM, cwd=folder, PYTHONPATH=path)
     seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     assert seen["package"].startswith(str(folder))
     assert (seen["pairs"], seen["heights"]) == ([[0, 1]], [0.25])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every command in the documentation can be given: its program, options, files and names exist."""
+"""Every command of the documentation can be given, and every Python block runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ import contextlib
 import io
 import re
 import shlex
+import threading
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -180,3 +182,86 @@ def test_yaml_blocks_are_scenes_or_parameters(tmp_path: Path) -> None:
     assert len(scenes) >= 2
     for name in set(parameters) - {"qos_overrides"}:
         check_parameter(name)
+
+
+PAGE_PROGRAMS = {page_name(page): code_blocks(page, "python") for page in PAGES}
+PATIENCE = 300.0
+"""Seconds after which a program with ROS is stopped: long, as it may compile its kernels."""
+
+
+def test_the_programs_are_found() -> None:
+    with_code = {name for name, blocks in PAGE_PROGRAMS.items() if blocks}
+    assert with_code >= {"README.md", "docs/library.md", "docs/scaling.md", "docs/scene_files.md"}
+    fenced = sum(page.read_text(encoding="utf-8").count("```python") for page in PAGES)
+    assert sum(map(len, PAGE_PROGRAMS.values())) == fenced
+
+
+def parameter_blocks(name: str) -> list[str]:
+    """Return the parameters that a page has for all nodes."""
+    return [block for block in code_blocks(ROOT / name, "yaml") if block.startswith("/**:")]
+
+
+@contextmanager
+def node_beside(parameters: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run a collision node in a thread, in the domain that the programs take from outside.
+
+    parameters: a file, maybe of none.
+    """
+    from rclpy.context import Context
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.utilities import try_shutdown
+    from rig import DOMAIN
+
+    from obb_collision.node.node import CollisionNode
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    executor = SingleThreadedExecutor(context=context)
+    arguments = ["--ros-args", "--params-file", str(parameters)]
+    node = CollisionNode(context=context, cli_args=arguments)
+    executor.add_node(node)
+    ending = threading.Event()
+
+    def spin() -> None:
+        try:
+            while not ending.is_set():
+                executor.spin_once(timeout_sec=0.1)
+        except ExternalShutdownException:  # the test has failed already
+            return
+
+    watchdog = threading.Timer(PATIENCE, try_shutdown)
+    spinning = threading.Thread(target=spin)
+    watchdog.start()
+    spinning.start()
+    try:
+        yield
+    finally:
+        watchdog.cancel()
+        ending.set()
+        spinning.join(PATIENCE)
+        try_shutdown()
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.mark.parametrize("name", [name for name, blocks in PAGE_PROGRAMS.items() if blocks])
+def test_the_blocks_run_and_print_what_they_say(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    clean = tmp_path / "clean"
+    clean.mkdir()
+    monkeypatch.chdir(clean)
+    parameters = tmp_path / "parameters.yaml"
+    parameters.write_text("".join(parameter_blocks(name)))
+    variables: dict[str, object] = {"__name__": Path(name).stem}
+    for code in PAGE_PROGRAMS[name]:
+        beside: AbstractContextManager[None] = nullcontext()
+        if "import rclpy" in code:
+            pytest.importorskip("rclpy")
+            beside = node_beside(parameters, monkeypatch)
+        with beside:
+            exec(compile(code, name, "exec"), variables)
+        expected = re.findall(r"^ *print\(.*\)  # (.*)$", code, re.MULTILINE)
+        assert capsys.readouterr().out.splitlines() == expected

@@ -12,36 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""Complete sets of boxes by ``object_boxes``, on real topics."""
+"""Complete sets of boxes and of detections on topics."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
 from each import each
+from geometry_msgs.msg import Vector3
 from rig import FRAME, Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import boxes_to_ros, namespace_number
+from obb_collision.node.inputs import detections, detections_from_bytes, numbers_of
+from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.conditions import BAD_POSE
 from obb_collision.node.objects.table import ObjectTable
+from tools.fuzz.messages import Box, Detection, Detections, Hypothesis, Result, serialised
 
 TOPIC = "object_boxes"
 NUMBER = namespace_number("seen")
-
-
-@pytest.fixture
-def rig() -> Iterator[Rig]:
-    with Rig() as made:
-        yield made
 
 
 def keys(rig: Rig) -> set[tuple[str, int]]:
@@ -54,8 +52,7 @@ def in_row(*places: float) -> Any:
 
 
 def test_markers_do_not_touch_boxes(rig: Rig) -> None:
-    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
-    rig.answer()
+    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2).answer()
     rig.send(Marker(action=Marker.DELETEALL))
     rig.send(cube(("#" + str(NUMBER), 1), (9, 0, 0)))
     assert sync(rig) == {(f"#{NUMBER}/1", f"#{NUMBER}/2")}, "named by its number"
@@ -67,15 +64,13 @@ def test_markers_do_not_touch_boxes(rig: Rig) -> None:
     assert rig.node.objects.scene.check().names() == [("seen/1", "seen/2")], "a marker said it"
     assert rig.refused("objects") == {"object of another input": 3}
     assert rig.node.objects.table.doubtful[rig.node.objects.table.slots["seen", 1]]
-    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
-    rig.answer()
+    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2).answer()
     assert not rig.node.objects.table.doubtful[rig.node.objects.table.slots["seen", 1]]
 
 
 def test_boxes_whose_name_is_received_are_what_is_required(rig: Rig) -> None:
     rig.set(required_objects=["seen/1"])
-    rig.send_boxes([1, 2], in_row(0, 5), namespaces=[NUMBER] * 2)
-    rig.answer()
+    rig.send_boxes([1, 2], in_row(0, 5), namespaces=[NUMBER] * 2).answer()
     assert [reason.code for reason in rig.node.evidence.answer().reasons] == ["required_missing"]
     rig.node.objects.table.namespaces.admit("seen")
     assert rig.node.evidence.answer().reasons == ()
@@ -95,8 +90,7 @@ def test_a_bad_row_is_refused_alone(rig: Rig, size: Any, place: Any, reason: str
     rig.send_boxes([1, 2, 3], in_row(0, 0.5, 9))
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     for ids in ([1, 2], [1, 4]):
-        rig.send_boxes(ids, [pose(0), place], [[1, 1, 1], size])
-        rig.answer()
+        rig.send_boxes(ids, [pose(0), place], [[1, 1, 1], size]).answer()
     assert rig.refused(TOPIC) == {reason: 2}
     assert keys(rig) == {("boxes", 1)}, "2 is not in the second set, 4 can't be"
     assert rig.node.objects.unplaceable == {("boxes", 4): reason}
@@ -166,8 +160,7 @@ def test_a_set_with_an_older_stamp_is_late_unless_its_sender_began_anew(rig: Rig
 def test_new_boxes_beyond_the_limit_are_refused(rig: Rig) -> None:
     rig.set(max_objects=3)
     rig.send(cube(("a", 1)))
-    rig.send_boxes([1, 2, 3, 4], in_row(5, 10, 15, 20))
-    rig.answer()
+    rig.send_boxes([1, 2, 3, 4], in_row(5, 10, 15, 20)).answer()
     assert keys(rig) == {("a", 1), ("boxes", 1), ("boxes", 2)}
     assert rig.refused(TOPIC) == {"too many objects": 2}
     rig.send_boxes([4, 3], in_row(20, 15))  # those that go make room
@@ -191,8 +184,7 @@ def test_very_many_namespaces_do_not_hold_up_the_cycles(rig: Rig) -> None:
     rig.set(max_objects=count)
     poses = np.zeros((count, 7))
     poses[:, 0], poses[:, 6] = 2.0 * np.arange(count), 1.0
-    rig.send_boxes(np.arange(count), poses, 1.0, np.arange(count))
-    rig.answer()
+    rig.send_boxes(np.arange(count), poses, 1.0, np.arange(count)).answer()
     assert rig.refused(TOPIC) == {"too many namespaces": count - 20_000}
     assert len(rig.node.objects.table) == 20_000
 
@@ -221,3 +213,135 @@ def test_boxes_that_fail_leave_nothing_of_those_in_whose_place_they_were_to_come
     rig.send_boxes([12, 13], in_row(0.9, 1.8))
     assert rig.pairs() == {("boxes/12", "boxes/13")}
     assert keys(rig) == {("boxes", 12), ("boxes", 13)}
+
+
+SEEN = "detections"
+EDGES = (1.0, 1.0, 1.0)
+
+
+class Seen(NamedTuple):
+    """A detection; results: classes, each with its score."""
+
+    pose: Any
+    size: Sequence[float] = EDGES
+    ident: str = ""
+    results: Sequence[tuple[str, float]] = ()
+    frame: str = FRAME
+
+
+def bytes_of(some: Sequence[Seen], stamp: int = 1, frame: str = FRAME) -> bytes:
+    """Return a Detection3DArray as it is serialised."""
+    seen = []
+    for one in some:
+        header = Header(stamp=stamp_to_ros(stamp), frame_id=one.frame)
+        results = [Result(Hypothesis(name, score)) for name, score in one.results]
+        x, y, z = map(float, one.size)
+        box = Box(pose_to_ros(one.pose), Vector3(x=x, y=y, z=z))
+        seen.append(Detection(header, results, box, one.ident))
+    return serialised(Detections(Header(stamp=stamp_to_ros(stamp), frame_id=frame), seen))
+
+
+class DetectionRig(Rig):
+    """A node with the topic, its type being another one: messages go as bytes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen = self.client.create_publisher(PointCloud2, SEEN, 10)
+        self.pubs[SEEN] = self.seen
+        self.wait_inputs()
+
+    def see(self, *some: Seen, frame: str = FRAME) -> None:
+        """Send a complete set."""
+        self.header()
+        self.seen.publish(bytes_of(some, self.stamp, frame))
+
+    def keys(self) -> set[tuple[str, int]]:
+        """Return the keys of the objects."""
+        return {key for key in self.node.objects.table.slots if key[0] != "sync"}
+
+
+@pytest.fixture
+def seeing(monkeypatch: pytest.MonkeyPatch) -> Iterator[DetectionRig]:
+    monkeypatch.setattr(detections, "INPUTS", {SEEN: Input(PointCloud2, 10)})
+    with DetectionRig() as made:
+        yield made
+
+
+def test_each_message_is_the_complete_set(seeing: DetectionRig) -> None:
+    cup = [("cup", 0.9), ("bottle", 0.1)]
+    seeing.see(Seen(pose(0), ident="4", results=cup), Seen(pose(0.9), ident="7"))
+    assert seeing.pairs() == {("detections/4", "detections/7")}
+    seeing.see(Seen(pose(0.9), ident="7"), Seen(pose(5), (2, 2, 2), ident="9"), Seen(pose(6.4)))
+    assert seeing.pairs() == {("detections/0", "detections/9")}
+    assert seeing.keys() == {("detections", number) for number in (0, 7, 9)}
+    seeing.see()
+    seeing.until(lambda: not seeing.keys(), "an empty set")
+    assert seeing.refused(SEEN) == {}
+
+
+def test_sets_of_boxes_and_markers_are_others(seeing: DetectionRig) -> None:
+    seeing.send(cube(("wall", 1)))
+    seeing.send_boxes([1], [pose(0.9)])
+    seeing.see(Seen(pose(1.8), ident="1"))
+    assert seeing.pairs() == {("boxes/1", "wall/1"), ("boxes/1", "detections/1")}
+    seeing.see()
+    seeing.until(lambda: seeing.keys() == {("wall", 1), ("boxes", 1)}, "markers and boxes")
+    seeing.send_boxes([], np.empty((0, 7)))
+    seeing.until(lambda: seeing.keys() == {("wall", 1)}, "the marker alone")
+    seeing.see(Seen(pose(3.0), ident="1"))
+    seeing.answer()
+    seeing.send(cube(("detections", 1)))
+    seeing.refuses("objects", {"object of another input": 1})
+
+
+@each("frame", ["", FRAME])
+def test_the_frame_of_all_is_that_of_the_message(seeing: DetectionRig, frame: str) -> None:
+    seeing.see(Seen(pose(0.0), frame=""), Seen(pose(0.9), frame=FRAME), frame=frame)
+    assert seeing.pairs() == {("detections/0", "detections/1")}
+    seeing.see(Seen(pose(0.0), frame="camera"), frame=FRAME)
+    seeing.refuses(SEEN, {"several frames": 1})
+    assert seeing.node.objects.table.has(BAD_POSE).any()  # what there is may have moved
+
+
+def test_what_is_cut_short_is_refused_whole() -> None:
+    some = [Seen(pose(1.0), ident="a", results=[("cup", 0.5)]), Seen(pose(2.0), ident="12")]
+    data = bytes_of(some, 5, "map")
+    found = detections_from_bytes(data, 10)
+    assert (found.header.frame_id, found.ids, found.frames) == ("map", ["a", "12"], {FRAME})
+    np.testing.assert_array_equal(found.poses, [pose(1.0), pose(2.0)])
+    np.testing.assert_array_equal(found.sizes, np.ones((2, 3)))
+    for end in range(4, len(data)):
+        with pytest.raises(RefusedError, match="malformed message"):
+            detections_from_bytes(data[:end], 10)
+    with pytest.raises(RefusedError, match="too many points"):
+        detections_from_bytes(data, 1)
+
+
+def test_none_is_lost_by_its_id() -> None:
+    assert numbers_of(["5", "", "5", "0", "", "99999999999"])[[0, 3]].tolist() == [5, 0]
+    texts = ["track-a", "", "7", "7", "track-a", "9" * 5000, "-3", *map(str, range(40))]
+    numbers = numbers_of(texts)
+    assert len(set(numbers.tolist())) == len(texts)
+    assert np.abs(numbers).max() <= 2**31
+    assert numbers_of(["x", "track-a"])[1] == numbers[0]
+
+
+def test_bytes_are_those_of_vision_msgs() -> None:
+    pytest.importorskip("vision_msgs")
+    from rclpy.serialization import deserialize_message, serialize_message
+    from vision_msgs.msg import Detection3DArray
+
+    some = [Seen(pose(1.0), (1, 2, 3), "a", [("cup", 0.5), ("b", 1.0)]), Seen(pose(2.0))]
+    message = deserialize_message(bytes_of(some, 5), Detection3DArray)
+    assert [one.id for one in message.detections] == ["a", ""]
+    assert message.detections[0].results[1].hypothesis.class_id == "b"
+    found = detections_from_bytes(serialize_message(message), 10)
+    np.testing.assert_array_equal(found.sizes, [(1, 2, 3), EDGES])
+    with Rig() as rig:
+        publisher = rig.client.create_publisher(Detection3DArray, SEEN, 10)
+        rig.until(publisher.get_subscription_count, "the subscription")
+        message.header = rig.header()
+        for one in message.detections:
+            one.header = message.header
+        publisher.publish(message)
+        assert rig.pairs() == {("detections/0", f"detections/{numbers_of(['a'])[0]}")}

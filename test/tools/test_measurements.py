@@ -1,0 +1,301 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Measurements on next to nothing: weight, goals, regions, effects of peers, robots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from each import each
+
+from tools import goals
+
+pytest.importorskip("rclpy")
+import obb_collision as oc
+from obb_collision.benchmarks.corpora import Corpus, generated_corpus
+from obb_collision.benchmarks.effects import measure_effects
+from obb_collision.scene_files import find_scene
+from tools import robots
+from tools.peers import effects
+from tools.peers.robots import PEERS, Case
+from tools.regions import far_costs, main
+from tools.weight import LIMITS, Project, figures, table
+
+
+def test_goals_are_measured_and_one_that_fails_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(goals, "SIZES", (10, 20))
+    monkeypatch.setattr(goals, "LARGE", (20, 30, 40))
+    monkeypatch.setattr(goals, "FORMS", ["uniform", "line"])
+    monkeypatch.setattr(goals, "SHORT_TURNS", 3)
+    monkeypatch.setattr(goals, "BOXES_TURNS", 3)
+    monkeypatch.setattr(goals, "FORM_BOXES", 30)
+    for part in ("node", "starts", "per_pair"):
+        monkeypatch.setattr(goals.Goals, part, failing)
+    files = [tmp_path / "goals.json", tmp_path / "page.md"]
+    arguments = ["--seconds", "0.001", "--json", str(files[0])]
+    assert goals.main([*arguments, "--markdown", str(files[1])]) == 0
+    text = capsys.readouterr()
+    found = json.loads(files[0].read_text())["goals"]
+    assert len(found) == 6 + 2 + 4 + 1 + 3 + 3
+    for goal in found:
+        failed = "no such thing" in goal["measured"]
+        absent = "not installed" in goal["measured"]
+        assert (goal["met"] is None) == (failed or absent), goal
+    assert sum("no such thing" in goal["measured"] for goal in found) == 3
+    assert "10 boxes: move_indices, check, pairs read" in text.out
+    assert "| find_pairs, 20 boxes |" in files[1].read_text()
+
+
+def failing(self: object) -> Iterator[goals.Goal]:
+    raise RuntimeError("no such thing")
+
+
+def test_a_goal_of_the_node_needs_an_answer_to_every_frame() -> None:
+    rows = [
+        {"way": way, "objects": objects, "median": 0.5, "95 %": 0.6, "99 %": 5.0, "longest": 9.0}
+        for way, objects, *_ in goals.NODE
+    ]
+    assert [goal.met for goal in goals.node_goals(rows)] == [False, *[True] * 5]
+    rows[0]["99 %"] = 2.0
+    del rows[3]["median"]
+    assert [goal.met for goal in goals.node_goals(rows)] == [True] * 3 + [False] + [True] * 2
+    table = goals.node_table(rows)
+    assert table[1] == ["object_poses", "1,000", "0.500", "0.600", "2.00", "9.00"]
+    assert table[4][2] == "no answer"
+
+
+def test_the_node_is_measured_in_all_ways_that_have_a_goal() -> None:
+    pytest.importorskip("rclpy")
+    from tools import latency
+
+    for way, objects, *_ in goals.NODE:
+        assert way in latency.WAYS
+        assert objects in (*latency.SIZES, latency.OTHERS)
+
+
+def test_what_is_near_is_a_part_and_nothing_is_near_to_what_is_far() -> None:
+    costs = far_costs(400, seed=1, repeats=2)
+    near = [costs[name]["near"] for name in ("1 of 1", "1 of 2", "1 of 4", "far")]
+    assert near[0] == 400
+    assert near == sorted(near, reverse=True)
+    assert 200 < near[1] < 400
+    assert near[3] == 0
+
+
+@pytest.mark.slow  # test_regions_node.py shows that two regions find what one does
+def test_two_processes_answer_for_what_one_does(tmp_path: Path) -> None:
+    file = tmp_path / "figures.json"
+    few = ["--objects", "200", "--processes", "2", "--seconds", "0.1"]
+    assert main([*few, "--json", str(file)]) == 0
+    one, two = json.loads(file.read_text())["processes"]
+    assert (one["processes"], two["processes"]) == (1, 2)
+    for row in (one, two):
+        assert row["pairs"] > 20
+        assert row["samples"] >= 1
+        assert row["CPU per state, all (ms)"] >= row["CPU per state, busiest process (ms)"]
+
+
+#: Shapes of which hulls have few corners: those of many are simplified, which peers do not.
+POINTED = {name: generated_corpus(0).shapes[name] for name in ("table", "jack", "chip")}
+
+
+@pytest.mark.parametrize("peer", ["coal", "python-fcl", "MuJoCo"])
+def test_effects_at_hull_and_mesh_are_those_of_peers(peer: str) -> None:
+    """Within their tolerances; not depths of python-fcl, which are not least (docs/accuracy.md)."""
+    pytest.importorskip({"coal": "coal", "python-fcl": "fcl", "MuJoCo": "mujoco"}[peer])
+    rows = measure_effects(
+        Corpus("pointed", POINTED), 150, 0.0, 5, lambda what: None, effects.installed
+    )
+    found = {(row.effect, row.name): row.differ for row in rows if row.name.startswith(peer)}
+    for (effect, _), differ in found.items():
+        if (peer, effect) != ("python-fcl", "contacts"):
+            assert differ is not None
+            assert differ < 1e-6
+    assert len(found) == {"coal": 3, "python-fcl": 3, "MuJoCo": 2}[peer]
+
+
+CONFIG = find_scene("tabletop").parent
+SMALL = ["--boxes", "5", "--states", "50", "--compared", "100", "--motions", "5"]
+ARM = ["--robot", str(CONFIG / "arm.urdf"), "--srdf", str(CONFIG / "arm.srdf")]
+
+
+def test_it_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "robots.json"
+    page = tmp_path / "page.md"
+    options = ["--packages", str(CONFIG), "--json", str(file), "--markdown", str(page)]
+    oc.set_threads(3)
+    try:
+        assert robots.main([*SMALL, *ARM, *options]) == 0
+        assert oc.threads() == 3
+    finally:
+        oc.set_threads(None)
+    printed = capsys.readouterr().out
+    assert "| us per state | 5 boxes | missed | false alarms |\n" in printed
+    report = json.loads(file.read_text())
+    rows = {row["checker"]: row for row in report["states"]}
+    assert rows["this library"]["states_per_second"] > 0
+    assert 0 <= rows["this library"]["colliding"] <= 1
+    assert report["motions"][0]["missed"] == 0
+    kinematics = {row["checker"]: row["states_per_second"] for row in report["kinematics"]}
+    assert kinematics["this library"] > 0
+    assert ("pinocchio" in kinematics) == (find_spec("pinocchio") is not None)
+    assert all(line in page.read_text() for line in printed.splitlines())
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_peers_agree_where_they_are_there(name: str) -> None:
+    pytest.importorskip({"pin": "pinocchio"}.get(PEERS[name][1], PEERS[name][1]))
+    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf", CONFIG / "arm.srdf", [CONFIG])
+    rng = np.random.default_rng(3)
+    objects = robots.random_boxes(8, rng)
+    scene = oc.Scene()
+    for one in objects:
+        scene.add(one.name, one.shape, one.pose)
+    checker = oc.RobotScene([robot], scene)
+    case: Case = robots.case_of(robot, str(CONFIG / "arm.urdf"), objects, checker)
+    states = robots.random_states(robot, 300, rng)
+    ours, theirs = checker.check(states).colliding, PEERS[name][0](case)(states)
+    assert not (theirs & ~ours).any()
+    assert (ours != theirs).mean() < 0.02  # cylinders are prisms of many sides here
+    assert 0.02 < ours.mean() < 0.98
+
+
+@pytest.mark.slow  # test_state_validity.py shows that a node answers, this that it is measured
+def test_a_node_answers_chunks_of_states(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rclpy")
+    file = tmp_path / "latency.json"
+    options = ["--packages", str(CONFIG), "--latency", "10", "--json", str(file)]
+    assert robots.main([*ARM, *options]) == 0
+    row = json.loads(file.read_text())["latency"][0]
+    assert (row["world"], row["states"], row["chunks"]) == ("30 boxes", 50, 10)
+    assert 0.0 < row["median"] <= row["p99"] <= row["longest"]
+    assert 0.0 < row["valid"] < 1.0
+    assert "| 30 boxes | 50 | 10 |" in capsys.readouterr().out
+
+
+SETUP = 'entry_points={"console_scripts": ["one = a.b:main", "two = a:main"]}\n'
+PROJECT = {
+    "setup.py": SETUP,
+    "obb_collision/api.py": '__all__ = ["a", "b", "c"]\n',
+    "obb_collision/accuracy.py": "class Accuracy(IntEnum):\n    SPHERE = 0\n    MESH = 1\n",
+    "obb_collision/base.py": "class Base:\n    size: int\n\n    def grow(self):\n        pass\n",
+    "obb_collision/scene.py": '''"""How scenes are."""
+# a comment, and a blank line
+
+import numpy as np
+
+
+class Scene(Base):
+    """Text,
+    on two lines."""
+
+    def __init__(self):
+        self.padding, self._hidden = 0, """code
+        on two lines"""
+
+    def check(self):
+        return np.hypot(
+            1,
+
+            2,
+        )
+''',
+}
+
+
+def counted(folder: Path, **more: str) -> dict[str, int | None]:
+    """Return the figures of the small project, with more files: a module by its name."""
+    parts = {"in_": "obb_collision/", "test_": "test/test_", "tool_": "tools/"}
+    files = dict(PROJECT)
+    for name, text in more.items():
+        start = next(start for start in parts if name.startswith(start))
+        files[f"{parts[start]}{name.removeprefix(start)}.py"] = text
+    for name, text in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return figures(Project(folder, files))
+
+
+def test_a_small_project_is_counted(tmp_path: Path) -> None:
+    found = counted(tmp_path, tool_a="1\n2\n", test_a="1\n2\n3\n")
+    assert found["lines of the package"] == 1 + 3 + 5 + 20
+    assert found["its files"] == 4
+    # of the scene: class, def, three of code, def, and five with a blank one inside brackets
+    assert found["its lines of code"] == 1 + 3 + 4 + (1 + 1 + 2 + 1 + 4)
+    assert (found["lines of tools/"], found["lines of tests"]) == (2, 3)
+    assert found["public names"] == 3
+    assert found["public members of Scene"] == len({"size", "grow", "padding", "check"})
+    assert (found["console scripts"], found["levels of accuracy"]) == (2, 2)
+    assert found["module docstrings that ask"] == 1
+    assert set(found) <= set(LIMITS)
+
+
+@each(
+    "row, text, more",
+    [
+        ("classes called Bodies or Sides", "class Bodies: ...\nclass Sides: ...\n", 2),
+        ("class names used twice", "class Base: ...\nclass New: ...\n", 1),
+        ("functions of ten or more arguments", "def f(a, b, c, d, e, f, g, h, *, i, j): ...\n", 1),
+        ("functions of ten or more arguments", "def f(a, b, c, d, e, f, g, h, *, i): ...\n", 0),
+        ("starred tuples", "f(*(a, b))\nf(*a)\n[*(a, b)]\n", 1),
+        ("fmt: skip", "a = 1  # fmt: skip\n", 1),
+        ("modules on inner parts of numba", "from numba.core import types, config\n", 0),
+        ("modules on inner parts of numba", "import numba\nnumba.core.types.f8\n", 0),
+        ("modules on inner parts of numba", "from numba.core import caching, types\n", 1),
+        ("modules on inner parts of numba", "import numba\nnumba.core.caching\n", 1),
+        ("modules on inner parts of numba", "from numba.extending import _Intrinsic\n", 1),
+        ("modules on inner parts of numba", "import numba\ndef f(a): a._inner\n", 1),
+        ("modules on inner parts of numba", "import numba\n_own = 1\ndef f(a): a._own\n", 0),
+        ("modules on inner parts of rclpy", "import rclpy\ndef f(a): a._inner\n", 1),
+        ("modules on inner parts of rclpy", "import rclpy\ngetattr(a, '_inner')\n", 1),
+        ("modules on inner parts of rclpy", "def f(a): a._inner, a._replace()\n", 0),
+    ],
+)
+def test_what_a_module_adds(tmp_path: Path, row: str, text: str, more: int) -> None:
+    before = counted(tmp_path)[row]
+    assert before is not None
+    assert counted(tmp_path, in_new=text)[row] == before + more
+
+
+def test_what_tests_reach_into(tmp_path: Path) -> None:
+    text = """
+import obb_collision as oc
+from obb_collision.scene import _private, Scene
+from obb_collision.scene import check
+class A:
+    def test(self):
+        self._own = Scene()._padding
+"""
+    found = counted(tmp_path, test_a=text, test_b="from obb_collision.scene import Scene\n")
+    assert found["private names used in tests"] == 2
+    assert found["modules that tests import from"] == 2
+
+
+def test_figures_above_their_limits_are_marked() -> None:
+    values: dict[str, int | None] = {"its files": 331, "public names": 34}
+    plain = table(values)
+    assert f"its files{331:>39}      330 *" in plain
+    assert f"public names{34:>36}       34\n" in plain
+    assert f"tests collected{'not counted':>33}    4,000\n" in plain
