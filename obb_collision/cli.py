@@ -20,6 +20,7 @@ The exit code is then 2, as with argparse.
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -177,10 +178,11 @@ def new_file(*suffixes: str) -> Callable[[str], Path]:
         path = Path(text)
         try:
             usable = "\0" not in text and path.parent.is_dir() and not path.is_dir()
+            usable = usable and os.access(path if path.exists() else path.parent, os.W_OK)
         except (OSError, ValueError):  # not a valid file name
             usable = False
         if not usable:
-            raise argparse.ArgumentTypeError(f"{shown(text)} is no file in a folder that exists")
+            raise argparse.ArgumentTypeError(f"{shown(text)} is no file that can be written")
         if suffixes and path.suffix.lower() not in suffixes:
             raise argparse.ArgumentTypeError(f"{shown(text)} must end in {' or '.join(suffixes)}")
         return path
