@@ -72,7 +72,10 @@ class ValidityReport(FirstPairs):
     @cached_property
     def valid(self) -> Mask:
         """(n,) what is within limits and, certainly, free."""
-        return np.asarray((self.first_pairs[:, 0] < 0) & ~self.out_of_limits.any(axis=1))
+        free = np.asarray(self.first_pairs[:, 0] < 0)
+        if not self.out_of_limits.any():  # nearly always: half of the time of a single one
+            return free
+        return np.asarray(free & ~self.out_of_limits.any(axis=1))
 
     def __repr__(self) -> str:
         count = int(self.valid.sum())
