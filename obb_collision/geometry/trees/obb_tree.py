@@ -143,6 +143,16 @@ class TreeArrays(NamedTuple):
     piece_starts: Integers
 
 
+def no_trees() -> TreeArrays:
+    """Return the arrays of no mesh."""
+    rows, flags = np.empty(0, np.int64), np.empty(0, np.bool_)
+    ends, radii, pieces = np.empty((0, 2), np.int64), np.empty(0), np.empty((0, 6, 3))
+    triangles, nodes = np.empty((0, 9)), np.empty((0, 16))
+    return TreeArrays(
+        triangles, rows, flags, nodes, rows, ends, rows, rows, flags, flags, radii, pieces, rows
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class MeshTrees:
     """OBB trees of k meshes, metres, each in the frame of its mesh.

@@ -200,7 +200,7 @@ PROVEN = 128 * ROUNDOFF
 NEAR = 8192 * ROUNDOFF
 
 
-@njit
+@njit(merge=True)
 def points_apart(pair: Pair, size: float, face: Axis) -> tuple[bool, Points, Vector]:
     """Return whether boxes are certainly apart, and then their closest points and the normal.
 

@@ -119,7 +119,7 @@ def frame_of(n: Vector) -> FlatFrame:
     return FlatFrame(x, cross(n, x), n)
 
 
-@njit
+@njit(merge=True)
 def overlay(a: Core, b: Core, pose: Pose, frame: FlatFrame, depth: float, flat: Flat) -> int:
     """Write the overlay of the features of two cores to ``flat.a``; return its corners.
 

@@ -305,7 +305,7 @@ def _weights_inside(simplex: Simplex) -> Weights:
     return 0.0, 0.0, 0.0, 0.0
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def _careful_search(
     a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search
 ) -> Search:

@@ -367,5 +367,4 @@ def triangle_core(trees: TreeArrays, k: int, room: Floats) -> Core:
         corner = 3 * min(lane, 2)
         for axis in range(3):
             room[0, axis, lane] = trees.triangles[k, corner + axis]
-    kind: int = np.int8(CORNERS)  # type: ignore[assignment]
-    return Core(kind, NOWHERE, 0.0, room, 0, 1, 0.0, 0.0)
+    return Core(CORNERS, NOWHERE, 0.0, room, 0, 1, 0.0, 0.0)

@@ -38,10 +38,11 @@ from obb_collision.geometry.shapes.primitives import (
     Shape,
     Sphere,
 )
+from obb_collision.geometry.trees.obb_tree import no_trees
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import farthest
 from obb_collision.numerics.vec3 import fast_norm, sum_abs, vector_at
-from obb_collision.queries.meshes.placed import Place, place_at
+from obb_collision.queries.meshes.placed import Meshes, Place, PlacedMeshes, place_at
 from obb_collision.typing import Floats, Rows, Vector
 
 #: Kinds of cores; sizes are (x, y, z, half).
@@ -108,6 +109,26 @@ class ConvexBodies:
         return Cores(*vars(self).values())
 
 
+class Solids(NamedTuple):
+    """Placed meshes with radii (n,) about them, or convex bodies: of the others there are none.
+
+    Both in one kernel: one for each kind takes twice as long to compile.
+    """
+
+    meshes: Meshes
+    radii: Floats
+    cores: Cores
+
+
+def solids_of(bodies: PlacedMeshes | ConvexBodies, radii: Floats) -> Solids:
+    """Return bodies for kernels that take either kind."""
+    rows, places = np.empty(0, np.int64), (np.empty((0, 3)), np.empty((0, 3, 3)))
+    if isinstance(bodies, ConvexBodies):
+        return Solids(Meshes(no_trees(), rows, *places), radii, bodies.arrays)
+    none = Cores(np.empty(0, np.int8), np.empty((0, 4)), np.empty(0), NO_HULLS, rows, *places)
+    return Solids(bodies.arrays, radii, none)
+
+
 @njit
 def core_at(bodies: Cores, i: int) -> Core:
     """Return the core of body i."""
@@ -125,7 +146,8 @@ def borrowed_core(bodies: Cores, i: int) -> Core:
 @njit(inline=True, refcount=False)
 def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, float, float]:
     """Return what a core has besides the corners of all hulls."""
-    kind, size, half = bodies.kinds[i], vector_at(bodies.sizes, i), bodies.sizes[i, 3]
+    kind = bodies.kinds[i] + 0  # int64, as kinds written out are: int8 would compile all twice
+    size, half = vector_at(bodies.sizes, i), bodies.sizes[i, 3]
     first = last = 0
     radius = bodies.radii[i]
     reach = sum_abs(size) + half + 2.0 * radius

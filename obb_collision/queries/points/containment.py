@@ -230,8 +230,7 @@ def convex_holds(bodies: Cores, i: int, point: Vector, margin: float) -> bool:
 @njit(inline=True, refcount=False)
 def point_core(like: Core) -> Core:
     """Return the core of a point, in numba's eyes of the same type as that of a body."""
-    kind: int = np.int8(SEGMENT)  # type: ignore[assignment]
-    return Core(kind, NOWHERE, 0.0, like.blocks, like.first, like.last, 0.0, 0.0)
+    return Core(SEGMENT, NOWHERE, 0.0, like.blocks, like.first, like.last, 0.0, 0.0)
 
 
 @njit

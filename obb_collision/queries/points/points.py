@@ -40,8 +40,8 @@ from obb_collision.geometry.validation import as_array, as_flag, as_points, chec
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.vec3 import lengths
-from obb_collision.queries.convex.support import ConvexBodies, Cores
-from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, root_boxes
+from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
+from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes
 from obb_collision.queries.meshes.two_trees import STACK
 from obb_collision.queries.points.containment import (
     INSIDE_BOUND,
@@ -152,10 +152,8 @@ def points_in_bodies(
 
     reach: the margin; radii (n,): about meshes, None for none. Convex bodies have their own.
     """
-    meshes = bodies.arrays if isinstance(bodies, PlacedMeshes) else None
-    convex = bodies.arrays if isinstance(bodies, ConvexBodies) else None
-    radii = np.zeros(len(boxes) if meshes is not None else 0) if radii is None else radii
-    inner = Inner(meshes, radii, convex)
+    radii = np.zeros(len(boxes)) if radii is None else radii
+    inner = None if bodies is None else solids_of(bodies, radii)
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
     found = np.zeros((len(starts), 3, len(boxes)), np.int64)
@@ -183,14 +181,6 @@ class Zones(NamedTuple):
     records: Floats
     """(n, 17) centre, rotation row by row, half extents, their sum with the margin, and the power
     of two that makes this about 1"""
-
-
-class Inner(NamedTuple):
-    """What is in the boxes: nothing else, meshes with radii (n,), or convex bodies."""
-
-    meshes: Meshes | None
-    radii: Floats
-    convex: Cores | None
 
 
 def _zones(boxes: Boxes, margin: float, points: int) -> Zones:
@@ -244,18 +234,17 @@ def points_kernel(
     first: int,
     zones: Zones,
     margin: float,
-    inner: Inner,
+    inner: Solids | None,
     out: tuple[np.ndarray, Floats, np.ndarray],
 ) -> int:
     """Write what boxes, or what is in them, hold of points (m, 3), of which the first has a number.
 
-    Return how many are not finite.
+    Return how many are not finite; inner: None compiles nothing.
 
     out: counts, first and nearest (3, n); squares (n,) of the least scaled distance; labels (p,)
     or (0,), the lowest box of each point.
     """
     whole, (cells, items, frames, numbers), records = zones
-    meshes, radii, convex = inner
     found, squares, labels = out
     ignored = 0
     labelled = len(labels) > 0
@@ -276,12 +265,13 @@ def points_kernel(
                 cell = find_cell(frames, numbers, cells[cell, GRID], x, y, z)
             last = cells[cell, START] + cells[cell, COUNT]
             for m in range(cells[cell, START], last):
-                b = items[m]
+                b = items[m] + 0  # int64, as other rows are: int32 would compile more kernels
                 dx, dy, dz = x - records[b, 0], y - records[b, 1], z - records[b, 2]
                 if not _inside(records, b, dx, dy, dz, margin):
                     continue
-                if not _holds(meshes, radii, convex, b, (x, y, z), margin, stack):
-                    continue
+                if inner is not None:  # noqa: SIM102  # one that is None is of another type
+                    if not _holds(inner, b, (x, y, z), margin, stack):
+                        continue
                 scale = records[b, SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz
                 square = dx * dx + dy * dy + dz * dz
@@ -300,21 +290,11 @@ def points_kernel(
 
 
 @njit(refcount=False)
-def _holds(
-    meshes: Meshes | None,
-    radii: Floats,
-    convex: Cores | None,
-    b: int,
-    point: Vector,
-    margin: float,
-    stack: np.ndarray,
-) -> bool:
-    """Return whether what is in box b holds a point; arguments that are None compile nothing."""
-    if meshes is not None:
-        return body_holds(meshes, b, point, margin + radii[b], stack)
-    if convex is not None:
-        return convex_holds(convex, b, point, margin)
-    return True
+def _holds(inner: Solids, b: int, point: Vector, margin: float, stack: np.ndarray) -> bool:
+    """Return whether what is in box b holds a point."""
+    if len(inner.meshes.meshes) > 0:
+        return body_holds(inner.meshes, b, point, margin + inner.radii[b], stack)
+    return convex_holds(inner.cores, b, point, margin)
 
 
 @njit(refcount=False)

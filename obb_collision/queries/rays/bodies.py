@@ -105,7 +105,7 @@ class Work(NamedTuple):
     entries: Floats  #: (TREE_STACK,) when the ray enters them
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def hit_mesh(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Work) -> Hit:
     """Return when a ray first hits body i or is within a radius of it, at most at ``best``.
 
@@ -171,7 +171,7 @@ def _first_triangle(trees: TreeArrays, root: int, ray: LocalRay, limit: float, w
     return best, triangle, normal
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def triangle_time(triangles: Floats, n: int, ray: LocalRay) -> float:
     """Return a time before which a ray is certainly not in a triangle, infinity if it never is."""
     w, unit, error = ray.unit, ray.scale, ray.scale * ray.error
@@ -251,7 +251,7 @@ def _direction(v: Vector) -> Vector:
     return v[0] / length, v[1] / length, v[2] / length
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def rounded_time(
     triangles: Floats, k: int, ray: LocalRay, begin: float, limit: float
 ) -> tuple[float, Vector]:
@@ -297,7 +297,7 @@ def _point_apart(
     return lower * back, n
 
 
-@njit(refcount=False)
+@njit(merge=True)
 def hit_convex(ray: Ray, bodies: Cores, i: int, best: float) -> Hit:
     """Return when a ray first hits body i, at most at ``best``; zero for an origin inside."""
     core, place = borrowed_core(bodies, i), body_place(bodies, i)

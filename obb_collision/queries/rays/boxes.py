@@ -68,16 +68,34 @@ def build_tree(bounds: Floats) -> TreeNodes:
             for m in range(count):
                 row = rows[m]
                 middles[m] = 0.5 * bounds[row, longest] + 0.5 * bounds[row, 3 + longest]
-            sorted_rows = rows[np.argsort(middles, kind="mergesort")]
-            for m in range(count):
-                rows[m] = sorted_rows[m]
             half = count // 2
+            _halve(rows, middles, half)
             nodes[node, CHILD] = used
             _fill(nodes, used, start, half)
             _fill(nodes, used + 1, start + half, count - half)
             used += 2
         node += 1
     return limits[:used], nodes[:used], order
+
+
+@njit
+def _halve(rows: np.ndarray, values: Floats, half: int) -> None:
+    """Bring the rows of the least ``half`` values to the front (Hoare 1961); order both alike."""
+    low, high = 0, len(rows) - 1
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                rows[i], rows[j] = rows[j], rows[i]
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < half < i:
+            return
+        low, high = (low, j) if half <= j else (i, high)
 
 
 @njit

@@ -40,8 +40,8 @@ from obb_collision._threads import run
 from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
 from obb_collision.numerics.vec3 import axis_of, dot, lengths, plus, scaled, vector_at
-from obb_collision.queries.convex.support import ConvexBodies, Cores
-from obb_collision.queries.meshes.placed import BOX_BOUND, Meshes, PlacedMeshes, body_at, root_boxes
+from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
+from obb_collision.queries.meshes.placed import BOX_BOUND, PlacedMeshes, body_at, root_boxes
 from obb_collision.queries.meshes.two_trees import STACK as TREE_STACK
 from obb_collision.queries.rays.bodies import Work, hit_convex, hit_mesh, triangle_normal
 from obb_collision.queries.rays.boxes import (
@@ -63,6 +63,7 @@ from obb_collision.queries.rays.boxes import (
 from obb_collision.queries.verdict.sat import box_at
 from obb_collision.typing import Floats, Integers, Vector
 
+NO_RADII = np.empty(0)
 #: Rays below which a second thread does not pay: 0.1 ms.
 FEWEST_RAYS = 64
 
@@ -152,7 +153,7 @@ def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
 
     Never late, and at most 1e-9 of the size of a body early, along its normal (``bodies``).
     """
-    return _hits(rays, Targets(convex=bodies.arrays), boxes)
+    return _hits(rays, bodies, boxes)
 
 
 def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
@@ -163,7 +164,7 @@ def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
     boxes = root_boxes(meshes)
     grown = boxes.half_extents + (radii * (1.0 + BOX_BOUND))[:, None]
     boxes = Boxes.trusted(boxes.centers, boxes.rotations, grown)
-    return _hits(rays, Targets(meshes=meshes.arrays, radii=radii), boxes)
+    return _hits(rays, meshes, boxes, radii)
 
 
 def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
@@ -225,29 +226,30 @@ def _units(directions: Floats) -> tuple[Floats, Floats]:
 
 
 def _cast(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
-    if isinstance(targets, Boxes):
-        return _hits(rays, Targets(targets.arrays), targets)
-    return _hits(rays, Targets(meshes=targets.arrays), root_boxes(targets))
+    return _hits(rays, targets, targets if isinstance(targets, Boxes) else root_boxes(targets))
 
 
 class Targets(NamedTuple):
     """Bodies of one kind; those that are None compile nothing."""
 
-    boxes: BoxArrays | None = None
-    meshes: Meshes | None = None
-    radii: Floats = np.empty(0)
-    """(n,) about meshes, or (0,) for none: not even zero."""
-    convex: Cores | None = None
+    boxes: BoxArrays | None
+    solids: Solids | None  #: with no radii about meshes for none, not even zero
 
 
-def _hits(rays: Rays, targets: Targets, boxes: Boxes) -> RayHits:
-    """Return what rays hit of targets, which are in boxes."""
+def _hits(
+    rays: Rays, bodies: Boxes | PlacedMeshes | ConvexBodies, boxes: Boxes, radii: Floats = NO_RADII
+) -> RayHits:
+    """Return what rays hit of bodies, which are in boxes; radii: about meshes."""
+    if isinstance(bodies, Boxes):
+        targets = Targets(bodies.arrays, None)
+    else:
+        targets = Targets(None, solids_of(bodies, radii))
     nodes, count = build_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
-    bodies, numbers = np.empty((2, count), np.int64)
+    rows, numbers = np.empty((2, count), np.int64)
     points, normals = np.empty((2, count, 3))
-    out = HitArrays(bodies, np.empty(count), points, normals, numbers)
+    out = HitArrays(rows, np.empty(count), points, normals, numbers)
     run(rays_kernel, count, FEWEST_RAYS, rays, targets, nodes, out)
-    return RayHits(*out[:4], numbers if targets.meshes is not None else None)
+    return RayHits(*out[:4], numbers if isinstance(bodies, PlacedMeshes) else None)
 
 
 @njit
@@ -255,14 +257,14 @@ def rays_kernel(
     rays: Rays, targets: Targets, nodes: TreeNodes, out: HitArrays, start: int, stop: int
 ) -> None:
     """Write what rays ``start`` to ``stop`` hit; point and normal are NaN where that is nothing."""
-    boxes, meshes, radii, convex = targets
+    boxes, solids = targets
     tree = RayTree(nodes[0], nodes[1], nodes[2], np.empty(STACK, np.int64), np.empty(STACK))
     work = Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
     for n in range(start, stop):
         ray = Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
-        row, found = _nearest(ray, boxes, meshes, radii, convex, tree, work)
+        row, found = _nearest(ray, boxes, solids, tree, work)
         out.bodies[n], out.distances[n] = row, found[0]
-        out.faces[n], normal = _face(ray, boxes, meshes, radii, row, found)
+        out.faces[n], normal = _face(ray, boxes, solids, row, found)
         point = plus(ray.origin, scaled(ray.unit, found[0]))
         for k in range(3):
             out.points[n, k] = point[k] if row >= 0 else np.nan
@@ -271,9 +273,8 @@ def rays_kernel(
 
 @njit(refcount=False)
 def _nearest(
-    ray: Ray, boxes: BoxArrays | None, meshes: Meshes | None, radii: Floats, convex: Cores | None,
-    tree: RayTree, work: Work,
-) -> tuple[int, Hit]:  # fmt: skip
+    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, tree: RayTree, work: Work
+) -> tuple[int, Hit]:
     """Return the nearest body, the first of equally near ones, and the hit; -1 for none."""
     limits, nodes, order, stack, entries = tree
     row, best, depth = -1, MISSED, 1
@@ -290,11 +291,12 @@ def _nearest(
                 found = MISSED
                 if boxes is not None:
                     found = hit_box(ray, box_at(boxes, b))
-                if meshes is not None:
-                    radius = radii[b] if len(radii) > 0 else -1.0
-                    found = hit_mesh(ray, meshes, b, radius, best[0], work)
-                if convex is not None:
-                    found = hit_convex(ray, convex, b, best[0])
+                if solids is not None:
+                    if len(solids.meshes.meshes) > 0:
+                        radius = solids.radii[b] if len(solids.radii) > 0 else -1.0
+                        found = hit_mesh(ray, solids.meshes, b, radius, best[0], work)
+                    else:
+                        found = hit_convex(ray, solids.cores, b, best[0])
                 if found[0] < best[0] or (found[0] == best[0] < np.inf and b < row):
                     row, best = b, found
             continue
@@ -311,7 +313,7 @@ def _nearest(
 
 @njit(refcount=False)
 def _face(
-    ray: Ray, boxes: BoxArrays | None, meshes: Meshes | None, radii: Floats, row: int, found: Hit
+    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, row: int, found: Hit
 ) -> tuple[int, Vector]:
     """Return the number of the triangle hit, -1 for none, and the normal of what is entered."""
     _, number, normal = found
@@ -319,8 +321,9 @@ def _face(
         across = axis_of(boxes.rotations, row, number)
         side = -1.0 if dot(ray.unit, across) > 0.0 else 1.0
         normal = side * across[0] + 0.0, side * across[1] + 0.0, side * across[2] + 0.0
-    if meshes is not None and number >= 0:
-        if len(radii) == 0:
+    if solids is not None and number >= 0:
+        meshes = solids.meshes
+        if len(solids.radii) == 0:
             normal = triangle_normal(ray, meshes.trees, number, body_at(meshes, row))
         return meshes.trees.faces[number], normal
     return -1, normal

@@ -211,7 +211,7 @@ def _convex_kernel(
         write_sweep(out, row, time, known, point, normal)
 
 
-@njit
+@njit(merge=True)
 def _walk(
     bodies: Cores, motion: BodyMotion, i: int, j: int, course: Course
 ) -> tuple[float, bool, Vector, Vector]:

@@ -28,7 +28,7 @@ or of a mesh and the body itself (``queries.convex.distances``).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,7 +47,12 @@ from obb_collision.queries.convex.distances import (
     mesh_apart,
     towards,
 )
-from obb_collision.queries.convex.support import ConvexBodies, Cores, borrowed_core
+from obb_collision.queries.convex.support import (
+    ConvexBodies,
+    Solids,
+    borrowed_core,
+    solids_of,
+)
 from obb_collision.queries.meshes.mesh_clearance import as_radii, surfaces_apart
 from obb_collision.queries.meshes.placed import (
     MeshAt,
@@ -140,13 +145,11 @@ def _twisting(
 
 
 class MeshPairs(NamedTuple):
-    """Meshes, and in the same rows other meshes or convex bodies: what is None compiles nothing."""
+    """Meshes, and in the same rows other meshes or convex bodies without corners."""
 
     a: Meshes
-    radii_a: Floats
-    b: Meshes | None
-    radii_b: Floats | None
-    cores: Cores | None  #: without corners
+    radii: Floats
+    b: Solids
 
 
 def swept_meshes(
@@ -165,8 +168,8 @@ def swept_meshes(
     each pair is certainly apart.
     """
     out, rows = sweep_arrays(len(a)), np.arange(len(a))
-    others = (None, None, b.arrays) if isinstance(b, ConvexBodies) else (b.arrays, radii_b, None)
-    given = MeshPairs(a.arrays, radii_a, *others), motion, begin, tolerance, out
+    others = solids_of(b, np.empty(0) if radii_b is None else radii_b)
+    given = MeshPairs(a.arrays, radii_a, others), motion, begin, tolerance, out
     run(_sweep_kernel, len(a), FEWEST_PAIRS, *given)
     return sweeps_of(np.stack([rows, rows], axis=1), out)
 
@@ -176,11 +179,11 @@ def _sweep_kernel(
     pairs: MeshPairs, motion: BodyMotion, begin: Floats, tolerance: float, out: SweepArrays,
     start: int, stop: int,
 ) -> None:  # fmt: skip
-    a, radii_a, b, radii_b, cores = pairs
+    trees, b = pairs.a.trees, pairs.b
     count, tree, core = len(begin), tree_room(1), core_room()
     for n in range(start, stop):
         course = course_of(motion, n, count + n, begin[n], tolerance)
-        sizes = a.trees.radii[a.meshes[n]], _size_of(b, cores, n)
+        sizes = trees.radii[pairs.a.meshes[n]], _size_of(b, n)
         speed = _speed_of(sizes[0], sizes[1], motion, n, count + n, course)
         time, known = course.begin, False
         point = normal = np.nan, np.nan, np.nan
@@ -190,7 +193,7 @@ def _sweep_kernel(
                 break
             place, far = places_at(motion, n, count + n, course, time)
             blur = blur_at(course, time)
-            found = _distance(a, radii_a, b, radii_b, cores, n, place, far, blur, tree, core)
+            found = _distance(pairs, n, place, far, blur, tree, core)
             lower, upper, middle, across = found
             if upper <= course.near or not lower > 0.25 * course.near:
                 known = upper <= course.near
@@ -207,28 +210,27 @@ def _sweep_kernel(
 
 
 @njit(refcount=False)
-def _size_of(b: Meshes | None, cores: Cores | None, n: int) -> float:
+def _size_of(b: Solids, n: int) -> float:
     """Return how far the second body of a pair reaches from its origin."""
-    if b is not None:
-        return b.trees.radii[b.meshes[n]]
-    if cores is not None:
-        return borrowed_core(cores, n).reach
-    return 0.0
+    meshes = b.meshes
+    if len(meshes.meshes) > 0:
+        return meshes.trees.radii[meshes.meshes[n]]
+    return borrowed_core(b.cores, n).reach
 
 
 @njit(refcount=False)
 def _distance(
-    a: Meshes, radii: Floats, b: Meshes | None, radii_b: Any, cores: Any, n: int,
-    place: Place, far: Place, blur: float, tree: TreeRoom, room: CoreRoom,
-) -> tuple[float, float, Vector, Vector]:  # fmt: skip
+    pairs: MeshPairs, n: int, place: Place, far: Place, blur: float, tree: TreeRoom, room: CoreRoom
+) -> tuple[float, float, Vector, Vector]:
     """Return bounds of the distance of a pair, what is halfway between, and the direction there.
 
     Point and direction are in the frame of the mesh; blur: by how much places may be off.
     """
-    trees, i, radius = a.trees, a.meshes[n], radii[n]
-    if b is not None:
-        other, second = radii_b[n], MeshAt(b.meshes[n], far)
-        pair = mesh_pair(trees, MeshAt(i, place), b.trees, second)
+    trees, i, radius = pairs.a.trees, pairs.a.meshes[n], pairs.radii[n]
+    meshes = pairs.b.meshes
+    if len(meshes.meshes) > 0:
+        other, second = pairs.b.radii[n], MeshAt(meshes.meshes[n], far)
+        pair = mesh_pair(trees, MeshAt(i, place), meshes.trees, second)
         near = surfaces_apart(pair, np.inf, tree)
         error = DISTANCE_BOUND * (pair.pose.size + radius + other) + MESH_UNDERFLOW
         error += blur
@@ -236,19 +238,17 @@ def _distance(
         upper = max(near.upper - radius - other, 0.0) + error
         x, y = plus(near.x, scaled(near.n, radius)), minus(near.y, scaled(near.n, other))
         return lower, upper, scaled(plus(x, y), 0.5), near.n
-    if cores is not None:
-        core = borrowed_core(cores, n)
-        both = radius + core.radius
-        pose = relative_pose(place, far, 2.0 * (trees.radii[i] + radius) + core.reach)
-        found = mesh_apart(trees, i, core, pose, np.inf, room)
-        error = rounding(pose) + blur
-        lower, upper = found.lower - both - error, max(found.upper - both, 0.0) + error
-        p, q = found.p, moved(pose, found.q)
-        normal = found.normal if found.lower > error else towards(p, q, found.normal)
-        normal = normal if found.upper > 0.0 else NOWHERE
-        x, y = plus(p, scaled(normal, radius)), minus(q, scaled(normal, core.radius))
-        return lower, upper, scaled(plus(x, y), 0.5), normal
-    return 0.0, np.inf, NOWHERE, NOWHERE
+    core = borrowed_core(pairs.b.cores, n)
+    both = radius + core.radius
+    pose = relative_pose(place, far, 2.0 * (trees.radii[i] + radius) + core.reach)
+    found = mesh_apart(trees, i, core, pose, np.inf, room)
+    error = rounding(pose) + blur
+    lower, upper = found.lower - both - error, max(found.upper - both, 0.0) + error
+    p, q = found.p, moved(pose, found.q)
+    normal = found.normal if found.lower > error else towards(p, q, found.normal)
+    normal = normal if found.upper > 0.0 else NOWHERE
+    x, y = plus(p, scaled(normal, radius)), minus(q, scaled(normal, core.radius))
+    return lower, upper, scaled(plus(x, y), 0.5), normal
 
 
 @njit
