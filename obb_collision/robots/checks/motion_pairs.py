@@ -90,7 +90,7 @@ def _passes(box: BoxAt, start: Vector, end: Vector, reach: float) -> tuple[bool,
     return not apart, negated(combined(box.axes, n))
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def sweep_candidates(
     question: MotionQuestion, room: MotionRoom, blur: float, one: int, other: int
 ) -> int:

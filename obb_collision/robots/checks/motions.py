@@ -159,7 +159,7 @@ def _check_motion(
     hits.undecided[n] = not found.certain[0]
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def _pieces(question: MotionQuestion, bends: Bends) -> int:
     """Return in how many pieces a motion is looked at."""
     spheres, pieces, bend, size = question.checked.tests.spheres, 1, 0.0, 0.0
@@ -172,7 +172,7 @@ def _pieces(question: MotionQuestion, bends: Bends) -> int:
     return pieces
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def _open_candidates(
     question: MotionQuestion, room: MotionRoom, blur: float, one: int, other: int
 ) -> int:
@@ -187,7 +187,7 @@ def _open_candidates(
     return kept
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def _first_colliding(question: MotionQuestion, room: MotionRoom, count: int, last: int) -> int:
     """Return a candidate that collides in the state of the last slot or of slot 2, or -1."""
     for k in range(2 * count):
@@ -198,14 +198,14 @@ def _first_colliding(question: MotionQuestion, room: MotionRoom, count: int, las
     return -1
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def _by_meshes(question: MotionQuestion, room: MotionRoom, c: int) -> bool:
     """Return whether hulls do not decide whether candidate c collides."""
     meshes, candidates = question.checked.meshes, room.placed.candidates
     return meshes[candidates[c, 0]] or meshes[candidates[c, 1]]
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def _search(
     question: MotionQuestion,
     spans: OpenSpans,
@@ -273,7 +273,7 @@ def _search(
     return True
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def _write_span(
     spans: OpenSpans, n: int, c: int, span: tuple[float, float], room: MotionRoom
 ) -> None:

@@ -90,7 +90,7 @@ class Found(NamedTuple):
     pairs: Integers
 
 
-@njit(inline=True, refcount=False)
+@njit(merge=True)
 def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: bool) -> int:
     """Write the pairs whose spheres overlap to candidates; return their number.
 

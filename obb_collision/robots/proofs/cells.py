@@ -172,7 +172,7 @@ def _search(
     return UNDECIDED, 0, -1
 
 
-@njit
+@njit(merge=True)
 def _search_cells(
     pair: MovingPair, cells: Floats, waiting: int, most: int, always: bool, witness: Floats
 ) -> tuple[int, int, int]:
@@ -202,7 +202,7 @@ def _search_cells(
     return PROVED, 0, visited
 
 
-@njit
+@njit(merge=True)
 def _descend(pair: MovingPair, state: Floats) -> bool:
     """Move a state to where the bodies collide; return whether there is such a place near it."""
     slopes, limits = np.empty(len(state)), pair.limits
@@ -239,7 +239,7 @@ def _gap(pair: MovingPair, state: Floats) -> CellGap:
     return CellGap(a, b, found, combined(a.axes, found.normal), p, q)
 
 
-@njit
+@njit(merge=True)
 def _touch(pair: MovingPair, gap: CellGap) -> bool:
     """Return whether the bodies have a common point."""
     return gap.found.distance <= pair.a.round + pair.b.round
@@ -284,14 +284,14 @@ def _turn(axis: Vector, angle: float) -> Axes:
     )
 
 
-@njit
+@njit(merge=True)
 def _core_of(body: Moving) -> Core:
     """Return the hull of the corners of a body, in the frame of its link."""
     zero = 0.0, 0.0, 0.0
     return Core(CORNERS, zero, 0.0, body.blocks, 0, len(body.blocks), body.reach, 0.0)
 
 
-@njit
+@njit(merge=True)
 def _is_proved(
     pair: MovingPair,
     gap: CellGap,
@@ -399,7 +399,7 @@ def _add_curves(body: Moving, curves: Floats) -> None:
         curves[chain.columns[i]] += body.widths[i] * body.far[i] * total
 
 
-@njit
+@njit(merge=True)
 def _widest(pair: MovingPair, gap: CellGap, lower: Floats, upper: Floats) -> int:
     """Return the variable that loosens the bound most; -1 if there is none.
 
