@@ -36,9 +36,6 @@ from obb_collision.words import printable, shown
 BAD_USAGE = 2
 #: Exit code of a command that Ctrl-C ends, as shells have it.
 INTERRUPTED = 128 + signal.SIGINT
-#: Largest seed that numpy takes as one integer.
-MAX_SEED = 2**32 - 1
-
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -139,6 +136,10 @@ def whole(low: int, high: int) -> Callable[[str], int]:
         return number
 
     return convert
+
+
+#: Converts a seed, of those that numpy takes as one integer.
+SEED = whole(0, 2**32 - 1)
 
 
 def real(low: float, high: float) -> Callable[[str], float]:

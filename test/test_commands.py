@@ -177,8 +177,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_node": {},
     "obb_collision_merge": {},
     "python -m tools.regions": {
-        "--objects": WHOLES, "--processes": WHOLES, "--seconds": REALS, "--halo": REALS, **SEED,
-        **JSON,
+        "--objects": WHOLES, "--processes": WHOLES, "--seconds": REALS, **SEED,
     },
     "obb_collision warm-up": {},
     "obb_collision accuracy": {
@@ -192,7 +191,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision status": {"--timeout": REALS, "--node": ["a b", "/", "\ud800"]},
     "obb_collision view": {"--port": [*WHOLES, "65536"], "--scene": ["none", "/", "nul\0"]},
     "python -m tools.soak": {
-        "--seconds": REALS, "--steps": WHOLES, "--objects": WHOLES, "--warm-up": REALS,
+        "--seconds": REALS, "--steps": WHOLES, "--objects": WHOLES,
         "--growth": REALS, "--log": FILES, **SEED, **JSON,
     },
     "python -m tools.fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
@@ -203,7 +202,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     },
     "python -m tools.faults": {"--only": ["none such", "", "\ud800"], "--markdown": PLOTS},
     "python -m tools.latency": {
-        "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
+        "--objects": WHOLES, "--seconds": REALS, **SEED,
     },
     "obb_collision srdf": {
         "--time-limit": [*REALS, "0"], "--output": FILES, "--report": FILES,
@@ -214,15 +213,15 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--forms": ["none such"], "--peers": ["none such"], **SEED, **JSON,
     },
     "python -m tools.wrong_answers": {
-        "--pairs": WHOLES, "--family": ["none such"], "--seconds": REALS, **SEED, **JSON,
+        "--pairs": WHOLES, "--family": ["none such"], "--seconds": REALS, **SEED,
     },
-    "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
+    "python -m tools.peers.sweeps": {"--pairs": WHOLES},
     "python -m tools.weight": {},
     "python -m tools.goals": {
-        "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED, **JSON,
+        "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED,
     },
     "python -m tools.peers.effects": {
-        "--seconds": REALS, "--pairs": WHOLES, "--meshes": FILES[:1], **SEED, **JSON,
+        "--seconds": REALS, "--pairs": WHOLES, "--meshes": FILES[:1], **SEED,
     },
     "python -m tools.peers.engines": {"--sizes": WHOLES, "--markdown": PLOTS},
 }  # fmt: skip

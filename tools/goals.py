@@ -19,12 +19,11 @@ makes contacts where we may compute less: the tables beside say what each does. 
 the same poses; what is compared are medians of at least 20 steps. Starts have an empty kernel
 cache: seconds until the node is ready, and until all is compiled.
 
-    python -m tools.goals [--json FILE] [--markdown PAGE]
+    python -m tools.goals [--markdown PAGE]
 """
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -64,16 +63,7 @@ from obb_collision.benchmarks.steps import (
     own_settings,
     run_case,
 )
-from obb_collision.cli import (
-    MAX_SEED,
-    Parser,
-    Progress,
-    interruptible,
-    new_file,
-    option,
-    real,
-    whole,
-)
+from obb_collision.cli import SEED, Parser, Progress, interruptible, new_file, option, real
 from obb_collision.scene.scene import Scene
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, possible_steps
 from tools.pages import as_markdown, write_into
@@ -113,8 +103,12 @@ class Goal(NamedTuple):
     met: bool | None
 
 
-def ratio(what: str, beside: str, wanted: float, ours: float, theirs: float, unit: str) -> Goal:
-    """Return how many times as fast ours is; times in the unit."""
+def ratio(
+    what: str, beside: str, wanted: float, ours: float, theirs: float | None, unit: str
+) -> Goal:
+    """Return how many times as fast ours is; times in the unit, None of who is not installed."""
+    if theirs is None:
+        return missing(what, beside, "not installed")
     times = theirs / ours
     text = f"{digits(times)} times: {digits(ours)} and {digits(theirs)} {unit}"
     return Goal(what, beside, f"{wanted:g} times", text, bool(times >= wanted))
@@ -182,13 +176,9 @@ class Goals:
         for k, boxes in enumerate(SIZES):
             found = self._run(Case(boxes=boxes), [*BESIDE_MUJOCO, MUJOCO])
             for ours, wanted in BESIDE_MUJOCO.items():
-                what = f"{ours.name}, {boxes:,} boxes"
-                if MUJOCO.name not in found:
-                    yield missing(what, MUJOCO.name, "not installed")
-                    continue
-                row, theirs = found[ours.name], found[MUJOCO.name]
-                beside = f"{MUJOCO.name} (contacts)"
-                yield ratio(what, beside, wanted[k], row.median_ms, theirs.median_ms, "ms")
+                what, beside = f"{ours.name}, {boxes:,} boxes", f"{MUJOCO.name} (contacts)"
+                theirs = found[MUJOCO.name].median_ms if MUJOCO.name in found else None
+                yield ratio(what, beside, wanted[k], found[ours.name].median_ms, theirs, "ms")
 
     def beside_coal(self) -> Iterator[Goal]:
         """Measure every form beside the best broad phase of coal."""
@@ -196,11 +186,9 @@ class Goals:
             case = Case(form, FORM_BOXES)
             found = self._run(case, [SEPARATIONS, *COAL])
             what, best = f"{SEPARATIONS.name}, {form}", best_coal(self.rows, case)
-            if best is None:
-                yield missing(what, "coal", "not installed")
-                continue
+            name, theirs = (best.name, best.median_ms) if best else ("coal", None)
             ours = found[SEPARATIONS.name].median_ms
-            yield ratio(what, best.name, BESIDE_COAL, ours, best.median_ms, "ms")
+            yield ratio(what, name, BESIDE_COAL, ours, theirs, "ms")
 
     def growth(self) -> Iterator[Goal]:
         """Measure how time grows from ten thousand boxes to a million."""
@@ -258,12 +246,9 @@ class Goals:
         found = {row.name: row for row in price.rows}
         for level, peers in PER_PAIR.items():
             for peer, wanted in peers.items():
-                theirs = found.get(f"{peer} {level}")
-                if theirs is None:
-                    yield missing(f"{level} per pair", peer, "not installed")
-                    continue
-                ours = found[level].pair_ns
-                yield ratio(f"{level} per pair", peer, wanted, ours, theirs.pair_ns, "ns")
+                row, ours = found.get(f"{peer} {level}"), found[level].pair_ns
+                theirs = row.pair_ns if row else None
+                yield ratio(f"{level} per pair", peer, wanted, ours, theirs, "ns")
 
     def node(self) -> Iterator[Goal]:
         """Measure the node from message to message."""
@@ -317,21 +302,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.goals", description="goals, and what was measured")
     option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
     option(parser, "--limit", real(0.001, 1e6), 40.0, "who would take longer is left out (s)")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random scenes")
-    option(parser, "--json", new_file(), text="write the figures to a file")
+    option(parser, "--seed", SEED, 0, "seed of the random scenes")
     option(parser, "--markdown", new_file(".md"), text="page that gets the tables")
     options = parser.parse_args(arguments)
-    facts = machine(one.distribution for one in PEERS)
-    print(machine_line(facts))
+    print(machine_line(machine(one.distribution for one in PEERS)))
     with Progress() as bar:
         run = Goals(StepPlan(options.seconds, options.limit, STEPS, options.seed), bar.show)
         goals = list(run.all())
     print(as_text(goal_table(goals)))
     print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))
-    if options.json:
-        result = {"machine": facts, "goals": [goal._asdict() for goal in goals]}
-        result |= {"node": run.node_rows, "rows": [row._asdict() for row in run.rows]}
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
     if options.markdown:
         blocks = {"goals": as_markdown(goal_table(goals))}
         if run.node_rows:

@@ -16,170 +16,34 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import importlib.metadata
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision import clearances, verdicts
-from obb_collision.benchmarks.contestants import Frame
 from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE
-from obb_collision.typing import Floats
 from tools.pages import as_markdown
-from tools.peers.engines import Pybullet, Rapier
-
-
-class PlacedBox(NamedTuple):
-    """Centre (3,), rotation (3, 3) whose columns are the axes, half extents (3,)."""
-
-    center: Floats
-    rotation: Floats
-    half_extents: Floats
-
-
-#: A box, or the convex hull of corners (n, 3).
-Body = PlacedBox | Floats
-#: Metres up to which distances are asked for.
-FARTHEST = 1000.0
-
-
-class Answer(NamedTuple):
-    """Whether a pair collides, and its distance: negative if so, NaN where none is given."""
-
-    collides: bool
-    distance: float
-
-
-@dataclass(frozen=True)
-class PairPeer:
-    """A library: its distribution, its module, and how it is asked about a pair."""
-
-    name: str
-    distribution: str
-    module: str
-    ask: Callable[[ModuleType, Body, Body], Answer]
-
-    def version(self) -> str | None:
-        """Return the installed version, None where it can't be imported."""
-        try:
-            importlib.import_module(self.module)
-            return importlib.metadata.version(self.distribution)
-        except (ImportError, importlib.metadata.PackageNotFoundError):
-            return None
-
-    def answer(self, a: Body, b: Body) -> Answer:
-        """Return the answer about a pair; whatever the library raises."""
-        return self.ask(importlib.import_module(self.module), a, b)
-
-
-def _fcl_object(fcl: Any, body: Body) -> Any:
-    if isinstance(body, PlacedBox):
-        shape = fcl.Box(*(2.0 * body.half_extents))
-        return fcl.CollisionObject(shape, fcl.Transform(body.rotation, body.center))
-    faces = outward_faces(body)
-    flat = np.column_stack([np.full(len(faces), 3), faces]).ravel()
-    return fcl.CollisionObject(fcl.Convex(body, len(faces), flat), fcl.Transform())
-
-
-def _fcl(fcl: Any, a: Body, b: Body) -> Answer:
-    one, two = _fcl_object(fcl, a), _fcl_object(fcl, b)
-    collides = fcl.collide(one, two, fcl.CollisionRequest(), fcl.CollisionResult())
-    request = fcl.DistanceRequest(enable_signed_distance=True)
-    return Answer(bool(collides), float(fcl.distance(one, two, request, fcl.DistanceResult())))
-
-
-def _coal_shape(coal: Any, body: Body) -> tuple[Any, Any]:
-    if isinstance(body, PlacedBox):
-        shape = coal.Box(*(2.0 * body.half_extents))
-        return shape, coal.Transform3s(body.rotation, body.center)
-    points = coal.StdVec_Vec3s()
-    for point in body:
-        points.append(point)
-    triangles = coal.StdVec_Triangle()
-    for face in outward_faces(body).tolist():
-        triangles.append(coal.Triangle(*face))
-    return coal.Convex(points, triangles), coal.Transform3s.Identity()
-
-
-def _coal(coal: Any, a: Body, b: Body) -> Answer:
-    pair = (*_coal_shape(coal, a), *_coal_shape(coal, b))
-    result = coal.CollisionResult()
-    coal.collide(*pair, coal.CollisionRequest(), result)
-    distance = coal.distance(*pair, coal.DistanceRequest(), coal.DistanceResult())
-    return Answer(bool(result.isCollision()), float(distance))
-
-
-def _mujoco(mujoco: Any, a: Body, b: Body) -> Answer:
-    assets, geoms = "", ""
-    for name, body in (("a", a), ("b", b)):
-        if isinstance(body, PlacedBox):
-            kind = f'type="box" size="{_numbers(body.half_extents)}"'
-        else:
-            assets += f'<mesh name="{name}" vertex="{_numbers(body.ravel())}"/>'
-            kind = f'type="mesh" mesh="{name}"'
-        geoms += f'<body><freejoint/><geom name="{name}" {kind}/></body>'
-    xml = f"<mujoco><asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>"
-    model = mujoco.MjModel.from_xml_string(xml)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    for number, body in enumerate((a, b)):
-        if isinstance(body, PlacedBox):  # into the world poses, so that no conversion rounds
-            data.geom_xpos[number] = body.center
-            data.geom_xmat[number] = body.rotation.ravel()
-    mujoco.mj_collision(model, data)
-    if data.ncon:
-        return Answer(True, float(data.contact.dist.min()))
-    return Answer(False, float(mujoco.mj_geomDistance(model, data, 0, 1, FARTHEST, None)))
-
-
-def _engine(engine: type[Pybullet] | type[Rapier], a: Body, b: Body) -> Answer:
-    if not (isinstance(a, PlacedBox) and isinstance(b, PlacedBox)):
-        raise NotImplementedError("only boxes")
-    turns = Rotation.from_matrix([a.rotation, b.rotation]).as_quat()
-    poses = np.column_stack([[a.center, b.center], turns])
-    world = engine(np.array([a.half_extents, b.half_extents]), poses)
-    found = world.step(Frame(poses, np.arange(2)))
-    return Answer(len(world.pairs(found)) > 0, float("nan"))
-
-
-def _numbers(values: Floats) -> str:
-    return " ".join(map(repr, values.tolist()))
-
-
-def outward_faces(corners: Floats) -> np.ndarray:
-    """Return the faces (m, 3) of the convex hull of corners (n, 3), counter-clockwise."""
-    hull = ConvexHull(corners)
-    faces = hull.simplices.copy()
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
-    return faces
-
-
-PAIR_PEERS = (
-    PairPeer("MuJoCo", "mujoco", "mujoco", _mujoco),
-    PairPeer("coal", "coal", "coal", _coal),
-    PairPeer("python-fcl", "python-fcl", "fcl", _fcl),
-    PairPeer("pybullet", "pybullet", "pybullet", lambda _, a, b: _engine(Pybullet, a, b)),
-    PairPeer("rapier3d", "rapier3d", "rapier3d", lambda _, a, b: _engine(Rapier, a, b)),
+from tools.peers.pairs import (
+    FARTHEST,
+    PAIR_PEERS,
+    Answer,
+    Body,
+    PairPeer,
+    PlacedBox,
+    outward_faces,
 )
-
 
 OURS = "this library"
 RIGHT, NOTHING = "right", "\u2013"
@@ -360,18 +224,13 @@ def _plain(lines: list[list[str]]) -> Iterator[str]:
         )
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line."""
-    summary = (__doc__ or "").splitlines()[0]
-    parser = Parser(prog="python -m tools.known_bugs", description=summary)
-    option(parser, "--markdown", new_file(".md"), text="write the page, as docs/known_bugs.md")
-    return parser.parse_args(arguments)
-
-
 @interruptible("python -m tools.known_bugs")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Ask all; exit code 1 if an answer of this library is wrong."""
-    options = parse(arguments)
+    summary = (__doc__ or "").splitlines()[0]
+    parser = Parser(prog="python -m tools.known_bugs", description=summary)
+    option(parser, "--markdown", new_file(".md"), text="write the page, as docs/known_bugs.md")
+    options = parser.parse_args(arguments)
     peers = [peer for peer in PAIR_PEERS if peer.version() is not None]
     lines = table(peers)
     print("\n".join(_plain(lines)))

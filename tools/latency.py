@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Measures the time from the publication of objects to the collisions received, in one process.
 
 ``python -m tools.latency``: boxes that move, by each input for many objects, and
@@ -22,8 +21,6 @@ frames of boxes with other ids each time. Real topics; every sample is the time 
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -40,13 +37,15 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.benchmarks.measuring import as_text
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.cli import SEED, Parser, interruptible, option, real, whole
 from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.node import CollisionNode
 from obb_collision.typing import Floats
+from tools.fuzz.process import own_domain
+from tools.pages import table_of
 
 FRAME = "map"
 BOXES = "box"
@@ -61,7 +60,6 @@ WARM_SAMPLES = 20
 """Samples not counted: the first cycles load code and grow buffers."""
 PATIENCE = 10.0
 """Seconds to wait for discovery or for an answer before giving up."""
-LARGEST_DOMAIN = 100
 GLANCE = 0.002
 """Seconds that an executor waits before the other one gets its turn."""
 FRAME_PERIOD = 0.05
@@ -103,6 +101,15 @@ class Hall:
         self.poses[:, :3] += self._random.uniform(-STEP, STEP, (len(self.poses), 3))
         return self.poses
 
+    def message(self, number: int, first: int = 0, sized: bool = True) -> PointCloud2:
+        """Return the poses of all boxes, with sizes or without. number: seconds of the stamp."""
+        header = Header(stamp=stamp_to_ros(number * NANOSECONDS), frame_id=FRAME)
+        ids = np.arange(first, first + len(self.poses))
+        numbers = np.full(len(ids), namespace_number(BOXES))
+        if sized:
+            return boxes_to_ros(ids, self.poses, self.sizes, numbers, header)
+        return poses_to_ros(ids, self.poses, numbers, header)
+
 
 class Latency:
     """A collision node and a client in one context, each on an executor of its own."""
@@ -110,8 +117,7 @@ class Latency:
     def __init__(self, seed: int = 1) -> None:
         self._seed = seed
         self._context = Context()
-        # a domain of its own: another node on this machine must not answer
-        self._context.init(domain_id=1 + os.getpid() % LARGEST_DOMAIN)
+        self._context.init(domain_id=own_domain())
         overrides = [
             Parameter("fixed_frame", value=FRAME),
             Parameter("trigger", value="arrival"),
@@ -161,20 +167,10 @@ class Latency:
             writer.add((BOXES, number), Marker.CUBE, Marker.ADD, pose, size)
         return writer.message()
 
-    def _cloud(self, sized: bool) -> PointCloud2:
-        """Return all boxes as a cloud of poses, or of poses and sizes."""
-        header = Header(stamp=stamp_to_ros(self._number * NANOSECONDS), frame_id=FRAME)
-        ids, numbers = np.array(self._ids), np.full(len(self._hall.poses), namespace_number(BOXES))
-        if sized:
-            return boxes_to_ros(ids, self._hall.poses, self._hall.sizes, numbers, header)
-        return poses_to_ros(ids, self._hall.poses, numbers, header)
-
     def _message(self, way: str) -> Any:
         """Return the next message."""
-        if way == "object_poses":
-            return self._cloud(False)
-        if way in ("object_boxes", "object_boxes, other ids"):
-            return self._cloud(True)
+        if not way.startswith("objects"):
+            return self._hall.message(self._number, self._first, way.startswith("object_boxes"))
         if way == "objects, other ids by DELETEALL":
             return self._markers([(0, Marker.DELETEALL)])
         if way == "objects, other ids by differences":
@@ -277,21 +273,16 @@ def main(args: Sequence[str] | None = None) -> int:
         prog="python -m tools.latency",
         description=__doc__.splitlines()[0] if __doc__ else None,
     )
-    given = {"nargs": "+", "default": SIZES, "metavar": "N", "help": "numbers of moving boxes"}
-    parser.add_argument("--objects", type=whole(1, 20000), **given)  # type: ignore[arg-type]
-    option(parser, "--new", whole(1, 20000), OTHERS, "boxes with other ids in every frame")
+    text = "numbers of moving boxes"
+    parser.add_argument("--objects", type=whole(1, 20000), nargs="+", default=SIZES, help=text)
     option(parser, "--seconds", real(0.1, 86400.0), 5.0, "duration of each measurement")
-    option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
-    option(parser, "--json", new_file(), None, "write the figures to a file")
+    option(parser, "--seed", SEED, 1, "seed of the random scene")
     options = parser.parse_args(args)
     ways = [(way, objects) for way in MOVING for objects in options.objects]
-    ways += [(way, options.new) for way in NEW]
+    ways += [(way, OTHERS) for way in NEW]
     print("from publish to collisions received, one process, one thread of Python (ms)")
     figures = measure_all(partial(print, file=sys.stderr), ways, options.seconds, options.seed)
-    heads = list(figures[0])
-    print(as_text([heads, *([str(row.get(head, "")) for head in heads] for row in figures)]))
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1))
+    print(as_text(table_of(figures)))
     return 0
 
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from obb_collision.benchmarks.contestants import SCENE, SEPARATIONS
@@ -32,6 +32,12 @@ def as_markdown(lines: Table) -> str:
     """Return the table in Markdown."""
     rule = ["---"] * len(lines[0])
     return "\n".join(f"| {' | '.join(line)} |" for line in [lines[0], rule, *lines[1:]])
+
+
+def table_of(rows: Sequence[Mapping[str, object]]) -> Table:
+    """Return rows as text cells; the keys of the first one are the header."""
+    heads = list(rows[0])
+    return [heads, *([str(row.get(head, "")) for head in heads] for row in rows)]
 
 
 def write_into(page: Path, blocks: dict[str, str]) -> None:

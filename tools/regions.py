@@ -21,47 +21,35 @@ until the clouds of all regions of that state are there.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 
-from obb_collision.cli import (
-    MAX_SEED,
-    Parser,
-    Progress,
-    interruptible,
-    new_file,
-    option,
-    real,
-    whole,
-)
-from obb_collision.node.messages.clouds import boxes_to_ros
-from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
-from obb_collision.node.messages.names import namespace_number
+from obb_collision.cli import SEED, Parser, Progress, interruptible, option, real, whole
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.parameters.entries import region_parameters
 from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.region import split_regions
-from tools.fuzz.process import Child
-from tools.latency import BOXES, FRAME, Hall
-from tools.pages import as_markdown
+from tools.fuzz.client import Client, FoundError
+from tools.fuzz.process import Child, own_domain
+from tools.latency import Hall
+from tools.pages import as_markdown, table_of
 
 LENGTH = 8.0
 """How many times longer than wide and high the hall is."""
+HALO = 1.0
+"""Halo of the regions (m)."""
 WARM_SAMPLES = 5
 PATIENCE = 120.0
 """Seconds to wait for processes that start, and for an answer."""
@@ -70,48 +58,41 @@ PATIENCE = 120.0
 class Processes:
     """Collision nodes in processes of their own, a region each, and what they publish."""
 
-    def __init__(self, hall: Hall, count: int, halo: float) -> None:
+    def __init__(self, hall: Hall, count: int) -> None:
         self._hall, self._number = hall, 0
-        domain = 1 + os.getpid() % 100  # another node on this machine must not answer
+        domain = own_domain()
         root = f"/regions_{os.getpid()}_{count}"
         corners = " ".join(map(repr, [0.0] * 3)), " ".join(map(repr, hall.size.tolist()))
-        regions = region_parameters(*corners, f"{count} 1 1", repr(halo))
+        regions = region_parameters(*corners, f"{count} 1 1", repr(HALO))
         self._folder = TemporaryDirectory()
         self.running = [
             Child(arguments_of(root, name, given), domain, Path(self._folder.name) / name)
             for name, given in regions.items()
         ]
-        self._context = Context()
-        self._context.init(domain_id=domain)
-        self._client = Node("client", context=self._context, namespace=root)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._client)
-        self._publisher = self._client.create_publisher(PointCloud2, "object_boxes", 1)
+        self._client = Client(domain, root, {})
+        node = self._client.node
+        self._publisher = node.create_publisher(PointCloud2, "object_boxes", 1)
         self._latest: dict[str, PointCloud2] = {}
         for name in regions:
 
             def take(message: PointCloud2, name: str = name) -> None:
                 self._latest[name] = message
 
-            self._client.create_subscription(
-                PointCloud2, f"{name}/collisions", take, QoSProfile(depth=1)
-            )
+            node.create_subscription(PointCloud2, f"{name}/collisions", take, QoSProfile(depth=1))
         self._names = list(regions)
 
     def sample(self) -> tuple[float, int, int, int]:
         """Return seconds until all answers are there, pairs, and bytes in and out."""
         self._number += 1
         stamp = self._number * NANOSECONDS
-        header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
-        ids = np.arange(len(self._hall.sizes))
-        numbers = np.full(len(ids), namespace_number(BOXES))
-        message = boxes_to_ros(ids, self._hall.move(), self._hall.sizes, numbers, header)
+        self._hall.move()
+        message = self._hall.message(self._number)
         start = perf_counter()
         self._publisher.publish(message)
         while not self._has_all(stamp):
-            self._executor.spin_once(timeout_sec=0.05)
+            self._client.spin(0.05)
             if perf_counter() - start > PATIENCE:
-                raise TimeoutError("no answer from a collision node")
+                raise FoundError("no answer from a collision node")
         took = perf_counter() - start
         answers = self._latest.values()
         pairs = sum(answer.width for answer in answers)
@@ -126,13 +107,12 @@ class Processes:
 
     def begin(self) -> None:
         """Wait for all processes; the first samples load code and grow buffers."""
-        limit = perf_counter() + PATIENCE
-        while self._publisher.get_subscription_count() < len(self._names) or any(
-            self._client.count_publishers(f"{name}/collisions") == 0 for name in self._names
-        ):
-            self._executor.spin_once(timeout_sec=0.05)
-            if perf_counter() > limit or any(one.exit_code is not None for one in self.running):
-                raise TimeoutError("a collision node did not start")
+        node, inputs = self._client.node, self._publisher.get_subscription_count
+        for child, name in zip(self.running, self._names, strict=True):
+            topic = f"{name}/collisions"
+            self._client.until(child, partial(node.count_publishers, topic), topic, PATIENCE)
+        last, count = self.running[-1], len(self._names)
+        self._client.until(last, lambda: inputs() == count, "inputs", PATIENCE)
         for _ in range(WARM_SAMPLES):
             self.sample()
 
@@ -159,9 +139,7 @@ class Processes:
 
     def close(self) -> None:
         """End all processes."""
-        self._executor.shutdown()
-        self._client.destroy_node()
-        self._context.try_shutdown()
+        self._client.close()
         for process in self.running:
             process.end()
         self._folder.cleanup()
@@ -183,10 +161,10 @@ def arguments_of(root: str, name: str, given: dict[str, Any]) -> list[str]:
     return words + [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
 
 
-def measure(objects: int, count: int, seconds: float, halo: float, seed: int) -> dict[str, Any]:
+def measure(objects: int, count: int, seconds: float, seed: int) -> dict[str, Any]:
     """Return what ``count`` processes take for the same boxes."""
     hall = Hall(objects, seed, LENGTH)
-    processes = Processes(hall, count, halo)
+    processes = Processes(hall, count)
     try:
         processes.begin()
         before, limit = processes.cpu_seconds(), perf_counter() + seconds
@@ -220,9 +198,9 @@ def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
     Per object away from the region, by a region that no object is near to.
     """
     hall = Hall(objects, seed, LENGTH)
-    parts = {n: split_regions([0] * 3, hall.size, (n, 1, 1), 1.0)[0] for n in (1, 2, 4)}
+    parts = {n: split_regions([0] * 3, hall.size, (n, 1, 1), HALO)[0] for n in (1, 2, 4)}
     scenes = {f"1 of {n}": Scene(region=region) for n, region in parts.items()}
-    scenes["far"] = Scene(region=split_regions([1e6] * 3, [2e6] * 3, (2, 1, 1), 1.0)[1])
+    scenes["far"] = Scene(region=split_regions([1e6] * 3, [2e6] * 3, (2, 1, 1), HALO)[1])
     rows: dict[str, list[tuple[float, float]]] = {name: [] for name in scenes}
     for scene in scenes.values():
         scene.add_boxes([str(n) for n in range(objects)], hall.sizes, hall.poses)
@@ -246,11 +224,6 @@ def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
     }
 
 
-def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows as a table of Markdown."""
-    return as_markdown([list(rows[0]), *([str(value) for value in row.values()] for row in rows)])
-
-
 @interruptible("python -m tools.regions")
 def main(args: Sequence[str] | None = None) -> int:
     """Run the measurements of the command line."""
@@ -260,21 +233,17 @@ def main(args: Sequence[str] | None = None) -> int:
     option(parser, "--objects", whole(1, 1000000), 10000, "moving boxes")
     option(parser, "--processes", whole(1, 64), 4, "processes at most, from 1 on")
     option(parser, "--seconds", real(0.1, 86400.0), 5.0, "duration of each measurement")
-    option(parser, "--halo", real(0.1, 1000.0), 1.0, "halo of the regions (m)")
-    option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
-    option(parser, "--json", new_file(), None, "write the figures to a file")
+    option(parser, "--seed", SEED, 1, "seed of the random scene")
     options = parser.parse_args(args)
     costs = far_costs(options.objects, options.seed)
-    print(table([{"region": name, **row} for name, row in costs.items()]), flush=True)
+    rows: list[dict[str, Any]] = [{"region": name, **row} for name, row in costs.items()]
+    print(as_markdown(table_of(rows)), flush=True)
     rows = []
     with Progress() as progress:
         for count in range(1, options.processes + 1):
             progress.show(f"processes that share the hall: {count}")
-            given = options.seconds, options.halo, options.seed
-            rows.append(measure(options.objects, count, *given))
-    print(f"\n{table(rows)}")
-    if options.json:
-        options.json.write_text(json.dumps({"check": costs, "processes": rows}, indent=1))
+            rows.append(measure(options.objects, count, options.seconds, options.seed))
+    print(f"\n{as_markdown(table_of(rows))}")
     return 0
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,7 +31,7 @@ from std_msgs.msg import Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.messages.box_markers import MarkerArrayWriter
-from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
+from obb_collision.node.messages.clouds import cloud_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
 from obb_collision.node.robots.validity import NOT_KNOWN, ROWS
 from obb_collision.robots.robot import Robot
@@ -38,7 +39,8 @@ from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 from tools.fuzz.client import Client, FoundError
-from tools.fuzz.process import Child
+from tools.fuzz.process import Child, own_domain
+from tools.fuzz.robot import states_to_ros
 
 ROBOT, FRAME = "robot", "map"
 URDF, SRDF = LATCHED = (f"{ROBOT}/robot_description", f"{ROBOT}/robot_description_semantic")
@@ -65,13 +67,13 @@ ASKING = 0.5
 
 
 class Asked:
-    """A node with a robot in a process of its own, ended on the way out; and a client of it.
+    """A node with a robot in a process of its own, and a client of it.
 
     Raises FoundError where the node ends or does not answer.
     """
 
     def __init__(self, robot: Robot, packages: Path, folder: Path) -> None:
-        domain = 1 + os.getpid() % 100  # another node on this machine must not answer
+        domain = own_domain()
         namespace = f"/chunks_{os.getpid()}"
         self._robot, self._number, self._answer = robot, 0, PointCloud2()
         given = [f"robots:=['{ROBOT}']", f"robot_bases:=['{ROBOT}: 0 0 0 0 0 0 1']"]
@@ -81,10 +83,8 @@ class Asked:
         self._child = Child(words, domain, folder / "node.log")
         self._client = Client(domain, namespace, TYPES, LATCHED, ROBOT)
 
-    def __enter__(self) -> Asked:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """End the node and its client."""
         self._client.close()
         self._child.end()
 
@@ -130,12 +130,9 @@ class Asked:
 
     def ask(self, states: Floats) -> float:
         """Return how long the answer to states took (s)."""
-        rows = np.zeros(len(states), [(name, "<f8") for name in self._robot.joint_names])
-        for column, name in enumerate(self._robot.joint_names):
-            rows[name] = states[:, column]
         self._number += 1
         stamp = stamp_to_ros(self._number * NANOSECONDS)
-        message = cloud_to_ros(rows, Header(stamp=stamp, frame_id=FRAME))
+        message = states_to_ros(self._robot, states, Header(stamp=stamp, frame_id=FRAME))
         start = perf_counter()
         self._client.publishers[STATES].publish(message)
         reached = partial(self._client.answer_at, stamp)
@@ -158,7 +155,7 @@ def measure_chunks(
     """
     rng = np.random.default_rng(0)
     times, valid = [], []
-    with TemporaryDirectory() as log, Asked(robot, folder, Path(log)) as node:
+    with TemporaryDirectory() as log, closing(Asked(robot, folder, Path(log))) as node:
         low, high = (edge(states, axis=(0, 1)) for edge in (np.min, np.max))
         middle, span = 0.5 * (low + high), high - low
         node.begin(*texts, boxes, middle)

@@ -29,7 +29,7 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
-from tools.peers.vamp import Vamp
+from tools.peers.robots import Vamp
 
 #: Lengths of motions, the root of the sum of squares of what all joints move.
 LENGTHS = 0.3, 1.5
@@ -51,11 +51,15 @@ def boxes_of(count: int, rng: np.random.Generator) -> list[SceneObject]:
         place = rng.uniform((-1.0, -1.0, -0.1), (1.0, 1.0, 1.2))
         size, turn = 2.0 * rng.uniform(0.02, 0.12, 3), rng.normal(size=4)
         if np.hypot(*place[:2]) >= CLEAR_OF_BASE:
-            x, y, z = place.tolist()
-            qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
-            pose = x, y, z, qx, qy, qz, qw
-            found.append(SceneObject(f"box{len(found)}", Box(size), pose))
+            found.append(box_at(len(found), size, place, turn))
     return found
+
+
+def box_at(number: int, size: Floats, place: Floats, turn: Floats) -> SceneObject:
+    """Return a box at a place (3,), turned by a quaternion of any length (4,)."""
+    x, y, z = place.tolist()
+    qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
+    return SceneObject(f"box{number}", Box(size), (x, y, z, qx, qy, qz, qw))
 
 
 def scene_of(objects: Sequence[SceneObject]) -> Scene:
@@ -97,10 +101,10 @@ def sampled(checker: RobotScene, starts: Floats, ends: Floats) -> Mask:
     return np.concatenate(found)
 
 
-def least_times(calls: Sequence[Callable[[], object]]) -> list[float]:
+def least_times(calls: Sequence[Callable[[], object]], rounds: int = ROUNDS) -> list[float]:
     """Return the least processor time of each call, in turns (s)."""
     best = [np.inf] * len(calls)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for n, call in enumerate(calls):
             begin = thread_time()
             call()
@@ -109,13 +113,13 @@ def least_times(calls: Sequence[Callable[[], object]]) -> list[float]:
 
 
 def motion_rows(
-    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int, vamp: Vamp | None
+    robot: Robot, boxes: Sequence[int], compared: int, seed: int, vamp: Vamp | None
 ) -> Iterator[Row]:
     """Yield a row per number of boxes and length of motions, each followed by one of a peer."""
     for count in boxes:
         rng = np.random.default_rng([seed, count])
         objects = boxes_of(count, rng)
-        checker = RobotScene([robot], scene_of(objects), accuracy)
+        checker = RobotScene([robot], scene_of(objects))
         for length in LENGTHS:
             starts = free_states(checker, max(compared, TIMED), rng)
             ends = ends_of(robot, starts, length, rng)
@@ -155,32 +159,12 @@ def _verdicts(free: Mask, collides: Mask) -> Row:
 
 def _row(checker: RobotScene, starts: Floats, ends: Floats, collides: Mask) -> Row:
     a, b = starts[:TIMED], ends[:TIMED]
-    free = checker.check_motions(a, b).valid
-
-    def motions(some: Mask, first: bool = False) -> Callable[[], object]:
-        return lambda: checker.check_motions(a[some], b[some], first=first)
-
-    everything = np.ones(len(a), np.bool_)
-    state, each, of_free, of_others, where = least_times(
-        [
-            lambda: checker.check(a),
-            motions(everything),
-            motions(free),
-            motions(~free),
-            motions(~free, first=True),
-        ]
-    )
-    some, others = max(1, int(free.sum())), max(1, int((~free).sum()))
+    state, each = least_times([lambda: checker.check(a), lambda: checker.check_motions(a, b)])
     (single,) = least_times([lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)]])
     compared = len(collides)
     report = checker.check_motions(starts[:compared], ends[:compared])
     return {
         **_costs(state, each, len(a)),
-        "us_of_free": 1e6 * of_free / some,
-        "us_of_colliding": 1e6 * of_others / others,
-        "us_of_first": 1e6 * where / others,
         "us_of_call": 1e6 * single / CALLS,
-        "free": float(report.valid.mean()) if compared else float(free.mean()),
         **_verdicts(report.valid, collides),
-        "undecided": int(report.undecided.sum()),
     }

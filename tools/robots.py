@@ -22,32 +22,22 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from time import thread_time
 from typing import Any
 
 import numpy as np
 
 from obb_collision._threads import set_threads, threads
-from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.benchmarks import plots
 from obb_collision.benchmarks.measuring import Show
-from obb_collision.cli import (
-    MAX_SEED,
-    Parser,
-    Progress,
-    interruptible,
-    new_file,
-    option,
-    whole,
-)
+from obb_collision.cli import SEED, Parser, Progress, interruptible, new_file, option, whole
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.scene import Scene
 from obb_collision.scene_files import find_scene, load_scene
 from obb_collision.scene_files.description import SceneObject
-from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 from tools.pages import as_markdown, write_into
 from tools.peers.robots import (
@@ -55,16 +45,14 @@ from tools.peers.robots import (
     TRUTH,
     Case,
     CheckStates,
+    Vamp,
     pinocchio_kinematics,
 )
-from tools.peers.vamp import Vamp
-from tools.robot_motions import motion_rows
+from tools.robot_motions import CLEAR_OF_BASE, box_at, least_times, motion_rows, scene_of
 
 OURS = "this library"
 #: Rounds in which all take their turn; the least time of each counts.
 ROUNDS = 5
-#: Boxes keep this far from the axis of the base, metres.
-CLEAR_OF_BASE = 0.35
 Row = dict[str, Any]
 #: Before the path of a mesh file beside the URDF.
 RELATIVE = re.compile(r'filename="(?!/|\w+://)')
@@ -91,10 +79,7 @@ def random_boxes(count: int, rng: np.random.Generator) -> list[SceneObject]:
         size, turn = rng.uniform(0.25 * largest, largest, 3), rng.normal(size=4)
         place = rng.uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.2))
         if np.hypot(*place[:2]) > CLEAR_OF_BASE + 0.5 * float(np.linalg.norm(size)):
-            x, y, z = place.tolist()
-            qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
-            pose = (x, y, z, qx, qy, qz, qw)
-            found.append(SceneObject(f"box{len(found)}", Box(size), pose))
+            found.append(box_at(len(found), size, place, turn))
     return found
 
 
@@ -103,10 +88,7 @@ def worlds(options: argparse.Namespace) -> Iterator[tuple[str, list[SceneObject]
     rng = np.random.default_rng(options.seed)
     for count in options.boxes:
         objects = random_boxes(count, rng)
-        scene = Scene()
-        for one in objects:
-            scene.add(one.name, one.shape, one.pose)
-        yield f"{count} boxes", objects, scene
+        yield f"{count} boxes", objects, scene_of(objects)
     for file in sorted(options.scenes.glob("*.yaml")) if options.scenes else ():
         description = load_scene(file)
         yield file.stem, list(description.objects), description.build()
@@ -134,15 +116,10 @@ def times_of(
     checkers: Mapping[str, Callable[[Floats], object]], states: Floats
 ) -> dict[str, float]:
     """Return the processor time per state of each, seconds, in turns."""
-    best = dict.fromkeys(checkers, np.inf)
     for check in checkers.values():
         check(states[:5])
-    for _ in range(ROUNDS):
-        for name, check in checkers.items():
-            start = thread_time()
-            check(states)
-            best[name] = min(best[name], (thread_time() - start) / len(states))
-    return best
+    times = least_times([partial(check, states) for check in checkers.values()], ROUNDS)
+    return {name: time / len(states) for name, time in zip(checkers, times, strict=True)}
 
 
 def compared(name: str, check: CheckStates, states: Floats, truth: np.ndarray | None) -> Row:
@@ -165,9 +142,8 @@ def timed(seconds: float) -> Row:
     return {"microseconds": 1e6 * seconds, "states_per_second": 1.0 / seconds}
 
 
-def kinematics_rows(options: argparse.Namespace) -> list[Row]:
+def kinematics_rows(robot: Robot, options: argparse.Namespace) -> list[Row]:
     """Measure kinematics, beside pinocchio's where that is installed."""
-    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     ways: dict[str, Callable[[Floats], object]] = {OURS: robot.link_poses}
     if find_spec("pinocchio") is not None:
         nothing = Case(
@@ -179,34 +155,27 @@ def kinematics_rows(options: argparse.Namespace) -> list[Row]:
     return [{"checker": name} | timed(time) for name, time in times.items()]
 
 
-def chunk_row(options: argparse.Namespace) -> Row:
+def chunk_row(robot: Robot, options: argparse.Namespace) -> Row:
     """Measure chunks of states through a node; FoundError where it does not answer."""
     from tools import robot_latency as node
 
-    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     rng = np.random.default_rng(options.seed)
     boxes = random_boxes(BOXES_OF_CHUNKS, rng)
     states = random_states(robot, node.CHUNK * (options.latency + node.WARM_CHUNKS), rng)
     here = f'filename="{options.robot.resolve().parent}/'  # a topic has no folder
     urdf = RELATIVE.sub(here, options.robot.read_text(encoding="utf-8"))
     srdf = None if options.srdf is None else options.srdf.read_text(encoding="utf-8")
-    return node.measure_chunks(
-        robot,
-        (urdf, srdf),
-        options.packages,
-        boxes,
-        states.reshape(-1, node.CHUNK, states.shape[1]),
-    )
+    chunks = states.reshape(-1, node.CHUNK, states.shape[1])
+    return node.measure_chunks(robot, (urdf, srdf), options.packages, boxes, chunks)
 
 
-def run(options: argparse.Namespace, show: Show) -> list[Row]:
+def run(robot: Robot, options: argparse.Namespace, show: Show) -> list[Row]:
     """Measure states in all worlds; print what is left out, and why."""
-    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     rows = []
     for world, objects, scene in worlds(options):
         show(f"states among {world}")
         rng = np.random.default_rng([options.seed, 1])
-        checker = RobotScene([robot], scene, options.accuracy)
+        checker = RobotScene([robot], scene)
         case = case_of(robot, str(options.robot), objects, checker)
         checkers: dict[str, CheckStates] = {OURS: lambda q, c=checker: c.check(q).colliding}  # type: ignore[misc]
         for name, (make, package) in PEERS.items():
@@ -293,14 +262,13 @@ def parser() -> Parser:
     boxes = "numbers of random boxes"
     made.add_argument("--boxes", nargs="+", type=whole(1, 10000), default=[10, 30, 100], help=boxes)
     option(made, "--scenes", Path, text="folder of scene files (YAML) to measure in, too")
-    made.add_argument("--accuracy", choices=ALL_LEVELS, default="hull", help="of this library")
     option(made, "--states", whole(1, 10**7), 2000, "states that are timed")
     option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
     text = "motions per world and length compared with 1,000 samples each"
     option(made, "--motions", whole(0, 10**6), 200, text)
     made.add_argument("--only-motions", action="store_true", help="measure motions alone")
     option(made, "--vamp", Path, text="checkout of VAMP whose motions are measured, too")
-    option(made, "--seed", whole(0, MAX_SEED), 0, "of states and boxes")
+    option(made, "--seed", SEED, 0, "of states and boxes")
     text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
     option(made, "--latency", whole(1, 10**6), text=text)
     option(made, "--json", new_file(), text="write all figures")
@@ -311,20 +279,20 @@ def parser() -> Parser:
 
 def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
     """Measure a node, or the library beside others; return rows by name of the table."""
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     if options.latency:
         show("chunks of states through a node")
-        return {"latency": [chunk_row(options)]}
+        return {"latency": [chunk_row(robot, options)]}
     show("motions")
-    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
-    given = options.accuracy, options.boxes, options.motions, options.seed
+    given = options.boxes, options.motions, options.seed
     with tempfile.TemporaryDirectory() as folder:
         vamp = None if options.vamp is None else Vamp(options.vamp, robot, Path(folder))
         motions = list(motion_rows(robot, *given, vamp))
     if options.only_motions:
         return {"motions": motions}
     show("kinematics")
-    kinematics = kinematics_rows(options)
-    rows = run(options, show)
+    kinematics = kinematics_rows(robot, options)
+    rows = run(robot, options, show)
     if options.plot:
         save_plot(rows, options.plot)
     return {"states": rows, "motions": motions, "kinematics": kinematics}

@@ -29,17 +29,10 @@ gets the doubles as they are stored. A peer that is not installed is no error.
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import importlib.metadata
-import json
-import platform
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +42,7 @@ from obb_collision import verdicts
 from obb_collision._jit import njit
 from obb_collision.benchmarks.contestants import make_frames
 from obb_collision.benchmarks.measuring import Show, as_text, take_turns
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.cli import SEED, Parser, interruptible, option, real, whole
 from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import (
@@ -67,6 +60,7 @@ from obb_collision.typing import Floats, Rows
 from tools.cases.families import FAMILIES, generate
 from tools.cases.placement import Arrays
 from tools.pages import as_markdown
+from tools.peers.pairs import DOUBLES, PairPeer, PlacedBox
 
 FREE, COLLIDING, FAILED = 0, 1, -1
 
@@ -153,31 +147,6 @@ def _collide(
     return not abs(t1 * r02 - t0 * r12) > h0 * q12 + h1 * q02 + f0 * q21 + f1 * q20
 
 
-@dataclass(frozen=True)
-class Peer:
-    """A library to compare with: its name for people, its distribution, and how it is called."""
-
-    name: str
-    distribution: str
-    module: str
-    make: Callable[[ModuleType], Judge]
-    how: str
-
-    def version(self) -> str | None:
-        """Return the installed version, or None."""
-        try:
-            return importlib.metadata.version(self.distribution)
-        except importlib.metadata.PackageNotFoundError:
-            return None
-
-    def judge(self) -> Judge | None:
-        """Return the judge, or None where the peer can't be imported."""
-        try:
-            return self.make(importlib.import_module(self.module))
-        except ImportError:
-            return None
-
-
 def textbook(a: Arrays, b: Arrays, epsilon: float = EPSILON) -> Answers:
     """Run the plain test of the textbooks in float64, ``epsilon`` added to abs(R)."""
     rows = np.arange(len(a[0]))
@@ -187,18 +156,14 @@ def textbook(a: Arrays, b: Arrays, epsilon: float = EPSILON) -> Answers:
     return np.where(out == Verdict.SEPARATE, FREE, COLLIDING).astype(np.int8)
 
 
-def _rows(a: Arrays, b: Arrays) -> Iterator[tuple[Any, ...]]:
-    return zip(*a, *b, strict=True)
-
-
-def _one_by_one(ask: Callable[..., bool]) -> Judge:
-    """Make a judge from a function of one pair; an exception is an answer too."""
+def judge_of(peer: PairPeer) -> Judge:
+    """Return the judge that asks a peer about one pair after the other."""
 
     def judge(a: Arrays, b: Arrays) -> Answers:
         answers = np.empty(len(a[0]), np.int8)
-        for n, row in enumerate(_rows(a, b)):
+        for n, pair in enumerate(zip(map(PlacedBox, *a), map(PlacedBox, *b), strict=True)):
             try:
-                answers[n] = COLLIDING if ask(*row) else FREE
+                answers[n] = COLLIDING if peer.answer(*pair, distance=False).collides else FREE
             except Exception:  # peers raise any exception; the table counts it
                 answers[n] = FAILED
         return answers
@@ -206,61 +171,8 @@ def _one_by_one(ask: Callable[..., bool]) -> Judge:
     return judge
 
 
-def _fcl(fcl: ModuleType) -> Judge:
-    def collides(ca: Any, ra: Any, ha: Any, cb: Any, rb: Any, hb: Any) -> bool:
-        one = fcl.CollisionObject(fcl.Box(*(2.0 * ha)), fcl.Transform(ra, ca))
-        two = fcl.CollisionObject(fcl.Box(*(2.0 * hb)), fcl.Transform(rb, cb))
-        return bool(fcl.collide(one, two, fcl.CollisionRequest(), fcl.CollisionResult()))
-
-    return _one_by_one(collides)
-
-
-def _coal(coal: ModuleType) -> Judge:
-    def collides(ca: Any, ra: Any, ha: Any, cb: Any, rb: Any, hb: Any) -> bool:
-        one, two = coal.Box(*(2.0 * ha)), coal.Box(*(2.0 * hb))
-        poses = coal.Transform3s(ra, ca), coal.Transform3s(rb, cb)
-        result = coal.CollisionResult()
-        coal.collide(one, poses[0], two, poses[1], coal.CollisionRequest(), result)
-        return bool(result.isCollision())
-
-    return _one_by_one(collides)
-
-
-#: One explicit pair: mj_collision then goes to the two boxes without a broad phase in between.
-_MUJOCO_MODEL = """
-<mujoco>
-  <worldbody>
-    <body><freejoint/><geom name="a" type="box" size="1 1 1" contype="0" conaffinity="0"/></body>
-    <body><freejoint/><geom name="b" type="box" size="1 1 1" contype="0" conaffinity="0"/></body>
-  </worldbody>
-  <contact><pair geom1="a" geom2="b"/></contact>
-</mujoco>
-"""
-
-
-def _mujoco(mujoco: ModuleType) -> Judge:
-    model = mujoco.MjModel.from_xml_string(_MUJOCO_MODEL)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-
-    def collides(ca: Any, ra: Any, ha: Any, cb: Any, rb: Any, hb: Any) -> bool:
-        # Written straight into the world poses, so that no conversion rounds anything.
-        for k, (center, rotation, half) in enumerate(((ca, ra, ha), (cb, rb, hb))):
-            data.geom_xpos[k], data.geom_xmat[k] = center, rotation.ravel()
-            model.geom_size[k], model.geom_rbound[k] = half, np.sqrt((half * half).sum())
-        mujoco.mj_collision(model, data)
-        return bool(data.ncon > 0)
-
-    return _one_by_one(collides)
-
-
-PEERS = (
-    Peer("python-fcl", "python-fcl", "fcl", _fcl, "fcl.collide"),
-    Peer("coal", "coal", "coal", _coal, "coal.collide"),
-    Peer("MuJoCo", "mujoco", "mujoco", _mujoco, "mj_collision, margin 0, contacts > 0"),
-)
-
-
+#: Columns in the order of the page.
+PEERS = tuple(reversed(DOUBLES))
 #: Pairs judged at once.
 CHUNK = 2000
 
@@ -320,12 +232,12 @@ def installed_judges() -> tuple[dict[str, Judge], list[str]]:
     }
     notes = []
     for peer in PEERS:
-        judge = peer.judge()
-        if judge is None:
+        version = peer.version()
+        if version is None:
             notes.append(f"{peer.name}: not installed, left out")
         else:
-            judges[peer.name] = judge
-            notes.append(f"{peer.name} {peer.version()}: {peer.how}")
+            judges[peer.name] = judge_of(peer)
+            notes.append(f"{peer.name} {version}: {peer.how}")
     return judges, notes
 
 
@@ -435,30 +347,23 @@ def cost_table(rows: list[FloatRow]) -> list[list[str]]:
     return lines + [[f"{x:.1f}" if isinstance(x, float) else str(x) for x in row] for row in rows]
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line; ``names`` are the families asked for."""
+@interruptible("python -m tools.wrong_answers")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison; exit code 1 if this library gave a wrong verdict."""
     summary = (__doc__ or "").splitlines()[0]
     parser = Parser(prog="python -m tools.wrong_answers", description=summary)
     option(parser, "--pairs", whole(1, 10**9), 10_000, "pairs per family")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random pairs")
+    option(parser, "--seed", SEED, 0, "seed of the random pairs")
     text = "part of the name of a family; may be repeated"
     parser.add_argument("--family", action="append", help=text)
     text = "time the certified test beside the plain one for so long (s), in place of the peers"
     option(parser, "--seconds", real(0.001, 1e6), text=text)
-    option(parser, "--json", new_file(), text="write all counts as JSON")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     options = parser.parse_args(arguments)
     wanted = options.family or [""]
-    options.names = [name for name in FAMILIES if any(part in name for part in wanted)]
-    if not options.names:
+    names = [name for name in FAMILIES if any(part in name for part in wanted)]
+    if not names:
         parser.error(f"--family matches none; there are: {'; '.join(FAMILIES)}")
-    return options
-
-
-@interruptible("python -m tools.wrong_answers")
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the comparison; exit code 1 if this library gave a wrong verdict."""
-    options = parse(arguments)
     if options.seconds:
         show = partial(print, file=sys.stderr)
         costs = measure_floats(pair_sets(options.pairs, options.seed), options.seconds, show)
@@ -467,24 +372,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(any(row.false + row.missed for row in ours))
     judges, notes = installed_judges()
     rows = []
-    for number, name in enumerate(options.names, 1):
-        print(f"[{number}/{len(options.names)}] {name}", file=sys.stderr, flush=True)
+    for number, name in enumerate(names, 1):
+        print(f"[{number}/{len(names)}] {name}", file=sys.stderr, flush=True)
         rows.append(examine(name, options.pairs, options.seed, judges))
     lines = table(rows, judges)
     print(f"Wrong answers in {options.pairs} pairs of each family, seed {options.seed}.")
     print("a / b: a false collisions, b missed ones. Undecided pairs count as colliding.")
     print("\n".join(notes), end="\n\n")
     print(as_markdown(lines) if options.markdown else as_text(lines))
-    if options.json:
-        report = {
-            "pairs": options.pairs,
-            "seed": options.seed,
-            "machine": platform.machine(),
-            "python": platform.python_version(),
-            "peers": {peer.name: peer.version() for peer in PEERS},
-            "families": rows,
-        }
-        options.json.write_text(json.dumps(report, indent=1) + "\n")
     wrong = ("default_false", "default_missed", "exact_wrong")
     return int(any(row["own"][key] for row in rows for key in wrong))
 

@@ -24,7 +24,7 @@ import os
 from collections.abc import Callable, Sequence
 
 from obb_collision.cli import (
-    MAX_SEED,
+    SEED,
     Parser,
     Progress,
     folder,
@@ -50,7 +50,7 @@ def accuracy(arguments: Sequence[str] | None = None) -> int:
         "beside the installed peers.",
     )
     option(parser, "--seconds", real(0.001, 1e6), 100.0, "approximate total time (s)")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
+    option(parser, "--seed", SEED, 0, "seed of the random poses")
     option(parser, "--bodies", whole(1, 10**6), 2_000, "number of bodies")
     option(parser, "--pairs", whole(1, 10**8), 60_000, "pairs per corpus")
     option(parser, "--meshes", folder, text="folder of mesh files, STL and OBJ, to measure on, too")
@@ -97,7 +97,7 @@ def speed_parser(program: str, peers: Sequence[str] = PEERS) -> Parser:
     option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
     option(parser, "--steps", whole(1, 10**6), 20, "steps per scene, at least")
     option(parser, "--limit", real(0.001, 1e6), 40.0, "who would take longer is left out (s)")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random scenes")
+    option(parser, "--seed", SEED, 0, "seed of the random scenes")
     _add_files(parser)
     what = "measure what each effect costs in the scenes that come with the package instead"
     add("--effects", action="store_true", help=what)

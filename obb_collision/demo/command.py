@@ -32,7 +32,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TextIO
 
-from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, option, real, whole
+from obb_collision.cli import BAD_USAGE, SEED, Parser, new_file, option, real, whole
 from obb_collision.node.runtime.environment import (
     handle_signals,
     is_ros_here,
@@ -93,7 +93,7 @@ def make_parser() -> argparse.ArgumentParser:
     option(what, "--scene", scene_file, text=text)
     objects = whole(MIN_OBJECTS, MAX_OBJECTS)
     option(what, "--objects", objects, text="run a random scene of this many objects instead")
-    option(parser, "--seed", whole(0, MAX_SEED), DEFAULT_SEED, "seed of the random scene")
+    option(parser, "--seed", SEED, DEFAULT_SEED, "seed of the random scene")
     text = "publications per second of what moves (Hz)"
     option(parser, "--rate", real(1.0, MAX_RATE), 30.0, text)
     text = f"show the scene live at http://localhost:PORT (default: {DEFAULT_PORT}); needs viser"

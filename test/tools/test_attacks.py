@@ -47,9 +47,9 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.topics import COLLISIONS
 from tools.faults import __main__ as faults_command
 from tools.faults.__main__ import BY_NAME, FAULTS, Fault, Outcome, attempt
-from tools.faults.bench import Bench, FaultError
+from tools.faults.bench import Bench
 from tools.fuzz import __main__ as command
-from tools.fuzz import attack, files, probes
+from tools.fuzz import files, probes
 from tools.fuzz.cases import CASES, FIXED, MANY, Sent, Stream
 from tools.fuzz.client import Answer, FoundError
 from tools.fuzz.messages import TYPE, Messages, serialised
@@ -108,7 +108,7 @@ def test_an_interrupt_is_no_finding(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(attack.Attack, "run", interrupted)
+    monkeypatch.setattr(command.Attack, "run", interrupted)
     assert run() == 130
     output = capsys.readouterr()
     assert output.out == ""
@@ -122,7 +122,7 @@ def test_a_part_is_run_again_and_a_wrong_answer_is_found_with_what_reproduces_it
     monkeypatch.setattr(
         probes, "right_pairs", lambda *boxes: right.pop()(*boxes) if right else set()
     )
-    monkeypatch.setattr(attack, "BATCH", 2)
+    monkeypatch.setattr(command, "BATCH", 2)
     assert run("--only", "raw:17-21") == 1
     output = capfd.readouterr().out
     assert "sent: 4 (" in output
@@ -147,12 +147,12 @@ def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
 def test_a_process_that_reads_and_ends_or_takes_long_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(attack, "READING", 0.0)
+    monkeypatch.setattr(command, "READING", 0.0)
     with pytest.raises(FoundError, match=r"robot:\d+ took"):
-        attack.attack_reader("robot", tmp_path, 1, 0, 30)
+        command.attack_reader("robot", tmp_path, 1, 0, 30)
     monkeypatch.setattr(sys, "executable", "false")  # which ends at once
     with pytest.raises(FoundError, match="scene:0 ended its reader"):
-        attack.attack_reader("scene", tmp_path, 1, 0, 3)
+        command.attack_reader("scene", tmp_path, 1, 0, 3)
 
 
 def test_robots_are_good_before_they_are_changed(tmp_path: Path) -> None:
@@ -282,7 +282,7 @@ def test_the_page_has_every_fault_and_none_that_failed() -> None:
 
 def fails(bench: Bench) -> str:
     """Fail."""
-    raise FaultError("nothing | at all")
+    raise FoundError("nothing | at all")
 
 
 def test_rows_of_other_faults_stay_and_failures_are_said(
@@ -290,7 +290,7 @@ def test_rows_of_other_faults_stay_and_failures_are_said(
 ) -> None:
     first, second = FAULTS[:2]
     page = tmp_path / "page.md"
-    page.write_text("# Title\n\nText.\n")
+    page.write_text("# Title\n\nText.\n<!-- speed: faults -->\n<!-- end -->\n")
     faults_command.write_table(page, [Outcome(second, "seen", held=True, seconds=2.0)])
     monkeypatch.setitem(BY_NAME, first.name, first._replace(make=fails))
     assert faults_command.main(["--only", first.name, "--markdown", str(page)]) == 1

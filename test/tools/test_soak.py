@@ -28,9 +28,10 @@ pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
 from obb_collision.node.topics.topics import COLLISIONS
+from tools.cases.placement import rotations_of
 from tools.fuzz.process import Usage
 from tools.soak import __main__ as command
-from tools.soak.checker import Checker, Found, Result, pair_of, rotations_of, truth_of
+from tools.soak.checker import Checker, Found, Result, pair_of, truth_of
 from tools.soak.world import (
     BOXES,
     MARKERS,

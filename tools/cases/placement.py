@@ -44,14 +44,18 @@ def log_uniform(
 
 def random_rotations(rng: np.random.Generator, n: int) -> Array:
     """(n, 3, 3) uniformly distributed rotations, orthonormal to rounding."""
-    q = rng.normal(size=(n, 4))
-    x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    return orthonormal(rotations_of(rng.normal(size=(n, 4))))
+
+
+def rotations_of(quaternions: Array) -> Array:
+    """(n, 3, 3) matrices of quaternions x y z w (n, 4) of any length."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return orthonormal(np.moveaxis(np.array(rows), 2, 0))
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def orthonormal(rotations: Array) -> Array:

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -25,8 +24,10 @@ from typing import NamedTuple
 
 from obb_collision.cli import Parser, interruptible, new_file, option
 from tools.faults import processes, resources
-from tools.faults.bench import Bench, FaultError
-from tools.fuzz.process import for_killed_processes
+from tools.faults.bench import Bench
+from tools.fuzz.client import FoundError
+from tools.fuzz.process import for_killed_processes, last_lines, own_domain
+from tools.pages import write_into
 
 
 class Fault(NamedTuple):
@@ -136,21 +137,15 @@ def attempt(fault: Fault, domain: int) -> Outcome:
         bench = Bench(Path(folder), domain)
         try:
             seen, held = fault.make(bench), True
-        except FaultError as error:
-            seen, held = f"{error}; last lines: {_last_lines(Path(folder))}", False
+        except FoundError as error:
+            logs = Path(folder).glob("node_*.log")
+            last = " / ".join(line for log in logs for line in last_lines(log, 5))
+            seen, held = f"{error}; last lines: {last}", False
         finally:
             bench.close()
     return Outcome(fault, seen, held, time.monotonic() - start)
 
 
-def _last_lines(folder: Path) -> str:
-    lines = [log.read_text(errors="replace").splitlines()[-5:] for log in folder.glob("node_*.log")]
-    return " / ".join(line for some in lines for line in some)
-
-
-LARGEST_DOMAIN = 100
-BEGIN, END = "<!-- faults -->", "<!-- end of faults -->"
-"""Marks in a page around the table."""
 HEAD = ("| fault | what the node did |", "|---|---|")
 
 
@@ -173,7 +168,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Make faults; returns 0 only if a node did what was expected of it."""
     options = _parser().parse_args(args)
     chosen = [BY_NAME[name] for name in options.only or BY_NAME]
-    domain = 1 + os.getpid() % LARGEST_DOMAIN
+    domain = own_domain()
     outcomes = []
     for fault in chosen:
         if options.quick and fault.slow:
@@ -203,20 +198,12 @@ def row_of(outcome: Outcome) -> str:
 
 
 def write_table(page: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write rows into the table of a page; those of other faults stay. A new page if there is none.
-
-    The rows are in the order of the faults.
-    """
-    text = page.read_text(encoding="utf-8") if page.exists() else f"# Faults\n\n{BEGIN}\n{END}\n"
-    if not (BEGIN in text and END in text):
-        text += f"\n{BEGIN}\n{END}\n"
-    before, table = text.split(BEGIN, 1)
-    table, after = table.split(END, 1)
-    rows = {line.split("`")[1]: line for line in table.splitlines() if line.startswith("| `")}
+    """Write rows into the table of a page, in the order of the faults; those of others stay."""
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    rows = {line.split("`")[1]: line for line in text.splitlines() if line.startswith("| `")}
     rows |= {outcome.fault.name: row_of(outcome) for outcome in outcomes}
     lines = [*HEAD, *(rows[name] for name in BY_NAME if name in rows)]
-    table = "\n".join(["", "", *lines, "", ""])
-    page.write_text(before + BEGIN + table + END + after, encoding="utf-8")
+    write_into(page, {"faults": "\n".join(lines)})
 
 
 if __name__ == "__main__":

@@ -30,8 +30,10 @@ from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
 from obb_collision._jit import kernels
-from tools.faults.bench import ANSWERING, STARTING, Bench, check
+from tools.faults.bench import STARTING, Bench, check, pairs_of
 from tools.faults.peers import cube
+from tools.fuzz.client import ANSWERING
+from tools.fuzz.process import status_of
 
 MORE = 64 * 2**20
 """Bytes of address space that a node gets beyond what it has."""
@@ -52,15 +54,19 @@ def mesh_marker(folder: Path, number: int) -> Marker:
 def few_descriptors(bench: Bench) -> str:
     """Leave a node no descriptor, have it load a mesh file, and give it some back."""
     node = bench.start(f"mesh_folders:=['{bench.folder}']")
-    node.limit(resource.RLIMIT_NOFILE, node.descriptors())
+    node.limit(resource.RLIMIT_NOFILE, len(os.listdir(f"/proc/{node.number}/fd")))
     bench.send([mesh_marker(bench.folder, 1)])
     longest = max(bench.probe() for _ in range(10))
     bench.until(
-        lambda: bench.value("input objects", "rejected") + bench.value("objects", "unplaceable"),
+        lambda: (
+            bench.client.count("rejected", "input objects")
+            + bench.client.count("unplaceable", "objects")
+        ),
         "refusal",
     )
-    reasons = [key for key in bench.diagnostics["input objects"] if key.startswith("rejected: ")]
-    reasons += [key for key in bench.diagnostics["objects"] if key.startswith("unplaceable: ")]
+    parts = [bench.client.part(name) for name in ("input objects", "objects")]
+    keys = [pair.key for part in parts for pair in part.values]
+    reasons = [key for key in keys if key.startswith(("rejected: ", "unplaceable: "))]
     check(longest <= RIGHT, f"right only after {longest:.2f} s")
     node.limit(resource.RLIMIT_NOFILE, -1)
     markers = [mesh_marker(bench.folder, number) for number in (1, 2)]
@@ -68,7 +74,7 @@ def few_descriptors(bench: Bench) -> str:
     def is_built() -> bool:
         bench.send(markers)
         bench.probe()
-        return bench.value("objects", "unplaceable") == 0
+        return bench.client.count("unplaceable", "objects") == 0
 
     built = bench.until(is_built, "mesh, once there are descriptors again")
     return (
@@ -82,7 +88,7 @@ def little_memory(bench: Bench) -> str:
     node = bench.start()
     for _ in range(5):
         bench.probe()
-    node.limit(resource.RLIMIT_AS, node.status("VmSize") + MORE)
+    node.limit(resource.RLIMIT_AS, status_of(node.number, "VmSize") + MORE)
     marker = cube(("large", 1), (100.0, 0.0, 0.0))
     marker.type = Marker.POINTS
     marker.points = np.full(POINTS, Point()).tolist()
@@ -91,8 +97,8 @@ def little_memory(bench: Bench) -> str:
     longest = max(bench.probe() for _ in range(10))
     check(longest <= RIGHT, f"right only after {longest:.2f} s")
     bench.spin(1.1)  # for /diagnostics of after that
-    failures = bench.diagnostics.get("internal errors", {}).get("message", "")
-    refused = bench.diagnostics["input objects"]["message"]
+    failures = bench.client.part("internal errors").message
+    refused = bench.client.part("input objects").message
     node.limit(resource.RLIMIT_AS, -1)
     after = bench.probe()
     return (
@@ -135,8 +141,7 @@ def _cold(bench: Bench, cache: Path, warning: str, limit: int | None = None) -> 
     node = bench.start(wait=False, NUMBA_CACHE_DIR=str(cache))
     if limit is not None:
         node.limit(resource.RLIMIT_FSIZE, limit)
-    bench.meet(COLD)
-    bench.probe(COLD)
+    bench.begin(COLD)
     took = time.monotonic() - start
     check(node.said(warning), "nothing in the log")
     return f"compiled in the process and right after {took:.0f} s, with a warning"
@@ -156,8 +161,7 @@ def corrupt_cache(bench: Bench) -> str:
             file.write_bytes(damaged[number % len(damaged)])
     start = time.monotonic()
     bench.start(wait=False, NUMBA_CACHE_DIR=str(cache))
-    bench.meet(COLD)
-    bench.probe(COLD)
+    bench.begin(COLD)
     first = time.monotonic() - start
     return f"{copied} kernels damaged; compiled anew, right after {first:.0f} s"
 
@@ -178,7 +182,8 @@ def copy_cache(to: Path) -> int:
 def two_on_a_cold_cache(bench: Bench) -> str:
     """Start two nodes at once on an empty cache, and then a third one."""
     cache = str(bench.folder / "cold")
-    first, second = bench.namespace, f"{bench.namespace}_b"
+    first = bench.client.namespace
+    second = f"{first}_b"
     start = time.monotonic()
     nodes = [
         bench.start(namespace=namespace, wait=False, NUMBA_CACHE_DIR=cache)
@@ -188,8 +193,7 @@ def two_on_a_cold_cache(bench: Bench) -> str:
     for namespace in (first, second):
         if namespace != first:
             bench.listen(namespace)
-        bench.meet(COLD)
-        bench.probe(COLD)
+        bench.begin(COLD)
         seen.append(f"{time.monotonic() - start:.0f} s")
     for node in nodes:
         check(node.end() == 0, "a node did not end well")
@@ -236,7 +240,7 @@ def jump_clock(bench: Bench) -> str:
         check(first <= RIGHT + 1.0 and rest <= RIGHT, f"{name}: right after {first:.2f} s")
         seen.append(f"{abs(jump):g} s {name}: right after {first:.2f} s")
     bench.spin(1.1)  # for /diagnostics of after that
-    late = bench.value("input objects", "rejected: older stamp")
+    late = bench.client.count("rejected: older stamp", "input objects")
     return f"{'; '.join(seen)}; {late:g} states refused, which overtook the clock's message"
 
 
@@ -263,7 +267,9 @@ def refuse_old(bench: Bench) -> str:
     bench.move("probe/3", 40.0, now)
     bench.move("probe/3", 20.5, now - 1.0)  # late: would collide with the second
     bench.move("probe/1", 40.5, now + 0.01)  # newer than its last: collides with the third
-    took = bench.until(lambda: bench.answers[-1][1] == {(1, 3)}, "the pair of the newest states")
+    took = bench.until(
+        lambda: pairs_of(bench.client.answers[-1]) == {(1, 3)}, "the pair of the newest states"
+    )
     topic = "input object_transform"
-    bench.until(lambda: bench.value(topic, "rejected: older stamp") == 1.0, "one refusal")
+    bench.until(lambda: bench.client.count("rejected: older stamp", topic) == 1.0, "one refusal")
     return f"1 of 4 states refused (`older stamp`), the others used, after {took:.2f} s"

@@ -16,6 +16,6 @@
 
 ``mutations`` spoils messages and bytes; ``files``, ``messages``, ``cases`` and ``robot`` make what
 is sent. ``process`` is the node's process and ``frames`` what runs in it, ``client`` talks to it,
-``session`` is an attack on it with its ``probes``, and its result; ``attack`` all parts of one.
-``__main__`` is ``python -m tools.fuzz``.
+``session`` is an attack on it with its ``probes``, and its result. ``__main__`` has all parts of
+one, and is ``python -m tools.fuzz``.
 """

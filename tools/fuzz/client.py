@@ -21,11 +21,11 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from random import Random
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterValue
@@ -193,9 +193,7 @@ class Client:
 
     def is_all_computed(self) -> bool:
         """Return whether no effect waits for its kernels any more."""
-        if self.diagnostics is None:
-            return False
-        values = [pair for status in self.diagnostics.status for pair in status.values]
+        values = [pair for part in self.parts for pair in part.values]
         states = [pair.value for pair in values if pair.key.startswith("effect ")]
         return bool(states) and not any("ready" in state for state in states)
 
@@ -210,25 +208,26 @@ class Client:
                 if pair.key in ("messages", "lost") or pair.key.startswith("rejected: "):
                     yield pair.key, int(pair.value)
 
-    def refused(self, reason: str) -> int:
-        """Return how much was refused for a reason, by the last diagnostics."""
-        return self._sum("", f"rejected: {reason}")
+    @property
+    def parts(self) -> Sequence[DiagnosticStatus]:
+        """What the last diagnostics say of each part of the node."""
+        return () if self.diagnostics is None else self.diagnostics.status
 
-    def count(self, key: str) -> int:
-        """Return a count of the objects, by the last diagnostics."""
-        return self._sum(": objects", key)
+    def part(self, name: str) -> DiagnosticStatus:
+        """Return what the last diagnostics say of a part; an empty one where there is none."""
+        found = (status for status in self.parts if status.name.endswith(f": {name}"))
+        return next(found, DiagnosticStatus())
 
-    def _sum(self, name: str, key: str) -> int:
-        """Return the sum of the values of a key, of the last diagnostics whose name ends so."""
-        found = [] if self.diagnostics is None else self.diagnostics.status
-        values = [pair for status in found if status.name.endswith(name) for pair in status.values]
-        return sum(int(pair.value) for pair in values if pair.key == key)
+    def count(self, key: str, part: str = "") -> float:
+        """Return a number of a part by the last diagnostics, or of all parts together."""
+        parts = [self.part(part)] if part else self.parts
+        values = [pair for status in parts for pair in status.values if pair.key == key]
+        return sum(float(pair.value) for pair in values)
 
     def status(self) -> str:
         """Return what the last diagnostics say, in a line."""
-        found = [] if self.diagnostics is None else self.diagnostics.status
-        values = [f"{pair.key}: {pair.value}" for status in found for pair in status.values]
-        return f"diagnostics: {', '.join([*(status.message for status in found), *values])}"
+        values = [f"{pair.key}: {pair.value}" for part in self.parts for pair in part.values]
+        return f"diagnostics: {', '.join([*(part.message for part in self.parts), *values])}"
 
     def services(self) -> dict[str, type]:
         """Return the types of the node's services, by their names behind that of the node.
@@ -306,22 +305,17 @@ class Services:
     def attack(self, random: Random) -> str:
         """Make one hostile request, and undo what it did; returns its kind."""
         name = random.choice(("parameter", "parameter", "clock", *self._kinds))
-        if name == "parameter":
-            self._set_one(random)
-        elif name == "clock":
+        if name == "clock":
             self._disturb_clock(random)
+            return name
+        if name == "parameter":
+            parameter = hostile_parameter(random.choice(list(self._given)), random)
+            request: Any = SetParameters.Request(parameters=[parameter])
         else:
             request = _hostile_request(self._kinds[name], list(self._given), random)
-            self._call(name, request)
-            self._set_back(request)
+        self._call("set_parameters" if name == "parameter" else name, request)
+        self._set_back(request)
         return name
-
-    def _set_one(self, random: Random) -> None:
-        """Set a parameter to anything, and back if that was accepted."""
-        parameter = hostile_parameter(random.choice(list(self._given)), random)
-        request = SetParameters.Request(parameters=[parameter])
-        if self._call("set_parameters", request).results[0].successful:
-            self._set_back(request)
 
     def _set_back(self, request: Any) -> None:
         """Undo what a request may have done."""

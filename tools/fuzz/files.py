@@ -24,6 +24,7 @@ import os
 import re
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
 
@@ -191,31 +192,6 @@ def urdf() -> str:
     return '<robot name="bot">' + "\n".join(links + joints) + "\n</robot>"
 
 
-def mutated_robot(seed: int, number: int) -> tuple[bytes, bytes]:
-    """Return a URDF and an SRDF of which one was changed, or both, by their number."""
-    random = Random(f"{seed} robot {number}")
-    return mutated(urdf(), random), mutated(SRDF, random)
-
-
-def mutated(text: str, random: Random) -> bytes:
-    """Return a description with some lines changed, or none."""
-    lines = text.splitlines()
-    for _ in range(random.choice((0, 0, 1, 1, 2, 4))):
-        row = random.randrange(len(lines))
-        choice = random.random()
-        if choice < 0.15:
-            del lines[row]
-        elif choice < 0.3:
-            lines.insert(row, random.choice(lines))
-        elif choice < 0.45:
-            lines.insert(row, random.choice(INSERTED))
-        else:
-            lines[row] = _with_other_value(lines[row], random)
-        lines = lines or [""]
-    data = "\n".join(lines).encode()
-    return damaged(data, random) if random.random() < 0.1 else data
-
-
 def _with_other_value(line: str, random: Random) -> str:
     """Replace the value of an attribute, or its name, or that of an element."""
     found = list(re.finditer(r'"[^"]*"|\b\w+(?==)|(?<=<)\w+', line))
@@ -226,6 +202,36 @@ def _with_other_value(line: str, random: Random) -> str:
     return line[: one.start()] + (f'"{value}"' if line[one.start()] == '"' else value) + line[
         one.end() :
     ]  # fmt: skip
+
+
+def mutated(
+    text: str,
+    random: Random,
+    inserted: Sequence[str] = INSERTED,
+    change: Callable[[str, Random], str] = _with_other_value,
+) -> bytes:
+    """Return a description of a robot, or another file, with lines lost, added or changed."""
+    lines = text.splitlines()
+    for _ in range(random.choice((0, 0, 1, 1, 2, 4))):
+        row = random.randrange(len(lines))
+        choice = random.random()
+        if choice < 0.15:
+            del lines[row]
+        elif choice < 0.3:
+            lines.insert(row, random.choice(lines))
+        elif choice < 0.45:
+            lines.insert(row, random.choice(inserted))
+        else:
+            lines[row] = change(lines[row], random)
+        lines = lines or [""]
+    data = "\n".join(lines).encode()
+    return damaged(data, random) if random.random() < 0.2 else data
+
+
+def mutated_robot(seed: int, number: int) -> tuple[bytes, bytes]:
+    """Return a URDF and an SRDF of which one was changed, or both, by their number."""
+    random = Random(f"{seed} robot {number}")
+    return mutated(urdf(), random), mutated(SRDF, random)
 
 
 def read_robot(folder: Path, seed: int, number: int) -> str:
@@ -294,27 +300,13 @@ def place_files(folder: Path) -> None:
 def mutated_scene(seed: int, number: int) -> bytes:
     """Return a scene file that was changed, by its number."""
     random = Random(f"{seed} scene {number}")
-    lines = random.choice(texts()).splitlines()
-    for _ in range(random.choice((0, 1, 1, 2, 4))):
-        row = random.randrange(len(lines))
-        choice = random.random()
-        if choice < 0.2:
-            del lines[row]
-        elif choice < 0.35:
-            lines.insert(row, random.choice(lines))
-        elif choice < 0.45:
-            lines[row] = random.choice((" ", "\t", "")) + lines[row].strip()
-        elif choice < 0.5:
-            lines.insert(row, BOMB)
-        else:
-            lines[row] = _with_other_scalar(lines[row], random)
-        lines = lines or [""]
-    data = "\n".join(lines).encode()
-    return damaged(data, random) if random.random() < 0.3 else data
+    return mutated(random.choice(texts()), random, (BOMB,), _with_other_scalar)
 
 
 def _with_other_scalar(line: str, random: Random) -> str:
-    """Replace what stands behind a colon or a comma."""
+    """Replace what stands behind a colon or a comma, or the indentation."""
+    if random.random() < 0.2:
+        return random.choice((" ", "\t", "")) + line.strip()
     places = [at for at, letter in enumerate(line) if letter in ":,[-"]
     if not places:
         return random.choice(SCALARS)

@@ -12,6 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+# ruff: noqa: RUF009  # `of` makes fields
 """Valid messages for every input of the node, of random content: what mutations start from.
 
 Those of vision_msgs, which is not on PyPI, are look-alikes. They have what mutations need of a
@@ -24,11 +25,11 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from random import Random
 from struct import pack
-from typing import Any, ClassVar
+from typing import Any, cast
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseWithCovariance, TransformStamped, Twist, Vector3
@@ -58,71 +59,58 @@ LAYOUTS = {"double": "d", "float": "f", "int32": "i", "uint32": "I"}
 
 
 class LookAlike:
-    """A message by its fields: ``KINDS`` has their types as ROS names them."""
-
-    KINDS: ClassVar[dict[str, str]]
+    """A message by its fields, each made by ``of``."""
 
     def get_fields_and_field_types(self) -> dict[str, str]:
         """Return the types of the fields by their names."""
-        return self.KINDS
+        return {one.name: one.metadata["kind"] for one in fields(cast(Any, self))}
+
+
+def of(kind: str, make: Callable[[], Any]) -> Any:
+    """Return a field of a type as ROS names it."""
+    return field(default_factory=make, metadata={"kind": kind})
 
 
 @dataclass
 class Hypothesis(LookAlike):
     """What a detection may be."""
 
-    KINDS: ClassVar = {"class_id": "string", "score": "double"}
-    class_id: str = ""
-    score: float = 0.0
+    class_id: str = of("string", str)
+    score: float = of("double", float)
 
 
 @dataclass
 class Result(LookAlike):
     """A hypothesis with a pose."""
 
-    KINDS: ClassVar = {
-        "hypothesis": "vision_msgs/ObjectHypothesis",
-        "pose": "geometry_msgs/PoseWithCovariance",
-    }
-    hypothesis: Hypothesis = field(default_factory=Hypothesis)
-    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
+    hypothesis: Hypothesis = of("vision_msgs/ObjectHypothesis", Hypothesis)
+    pose: PoseWithCovariance = of("geometry_msgs/PoseWithCovariance", PoseWithCovariance)
 
 
 @dataclass
 class Box(LookAlike):
     """A box."""
 
-    KINDS: ClassVar = {"center": "geometry_msgs/Pose", "size": "geometry_msgs/Vector3"}
-    center: Pose = field(default_factory=Pose)
-    size: Vector3 = field(default_factory=Vector3)
+    center: Pose = of("geometry_msgs/Pose", Pose)
+    size: Vector3 = of("geometry_msgs/Vector3", Vector3)
 
 
 @dataclass
 class Detection(LookAlike):
     """A detection."""
 
-    KINDS: ClassVar = {
-        "header": "std_msgs/Header",
-        "results": "sequence<vision_msgs/ObjectHypothesisWithPose>",
-        "bbox": "vision_msgs/BoundingBox3D",
-        "id": "string",
-    }
-    header: Header = field(default_factory=Header)
-    results: list[Result] = field(default_factory=list)
-    bbox: Box = field(default_factory=Box)
-    id: str = ""
+    header: Header = of("std_msgs/Header", Header)
+    results: list[Result] = of("sequence<vision_msgs/ObjectHypothesisWithPose>", list)
+    bbox: Box = of("vision_msgs/BoundingBox3D", Box)
+    id: str = of("string", str)
 
 
 @dataclass
 class Detections(LookAlike):
     """A Detection3DArray."""
 
-    KINDS: ClassVar = {
-        "header": "std_msgs/Header",
-        "detections": "sequence<vision_msgs/Detection3D>",
-    }
-    header: Header = field(default_factory=Header)
-    detections: list[Detection] = field(default_factory=list)
+    header: Header = of("std_msgs/Header", Header)
+    detections: list[Detection] = of("sequence<vision_msgs/Detection3D>", list)
 
 
 def serialised(message: Any) -> bytes:
@@ -174,6 +162,15 @@ LOCKED, ATTACHED = 0.1, 0.7
 """Shares of the markers that are locked to their frame: any, and that of a link."""
 BODIES = (1, 1, 1, 2, 3, 0, 4, 5, 6, 7, 8, 10, 11)
 """Marker types, cubes most often; 9, a text, is no body."""
+
+
+def box_marker(
+    key: tuple[str, int], pose: Any, size: Any, header: Header, kind: int = Marker.CUBE
+) -> Marker:
+    """Return a marker of a box, or of another shape that is as large."""
+    marker = Marker(header=header, ns=key[0], id=key[1], type=kind, pose=pose_to_ros(pose))
+    marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in size)
+    return marker
 
 
 def tf_maker(frame: Callable[[], TransformStamped]) -> tuple[type, Callable[[], Any]]:
@@ -249,10 +246,6 @@ class Messages:
                 marker.mesh_file.filename = random.choice(("a.stl", "b.obj", "c.glb", "d"))
                 marker.mesh_file.data = random.choice((STL, OBJ, b"\0" * 100))
         return marker
-
-    def array(self, markers: list[Marker]) -> MarkerArray:
-        """Return a message of markers."""
-        return MarkerArray(markers=markers)
 
     def markers(self) -> MarkerArray:
         """Return some markers, rarely very many."""

@@ -32,7 +32,7 @@ from geometry_msgs.msg import TransformStamped, Vector3
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 import obb_collision as oc
 from obb_collision.node.inputs.detections import DETECTIONS
@@ -46,7 +46,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats
-from tools.fuzz.messages import Box, Detection, Detections, Messages, serialised
+from tools.fuzz.messages import Box, Detection, Detections, Messages, box_marker, serialised
 from tools.fuzz.mutations import FLOATS, mutate
 
 NAMESPACE, SETS = "probe", "probe set"
@@ -88,6 +88,16 @@ class Probe(NamedTuple):
     room: list[Message]
 
 
+class Boxes(NamedTuple):
+    """The boxes of a probe, and what stands before them in a message of markers."""
+
+    start: list[Marker]
+    ids: Any
+    poses: Floats
+    sizes: Floats
+    stamp: int
+
+
 def right_pairs(poses: Floats, sizes: Floats) -> set[Pair]:
     """Return which boxes collide, rows (i, j): poses (n, 7), sizes (n, 3)."""
     boxes = oc.Boxes.from_poses(poses, sizes / 2.0)
@@ -125,18 +135,19 @@ class Probes:
         ids = FIRST_ID + BOXES * number + np.arange(BOXES)
         kind = "object_boxes" if full else random.choice(list(self._makers))
         start = [Marker(action=Marker.DELETEALL, ns="" if everything else NAMESPACE)]
+        boxes = Boxes(start, ids, poses, sizes, stamp)
         first: list[Message] = []
         empty = self._cloud(random, ids[:0], poses[:0], sizes[:0], stamp)
         none = Detections(header_at(stamp))
         sets = {"object_boxes": serialised(empty), "detections": serialised(none)}
         others = [(topic, data) for topic, data in sets.items() if topic != kind]
         first += others if everything else ()
-        array = self._messages.array([Marker(action=Marker.DELETEALL)])
+        array = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
         room = [*others, ("objects", serialised(array))]
         if kind in MOVES:
-            first.append(self._waiting(random, start, ids, sizes, stamp))
-            start = []
-        messages = self._makers[kind](random, start, ids, poses, sizes, stamp)
+            first.append(self._waiting(random, boxes))
+            boxes = boxes._replace(start=[])
+        messages = self._makers[kind](random, boxes)
         pairs = {(int(ids[i]), int(ids[j])) for i, j in right_pairs(poses, sizes)}
         known, sure = (int(ids[2]), int(ids[3])), (int(ids[0]), int(ids[1]))
         return Probe(kind, first, messages, pairs, known, sure, poses, sizes, others, room)
@@ -156,7 +167,7 @@ class Probes:
 
     def _array(self, random: Random, start: list[Marker], good: list[Marker]) -> bytes:
         """Return good markers with hostile ones between them."""
-        array = self._messages.array(list(good))
+        array = MarkerArray(markers=list(good))
         for _ in range(random.randint(0, HOSTILE)):
             marker = self._messages.marker()
             try:
@@ -168,51 +179,40 @@ class Probes:
         array.markers = [*start, *array.markers]
         return serialize_message(array)
 
-    def _cubes(self, ids: Any, poses: Floats, sizes: Floats, stamp: int) -> list[Marker]:
-        cubes = []
-        for ident, pose, size in zip(ids.tolist(), poses, sizes.tolist(), strict=True):
-            cube = Marker(header=header_at(stamp), ns=NAMESPACE, id=ident, type=Marker.CUBE)
-            cube.pose = pose_to_ros(pose)
-            cube.scale.x, cube.scale.y, cube.scale.z = size
-            cubes.append(cube)
-        return cubes
+    def _cubes(self, boxes: Boxes) -> list[Marker]:
+        header = header_at(boxes.stamp)
+        rows = zip(boxes.ids.tolist(), boxes.poses, boxes.sizes, strict=True)
+        return [box_marker((NAMESPACE, ident), pose, size, header) for ident, pose, size in rows]
 
-    def _markers(
-        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
-    ) -> list[Message]:
-        cubes = self._cubes(ids, poses, sizes, stamp)
-        return [("objects", self._array(random, start, cubes))]
+    def _markers(self, random: Random, boxes: Boxes) -> list[Message]:
+        return [("objects", self._array(random, boxes.start, self._cubes(boxes)))]
 
-    def _waiting(
-        self, random: Random, start: list[Marker], ids: Any, sizes: Any, stamp: int
-    ) -> Message:
+    def _waiting(self, random: Random, boxes: Boxes) -> Message:
         """Return the message that adds boxes far from each other, but for one pair."""
         poses = np.zeros((BOXES, 7))
         poses[:, 0], poses[:, 6] = FAR * np.arange(1, 1 + BOXES), 1.0
         poses[3] = poses[2]
-        return "objects", self._array(random, start, self._cubes(ids, poses, sizes, stamp))
+        return "objects", self._array(random, boxes.start, self._cubes(boxes._replace(poses=poses)))
 
-    def _transforms(
-        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
-    ) -> list[Message]:
+    def _transforms(self, random: Random, boxes: Boxes) -> list[Message]:
         messages = []
         for row in (*range(2, BOXES), 0, 1):  # the pair of 0 and 1 is there once all is done
-            message = TransformStamped(header=header_at(stamp + 1))
-            message.child_frame_id = name_from_key((NAMESPACE, int(ids[row])))
-            message.transform = transform_to_ros(poses[row])
+            message = TransformStamped(header=header_at(boxes.stamp + 1))
+            message.child_frame_id = name_from_key((NAMESPACE, int(boxes.ids[row])))
+            message.transform = transform_to_ros(boxes.poses[row])
             messages.append(("object_transform", serialize_message(message)))
         return messages
 
-    def _states(
-        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
-    ) -> list[Message]:
-        names = [name_from_key((NAMESPACE, ident)) for ident in ids.tolist()]
-        rows = list(zip(names, poses, strict=True))
+    def _states(self, random: Random, boxes: Boxes) -> list[Message]:
+        names = [name_from_key((NAMESPACE, ident)) for ident in boxes.ids.tolist()]
+        rows = list(zip(names, boxes.poses, strict=True))
         for name in random.sample((*names, "a/1", "nobody/1", "", "b/2", "x" * 5000), HOSTILE):
-            at = rows_before(rows, name) if name in names else random.randint(0, len(rows))
+            at = random.randint(0, len(rows))
+            if name in names:  # before the good row: the later one of two counts
+                at = [given for given, _ in rows].index(name)
             rows.insert(at, (name, self._bad_pose(random)))
         every, moved = zip(*rows, strict=True)
-        message = states_to_ros(list(every), np.array(moved), header_at(stamp + 1))
+        message = states_to_ros(list(every), np.array(moved), header_at(boxes.stamp + 1))
         return [("object_states", serialize_message(message))]
 
     def _bad_pose(self, random: Random) -> Floats:
@@ -224,36 +224,32 @@ class Probes:
             pose[random.randrange(7)] = random.choice(hostile)
         return pose
 
-    def _poses(
-        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
-    ) -> list[Message]:
-        cloud = self._cloud(random, ids, poses, None, stamp + 1)
+    def _poses(self, random: Random, boxes: Boxes) -> list[Message]:
+        cloud = self._cloud(random, boxes.ids, boxes.poses, None, boxes.stamp + 1)
         return [("object_poses", serialize_message(cloud))]
 
-    def _set(
-        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
-    ) -> list[Message]:
+    def _set(self, random: Random, boxes: Boxes) -> list[Message]:
         last = np.roll(np.arange(BOXES), -2)  # the sure pair: without room for all, it is not there
-        cloud = self._cloud(random, ids[last], poses[last], sizes[last], stamp)
+        cloud = self._cloud(
+            random, boxes.ids[last], boxes.poses[last], boxes.sizes[last], boxes.stamp
+        )
         return [
-            ("objects", self._array(random, start, [])),
+            ("objects", self._array(random, boxes.start, [])),
             ("object_boxes", serialize_message(cloud)),
         ]
 
-    def _detections(
-        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
-    ) -> list[Message]:
+    def _detections(self, random: Random, boxes: Boxes) -> list[Message]:
         some = []
         for row in np.roll(np.arange(BOXES), -2).tolist():  # the sure pair last
-            box = Box(pose_to_ros(poses[row]), vector_to_ros(sizes[row]))
-            some.append(Detection(header_at(stamp), [], box, str(ids[row])))
+            box = Box(pose_to_ros(boxes.poses[row]), vector_to_ros(boxes.sizes[row]))
+            some.append(Detection(header_at(boxes.stamp), [], box, str(boxes.ids[row])))
         for _ in range(random.randint(0, HOSTILE)):
-            box = Box(pose_to_ros(self._bad_pose(random)), vector_to_ros(sizes[0]))
-            bad = Detection(header_at(stamp), [], box, random.choice(("", "7", "nobody")))
+            box = Box(pose_to_ros(self._bad_pose(random)), vector_to_ros(boxes.sizes[0]))
+            bad = Detection(header_at(boxes.stamp), [], box, random.choice(("", "7", "nobody")))
             some.insert(random.randint(0, len(some)), bad)
         return [
-            ("objects", self._array(random, start, [])),
-            ("detections", serialised(Detections(header_at(stamp), some))),
+            ("objects", self._array(random, boxes.start, [])),
+            ("detections", serialised(Detections(header_at(boxes.stamp), some))),
         ]
 
     def _cloud(
@@ -314,8 +310,3 @@ def vector_to_ros(values: Any) -> Vector3:
     """Return a vector."""
     x, y, z = (float(one) for one in values)
     return Vector3(x=x, y=y, z=z)
-
-
-def rows_before(rows: list[Any], name: str) -> int:
-    """Return a place before the good row of a name: the later one of two counts."""
-    return next(row for row, given in enumerate(rows) if given[0] == name)

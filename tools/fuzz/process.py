@@ -17,15 +17,17 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from statistics import median
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
+from unittest.mock import patch
 
 ENDING = 30.0
 """Seconds that the process has to end after SIGINT, beside those it waits for a processor."""
@@ -87,6 +89,16 @@ def status_of(number: int, field: str) -> int:
     """Return a size of a process (bytes), such as VmRSS; 0 of one that has ended."""
     lines = Path(f"/proc/{number}/status").read_text().splitlines()
     return sum(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
+
+
+def last_lines(log: Path, count: int = 20) -> list[str]:
+    """Return the last lines of the output of a process, none where it has not started."""
+    return log.read_text(errors="replace").splitlines()[-count:] if log.exists() else []
+
+
+def own_domain() -> int:
+    """Return a domain of this process: nodes of others on this machine must not answer."""
+    return 1 + os.getpid() % 100
 
 
 NODE = "obb_collision.commands"
@@ -172,14 +184,18 @@ class Child:
         self._output.close()
         return int(self._process.wait())
 
+    def limit(self, what: int, most: int) -> None:
+        """Limit a resource of the running process (RLIMIT_*); its parent's stays. -1: no more."""
+        _, hard = resource.prlimit(self.number, what)
+        resource.prlimit(self.number, what, (most if most >= 0 else hard, hard))
+
+    def said(self, text: str) -> bool:
+        """Return whether its output has a text."""
+        return text in self.log.read_text(errors="replace")
+
     def lines(self) -> list[str]:
         """Return the last lines of its output."""
-        return self.last_lines(self.log)
-
-    @staticmethod
-    def last_lines(log: Path, count: int = 20) -> list[str]:
-        """Return the last lines of the output of a process."""
-        return log.read_text(errors="replace").splitlines()[-count:]
+        return last_lines(self.log)
 
 
 NAP = 0.005
@@ -263,36 +279,21 @@ RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 """With LOCALHOST the layer of ROS chooses transports itself, shared memory among them."""
 
 
-@contextmanager
-def for_large_messages(folder: Path) -> Iterator[None]:
+def for_large_messages(folder: Path) -> AbstractContextManager[Any]:
     """Set up participants that this process and its children make meanwhile: see the constants."""
-    with _set_up(folder, HEARTBEAT, {TRANSPORTS: os.environ.get(TRANSPORTS, "LARGE_DATA")}):
-        yield
+    return _set_up(folder, HEARTBEAT, {TRANSPORTS: os.environ.get(TRANSPORTS, "LARGE_DATA")})
 
 
-@contextmanager
-def for_killed_processes(folder: Path) -> Iterator[None]:
+def for_killed_processes(folder: Path) -> AbstractContextManager[Any]:
     """Set up the first participant of this process, and those of its children, alike."""
-    with _set_up(folder, f"{NO_SHARED_MEMORY}\n{HEARTBEAT}", {RANGE: "SYSTEM_DEFAULT"}):
-        yield
+    return _set_up(folder, f"{NO_SHARED_MEMORY}\n{HEARTBEAT}", {RANGE: "SYSTEM_DEFAULT"})
 
 
-@contextmanager
-def _set_up(folder: Path, profiles: str, more: dict[str, str]) -> Iterator[None]:
+def _set_up(folder: Path, profiles: str, more: dict[str, str]) -> AbstractContextManager[Any]:
     profile = folder / "middleware.xml"
     profile.write_text(PROFILE.format(profiles))
     ours = {
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
-        **more,
     }
-    before = {name: os.environ.get(name) for name in ours}
-    os.environ.update(ours)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    return patch.dict(os.environ, ours | more)

@@ -29,10 +29,10 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
-from obb_collision.node.messages.conversions import duration_to_ros, pose_to_ros, stamp_to_ros
+from obb_collision.node.messages.conversions import duration_to_ros, stamp_to_ros
 from obb_collision.node.robots.validity import NOT_KNOWN
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
@@ -40,7 +40,7 @@ from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
 from tools.fuzz.client import Client, FoundError
 from tools.fuzz.files import MESH, OBJ, SRDF, mutated, urdf
-from tools.fuzz.messages import Messages
+from tools.fuzz.messages import Messages, box_marker
 from tools.fuzz.process import Child
 
 ROBOT = "bot"
@@ -67,6 +67,14 @@ GOOD = 0.5
 """Share of the descriptions that are as they should be."""
 STATES = 20
 """States of a question whose answer is verified."""
+
+
+def states_to_ros(robot: Robot, states: Floats, header: Header) -> PointCloud2:
+    """Return a cloud of states (n, joints)."""
+    rows = np.zeros(len(states), [(name, "<f8") for name in robot.joint_names])
+    for column, name in enumerate(robot.joint_names):
+        rows[name] = states[:, column]
+    return cloud_to_ros(rows, header)
 
 
 class Question(NamedTuple):
@@ -142,10 +150,7 @@ class RobotMessages:
 
     def _states(self, states: Floats | None = None, header: Header | None = None) -> PointCloud2:
         given = self._values(self._random.choice((0, 1, 50))) if states is None else states
-        rows = np.zeros(len(given), [(name, "<f8") for name in self._robot.joint_names])
-        for column, name in enumerate(self._robot.joint_names):
-            rows[name] = given[:, column]
-        return cloud_to_ros(rows, header or self._messages.header())
+        return states_to_ros(self._robot, given, header or self._messages.header())
 
     def _trajectory(self) -> JointTrajectory:
         message = JointTrajectory(joint_names=list(self._robot.joint_names))
@@ -163,9 +168,8 @@ class RobotMessages:
         states = self._values(STATES)
         joints = JointState(header=header, name=list(self._robot.joint_names))
         joints.position = self._values(1)[0].tolist()
-        box = Marker(ns=BOX[0], id=BOX[1], type=Marker.CUBE, pose=pose_to_ros(PLACE))
-        box.header.frame_id = f"{ROBOT}/{self._robot.link_names[LINK]}"
-        box.scale.x = box.scale.y = box.scale.z = EDGE
+        link = Header(frame_id=f"{ROBOT}/{self._robot.link_names[LINK]}")
+        box = box_marker(BOX, PLACE, [EDGE] * 3, link)
         box.frame_locked = True
         messages = [
             ("objects", MarkerArray(markers=[box])),

@@ -69,7 +69,7 @@ CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 ASKED = 0.3
 """Share of the batches behind which states of the robot are asked for."""
-FULL = "too many objects"
+FULL = "rejected: too many objects"
 """Why objects are refused that a node has no room for."""
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
@@ -109,7 +109,7 @@ class Session:
             self._client.publishers["object_boxes"].publish(boxes)
 
             def reached(count: int = count) -> bool:
-                return self._client.count("count") == count
+                return self._client.count("count", "objects") == count
 
             self._client.until(self._child, reached, f"{count} objects")
 
@@ -180,7 +180,7 @@ class Session:
 
         Where hostile objects leave no room for its own, or for their pairs, they are removed again.
         """
-        client, seen, no_room = self._client, len(self._client.answers), self._client.refused(FULL)
+        client, seen, no_room = self._client, len(self._client.answers), self._client.count(FULL)
         for topic, data in messages:
             client.publishers[topic].publish(data)
         what = f"answer to probe {number}, by {probe.kind}"
@@ -192,14 +192,14 @@ class Session:
             nonlocal next_time, seen, no_room
             fresh, seen = client.answers[seen:], len(client.answers)
             crowded = any(one.message.width >= self._most_pairs for one in fresh)
-            full = adds and client.refused(FULL) > no_room
+            full = adds and client.count(FULL) > no_room
             if time.monotonic() > next_time and (crowded or full or (messages and is_set)):
                 again = [one for one in messages if adds or (is_set and one[0] in COMPLETE)]
                 removed = probe.room if adds or is_set else probe.others
                 for topic, data in [*(removed if crowded or full else ()), *again]:
                     client.publishers[topic].publish(data)
                 self.result.again += 1
-                next_time, no_room = time.monotonic() + RESENDING, client.refused(FULL)
+                next_time, no_room = time.monotonic() + RESENDING, client.count(FULL)
             return find_answer(fresh, probe.sure[0], sure, self._most_pairs)
 
         found: set[Pair] = self._client.until(self._child, answered, what)
@@ -285,12 +285,10 @@ MORE = 8
 
 def print_results(results: list[Result]) -> None:
     """Print what was sent and seen by all sessions together."""
-    sent, received, probes, refused = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
-    for result in results:
-        sent += result.sent
-        received += result.received
-        probes += result.probes
-        refused += result.refused
+    sent, received, probes, refused = (
+        sum((getattr(result, name) for result in results), Counter[str]())
+        for name in ("sent", "received", "probes", "refused")
+    )
     late = [row for result in results for row in result.late]
     print(f"sent: {sent.total()} ({_listed(sent)})")
     print(f"received by the inputs of the node: {_listed(received)}")

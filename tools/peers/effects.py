@@ -24,10 +24,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -39,16 +37,7 @@ from obb_collision.benchmarks.corpora import file_corpus, generated_corpus
 from obb_collision.benchmarks.effects import Peers, PlacedPairs, measure_effects
 from obb_collision.benchmarks.measuring import as_text
 from obb_collision.benchmarks.peers import coal_hull, coal_mesh, fcl_hull, fcl_mesh
-from obb_collision.cli import (
-    MAX_SEED,
-    Parser,
-    folder,
-    interruptible,
-    new_file,
-    option,
-    real,
-    whole,
-)
+from obb_collision.cli import SEED, Parser, folder, interruptible, option, real, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -69,14 +58,11 @@ def coal_distances(make: Make, coal: Any, query: PlacedPairs) -> Ask:
     ]
     request, result = coal.DistanceRequest(True), coal.DistanceResult()
 
-    def run() -> Floats:
-        values = []
-        for call in calls:
-            result.clear()
-            values.append(coal.distance(*call, request, result))
-        return np.array(values)
+    def distance(call: tuple[Any, ...]) -> float:
+        result.clear()
+        return float(coal.distance(*call, request, result))
 
-    return run
+    return lambda: np.array(list(map(distance, calls)))
 
 
 def fcl_distances(make: Make, fcl: Any, query: PlacedPairs) -> Ask:
@@ -93,16 +79,12 @@ def fcl_depths(fcl: Any, query: PlacedPairs) -> Ask:
     objects = _fcl_objects(fcl, fcl_hull, query)
     request = fcl.CollisionRequest(num_max_contacts=4, enable_contact=True)
 
-    def run() -> Floats:
-        values = []
-        for a, b in objects:
-            result = fcl.CollisionResult()
-            fcl.collide(a, b, request, result)
-            depths = [contact.penetration_depth for contact in result.contacts]
-            values.append(max(depths, default=0.0))
-        return np.array(values)
+    def depth(both: tuple[Any, Any]) -> float:
+        result = fcl.CollisionResult()
+        fcl.collide(*both, request, result)
+        return max((contact.penetration_depth for contact in result.contacts), default=0.0)
 
-    return run
+    return lambda: np.array(list(map(depth, objects)))
 
 
 def _fcl_objects(fcl: Any, make: Make, query: PlacedPairs) -> list[tuple[Any, Any]]:
@@ -193,8 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     option(parser, "--pairs", whole(1, 10**6), EFFECT_PAIRS, "pairs per effect")
     option(parser, "--meshes", folder, text="folder of mesh files to measure on instead")
     option(parser, "--seconds", real(0.001, 1e6), 60.0, "approximate time (s)")
-    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
-    option(parser, "--json", new_file(), text="write the figures to a file")
+    option(parser, "--seed", SEED, 0, "seed of the random poses")
     options = parser.parse_args(arguments)
     corpus = generated_corpus(options.seed)
     if options.meshes:
@@ -202,8 +183,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     show = partial(print, file=sys.stderr)
     rows = measure_effects(corpus, options.pairs, options.seconds, options.seed, show, installed)
     print(as_text(effect_table(rows)))
-    if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1))
     return 0
 
 

@@ -25,13 +25,12 @@ For turning boxes python-fcl 0.7 gives different results in different runs on th
 hits and no false ones, hardly any, or a hit for every pair. Consider its misses and false hits
 before its speed.
 
-    python -m tools.peers.sweeps [--pairs N] [--json FILE]
+    python -m tools.peers.sweeps [--pairs N]
 """
 
 from __future__ import annotations
 
 import importlib
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -41,7 +40,7 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision import sweeps, verdicts
 from obb_collision.benchmarks.measuring import as_text, processor_seconds
-from obb_collision.cli import Parser, interruptible, new_file, option, whole
+from obb_collision.cli import Parser, interruptible, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import Sweeps
@@ -175,23 +174,19 @@ def _fcl(
 
 @interruptible("sweeps")
 def main(arguments: list[str] | None = None) -> None:
-    """Print the table; ``--json FILE`` writes it too."""
+    """Print the table."""
     parser = Parser(description="moving boxes beside python-fcl")
     option(parser, "--pairs", whole(1, 10**8), 20_000, "pairs of each row")
-    option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
-    rows = {}
     lines = [["motion", "hits", "ours µs", "fcl µs", "ratio", "fcl misses", "fcl false"]]
     for turning in (False, True):
         for scene in SCENES:
             name = f"{scene}, {'turning' if turning else 'straight'}"
-            row = rows[name] = compare(scene, options.pairs, turning)
+            row = compare(scene, options.pairs, turning)
             missed = f"{row['fcl_misses']:.0f} of {row['certain']:.0f}"
             times = [f"{row[key]:.2f}" for key in ("ours_us", "fcl_us", "ratio")]
             lines.append([name, f"{row['hits']:.0%}", *times, missed, f"{row['fcl_false']:.0f}"])
     print(as_text(lines))
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
 
 
 if __name__ == "__main__":

@@ -12,14 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """The console script ``python -m tools.soak``."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -31,12 +29,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
+from obb_collision.cli import SEED, Parser, new_file, option, real, whole
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.objects.shape_requests import KEPT_SHAPES
 from obb_collision.node.topics.topics import collisions_from_ros
 from tools.fuzz.client import STARTING, Client, FoundError
-from tools.fuzz.process import Child
+from tools.fuzz.process import Child, own_domain
 from tools.soak.checker import Checker, Result, found_in
 from tools.soak.world import (
     FRAME,
@@ -62,23 +60,15 @@ class Session:
     def __init__(self, seed: int, objects: int, domain: int, result: Result) -> None:
         self._world, self._random = World(seed, objects), Random(seed)
         self._checker, self._result = Checker(self._world, result), result
-        self._client = Client(domain, f"/soak_{domain}", KINDS)
-        self._client.node.create_subscription(PointCloud2, "collisions", self._take, 100)
+        self.client = Client(domain, f"/soak_{domain}", KINDS)
+        self.client.node.create_subscription(PointCloud2, "collisions", self._take, 100)
         self._stamp = 0
         self._is_begun = self._is_answered = False
         self._answered = 0.0
 
-    def arguments(self) -> list[str]:
-        """Return what the node's process is to be started with."""
-        return ["--ros-args", "-r", f"__ns:={self._client.namespace}", "-p", "trigger:=arrival"]
-
-    def close(self) -> None:
-        """Take the client down."""
-        self._client.close()
-
     def begin(self, child: Child) -> None:
         """Wait until the node answers, and all effects are computed, for the first bodies."""
-        client = self._client
+        client = self.client
         client.listen_to_all()
         client.until(child, client.have_subscribers, "inputs", STARTING)
         self._send(self._world.first())
@@ -95,14 +85,16 @@ class Session:
         shapes = [built_shape(self._random, header, place) for place in places]
         for markers in (shapes, [Marker(ns=SCENERY, action=Marker.DELETEALL)]):
             here = markers is shapes
-            self._client.publishers[MARKERS].publish(MarkerArray(markers=markers))
+            self.client.publishers[MARKERS].publish(MarkerArray(markers=markers))
 
             def done(here: bool = here) -> bool:
-                client = self._client
-                built = client.diagnostics is not None and not client.count("unplaceable")
-                return built and here == (client.count("count") > KEPT_SHAPES)
+                client = self.client
+                built = client.diagnostics is not None and not client.count(
+                    "unplaceable", "objects"
+                )
+                return built and here == (client.count("count", "objects") > KEPT_SHAPES)
 
-            self._client.until(child, done, "shapes, all built", STARTING)
+            self.client.until(child, done, "shapes, all built", STARTING)
 
     def step(self, child: Child) -> None:
         """Change the scene, and wait for the answer that has all of it, or that is wrong."""
@@ -110,7 +102,7 @@ class Session:
         start = time.perf_counter()
         self._send(self._world.step())
         what = f"answer to step {self._world.steps}"
-        self._client.until(child, lambda: self._is_answered or self._result.wrong, what)
+        self.client.until(child, lambda: self._is_answered or self._result.wrong, what)
         if self._result.wrong:
             return
         self._result.latencies.append(self._answered - start)
@@ -119,7 +111,7 @@ class Session:
 
     def end(self, child: Child) -> None:
         """Read the last diagnostics: what was refused, and internal errors."""
-        for key, count in self._client.last_counts(child):
+        for key, count in self.client.last_counts(child):
             if count and key.startswith("rejected: "):
                 self._result.refused[key.partition(": ")[2]] = count
 
@@ -138,12 +130,12 @@ class Session:
             messages.append(("points", obstacles(self._random, self._world.side, header)))
         self._checker.begin(changes)
         for topic, message in messages:
-            self._client.publishers[topic].publish(message)
+            self.client.publishers[topic].publish(message)
             self._result.sent[topic] += 1
 
     def _take(self, message: PointCloud2) -> None:
         now = time.perf_counter()
-        self._client.answers.clear()
+        self.client.answers.clear()
         rows = collisions_from_ros(message)
         if not self._is_begun:
             self._is_answered = self._checker.is_complete(found_in(rows))
@@ -151,7 +143,6 @@ class Session:
             self._is_answered, self._answered = True, now
 
 
-LARGEST_DOMAIN = 100
 SAMPLE_PERIOD = 0.5
 """Seconds between two looks at the memory of the node."""
 PROGRESS = 10.0
@@ -168,10 +159,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     option(parser, "--seconds", real(1.0, 1e7), 60.0, "duration, without the start of the node")
     option(parser, "--steps", whole(1, 10**9), text="end after so many steps, too")
-    option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random numbers")
+    option(parser, "--seed", SEED, 1, "seed of the random numbers")
     option(parser, "--objects", whole(8, 1000), 120, "objects there are on average")
-    text = "seconds after which growth counts; a fifth of --seconds, at most 60, if not given"
-    option(parser, "--warm-up", real(0.0, 1e7), text=text)
     option(parser, "--growth", real(0.0, 1e6), 1.0, "MB that the node's memory may grow")
     option(parser, "--json", new_file(".json"), text="file for the result, and a wrong answer")
     option(parser, "--log", new_file(), text="file for the node's output")
@@ -182,12 +171,13 @@ def _parser() -> argparse.ArgumentParser:
 def main(args: Sequence[str] | None = None) -> int:
     """Keep a node busy and check it; returns 0 only if everything held."""
     options = _parser().parse_args(args)
-    domain = 1 + os.getpid() % LARGEST_DOMAIN
+    domain = own_domain()
     result = Result(options.growth)
     with tempfile.TemporaryDirectory() as folder:
         session = Session(options.seed, options.objects, domain, result)
         log = options.log or Path(folder) / "node.log"
-        child = Child([*session.arguments(), *options.node], domain, log)
+        given = ["--ros-args", "-r", f"__ns:={session.client.namespace}", "-p", "trigger:=arrival"]
+        child = Child([*given, *options.node], domain, log)
         try:
             session.begin(child)
             _run(session, child, result, options)
@@ -197,7 +187,7 @@ def main(args: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             result.stopped = "interrupted"
         code = child.end()
-        session.close()
+        session.client.close()
         if not result.stopped and code != 0:
             result.stopped = f"the node ended with exit code {code} when asked to end"
         faults = _print(result, options.seed)
@@ -211,9 +201,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _run(session: Session, child: Child, result: Result, options: argparse.Namespace) -> None:
     """Make steps until the time is over, or an answer is wrong."""
     start = due = shown_at = time.monotonic()
-    warm = options.warm_up
-    if warm is None:
-        warm = min(60.0, options.seconds / 5.0)
+    warm = min(60.0, options.seconds / 5.0)
     while (passed := time.monotonic() - start) < options.seconds and not result.wrong:
         if options.steps and result.steps >= options.steps:
             break

@@ -31,6 +31,7 @@ import numpy as np
 
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats, Integers
+from tools.cases.placement import rotations_of
 from tools.fuzz.process import Usage, Usages
 from tools.soak.world import GRID, TRANSFORM, Bodies, Change, Key, World, anchor, beacon, rows_of
 
@@ -167,18 +168,6 @@ def truth_of(poses: Floats, sizes: Floats) -> Truth:
     sure = (np.abs(gaps) > SURE) | (exact[i] & exact[j])
     found = (gaps <= 0.0) | ~sure
     return Truth(pairs[found], -gaps[found], sure[found])
-
-
-def rotations_of(quaternions: Floats) -> Floats:
-    """Return matrices (n, 3, 3) of quaternions x y z w (n, 4) of any length."""
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-        (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
-    )
-    matrices: Floats = np.moveaxis(np.array(rows), 2, 0)
-    return matrices
 
 
 def _near(centers: Floats, radii: Floats) -> Integers:

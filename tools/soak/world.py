@@ -35,12 +35,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.node.messages.clouds import boxes_to_ros, cloud_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import (
     duration_to_ros,
-    pose_to_ros,
     states_to_ros,
     transform_to_ros,
 )
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats
+from tools.fuzz.messages import box_marker
 
 GRID = 0.125
 """Centres and half extents of exact boxes are multiples of this (m)."""
@@ -210,12 +210,7 @@ class World:
         else:
             pose = np.array(self._pose(chance < 0.75))
         pose = pose.astype(np.float32).astype(np.float64) if single else pose
-        return replace_pose(body, pose)
-
-
-def replace_pose(body: Body, pose: Floats) -> Body:
-    """Return a body at another pose (7,)."""
-    return body._replace(pose=tuple(pose.tolist()))
+        return body._replace(pose=tuple(pose.tolist()))
 
 
 def beacon(topic: str) -> Key:
@@ -258,7 +253,10 @@ def messages_of(topic: str, change: Change, header: Header, scenery: list[Marker
     """Return what to publish for a change, in the order of its bodies: the beacon last."""
     if topic == MARKERS:
         gone = [Marker(ns=ns, id=number, action=Marker.DELETE) for ns, number in change.gone]
-        come = [marker_of(key, body, header) for key, body in change.bodies.items()]
+        come = [
+            box_marker(key, body.pose, body.size, header, body.kind)
+            for key, body in change.bodies.items()
+        ]
         return [MarkerArray(markers=[*gone, *scenery, *come])]
     if topic == BOXES:
         poses, sizes = rows_of(change.bodies)
@@ -285,38 +283,27 @@ def rows_of(bodies: Bodies) -> tuple[Floats, Floats]:
     return poses, np.array([body.size for body in bodies.values()]).reshape(-1, 3)
 
 
-def marker_of(key: Key, body: Body, header: Header) -> Marker:
-    """Return the marker that adds or changes a body."""
-    marker = Marker(header=header, ns=key[0], id=key[1], type=body.kind)
-    marker.pose = pose_to_ros(body.pose)
-    marker.scale.x, marker.scale.y, marker.scale.z = body.size
-    return marker
-
-
 def scenery_of(random: Random, header: Header) -> Marker:
     """Return a shape to be built, or a cube of a short life, in a place of its own."""
     place = random.randrange(PLACES)
     if random.random() < 0.5:
         return built_shape(random, header, place)
-    marker = _placed(header, place)
-    marker.type, marker.lifetime = Marker.CUBE, duration_to_ros(random.uniform(0.02, 1.0))
+    marker = _placed(header, place, Marker.CUBE)
+    marker.lifetime = duration_to_ros(random.uniform(0.02, 1.0))
     return marker
 
 
 def built_shape(random: Random, header: Header, place: int) -> Marker:
     """Return a shape to be built in a place, another one each time."""
-    marker = _placed(header, place)
-    marker.type = random.choice(BUILT)
+    marker = _placed(header, place, random.choice(BUILT))
     spread = random.random
     marker.points = [Point(x=spread(), y=spread(), z=spread()) for _ in range(CORNERS)]
     return marker
 
 
-def _placed(header: Header, place: int) -> Marker:
-    marker = Marker(header=header, ns=SCENERY, id=place)
-    marker.pose.position.x, marker.pose.position.z = 10.0 * place, -DEEP
-    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
-    return marker
+def _placed(header: Header, place: int, kind: int) -> Marker:
+    pose = (10.0 * place, 0.0, -DEEP, 0.0, 0.0, 0.0, 1.0)
+    return box_marker((SCENERY, place), pose, (1.0, 1.0, 1.0), header, kind)
 
 
 def obstacles(random: Random, side: float, header: Header) -> PointCloud2:
