@@ -20,6 +20,7 @@ Files are read by a process that is watched, and some are given to a node at its
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import re
@@ -32,6 +33,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from obb_collision.cli import (
     INTERRUPTED,
@@ -80,12 +82,13 @@ def attack(options: argparse.Namespace) -> list[Attack]:
     count = 1 if options.only else options.processes
     if count == 1:
         return [_run(options, parts, 0)]
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _take_interrupts)
+    here: Any = importlib.import_module("tools.fuzz.__main__")  # workers import no "__main__"
+    pool = ProcessPoolExecutor(count, get_context("spawn"), here._take_interrupts)
     with pool:
         shares = [[share(part, index, count) for part in parts] for index in range(count)]
         for some in shares[1:] if options.messages else ():
             some.insert(0, ("message", 0, len(CASES)))  # the largest are part of each warm-up
-        runs = [pool.submit(_run, options, some, index) for index, some in enumerate(shares)]
+        runs = [pool.submit(here._run, options, some, index) for index, some in enumerate(shares)]
         return [run.result() for run in runs]
 
 
