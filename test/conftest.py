@@ -52,7 +52,7 @@ collect_ignore_glob = [
 ]
 
 #: Pairs of each family that fit a test run of minutes on two cores.
-DEFAULT_PAIRS = 500
+DEFAULT_PAIRS = 300
 
 #: Characters of an id of a test's parameter.
 ID_LENGTH = 150

@@ -80,6 +80,7 @@ def test_rows_of_two_sets_are_rows_of_one_that_holds_both(name: str) -> None:
     assert_same(found, ask(both, both, PAIRS + np.array([0, 24])))
     assert_same(ask(a, b), ask(both, both, ROWS))
     assert_same(ask(a, b), ask(a, b, np.stack([np.arange(24)] * 2, axis=1)))
+    assert all(len(column) == 0 for column in columns(ask(a, b, [])).values())
     if hasattr(found, "pairs"):
         rows = {tuple(pair) for pair in PAIRS.tolist()}
         assert {tuple(pair) for pair in found.pairs.tolist()} <= rows
@@ -92,6 +93,9 @@ def test_what_are_no_rows_of_both_is_refused(name: str) -> None:
     refused("a and b must have the same length, got 24 and 5", ask, a, b)
     for bad in ([[0, 5]], [[24, 0]], [[-1, 0]]):
         refused("pairs must be rows of 24 and 5", ask, a, b, bad)
+    refused(r"pairs must be rows of 24 and 5, got \[0, 5\] in row 1", ask, a, b, [[0, 1], [0, 5]])
+    refused(r"pairs must have shape \(m, 2\)", ask, a, b, [0, 1])
+    refused("pairs must be whole numbers", ask, a, b, [[0.0, 1.0]])
     with pytest.raises(TypeError, match="b must be"):
         ask(a, [[0, 1]])
 

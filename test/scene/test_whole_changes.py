@@ -221,7 +221,7 @@ def test_an_interrupted_change_has_happened_or_has_not(
     backwards = {line: len(lines) - 1 - n for n, line in enumerate(reversed(lines))}
     stops = sorted({*backwards.values(), *{line: n for n, line in enumerate(lines)}.values()})
     assert stops
-    step = max(1, 140000 // pairs)
+    step = max(1, 90000 // pairs)
     for stop in stops[sum(map(ord, name + prepared)) % step :: step]:
         tried, report = scene()
         where = lines_of(partial(CHANGES[name], tried), stop)[-1]

@@ -244,6 +244,9 @@ def test_a_mesh_path_of_any_length_is_refused(write: Any) -> None:
     for name in ("x" * 4000, "y" * 5000, "x/" * 2040, "file:///" + "x" * 4000, "package://a/%00"):
         path = write(f"objects:\n- {{name: a, shape: mesh, file: {name}}}")
         assert f"{path}:2: objects[0].file: " in refusal(path)
+    assert ":2: objects[0].file" in refusal(
+        write('objects:\n- {name: a, shape: mesh, file: "part\\0.stl"}')
+    )
 
 
 def objects_text(*motions: str) -> str:

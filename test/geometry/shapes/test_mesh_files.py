@@ -32,9 +32,7 @@ from each import each
 from support import refused
 from trimesh.visual.material import SimpleMaterial
 
-from obb_collision import load_scene
 from obb_collision.geometry.shapes import files as mesh_files
-from obb_collision.scene_files import SceneFileError
 from obb_collision.shapes import Mesh
 
 OBJ = "mtllib {mtl}\no part\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n"
@@ -218,23 +216,6 @@ def test_too_little_memory_is_an_error_that_names_the_file(
         with monkeypatch.context() as patch:
             patch.setattr(owner, name, fails)
             refused(r"part\.stl: there is not enough memory", Mesh.from_file, file)
-
-
-@each("what", ["a name of 300 characters", "5,000 characters", "a zero byte"])
-def test_a_scene_file_says_where_it_names_such_a_mesh(tmp_path: Path, what: str) -> None:
-    file = tmp_path / "scene.yaml"
-    name = json.dumps(PATHS[what])
-    file.write_text(f"objects:\n  - name: part/1\n    shape: mesh\n    file: {name}\n")
-    with pytest.raises(SceneFileError) as caught:
-        load_scene(file)
-    assert "scene.yaml:4: objects[0].file" in str(caught.value)
-    assert len(str(caught.value)) < 1000
-
-
-@each("name", ["a" * 5000, "a" * 5000 + ".yaml", "a\0b"])
-def test_a_scene_file_that_cannot_be_there_is_refused(name: str) -> None:
-    with pytest.raises(SceneFileError):
-        load_scene(name)
 
 
 @each("kind", ["zip", "tar.gz", "bz2", "zae", "3mf", "xaml", "step", "stl.gz"])

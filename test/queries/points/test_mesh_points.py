@@ -160,7 +160,7 @@ def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> N
         [[1, 0, 0, 0], [0.5, 0.5, 0, 0], [0.25, 0.5, 0.25, 0], [0.25] * 4, [0.5, 0.5, -0.25, 0.25]]
     )
     held_ones = 0
-    for n in range(max(pairs // SHARE // len(weights), 12)):
+    for n in range(max(pairs // SHARE // len(weights), 8)):
         first, second = make(rng)
         corners = np.concatenate([first, second[:1]])[rng.permutation(4)]
         doubt = NARROW_DOUBT if least_height(corners[faces]) < NARROW else DOUBT

@@ -172,7 +172,6 @@ def test_bad_input_is_refused_with_the_reason() -> None:
     grown = Boxes(end.centers, end.rotations, end.half_extents + np.eye(6)[4][:, None])
     refused(r"half extents of start.*row 4", sweep, start, grown, rows)
     refused("same length", sweep, start, end[:3], rows)
-    refused(r"pairs.*row 1", sweep, start, end, [[0, 1], [0, 6]])
     for tolerance in (0.0, -1.0, 2.0, np.nan):
         refused("tolerance", sweep, start, end, rows, tolerance)
     for twists, match in (
@@ -184,13 +183,6 @@ def test_bad_input_is_refused_with_the_reason() -> None:
         refused(match, sweep_twists, start, twists, rows, 10.0)
     for horizon in (0.0, -1.0, np.inf, np.nan):
         refused("duration", sweep_twists, start, np.zeros((6, 6)), rows, horizon)
-
-
-def test_no_pairs_no_answers() -> None:
-    start, end, _ = moving("ordinary scene", 3)
-    assert len(sweep(start, end, [])) == 0
-    nothing = start[:0]
-    assert len(sweep(nothing, nothing, np.empty((0, 2), np.int64))) == 0
 
 
 def test_times_alone_are_those_with_contacts() -> None:

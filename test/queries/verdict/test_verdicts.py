@@ -145,7 +145,7 @@ def test_shared_pairs(case: dict[str, Any]) -> None:
 
 # --- sweeps: nothing flickers while two boxes turn from nearly parallel to parallel -------------
 
-SWEEP = 10.0 ** -np.linspace(3.0, 17.0, 71)
+SWEEP = 10.0 ** -np.linspace(3.0, 17.0, 43)
 
 
 def turned_about(axis: int, angles: np.ndarray) -> np.ndarray:

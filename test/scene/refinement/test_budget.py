@@ -213,7 +213,7 @@ def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones(
     assert (world.cycle() == HULL).all()
 
 
-@each("slow, noise", [(s, n) for s in (2.0, 20.0, 1000.0) for n in (0.0, 0.3)])
+@each("slow, noise", [(s, n) for s in (2.0, 1000.0) for n in (0.0, 0.3)])
 @each("cycles", [1, 5, 20, 200])
 def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> None:
     world = World.busy(noise)

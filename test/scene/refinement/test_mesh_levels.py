@@ -34,8 +34,8 @@ from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, 
 
 ZOO = zoo()
 LEVELS = ("sphere", "aabb", "obb", "hull", "mesh")
-#: Pairs of meshes for each pair of boxes of ``--pairs``: 4,500 by default.
-TIMES = 3
+#: Pairs of meshes for each pair of boxes of ``--pairs``: 3,600 by default.
+TIMES = 4
 
 
 @each("spread, seed", [(0.3, 1), (0.6, 2), (1.0, 3)])
