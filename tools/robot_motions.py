@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from time import thread_time
 from typing import Any
 
@@ -159,12 +160,17 @@ def _verdicts(free: Mask, collides: Mask) -> Row:
 
 def _row(checker: RobotScene, starts: Floats, ends: Floats, collides: Mask) -> Row:
     a, b = starts[:TIMED], ends[:TIMED]
-    state, each = least_times([lambda: checker.check(a), lambda: checker.check_motions(a, b)])
+    free = checker.check_motions(a, b).valid
+    parts = (np.ones(len(a), np.bool_), free, ~free)
+    motions = [partial(checker.check_motions, a[some], b[some]) for some in parts]
+    state, each, of_free, of_others = least_times([lambda: checker.check(a), *motions])
     (single,) = least_times([lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)]])
     compared = len(collides)
     report = checker.check_motions(starts[:compared], ends[:compared])
     return {
         **_costs(state, each, len(a)),
+        "us_of_free": 1e6 * of_free / max(1, int(free.sum())),
+        "us_of_colliding": 1e6 * of_others / max(1, int((~free).sum())),
         "us_of_call": 1e6 * single / CALLS,
         **_verdicts(report.valid, collides),
     }

@@ -202,9 +202,9 @@ COLUMNS = {
     "microseconds": ("us per state", "{:.2f}"), "us_per_state": ("us per state", "{:.2f}"),
     "us_per_motion": ("us per motion", "{:.1f}"), "in_states": ("in states", "{:.1f}"),
     "us_of_free": ("free", "{:.1f}"), "us_of_colliding": ("colliding", "{:.1f}"),
-    "us_of_call": ("one call (us)", "{:.1f}"), "compared": ("compared", "{:,}"), "missed": ("missed", "{}"),
-    "not_called_free": ("not called free", "{:,}"), "states": ("states", "{}"),
-    "chunks": ("chunks", "{:,}"), "median": ("median (ms)", "{:.2f}"),
+    "us_of_call": ("one call (us)", "{:.1f}"), "compared": ("compared", "{:,}"),
+    "missed": ("missed", "{}"), "not_called_free": ("not called free", "{:,}"),
+    "states": ("states", "{}"), "chunks": ("chunks", "{:,}"), "median": ("median (ms)", "{:.2f}"),
     "p99": ("99 % (ms)", "{:.2f}"), "longest": ("longest (ms)", "{:.2f}"),
     "valid": ("valid", "{:.0%}"),
 }  # fmt: skip
