@@ -27,6 +27,7 @@ from typing import Any, TypeVar, overload
 import numba
 from numba import config, types
 from numba.experimental import structref
+from numba.extending import overload as overload_function
 
 from obb_collision._kernel_cache import KernelCache
 from obb_collision._numba import keep, known, redirect_calls
@@ -125,7 +126,21 @@ class Interpreted:
         self.value = value
 
 
-structref.define_proxy(Held, HeldType, ["value"])
+structref.define_boxing(HeldType, Held)
+
+
+def _made(value: Any) -> Callable[[Any], Held]:
+    kind = HeldType([("value", value)])
+
+    def make(value: Any) -> Held:
+        held: Held = structref.new(kind)
+        held.value = value
+        return held
+
+    return make
+
+
+overload_function(Held)(_made)  # as ``structref.define_proxy`` does, in a module with a name
 _held: Any = Interpreted if config.DISABLE_JIT else Held
 
 

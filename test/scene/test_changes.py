@@ -244,7 +244,7 @@ def test_what_leaves_a_region_before_a_query_has_left_it() -> None:
 
 #: Steps of which the memory is measured, several times: what grows does so each time, which caches
 #: that fill and other threads do not.
-STEPS, TIMES = 100, 5
+STEPS, TIMES = 200, 6
 COLUMNS = ("pairs", "verdicts", "accuracies", "separations", "normals", "positions")
 
 
