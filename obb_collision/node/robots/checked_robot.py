@@ -48,7 +48,7 @@ FEW = 4
 """Rows of a portion, at least."""
 
 
-class Held(NamedTuple):
+class Attachment(NamedTuple):
     """All that an attached object depends on."""
 
     slot: int
@@ -83,7 +83,7 @@ class CheckedRobot:
     def __init__(self, given: RobotInput, node: CollisionNode, frames: LinkFrames) -> None:
         self.given, self.objects, self.clock = given, node.objects, node.now
         self.parameters, self._frames, self._node = node.parameters, frames, node
-        self._made: dict[float, tuple[Robot, dict[str, Held], NodeRobotScene]] = {}
+        self._made: dict[float, tuple[Robot, dict[str, Attachment], NodeRobotScene]] = {}
 
     @property
     def robot(self) -> Robot:
@@ -122,7 +122,7 @@ class CheckedRobot:
             raise RefusedError(SCENE_NOT_KNOWN, f"not attached: {error}") from error
         return checker
 
-    def _attach(self, checker: RobotScene, held: dict[str, Held]) -> None:
+    def _attach(self, checker: RobotScene, held: dict[str, Attachment]) -> None:
         """Bring what is attached in line with what ``held`` says that it is."""
         wanted = self._held()
         for name in [name for name in held if name not in wanted]:
@@ -134,7 +134,7 @@ class CheckedRobot:
                 checker.attach_object(*given, touch_links=each.touch_links)
                 held[name] = each
 
-    def _held(self) -> dict[str, Held]:
+    def _held(self) -> dict[str, Attachment]:
         links, objects = self.given.links, self.objects
         assert links is not None
         # not what the last cycle found: a pose that came since applies the markers before it
@@ -150,7 +150,7 @@ class CheckedRobot:
         found = {}
         for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):
             pose = tuple(table.given[slot].tolist())
-            held = Held(slot, named[row], pose, touched[row], revision)
+            held = Attachment(slot, named[row], pose, touched[row], revision)
             found[name_from_key(table.key(slot))] = held
         return found
 

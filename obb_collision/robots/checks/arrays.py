@@ -120,6 +120,7 @@ class Checked(NamedTuple):
     tree: Tree
     bodies: LinkBodies
     tests: Tests
+    owners: Integers  #: (b + 1,) the row in names of each body, and -1 for none
     chains: Chains  #: what moves bodies
     meshes: Mask  #: (b,) bodies whose pairs hulls do not decide
 

@@ -276,7 +276,7 @@ def state_distances(
         frames = np.append(checked.bodies.frames, -1)[bodies]
         given = np.ascontiguousarray(states[rows])
         gradients = distance_gradients(checked.tree, given, frames, vectors[:, :2], vectors[:, 2])
-    known = prepared.owners, prepared.excess, prepared.world.origin
+    known = prepared.checked.owners, prepared.excess, prepared.world.origin
     _name_pairs(known, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
     pairs, lower, upper = bodies, bounds[:, 0], bounds[:, 1]
     if every:  # the least of each two names

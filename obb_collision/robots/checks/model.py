@@ -125,8 +125,6 @@ class Prepared:
     world: World
     limits: JointLimits
     names: list[str]
-    owners: Rows
-    """(b + 1,) the row in names of each body, and -1 for none."""
 
     @cached_property
     def touching(self) -> PairValues:
@@ -172,7 +170,7 @@ class Prepared:
 
     def owners_of(self, bodies: Integers) -> Integers:
         """Return pairs of rows of ``names``, the smaller first, for pairs of bodies (m, 2)."""
-        pairs = self.owners[bodies]
+        pairs = self.checked.owners[bodies]
         pairs.sort(axis=1)
         return pairs
 
@@ -348,9 +346,9 @@ class Model:
             world.tree.order,
         )
         bodies = joined([own.bodies, world.bodies])
-        checked = Checked(self.tree, bodies, tests, NO_CHAINS, np.empty(0, np.bool_))
         owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
-        return Prepared(checked, own, world, self.limits, names, owners)
+        checked = Checked(self.tree, bodies, tests, owners, NO_CHAINS, np.empty(0, np.bool_))
+        return Prepared(checked, own, world, self.limits, names)
 
     def _counted(self, scene: Scene, links: list[str], objects: list[str]) -> Mask | None:
         """Return (links, links and objects) which pairs count by the rules of a scene.

@@ -239,6 +239,7 @@ def pairs_kernel(
 ) -> None:
     """Write the pairs of bodies that may collide in each state; without room, their numbers.
 
+    The first pair alone is written as those whose bodies they are, the smaller row of names first.
     States whose number is 0 are left out if there is room. asked, found: ``StateQuestion`` and
     ``Found`` as plain tuples, which take a third of the time to come from Python.
     """
@@ -264,6 +265,9 @@ def _fill_pairs(
             i, j = placed.candidates[m, 0], placed.candidates[m, 1]
             if count < 0 or may_collide(bodies, placed, i, j, placed.grown[m], level):
                 number += 1
+                if first:
+                    i, j = checked.owners[i], checked.owners[j]
+                    i, j = min(i, j), max(i, j)
                 if len(pairs):
                     pairs[ends[n] - number, 0], pairs[ends[n] - number, 1] = i, j
                 if first:
@@ -273,7 +277,7 @@ def _fill_pairs(
 
 
 def first_pairs(prepared: Prepared, accuracy: Accuracy, states: Floats) -> Integers:
-    """Return a pair of bodies (n, 2) that may collide in each state, -1 for none."""
+    """Return a pair (n, 2) that may collide in each state, as rows of names, -1 for none."""
     count = len(states)
     ends, pairs = np.arange(1, count + 1), np.empty((count, 2), np.int64)
     pairs.fill(-1)
@@ -302,7 +306,7 @@ def check_states(
     prepared: Prepared, accuracy: Accuracy, states: Floats, every: bool
 ) -> StateReport:
     """Return which states (n, joints) are valid; every: with all colliding pairs."""
-    first = prepared.owners_of(first_pairs(prepared, accuracy, states))
+    first = first_pairs(prepared, accuracy, states)
     found = None
     if accuracy == Accuracy.MESH:
         rows = np.flatnonzero(first[:, 0] >= 0)
