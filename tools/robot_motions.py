@@ -114,13 +114,13 @@ def least_times(calls: Sequence[Callable[[], object]], rounds: int = ROUNDS) -> 
 
 
 def motion_rows(
-    robot: Robot, boxes: Sequence[int], compared: int, seed: int, vamp: Vamp | None
+    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int, vamp: Vamp | None
 ) -> Iterator[Row]:
     """Yield a row per number of boxes and length of motions, each followed by one of a peer."""
     for count in boxes:
         rng = np.random.default_rng([seed, count])
         objects = boxes_of(count, rng)
-        checker = RobotScene([robot], scene_of(objects))
+        checker = RobotScene([robot], scene_of(objects), accuracy)
         for length in LENGTHS:
             starts = free_states(checker, max(compared, TIMED), rng)
             ends = ends_of(robot, starts, length, rng)

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from obb_collision._threads import set_threads, threads
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.benchmarks import plots
 from obb_collision.benchmarks.measuring import Show
 from obb_collision.cli import SEED, Parser, Progress, interruptible, new_file, option, whole
@@ -175,7 +176,7 @@ def run(robot: Robot, options: argparse.Namespace, show: Show) -> list[Row]:
     for world, objects, scene in worlds(options):
         show(f"states among {world}")
         rng = np.random.default_rng([options.seed, 1])
-        checker = RobotScene([robot], scene)
+        checker = RobotScene([robot], scene, options.accuracy)
         case = case_of(robot, str(options.robot), objects, checker)
         checkers: dict[str, CheckStates] = {OURS: lambda q, c=checker: c.check(q).colliding}  # type: ignore[misc]
         for name, (make, package) in PEERS.items():
@@ -266,6 +267,7 @@ def parser() -> Parser:
     option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
     text = "motions per world and length compared with 1,000 samples each"
     option(made, "--motions", whole(0, 10**6), 200, text)
+    made.add_argument("--accuracy", choices=ALL_LEVELS, default="hull", help="of this library")
     made.add_argument("--only-motions", action="store_true", help="measure motions alone")
     option(made, "--vamp", Path, text="checkout of VAMP whose motions are measured, too")
     option(made, "--seed", SEED, 0, "of states and boxes")
@@ -284,7 +286,7 @@ def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
         show("chunks of states through a node")
         return {"latency": [chunk_row(robot, options)]}
     show("motions")
-    given = options.boxes, options.motions, options.seed
+    given = options.accuracy, options.boxes, options.motions, options.seed
     with tempfile.TemporaryDirectory() as folder:
         vamp = None if options.vamp is None else Vamp(options.vamp, robot, Path(folder))
         motions = list(motion_rows(robot, *given, vamp))
