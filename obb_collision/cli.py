@@ -158,14 +158,21 @@ def real(low: float, high: float) -> Callable[[str], float]:
     return convert
 
 
-def folder(text: str) -> Path:
-    """Convert for argparse: a folder that exists."""
+def mesh_files(folder: Path) -> list[Path]:
+    """Return the mesh files, STL and OBJ, of a folder and those within, sorted."""
+    return sorted(file for file in folder.rglob("*") if file.suffix.lower() in (".stl", ".obj"))
+
+
+def mesh_folder(text: str) -> Path:
+    """Convert for argparse: a folder that has mesh files."""
     try:
         found = "\0" not in text and Path(text).is_dir()
     except (OSError, ValueError):  # not a valid name
         found = False
     if not found:
         raise argparse.ArgumentTypeError(f"{shown(text)} is no folder")
+    if not mesh_files(Path(text)):
+        raise argparse.ArgumentTypeError(f"{shown(text)} has no mesh files, STL or OBJ")
     return Path(text)
 
 

@@ -34,6 +34,8 @@ from programs import NEED_ROS, PROGRAMS, SCRIPTS, function_of
 
 pytest.importorskip("rclpy")
 
+from pathlib import Path
+
 import rig  # noqa: F401 - of this machine only
 
 import obb_collision
@@ -172,6 +174,7 @@ REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
 FILES = ["/none/such/file", "/", "x" * 5000 + "/y", "nul\0", "\ud800/x", ""]
 PLOTS = [*FILES, "x.exe"]
 DRAWN = {"--picture": PLOTS}
+NO_MESHES = str(Path(__file__).parent)
 SEED, JSON = {"--seed": WHOLES}, {"--json": FILES}
 OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_node": {},
@@ -182,7 +185,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision warm-up": {},
     "obb_collision accuracy": {
         **dict.fromkeys(("--seed", "--bodies", "--pairs", "--timed"), WHOLES),
-        "--seconds": REALS, "--meshes": FILES[:1] + FILES[2:5], **DRAWN, **JSON,
+        "--seconds": REALS, "--meshes": [*FILES[:1], *FILES[2:5], NO_MESHES], **DRAWN, **JSON,
     },
     "obb_collision_demo": {
         "--seconds": REALS, "--objects": WHOLES, "--rate": REALS, "--picture": FILES, **SEED,

@@ -27,8 +27,8 @@ from obb_collision.cli import (
     SEED,
     Parser,
     Progress,
-    folder,
     interruptible,
+    mesh_folder,
     new_file,
     option,
     real,
@@ -53,7 +53,7 @@ def accuracy(arguments: Sequence[str] | None = None) -> int:
     option(parser, "--seed", SEED, 0, "seed of the random poses")
     option(parser, "--bodies", whole(1, 10**6), 2_000, "number of bodies")
     option(parser, "--pairs", whole(1, 10**8), 60_000, "pairs per corpus")
-    option(parser, "--meshes", folder, text="folder of mesh files, STL and OBJ, to measure on, too")
+    option(parser, "--meshes", mesh_folder, text="folder of STL and OBJ files to measure on, too")
     option(parser, "--timed", whole(1, 10**8), 3_000, "pairs timed beside the peers")
     _add_files(parser)
     options = parser.parse_args(arguments)

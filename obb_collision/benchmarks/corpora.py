@@ -29,6 +29,7 @@ import numpy as np
 from trimesh import creation, util
 from trimesh.convex import convex_hull
 
+from obb_collision.cli import mesh_files
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Box
@@ -72,7 +73,7 @@ def generated_corpus(seed: int) -> Corpus:
 
 def file_corpus(folder: Path, seconds: float) -> Corpus:
     """Return meshes of a folder and those within, as many as are read in ``seconds``, at random."""
-    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in (".stl", ".obj"))
+    files = mesh_files(folder)
     shapes: dict[str, Mesh | Box] = {}
     end = perf_counter() + seconds
     for k in np.random.default_rng(0).permutation(len(files)).tolist():

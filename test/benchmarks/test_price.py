@@ -140,6 +140,7 @@ def test_the_command_prints_tables_and_writes_its_files(
     monkeypatch.setattr(accuracy, "generated_corpus", lambda seed: FEW)
     file, picture = tmp_path / "accuracy.json", tmp_path / "accuracy.svg"
     sizes = ["--bodies", "40", "--pairs", "60", "--timed", "20", "--seconds", "1"]
+    (tmp_path / "bad.stl").write_text("no mesh")
     sizes += ["--meshes", str(tmp_path)]
     assert command.accuracy([*sizes, "--json", str(file), "--picture", str(picture)]) == 0
     printed = capsys.readouterr()

@@ -37,7 +37,7 @@ from obb_collision.benchmarks.corpora import file_corpus, generated_corpus
 from obb_collision.benchmarks.effects import Peers, PlacedPairs, measure_effects
 from obb_collision.benchmarks.measuring import as_text
 from obb_collision.benchmarks.peers import coal_hull, coal_mesh, fcl_hull, fcl_mesh
-from obb_collision.cli import SEED, Parser, folder, interruptible, option, real, whole
+from obb_collision.cli import SEED, Parser, interruptible, mesh_folder, option, real, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -173,7 +173,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of the effects on each level and of the peers."""
     parser = Parser(prog="python -m tools.peers.effects", description="effects beside peers")
     option(parser, "--pairs", whole(1, 10**6), EFFECT_PAIRS, "pairs per effect")
-    option(parser, "--meshes", folder, text="folder of mesh files to measure on instead")
+    option(parser, "--meshes", mesh_folder, text="folder of mesh files to measure on instead")
     option(parser, "--seconds", real(0.001, 1e6), 60.0, "approximate time (s)")
     option(parser, "--seed", SEED, 0, "seed of the random poses")
     options = parser.parse_args(arguments)
