@@ -51,6 +51,13 @@ def mesh_marker(folder: Path, number: int) -> Marker:
     return marker
 
 
+def refusals(bench: Bench) -> str:
+    """Return the reasons for which objects were refused or are not placed."""
+    parts = [bench.client.part(name) for name in ("input objects", "objects")]
+    keys = [pair.key for part in parts for pair in part.values]
+    return ", ".join(key for key in keys if key.startswith(("rejected: ", "unplaceable: ")))
+
+
 def few_descriptors(bench: Bench) -> str:
     """Leave a node no descriptor, have it load a mesh file, and give it some back."""
     node = bench.start(f"mesh_folders:=['{bench.folder}']")
@@ -64,9 +71,7 @@ def few_descriptors(bench: Bench) -> str:
         ),
         "refusal",
     )
-    parts = [bench.client.part(name) for name in ("input objects", "objects")]
-    keys = [pair.key for part in parts for pair in part.values]
-    reasons = [key for key in keys if key.startswith(("rejected: ", "unplaceable: "))]
+    reasons = refusals(bench)
     check(longest <= RIGHT, f"right only after {longest:.2f} s")
     node.limit(resource.RLIMIT_NOFILE, -1)
     markers = [mesh_marker(bench.folder, number) for number in (1, 2)]
@@ -78,7 +83,7 @@ def few_descriptors(bench: Bench) -> str:
 
     built = bench.until(is_built, "mesh, once there are descriptors again")
     return (
-        f"others right after {longest:.2f} s at most; the mesh: {', '.join(reasons) or 'waited'}; "
+        f"others right after {longest:.2f} s at most; the mesh: {reasons or 'waited'}; "
         f"{built:.1f} s after there were some again all was placed"
     )
 
@@ -98,12 +103,13 @@ def little_memory(bench: Bench) -> str:
     check(longest <= RIGHT, f"right only after {longest:.2f} s")
     bench.spin(1.1)  # for /diagnostics of after that
     failures = bench.client.part("internal errors").message
-    refused = bench.client.part("input objects").message
+    refused = refusals(bench)
+    check(bool(refused) or failures != "none", "it is said nowhere that the message was given up")
     node.limit(resource.RLIMIT_AS, -1)
     after = bench.probe()
     return (
-        f"others right after {longest:.2f} s at most; `/diagnostics`: {refused or 'none'}, "
-        f"{failures}; {after:.2f} s with memory again"
+        f"others right after {longest:.2f} s at most; {refused or 'nothing refused'}; "
+        f"internal errors: {failures}; {after:.2f} s with memory again"
     )
 
 
