@@ -239,7 +239,7 @@ class MergerNode(Node):
         }
         for key in (RADIUS, SELECTED_RADIUS):
             radii = [values.get(key, "") for values in known.values()]
-            if radii and all(radii):
+            if radii and all(map(_is_length, radii)):  # else it is not known how far all look
                 counts[key] = min(radii, key=float)
         most = max(pairs, len(colliding))
         return Answer((), most, most > pairs, counts=counts, stamp=None).but(*reasons)
@@ -262,6 +262,14 @@ class MergerNode(Node):
 def values_of(status: DiagnosticStatus) -> dict[str, str]:
     """Return the values of a status by key."""
     return {pair.key: pair.value for pair in status.values}
+
+
+def _is_length(text: str) -> bool:
+    """Return whether a text is a length in metres."""
+    try:
+        return 0.0 <= float(text) < np.inf
+    except ValueError:
+        return False
 
 
 def main(args: Sequence[str] | None = None) -> int:
