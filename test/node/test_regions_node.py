@@ -294,12 +294,15 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
             client.until(partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent), "both")
             assert values_of(said[-1])["clearance radius (m)"] == "0.1"
             for bad_radius in ("far", "nan", "-1", ""):
-                sent = status("3", COLLIDING, **given, **{"clearance radius (m)": bad_radius})
-                told.publish(sent)
-                client.until(lambda: "clearance radius (m)" not in values_of(said[-1]), "no radius")
-                sent = status("3", COLLIDING, **given)
-                client.until(partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent), "both")
-                client.until(lambda: "clearance radius (m)" in values_of(said[-1]), "a radius")
+                bad = status("3", COLLIDING, **given, **{"clearance radius (m)": bad_radius})
+                for sent, there in ((bad, False), (status("3", COLLIDING, **given), True)):
+                    both = partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent)
+                    client.until(
+                        lambda both=both, there=there: (
+                            both() and ("clearance radius (m)" in values_of(said[-1])) == there
+                        ),
+                        f"whether there is a radius, {bad_radius!r}",
+                    )
             client.until(partial(heard, COLLIDING, "region_silent", silent, None), "its collision")
             back = f"{west} (back)"  # it says that it is free, and is not believed at once
             client.until(partial(heard, UNKNOWN, "region_silent", back, status("3")), "an end")
