@@ -253,7 +253,9 @@ def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_r
         assert not rig.change(CONFIGURE)
         assert rig.state() == "unconfigured"
         rig.says(UNKNOWN, "the last transition failed", True)
-        assert str(scene) in rig.last[STATUS].status[0].message
+        said = rig.last[STATUS].status[0].message
+        assert str(scene) in said
+        assert "Error" not in said, "a mistake of who starts it, no defect"
         scene.write_text(SCENE.format(padding=0.0))
         assert rig.change(CONFIGURE)
         assert rig.change(ACTIVATE)
@@ -283,7 +285,7 @@ def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_w
             patch.setattr(rig.node, part, fail)
             assert not rig.change(transition)
         assert rig.state() == "unconfigured"
-        rig.says(UNKNOWN, "broken", True)
+        rig.says(UNKNOWN, "KeyError: 'broken'", True)
         assert not any(rig.client.count_subscribers(topic) for topic in rig.pubs)
         assert not [*rig.node.timers], "nothing is called any more"
         for again in (CONFIGURE, ACTIVATE):

@@ -136,6 +136,17 @@ def test_a_pair_is_decided_on_the_lower_level_of_its_objects() -> None:
     assert levels(scene) == [oc.Accuracy.OBB]
 
 
+def test_rods_side_by_side_meet_as_spheres_and_askew_as_boxes_along_the_axes_too() -> None:
+    scene = oc.Scene()
+    scene.add("a", Box([2.0, 0.2, 0.2]))
+    beside, askew = [0.0, 1.0, 0.0, *UPRIGHT], [1.6, 0.3, 0.0, 0.0, 0.0, 0.38, 0.92]
+    for pose, reported in ((beside, COARSE[:1]), (askew, COARSE)):
+        scene.add("b", Box([2.0, 0.2, 0.2]), pose)
+        for level in (*COARSE, "obb"):
+            scene.accuracy = level
+            assert len(scene.check()) == (level in reported)
+
+
 def test_padded_meshes_are_decided_by_their_distance_and_others_by_their_hulls() -> None:
     scene = ring_and_rod()
     scene.set_effect("clearance", accuracy="mesh", max_distance=1.0)
@@ -221,8 +232,9 @@ def test_spheres_and_capsules_are_decided_by_their_distances() -> None:
     places = random_poses(200, rng, 1.5)
     radii, halves = rng.uniform(0.05, 0.4, 200), np.where(rng.random(200) < 0.5, 0.0, 0.3)
     for k, pose in enumerate(places):
-        shape = Capsule(radii[k], 2.0 * halves[k]) if halves[k] else Sphere(radii[k])
-        scene.add(f"{k}", shape, pose)
+        radius, scale = radii[k] / (1.0 + k % 2), [1.0 + k % 2] * 3
+        one = Capsule(radius, 2.0 * halves[k] / scale[0], scale) if halves[k] else None
+        scene.add(f"{k}", one or Sphere(radius, scale), pose)
     axes = Rotation.from_quat(places[:, 3:]).as_matrix()[:, :, 2] * halves[:, None]
     capsules = oc.Capsules(places[:, :3] - axes, places[:, :3] + axes, radii)
     i, j = np.triu_indices(200, 1)
