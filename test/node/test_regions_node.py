@@ -279,6 +279,10 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
             values = values_of(said[-1])
             return (said[-1].level, values["reason"], values["who"]) == (level, reason, who)
 
+        def has_radius(expected: bool, sent: DiagnosticArray) -> bool:
+            collides = heard(COLLIDING, "refused", f"{west} (a/1)", sent)
+            return collides and ("clearance radius (m)" in values_of(said[-1])) == expected
+
         with started(*COMMAND, *ARGUMENTS, **environment()) as process:
             west, silent = f"{NAMESPACE}/west", f"{NAMESPACE}/west (silent)"
             for bad in (status("9" * 10_000), DiagnosticArray()):
@@ -295,14 +299,8 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
             assert values_of(said[-1])["clearance radius (m)"] == "0.1"
             for bad_radius in ("far", "nan", "-1", ""):
                 bad = status("3", COLLIDING, **given, **{"clearance radius (m)": bad_radius})
-                for sent, there in ((bad, False), (status("3", COLLIDING, **given), True)):
-                    both = partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent)
-                    client.until(
-                        lambda both=both, there=there: (
-                            both() and ("clearance radius (m)" in values_of(said[-1])) == there
-                        ),
-                        f"whether there is a radius, {bad_radius!r}",
-                    )
+                client.until(partial(has_radius, False, bad), f"no radius, {bad_radius!r}")
+                client.until(partial(has_radius, True, sent), "a radius")
             client.until(partial(heard, COLLIDING, "region_silent", silent, None), "its collision")
             back = f"{west} (back)"  # it says that it is free, and is not believed at once
             client.until(partial(heard, UNKNOWN, "region_silent", back, status("3")), "an end")
