@@ -116,7 +116,7 @@ def test_bodies_of_robots(record_property: Record) -> None:
     rng = np.random.default_rng(7)
     ratios = []
     for count in (1, 2, 7, 30, 100):
-        for size in (0.0, 1e-3, 0.3, 1e3):
+        for size in (0.0, 1e-3, 0.3, 1e3) if count < 30 else (0.3,):
             text, joints = chain(rng, count, size)
             robot = oc.Robot.from_urdf(text)
             model = Model([robot], [None], np.array([[0.0, 0, 0, 0, 0, 0, 1]]))

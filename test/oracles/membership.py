@@ -23,10 +23,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 
 Box = tuple[Floats, Floats, Floats]
 Point = Sequence[Fraction]
@@ -60,9 +61,28 @@ def outside(box: Box, points: Iterable[Point]) -> list[Fraction]:
     return found
 
 
+def whole(values: Floats) -> tuple[Any, int]:
+    """Return doubles as integers of any size (an array), and the exponent of two of their unit."""
+    mantissas, exponents = np.frexp(values)
+    exponents = np.where(mantissas == 0.0, 0, exponents - 53)
+    least = int(exponents.min(initial=0))
+    integers = (mantissas * 2.0**53).astype(np.int64).astype(object)
+    return integers << (exponents - least).astype(object), least
+
+
+def inside(box: Box, points: Floats) -> Mask:
+    """Which of points (n, 3) the box contains, exactly: as ``outside``, in integers."""
+    lengths, _ = whole(np.vstack([box[0], box[2], points]))
+    axes, exponent = whole(box[1])
+    normals = np.cross(axes.T[[1, 2, 0]], axes.T[[2, 0, 1]])
+    reach = abs(lengths[1] * (axes[:, 0] @ normals[0]))
+    along = abs((lengths[2:] - lengths[0]) @ normals.T)
+    return np.asarray((along << -exponent <= reach).all(axis=1), np.bool_)
+
+
 def holds(box: Box, points: Floats) -> bool:
     """Whether the box contains all points (n, 3), exactly."""
-    return all(gap <= 0 for gap in outside(box, (fractions(p) for p in points.tolist())))
+    return bool(inside(box, points).all())
 
 
 def corners(box: Box) -> list[list[Fraction]]:
@@ -90,8 +110,7 @@ def assert_proper(box: Box) -> None:
     assert np.isfinite(center).all()
     assert all(value >= 0.0 for value in half.tolist())
     assert np.isfinite(half).all()
-    axes = [fractions(column) for column in rotation.T]
-    for i, j in product(range(3), repeat=2):
-        entry = sum((x * y for x, y in zip(axes[i], axes[j], strict=True)), Fraction(0))
-        assert abs(entry - (i == j)) <= Fraction(1, 2**49)
-    assert determinant(*axes) > Fraction(0)
+    axes, exponent = whole(rotation)
+    unit = 1 << -2 * exponent
+    assert (abs(axes.T @ axes - unit * np.eye(3, dtype=object)) << 49 <= unit).all()
+    assert axes[:, 0] @ np.cross(axes[:, 1], axes[:, 2]) > 0

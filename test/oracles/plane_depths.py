@@ -48,7 +48,7 @@ def least_depth(corners: Floats, points: ArrayLike) -> float:
     for row in np.flatnonzero(lengths < SLIVER * sides**2):
         normals[row] = _exact_normal(triangles[row])
     offsets = np.einsum("ij,ij->i", normals, a)
-    return float(np.ldexp((offsets[:, None] - normals @ where.T).min(), -power))
+    return float(np.ldexp((offsets - (normals @ where.T).max(axis=1)).min(), -power))
 
 
 def _exact_normal(triangle: Floats) -> list[float]:

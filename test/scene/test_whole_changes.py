@@ -199,11 +199,14 @@ def lines_of(change: Callable[[], Any], stop: int = -1) -> list[tuple[str, int]]
     return lines
 
 
-@each("prepared", PREPARED)
+@each("number, prepared", enumerate(PREPARED))
 @each("name", CHANGES)
 def test_an_interrupted_change_has_happened_or_has_not(
-    name: str, prepared: str, pairs: int
+    name: str, prepared: str, number: int, pairs: int
 ) -> None:
+    if pairs < 1000 and (list(CHANGES).index(name) + number) % 3:
+        return  # each change after one of them only
+
     def scene() -> tuple[oc.Scene, oc.Report]:
         made, report = scene_before()
         PREPARED[prepared](made)
@@ -371,7 +374,7 @@ print(failed)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory as Linux has them")
 def test_a_change_without_memory_for_it_does_not_happen() -> None:
-    command = [sys.executable, "-c", SCRIPT.replace("STEP", "10")]
+    command = [sys.executable, "-c", SCRIPT.replace("STEP", "20")]
     environment = os.environ | {"OBB_COLLISION_THREADS": "1"}
     found = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert found.returncode == 0, found.stderr

@@ -25,7 +25,7 @@ import pytest
 import trimesh
 import yaml
 from each import each
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obb_collision as oc
@@ -105,6 +105,7 @@ NAMES = ["a", "b", "c[1]", "c*"]
 OTHERS = [*NAMES, "c1", "d"]
 
 
+@settings(max_examples=30)
 @given(st.data())
 def test_matrices_are_looked_up_as_moveit_does(tmp_path_factory: Any, data: st.DataObject) -> None:
     count = data.draw(st.integers(0, len(NAMES)))

@@ -160,7 +160,7 @@ primitives type dimensions allowed_collision_matrix entry_names
 TOKENS = st.sampled_from([*WORDS, "\n", "\n  ", "\n- ", "\t", "\0", '"'])
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(st.one_of(st.text(max_size=60), st.lists(TOKENS, max_size=30).map(" ".join)))
 def test_nonsense_is_refused_and_nothing_else_is_raised(tmp_path_factory: Any, text: str) -> None:
     path = tmp_path_factory.mktemp("nonsense") / "scene.yaml"
@@ -177,7 +177,7 @@ VALUES = st.recursive(
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.data(), VALUES)
 def test_a_wrong_value_in_a_right_place_is_refused_or_read(
     tmp_path_factory: Any, data: st.DataObject, value: Any

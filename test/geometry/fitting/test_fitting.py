@@ -108,6 +108,7 @@ SMALL_SETS = st.lists(
 )
 
 
+@settings(max_examples=60)
 @given(
     SMALL_SETS,
     st.sampled_from(sorted(FITS)),
@@ -122,6 +123,7 @@ def test_any_set_is_contained(
     fitted(array + offset * np.array([1.0, -0.3, 0.7]), fit)
 
 
+@settings(max_examples=60)
 @given(SMALL_SETS, ANY_ROTATION, st.sampled_from(sorted(FITS)), st.integers(1, 2))
 def test_flat_sets_are_contained_and_thin(
     points: list[tuple[float, ...]], quaternion: list[float], fit: str, dimensions: int
@@ -163,7 +165,7 @@ def test_hard_sets_are_contained_by_integers_and_by_the_bound_alone(
 ) -> None:
     monkeypatch.setattr(enclosing, "EXACT_POINTS", exact_points)
     rng = np.random.default_rng(exact_points)
-    for _ in range(100):
+    for _ in range(50):
         fitted(hard_set(rng), fit)
 
 
@@ -215,7 +217,7 @@ def test_nearly_flat_sets(thickness: float) -> None:
 def test_best_is_no_larger_than_any_other_fit_and_close_to_trimesh() -> None:
     rng = np.random.default_rng(6)
     ratios = []
-    for n in [4, 5, 6, 8, 12, 30, 100] * 4:
+    for n in [4, 5, 6, 8, 12, 30, 100] * 2:
         points = rng.normal(size=(n, 3)) * rng.uniform(0.1, 2.0, 3) + 3.0
         sizes = {fit: volume(fitted(points, fit)[2]) for fit in FITS}
         assert sizes["best"] <= min(sizes.values()) * (1.0 + 1e-8)
@@ -228,7 +230,7 @@ def test_best_is_no_larger_than_any_other_fit_and_close_to_trimesh() -> None:
 def test_hull_covariance_ignores_how_densely_sides_are_sampled() -> None:
     rng = np.random.default_rng(7)
     box = CUBE * [3.0, 2.0, 1.0]
-    dense = np.vstack([box, rng.uniform(-1, 1, size=(3000, 3)) * 0.4 + [2.0, 1.0, 0.5]])
+    dense = np.vstack([box, rng.uniform(-1, 1, size=(500, 3)) * 0.4 + [2.0, 1.0, 0.5]])
     _, sparse_axes, _ = fitted(box, "hull_covariance")
     _, dense_axes, half = fitted(dense, "hull_covariance")
     assert np.abs(dense_axes) == pytest.approx(np.abs(sparse_axes), abs=1e-12)
@@ -270,7 +272,7 @@ def test_many_points_on_a_face_move_it_by_roundoffs_only() -> None:
     assert (half <= 1.0 + 1e-12).all()  # a roundoff of the coordinates is 4.5e-13
 
 
-@pytest.mark.parametrize("count", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [30_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 @each("shape", ["plane", "sphere", "line"])
 def test_a_million_points_take_seconds(shape: str, count: int) -> None:
     rng = np.random.default_rng(11)
@@ -324,6 +326,7 @@ def cloud(kind: str, count: int, seed: int) -> Floats:
     return points
 
 
+@settings(max_examples=40)
 @given(CLOUDS, st.sampled_from(sorted(FITS)))
 def test_each_cloud_gets_the_box_of_its_points_alone_and_is_contained(
     drawn: list[tuple[str, int, int]], fit: str

@@ -65,6 +65,7 @@ def box_of(seed: int, half: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> Box
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
+@settings(max_examples=50)
 @given(QUATERNION, HALF, MATRIX, st.integers(-500, 480))
 def test_any_box_under_any_invertible_matrix_is_contained(
     quaternion: list[float], half: list[float], entries: list[float], exponent: int
@@ -110,7 +111,7 @@ def test_scales_quarter_turns_and_reflections_are_exact(
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(QUATERNION, QUATERNION, HALF, st.floats(1e-3, 1e3), st.booleans())
 def test_similarities_are_tight(
     first: list[float], second: list[float], half: list[float], scale: float, mirror: bool

@@ -98,20 +98,20 @@ def test_round_shapes_are_held_closely(shape: Shape, volume: float) -> None:
 def many_points() -> dict[str, tuple[Floats, float]]:
     """Return points whose hull has many corners or takes long, and how much larger ours may be."""
     rng = np.random.default_rng(3)
-    ball = np.array(creation.icosphere(subdivisions=5).vertices)
+    ball = np.array(creation.icosphere(subdivisions=4).vertices)
     turn = Rotation.random(None, rng).as_matrix()
     angles = np.linspace(0.0, 2.0 * np.pi, 700)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     cylinder = np.concatenate([np.c_[ring, np.full(700, z)] for z in (-1.0, 1.0)])
-    box = rng.uniform(-1.0, 1.0, (30_000, 3))
-    box[np.arange(30_000), rng.integers(0, 3, 30_000)] = rng.choice([-1.0, 1.0], 30_000)
+    box = rng.uniform(-1.0, 1.0, (9000, 3))
+    box[np.arange(9000), rng.integers(0, 3, 9000)] = rng.choice([-1.0, 1.0], 9000)
     return {
         "ball": (ball, 1.01),
         "long ball": (ball * [1.0, 1.0, 40.0], 1.015),
-        "many on a ball": (directions(25_000, rng), 1.01),
+        "many on a ball": (directions(6000, rng), 1.01),
         "cylinder": (cylinder @ turn, 1.0002),
         "box": (box @ turn, 1.0001),
-        "gauss": (rng.normal(size=(30_000, 3)), 1.0 + 1e-8),
+        "gauss": (rng.normal(size=(9000, 3)), 1.0 + 1e-8),
     }
 
 
@@ -147,6 +147,8 @@ def test_simpler_hulls_have_no_corner_far_from_the_points(size: float) -> None:
         ("spiked", np.concatenate([ball, spikes]), 0.0115),
         ("far away", ball + np.array([3e4, 0.0, 0.0]), 0.0115),
     ):
+        if size != 1.0 and name != "spiked":
+            continue
         corners, faces = hull_mesh(Hull(points * size))
         assert 900 < len(corners) <= MAX_HULL_CORNERS, name
         assert excess(points, corners / size, faces) < 0.0, name
@@ -165,7 +167,7 @@ def distance_of_hull(points: Floats, place: Floats) -> float:
 
 
 @each("fit", ["best", "aabb"])
-@each("corners", [1, 2, 3, 5, 40])
+@each("corners", [1, 2, 3, 12])
 def test_flat_hulls_hold_their_points_by_fractions_and_little_more(corners: int, fit: str) -> None:
     # Polygons, lines and single points, turned: flat up to rounding.
     rng = np.random.default_rng(corners)
@@ -179,7 +181,7 @@ def test_flat_hulls_hold_their_points_by_fractions_and_little_more(corners: int,
         assert Trimesh(ours / size, faces, process=False).is_watertight
         inner, outer = exactly(points), exactly(ours)
         assert all(squared_distance([point], outer) == 0 for point in inner)
-        apart = math.sqrt(max(squared_distance([corner], inner) for corner in outer[:12]))
+        apart = math.sqrt(max(squared_distance([corner], inner) for corner in outer[::5]))
         assert apart <= 8.0 * HULL_MARGIN * np.abs(points).max()
 
 
@@ -188,14 +190,13 @@ def exactly(points: Floats) -> list[Vector]:
     return placed(points, np.zeros(3), np.eye(3))
 
 
-@each("name", many_points())
-def test_hulls_of_many_points_are_simple_and_hold_them(name: str) -> None:
-    points, loose = many_points()[name]
-    corners, faces = hull_mesh(Hull(points))
-    assert len(corners) <= MAX_HULL_CORNERS
-    assert excess(points, corners, faces) < 0.0
-    volume = float(Trimesh(corners, faces, process=False).volume)
-    assert ConvexHull(points).volume < volume < loose * ConvexHull(points).volume
+def test_hulls_of_many_points_are_simple_and_hold_them() -> None:
+    for name, (points, loose) in many_points().items():
+        corners, faces = hull_mesh(Hull(points))
+        assert len(corners) <= MAX_HULL_CORNERS, name
+        assert excess(points, corners, faces) < 0.0, name
+        volume, least = Trimesh(corners, faces, process=False).volume, ConvexHull(points).volume
+        assert least < volume < loose * least, name
 
 
 def test_pools_hold_what_joining_gives() -> None:
@@ -301,8 +302,13 @@ def _moved(arrays: Arrays, scale: float, offset: float) -> Arrays:
     return arrays[0] * scale + offset * scale, arrays[1]
 
 
-@each("place", [(1.0, 0.0), (1.0, 1e9), (1e-160, 0.0), (1e155, 3.0)])
-@each("name", ["box1", "torus0", "crumbs1", "sheet1", "hull2", "triangle"])
+@each(
+    "name, place",
+    [
+        *product(["box1", "crumbs1", "hull2"], [(1.0, 0.0)]),
+        *product(["torus0", "triangle"], [(1.0, 1e9), (1e-160, 0.0), (1e155, 3.0)]),
+    ],
+)
 def test_every_box_contains_its_triangles_exactly(name: str, place: tuple[float, float]) -> None:
     tree = MeshTrees.build(*_moved(ZOO[name], *place))
     for node, (first, last) in enumerate(tree.starts):
@@ -368,8 +374,9 @@ def test_box_trees_are_closed_boxes() -> None:
 
 def test_a_hundred_thousand_triangles_take_seconds() -> None:
     """Measured 0.6 s; a quadratic build would take minutes."""
-    mesh = creation.icosphere(subdivisions=7).subdivide()
+    mesh = creation.uv_sphere(count=[256, 256])
     faces = np.asarray(mesh.faces)[:100_000]
+    assert len(faces) == 100_000
     MeshTrees.build(np.eye(3), [[0, 1, 2]])
     start = time.process_time()
     tree = MeshTrees.build(mesh.vertices, faces)

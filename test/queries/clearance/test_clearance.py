@@ -132,7 +132,7 @@ def test_hard_families_too(name: str, pairs: int) -> None:
 @each("kind", sorted(set(KINDS) - {"nearly touching", "nearly parallel"}))
 def test_normal_and_points_prove_the_distance(kind: str) -> None:
     """Exact fractions: no points are closer than the gap along the normal, ours hardly farther."""
-    a, b = apart(kind, 60)
+    a, b = apart(kind, 30)
     found = between(a, b)
     for row in range(len(a)):
         n = found.normals[row]

@@ -51,7 +51,7 @@ def test_bounds_of_triangles_are_proved_by_the_normal_and_attained_by_the_points
     name: str, kind: str, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
-    pair = family(name, ("hull", kind), max(100, pairs // len(FAMILIES)), 5)
+    pair = family(name, ("hull", kind), max(50, pairs // len(FAMILIES)), 5)
     meshes = as_meshes(pair[0], name)
     rows = np.arange(len(meshes))
     found, near = mesh_body_distances(meshes, np.zeros(len(rows)), pair[1], rows, rows)
@@ -76,7 +76,7 @@ def test_bounds_of_triangles_are_proved_by_the_normal_and_attained_by_the_points
 @each("kind", ROUND_KINDS)
 def test_convex_meshes_are_as_far_as_their_hulls(name: str, kind: str, pairs: int) -> None:
     """Those within each other among them: solids have no distance from what is in them."""
-    pair = family(name, ("hull", kind), max(100, pairs // 100), 6)
+    pair = family(name, ("hull", kind), max(50, pairs // 100), 6)
     faces = [outward_faces(corners) for corners in hulls(np.ones(3))[1]]
     meshes, rows = as_meshes(pair[0], name, faces), np.arange(len(pair[0]))
     found = mesh_body_distances(meshes, np.zeros(len(rows)), pair[1], rows, rows)[0]

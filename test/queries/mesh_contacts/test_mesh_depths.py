@@ -86,7 +86,7 @@ def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
 
 @each("spread", [0.2, 0.5, 1.0])
 def test_depths_part_meshes_of_all_kinds(spread: float) -> None:
-    a, b = bodies_of(TREES, 150, spread, 7)
+    a, b = bodies_of(TREES, 80, spread, 7)
     found = check(a, b)
     outer = depths_of_hulls(a, b)
     assert (found.separations > outer.lower + 0.01).sum() > 10  # better than hulls
@@ -257,7 +257,7 @@ def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
     name: str, kind: str, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
-    pair = family(name, ("hull", kind), max(100, pairs // len(FAMILIES)), 15)
+    pair = family(name, ("hull", kind), max(50, pairs // len(FAMILIES)), 15)
     meshes = as_meshes(pair[0], name)
     rows, size = np.arange(len(meshes)), size_with(meshes, pair[1])
     far = 3.0 * size  # no pair of these needs more

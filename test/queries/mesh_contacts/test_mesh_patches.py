@@ -91,7 +91,7 @@ def test_points_of_meshes_are_on_both_exactly() -> None:
 
 @each("max_points", [4, 8])
 def test_tables_are_as_promised(max_points: int) -> None:
-    a, b = bodies_of(TREES, 200, 0.6, 14)
+    a, b = bodies_of(TREES, 80, 0.6, 14)
     found, apart = oc.contacts(a, b, max_points=max_points), oc.separations(a, b)
     assert found.depths.tolist() == np.maximum(-apart.separations, 0.0).tolist()
     assert found.normals.tolist() == apart.normals.tolist()
@@ -228,7 +228,7 @@ def test_never_too_short(make: Maker, pairs: int) -> None:
 def test_ordinary_triangles_exactly() -> None:
     rng = np.random.default_rng(6)
     seen = 0
-    for _ in range(300):
+    for _ in range(100):
         p, q = rng.normal(size=(2, 3, 3))
         frame = any_frame(rng)
         found = way_out(corners(p), corners(q), frame, -np.inf)
@@ -239,4 +239,4 @@ def test_ordinary_triangles_exactly() -> None:
             assert found == pytest.approx(float(exact), abs=1e-10)
             seen += 1
             assert way_out(corners(p), corners(q), frame, 99.0) == -np.inf
-    assert seen > 50
+    assert seen > 15

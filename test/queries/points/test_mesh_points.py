@@ -160,7 +160,7 @@ def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> N
         [[1, 0, 0, 0], [0.5, 0.5, 0, 0], [0.25, 0.5, 0.25, 0], [0.25] * 4, [0.5, 0.5, -0.25, 0.25]]
     )
     held_ones = 0
-    for n in range(max(pairs // SHARE // len(weights), 8)):
+    for n in range(max(pairs // SHARE // len(weights), 4)):
         first, second = make(rng)
         corners = np.concatenate([first, second[:1]])[rng.permutation(4)]
         doubt = NARROW_DOUBT if least_height(corners[faces]) < NARROW else DOUBT
@@ -188,7 +188,7 @@ def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> N
             elif inside:
                 assert square <= (Fraction(margin) + doubt * reach) ** 2
         held_ones += sum(held)
-    assert held_ones > 10
+    assert held_ones > 5
 
 
 @each("power", [-500, -300, 300, 500])
@@ -242,10 +242,10 @@ def points_about(body: ConvexBodies, count: int, rng: np.random.Generator) -> Fl
 @each("kind", [kind for kind in KINDS if kind != "hull"])
 def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int) -> None:
     rng = np.random.default_rng(3)
-    several = bodies(KINDS[kind], 8, rng, np.array(SCALES[name]), 0.5 * min(SCALES[name]))
-    several = moved(several, centers=several.centers * rng.choice([1.0, 1e3], (8, 1)))
+    several = bodies(KINDS[kind], 4, rng, np.array(SCALES[name]), 0.5 * min(SCALES[name]))
+    several = moved(several, centers=several.centers * rng.choice([1.0, 1e3], (4, 1)))
     decided = 0
-    for i in range(8):
+    for i in range(4):
         body = some(several, [i])
         points = points_about(body, max(200, pairs // 40), rng)
         far = beyond(some(body, np.zeros(len(points), np.int64)), points)
@@ -256,7 +256,7 @@ def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int
         assert found[far <= 0.0].all()
         assert not found[far > rounding + close].any()
         decided += int((far > rounding + close).sum()) + int((far < -rounding).sum())
-    assert decided > 300
+    assert decided > 150
 
 
 def test_points_are_in_hulls_by_their_planes(pairs: int) -> None:

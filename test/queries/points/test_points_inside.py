@@ -24,7 +24,7 @@ from distances import box, segment, squared_distance
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from membership import holds
+from membership import inside
 from scipy.spatial.transform import Rotation
 from support import by_threads, family, refused, row_of
 
@@ -56,13 +56,12 @@ def test_points_near_the_surface(name: str) -> None:
     for row in range(len(a)):
         obb = OBB(*row_of(a, row))
         points = points_near(obb, rng, 40)
-        truth = [holds(row_of(a, row), point[None]) for point in points]
+        truth = inside(row_of(a, row), points)
         np.testing.assert_array_equal(obb.contains(points, exact=True), truth)
         default = np.asarray(obb.contains(points))
         assert default[truth].all(), "a point of the box may never be called outside"
         grown = (obb.center, obb.rotation, obb.half_extents + grown_by(obb))
-        for point in points[default & ~np.array(truth)]:
-            assert holds(grown, point[None])
+        assert inside(grown, points[default]).all()
 
 
 def grown_by(obb: OBB) -> float:
@@ -200,7 +199,7 @@ def test_margins(scale: float) -> None:
     boxes = crowded("points and plates", 12, rng)
     boxes = Boxes(scale * boxes.centers, boxes.rotations, scale * boxes.half_extents)
     margin = 0.25 * scale
-    local = rng.uniform(-1.0, 1.0, (12, 4, 3)) * (boxes.half_extents + 1.2 * margin)[:, None]
+    local = rng.uniform(-1.0, 1.0, (12, 2, 3)) * (boxes.half_extents + 1.2 * margin)[:, None]
     on_face = local[:, ::2]  # at the margin from a face, as well as doubles can say
     on_face[..., 0] = boxes.half_extents[:, None, 0] + margin
     points = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, local)
@@ -231,10 +230,10 @@ def same(a: PointsInside, b: PointsInside) -> bool:
 
 def test_any_number_of_threads_gives_the_same_bits() -> None:
     rng = np.random.default_rng(4)
-    boxes = crowded("plain", 200, rng)
+    boxes = crowded("plain", 100, rng)
     points = rng.uniform(-2.5, 2.5, (5 * CHUNK + 123, 3))
     points[3 * CHUNK + 7 :] = points[: 2 * CHUNK + 116]  # equally near ones in several parts
-    counts = 1, 2, 3, 7, None
+    counts = 1, 2, 3, None
     alone, *others = by_threads(lambda: points_inside(boxes, points, each_point=True), *counts)
     assert all(same(other, alone) for other in others)
     for b in np.flatnonzero(alone.counts):

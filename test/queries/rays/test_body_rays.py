@@ -97,7 +97,7 @@ def aimed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
 def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
     hits = 0
-    for n in range(max(pairs // SHARE, 25)):
+    for n in range(max(pairs // SHARE, 12)):
         corners = make(rng)[0]
         tree = MeshTrees.build(corners, TRIANGLE)
         turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
@@ -107,7 +107,7 @@ def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
         found = cast_rays(bodies, origin[None], way[None])
         check(bodies, origin, way, found, 0)
         hits += int(found.hits[0])
-    assert hits > 5
+    assert hits > 2
 
 
 def test_meshes_against_fractions() -> None:
@@ -118,7 +118,7 @@ def test_meshes_against_fractions() -> None:
     ways = rng.uniform(-1.0, 1.0, (40, 3)) - origins
     found = cast_rays(bodies, origins, ways)
     assert 10 < found.hits.sum() < 40
-    for n in range(0, 40, 4):
+    for n in range(0, 40, 8):
         o, d = fractions(origins[n]), fractions(ways[n])
         length = np.linalg.norm(ways[n])
         times = {}
@@ -250,7 +250,7 @@ def check_padded(
 def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(41)
     hits = started = 0
-    for n in range(max(pairs // SHARE, 25)):
+    for n in range(max(pairs // SHARE, 12)):
         corners = make(rng)[0]
         size = np.abs(corners).max() + np.ptp(corners, axis=0).max() + 1e-300
         radius = np.array([size * rng.choice([1e-6, 0.05, 0.5, 3.0])])
@@ -276,7 +276,7 @@ def test_rounded_meshes_against_fractions() -> None:
     ways = rng.uniform(-1.0, 1.0, (40, 3)) - origins
     found = cast_at_padded(bodies, radii, as_rays(origins, ways, np.inf))
     assert 10 < found.hits.sum() < 40
-    for n in range(0, 40, 7):
+    for n in range(0, 40, 15):
         check_padded(bodies, radii, origins[n], ways[n], found, n)
     lone = cast_at_padded(bodies, radii, as_rays(origins[:1], ways[:1], np.inf))
     assert lone.distances[0] == found.distances[0]  # bit for bit
@@ -312,14 +312,14 @@ def test_an_origin_inside_is_a_hit_at_once_and_so_are_points(solid: bool) -> Non
         tree = MeshTrees.build(*zoo()[name], solid=solid)
         turn = Rotation.random(random_state=rng).as_matrix()[None]
         body, radius = PlacedMeshes(tree, [0], np.ones((1, 3)), turn), np.array([0.05])
-        origins = 1.0 + rng.uniform(-0.6, 0.6, (300, 3))
-        found = cast_at_padded(body, radius, as_rays(origins, rng.normal(size=(300, 3)), np.inf))
+        origins = 1.0 + rng.uniform(-0.6, 0.6, (120, 3))
+        found = cast_at_padded(body, radius, as_rays(origins, rng.normal(size=(120, 3)), np.inf))
         corners = placed_corners(body, 0)
-        inside = np.abs(windings(corners, origins)) > 0.5 if solid else np.zeros(300, np.bool_)
-        for n in range(300):
+        inside = np.abs(windings(corners, origins)) > 0.5 if solid else np.zeros(120, np.bool_)
+        for n in range(120):
             nearest = closest_point(corners, np.tile(origins[n], (len(corners), 1)))
             inside[n] |= np.linalg.norm(nearest - origins[n], axis=1).min() <= 0.05
-        assert 10 < inside.sum() < 290
+        assert 5 < inside.sum() < 115
         np.testing.assert_array_equal(found.distances == 0.0, inside)
         assert not found.normals[inside].any()
         boxes = root_boxes(body)
@@ -329,7 +329,7 @@ def test_an_origin_inside_is_a_hit_at_once_and_so_are_points(solid: bool) -> Non
         np.testing.assert_array_equal(cloud.boxes == 0, inside)
 
 
-COUNT, SAMPLES = 100, 400
+COUNT, SAMPLES = 60, 400
 SCALES = {"random": [1.0, 1.0, 1.0], "plates": [1.0, 1.0, 1e-6], "needles": [1e-6, 1e-6, 1.0]}
 
 

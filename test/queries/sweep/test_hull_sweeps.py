@@ -109,7 +109,7 @@ def test_a_plane_parts_the_bodies_until_then_and_they_are_near_at_last(
     kinds: tuple[str, str], way: str, pairs: int
 ) -> None:
     for name in FAMILIES:
-        bodies, motion, rows = moving(name, kinds, max(16, pairs // 40), 4, way)
+        bodies, motion, rows = moving(name, kinds, max(10, pairs // 40), 4, way)
         found = found_of(bodies, motion, rows)
         check_parted_and_near(bodies, motion, rows, found)
         if motion.radii.any():  # not of points
@@ -251,7 +251,7 @@ def test_a_plane_parts_a_body_beside_a_mesh_until_then_and_they_are_near_at_last
     name: str, kind: str, way: str, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
-    bodies, motion, rows = moving(name, ("hull", kind), max(50, pairs // 10), 14, way)
+    bodies, motion, rows = moving(name, ("hull", kind), max(24, pairs // 10), 14, way)
     count = len(rows)
     first, second = some(bodies, np.arange(count)), some(bodies, np.arange(count, 2 * count))
     meshes, second = as_meshes(first, name), moved(second, hulls=NO_HULLS, rows=0 * second.rows)

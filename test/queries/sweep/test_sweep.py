@@ -98,7 +98,7 @@ def check_against_truth(start: Boxes, end: Boxes, rows: np.ndarray, found: Sweep
 
 @each("name", FAMILIES)
 def test_exact_without_turning(name: str, pairs: int) -> None:
-    n = max(60, pairs // len(FAMILIES))
+    n = max(45, pairs // len(FAMILIES))
     start, end, rows = moving(name, n)
     found = sweep(start, end, rows)
     near_misses = check_against_truth(start, end, rows, found)
@@ -148,7 +148,7 @@ def test_a_bullet_never_passes_a_paper_wall() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(vectors, vectors, vectors, quaternions, quaternions, quaternions, extents, extents)
 def test_any_doubles_at_all(
     one: Any, two: Any, three: Any, q: Any, r: Any, s: Any, half: Any, other: Any

@@ -88,7 +88,7 @@ def test_axes_may_be_off_by_64_roundoffs(name: str, pairs: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(vectors, quaternions, extents, st.one_of(vectors, st.none()), quaternions, extents)
 def test_any_doubles_at_all(
     center: Any, one: Any, half: Any, offset: Any, other: Any, other_half: Any

@@ -98,7 +98,7 @@ def rigid_pairs(robot: oc.Robot) -> set[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("accuracy", ["obb", "hull"])
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(seed=st.integers(0, 10**6), links=st.integers(2, 7), things=st.integers(0, 12))
 def test_all_pairs_are_those_of_brute_force(
     accuracy: str, seed: int, links: int, things: int

@@ -174,7 +174,7 @@ def keys(pairs: np.ndarray) -> set[tuple[int, int]]:
 
 
 @each("make", FAMILIES)
-@each("n", [0, 1, 2, 3, 5, 7, 8, 9, 33, 64, 65, 300, 1000])
+@each("n", [0, 1, 2, 3, 7, 8, 9, 64, 65, 1000])
 def test_every_pair_is_found_whatever_the_number_of_threads(
     make: Callable[[Rng, int], oc.Boxes], n: int
 ) -> None:
@@ -221,7 +221,7 @@ def test_a_scene_in_which_few_boxes_move_finds_what_a_search_anew_does(
     scene, names = oc.Scene(accuracy="aabb"), [f"{k}" for k in range(len(boxes))]
     poses = np.column_stack([boxes.centers, boxes.quaternions])
     scene.add_boxes(names, 2.0 * boxes.half_extents, poses)
-    for step in range(15):
+    for step in range(8):
         rows = np.sort(rng.choice(len(boxes), 5, replace=False))
         scene.move_indices(rows, poses[rng.integers(0, len(boxes), len(rows))])
         scene.set_enabled(names[rows[0]], bool(step % 3 == 2))
@@ -231,15 +231,16 @@ def test_a_scene_in_which_few_boxes_move_finds_what_a_search_anew_does(
         assert report.pairs.tolist() == active[found].tolist()
 
 
-@each("threads", [1, 2])
-def test_very_many_cubes_are_found_by_several_threads(threads: int) -> None:
+def test_very_many_cubes_are_found_by_several_threads() -> None:
     """More boxes and pairs than are sorted at once, by a tree of scipy."""
-    oc.set_threads(threads)
     centers = np.random.default_rng(7).uniform(0.0, 60.0, (140_000, 3))
-    pairs = oc.find_pairs(upright(centers, np.full((140_000, 3), 0.5)))
+    cubes = upright(centers, np.full((140_000, 3), 0.5))
     expected = cKDTree(centers).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    assert len(pairs) > 140_000
-    np.testing.assert_array_equal(pairs, expected[np.lexsort(expected.T[::-1])])
+    expected = expected[np.lexsort(expected.T[::-1])]
+    assert len(expected) > 140_000
+    for threads in (1, 2):
+        oc.set_threads(threads)
+        np.testing.assert_array_equal(oc.find_pairs(cubes), expected)
 
 
 def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> oc.Boxes:
@@ -266,7 +267,7 @@ def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> oc.Boxes:
                     (-324, 300)])  # fmt: skip
 def test_what_is_not_separate_is_found_at_every_magnitude(low: int, high: int) -> None:
     touching = 0
-    for seed in range(4):
+    for seed in range(2):
         boxes = nearly_touching(np.random.default_rng(seed), 15, (low, high))
         found, exact = oc.find_pairs(boxes), oc.find_pairs(boxes, exact=True)
         np.testing.assert_array_equal(found, brute_force(boxes))
@@ -276,10 +277,10 @@ def test_what_is_not_separate_is_found_at_every_magnitude(low: int, high: int) -
         for accuracy in ("sphere", "aabb"):
             assert keys(found) <= keys(oc.find_pairs(boxes, accuracy=accuracy))
         touching += len(found) - len(exact)
-    assert touching > 4  # pairs apart that doubles can't tell apart
+    assert touching > 1  # pairs apart that doubles can't tell apart
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 300), st.booleans())
 def test_pairs_between_two_sets_are_those_of_brute_force(
     seed: int, n: int, m: int, exact: bool
@@ -380,7 +381,7 @@ def greedy(boxes: oc.Boxes, scores: list[float], threshold: float) -> list[int]:
     return kept
 
 
-@each("seed", range(20))
+@each("seed", range(10))
 def test_what_is_kept_is_what_the_definition_keeps(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(0, 80))

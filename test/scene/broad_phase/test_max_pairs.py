@@ -40,6 +40,9 @@ def leave_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limit, "PIECE", 16)
 
 
+RULES = [("0/*", "1/*", True), ("*/3", "*", True)]
+
+
 def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     """Return piles, a loose heap, a bundle of rods that don't touch, and loners, mixed up."""
     rng = np.random.default_rng(seed)
@@ -64,9 +67,8 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     return scene
 
 
-@each("room", [True, False])
 @each("accuracy", [level.label for level in oc.Accuracy])
-@each("rules", [[], [("0/*", "1/*", True), ("*/3", "*", True)]])
+@each("room, rules", [(True, RULES), (False, RULES), (False, [])])
 def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
     room: bool,
     accuracy: str,
@@ -80,7 +82,7 @@ def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
     everything = scene.check()
     count = len(everything)
     assert count > 100
-    for most in (1, 2, 7, 60, count - 1, count, count + 1):
+    for most in (1, 7, 60, count - 1, count, count + 1):
         scene.max_pairs = most
         report = scene.check()
         for name in ("pairs", "verdicts", "accuracies"):
@@ -103,7 +105,7 @@ def test_changes_of_a_limited_scene(room: bool, monkeypatch: pytest.MonkeyPatch)
     scene, twin = crowd(2, "obb", max_pairs=50), crowd(2, "obb")
     rng = np.random.default_rng(5)
     seen = set()
-    for step in range(120):
+    for step in range(80):
         name = scene.names[rng.integers(90)]
         where = [10.0, 0.0, 0.0] if step % 40 < 20 else [*rng.uniform(100.0, 200.0, 3)]
         for made in (scene, twin):
@@ -133,8 +135,8 @@ def test_work_and_memory_do_not_grow_with_the_square(monkeypatch: pytest.MonkeyP
     work, peaks = [], []
     for count in (1500, 3000):
         scene = oc.Scene(max_pairs=1000)
-        for k in range(count):
-            scene.add(f"{k}", Box([1.0, 1.0, 1.0]), [1e-6 * k, 0, 0, 0, 0, 0, 1])
+        poses = np.outer(1e-6 * np.arange(count), np.eye(7)[0]) + np.eye(7)[6]
+        scene.add_boxes([f"{k}" for k in range(count)], np.ones((count, 3)), poses)
         scene.check()  # whatever is made once
         scene.move_indices([0], [[0.0, 0, 0.1, 0, 0, 0, 1]])
         decided.clear()
@@ -154,8 +156,8 @@ def test_many_candidates_of_which_none_collide_are_looked_at_piece_by_piece() ->
     scene = oc.Scene(max_pairs=10)
     turned = [0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8)]
     poses = np.array([[0.15 * k, -0.15 * k, 0.0, *turned] for k in range(1500)])
-    for k in range(1500):  # bounds of all overlap
-        scene.add(f"{k}", Box([1e4, 0.1, 0.1]), poses[k])
+    sizes = np.tile([1e4, 0.1, 0.1], (1500, 1))  # bounds of all overlap
+    scene.add_boxes([f"{k}" for k in range(1500)], sizes, poses)
     scene.check()
     scene.move_indices(np.arange(1500), poses + np.eye(7)[2])  # 1 m up
     tracemalloc.start()

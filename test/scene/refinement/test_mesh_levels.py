@@ -34,8 +34,16 @@ from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, 
 
 ZOO = zoo()
 LEVELS = ("sphere", "aabb", "obb", "hull", "mesh")
-#: Pairs of meshes for each pair of boxes of ``--pairs``: 3,600 by default.
-TIMES = 4
+#: Pairs of meshes for each pair of boxes of ``--pairs``: 1,800 by default.
+TIMES = 2
+
+
+@cache
+def all_meshes() -> tuple[list[Mesh], oc.MeshTrees]:
+    """Return meshes, large ones and small ones, and their trees."""
+    meshes = [Mesh(vertices * s, faces) for s in (1.0, 0.15) for vertices, faces in ZOO.values()]
+    trees = [oc.MeshTrees.build(mesh.vertices, mesh.faces) for mesh in meshes]
+    return meshes, oc.MeshTrees.join(trees)
 
 
 @each("spread, seed", [(0.3, 1), (0.6, 2), (1.0, 3)])
@@ -44,8 +52,7 @@ def test_no_level_misses_what_a_more_exact_one_reports(
 ) -> None:
     """On 66 meshes, solids within solids included; meshes by themselves, too."""
     assert len(ZOO) >= 60
-    meshes = [Mesh(vertices * s, faces) for s in (1.0, 0.15) for vertices, faces in ZOO.values()]
-    trees = oc.MeshTrees.join([oc.MeshTrees.build(mesh.vertices, mesh.faces) for mesh in meshes])
+    meshes, trees = all_meshes()
     count, rng = TIMES * pairs, np.random.default_rng(seed)
     kinds = rng.integers(0, len(meshes), 2 * count)
     poses = random_poses(2 * count, rng, spread)
