@@ -29,8 +29,7 @@ from io import StringIO
 
 import pytest
 from each import each
-from processes import PATIENCE, limited
-from programs import NEED_ROS, PROGRAMS, SCRIPTS, function_of
+from processes import NEED_ROS, PATIENCE, PROGRAMS, SCRIPTS, function_of, limited
 
 pytest.importorskip("rclpy")
 

@@ -31,7 +31,7 @@ import pytest
 import trimesh
 from each import each
 from pages import PAGES, ROOT, code_blocks, page_name
-from programs import NEED_ROS, PROGRAMS, function_of, program_of
+from processes import NEED_ROS, PROGRAMS, function_of, program_of
 
 from obb_collision.scene_files import SceneDescription, describe_scene
 

@@ -29,11 +29,10 @@ from fractions import Fraction
 from typing import Any, Protocol
 
 import numpy as np
-from moving_bodies import places_at
 from oracle import ExactPair
 from scipy.spatial.transform import Rotation
 from support import witnesses
-from sweep_motions import CORNER_SIGNS
+from sweep_motions import CORNER_SIGNS, places_at
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep import TOLERANCE, BodyMotion, Sweeps

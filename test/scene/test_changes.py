@@ -381,7 +381,7 @@ BOTH = "separations", "contacts"
     numba.version_info.short < (0, 60),
     reason="arguments of kernels settle in free lists after some 10,000 steps only",
 )
-@each("case", [(20, 1.0, BOTH), (20, 0.0, BOTH), (200, 1.0, ()), (200, 0.05, BOTH)])
+@each("case", [(20, 1.0, BOTH), (20, 0.0, BOTH), (100, 1.0, ()), (100, 0.05, BOTH)])
 def test_memory_does_not_grow_with_the_steps(case: tuple[int, float, tuple[str, ...]]) -> None:
     run = steps_of(*case)
     run(40)  # what the first steps allocate for good

@@ -12,19 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that a test talks to, each with a limit, and one that builds for many tests."""
+"""Processes that a test talks to, each with a limit, one that builds for many, and programs."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from threading import Lock, Timer
 from typing import Any, TypeAlias
 
+from obb_collision.commands import SUBCOMMANDS
 from obb_collision.scene.building import builder
 from obb_collision.scene.building.jobs import Task
 from obb_collision.scene.building.process import Limits, WorkerProcess
@@ -100,3 +103,40 @@ def build_by(kind: Any) -> None:
     """Set what builds for whom is made from now on: SharedWorker, or a WorkerProcess for each."""
     for module in (builder, mesh_files):
         vars(module)["WorkerProcess"] = kind
+
+
+ROOT = Path(__file__).parents[2]
+TOOLS = (
+    *("faults", "fuzz", "goals", "known_bugs", "latency"),
+    *("regions", "robots", "soak", "peers.effects", "peers.engines"),
+    *("weight", "wrong_answers", "peers.sweeps"),
+)
+SCRIPTS = dict(
+    re.findall(r'"(obb_collision\w*) = ([\w.]+:\w+)"', (ROOT / "setup.py").read_text("utf-8"))
+)
+PROGRAMS = {
+    **SCRIPTS,
+    **{f"obb_collision {name}": f"obb_collision.{at}" for name, (at, _) in SUBCOMMANDS.items()},
+    **{
+        f"python -m tools.{name}": f"tools.{name}"
+        + (".__main__:main" if (ROOT / "tools" / name).is_dir() else ":main")
+        for name in TOOLS
+    },
+}
+NEED_ROS = {
+    *("obb_collision_node", "obb_collision_merge", "obb_collision node", "obb_collision merge"),
+    *(f"python -m tools.{name}" for name in ("faults", "fuzz", "latency", "regions", "soak")),
+}
+
+
+def function_of(program: str) -> Callable[[list[str]], int]:
+    """Return the function that a program calls."""
+    module, name = PROGRAMS[program].split(":")
+    found: Callable[[list[str]], int] = getattr(import_module(module), name)
+    return found
+
+
+def program_of(words: list[str]) -> tuple[str, list[str]]:
+    """Return the program that a command line calls, and its arguments."""
+    length = 3 if words[:2] == ["python", "-m"] else 2 if words[0] == "obb_collision" else 1
+    return " ".join(words[:length]), words[length:]

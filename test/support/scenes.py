@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scenes of random boxes, and what is built for scenes."""
+"""Scenes that several tests make, and builders of their shapes."""
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.trees import pool
+from obb_collision.scene.building.builder import Builder, Outcome
+from obb_collision.scene.building.jobs import Job
 from obb_collision.typing import Floats
 
 
@@ -54,3 +57,46 @@ def builds(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
     for name in ("mesh_tree", "box_tree", "hull_mesh", "box_corners"):
         count(name, getattr(pool, name))
     return made
+
+
+PATIENCE = 120.0
+"""Seconds that building may take on a loaded machine."""
+
+
+class Turn:
+    """A job that is nothing: when its turn comes, all that was requested before is done."""
+
+    size = 0
+
+    def __init__(self) -> None:
+        self.came = threading.Event()
+
+    def task(self) -> None:
+        """Be done here, by ``finish``."""
+        self.came.set()
+
+    def finish(self, result: None) -> None:
+        """Return nothing."""
+
+
+def wait_built(builder: Builder) -> None:
+    """Wait until all that was requested so far is done, and can be polled."""
+    turn = Turn()
+    builder.request(turn, turn, turn)
+    assert turn.came.wait(PATIENCE), "nothing is built"
+    builder.cancel(turn)
+
+
+def outcomes(builder: Builder) -> list[Outcome]:
+    """Return the outcomes of all that was requested so far, in the order in which they came."""
+    wait_built(builder)
+    return builder.poll()
+
+
+def build(builder: Builder, job: Job) -> Any:
+    """Return what a job gives, or raise why it gives nothing."""
+    builder.request("key", object(), job)
+    (outcome,) = outcomes(builder)
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.result

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Small robots for tests: arms of primitive shapes, as URDF."""
+"""Small robots, and parts of their URDF."""
 
 from __future__ import annotations
 
@@ -100,3 +100,25 @@ def random_states(rng: np.random.Generator, robot: oc.Robot, count: int) -> np.n
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     return np.asarray(rng.uniform(low, high, (count, len(low))))
+
+
+LIMIT = '<limit lower="-1" upper="2" velocity="3" effort="1"/>'
+
+
+def urdf(*elements: str) -> str:
+    """Return a robot of some elements, each on a line of its own: the first one on line 2."""
+    return '<robot name="r">\n' + "\n".join(elements) + "\n</robot>"
+
+
+def link(name: str, *geometries: str) -> str:
+    """Return a link with collision geometries."""
+    inner = "".join(f"<collision><geometry>{one}</geometry></collision>" for one in geometries)
+    return f'<link name="{name}">{inner}</link>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, inner: str = LIMIT) -> str:
+    """Return a joint."""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f"{inner}</joint>"
+    )

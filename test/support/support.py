@@ -21,12 +21,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import obb_collision as oc
-from obb_collision import Boxes
+from obb_collision import Boxes, MovingBoxes, sweeps
 from obb_collision.geometry.validation import orthonormal_defect
 from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.queries.clearance import Clearances
+from obb_collision.queries.contacts import Contacts
+from obb_collision.queries.sweep import TOLERANCE, Sweeps
 from obb_collision.queries.verdict.blocks import witness_kernel
 from obb_collision.typing import Floats
 from tools.cases.families import generate
@@ -110,3 +113,29 @@ def loosened(rotations: Floats, rng: np.random.Generator) -> Floats:
     result[too_loose] = rotations[too_loose]
     assert too_loose.mean() < 0.7
     return result
+
+
+def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
+    return oc.contacts(boxes, boxes, pairs, max_points=limit)
+
+
+def clearances(boxes: Boxes, pairs: ArrayLike) -> Clearances:
+    return oc.clearances(boxes, boxes, pairs)
+
+
+def sweep(
+    start: Boxes, end: Boxes, pairs: ArrayLike, tolerance: float = TOLERANCE, *,
+    contacts: bool = True,
+) -> Sweeps:  # fmt: skip
+    """Sweep boxes from pose to pose."""
+    moving = MovingBoxes(start, end)
+    return sweeps(moving, moving, pairs, tolerance=tolerance, contacts=contacts)
+
+
+def sweep_twists(
+    boxes: Boxes, twists: ArrayLike, pairs: ArrayLike, horizon: float,
+    tolerance: float = TOLERANCE, *, origins: ArrayLike | None = None, contacts: bool = True,
+) -> Sweeps:  # fmt: skip
+    """Sweep boxes by their twists."""
+    moving = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
+    return sweeps(moving, moving, pairs, tolerance=tolerance, contacts=contacts)

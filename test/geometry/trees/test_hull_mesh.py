@@ -24,10 +24,9 @@ import numpy as np
 import pytest
 from each import each
 from hull_distances import Vector, placed, squared_distance
-from membership import holds
+from membership import holds, least_depth
 from mesh_zoo import Arrays, zoo
 from numpy.typing import ArrayLike, NDArray
-from plane_depths import least_depth
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation

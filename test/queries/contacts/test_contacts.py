@@ -22,12 +22,11 @@ import membership
 import numpy as np
 import oracle
 import pytest
-from contact_pairs import CUBE, assert_same_places, between, colliding, one, turned
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from one_set import contacts
-from support import family, joined, refused, row_of, sizes, stored
+from support import contacts, family, joined, refused, row_of, sizes, stored
+from triangle_pairs import CUBE, assert_same_places, between, colliding, one, turned
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts import FEATURE_TIE

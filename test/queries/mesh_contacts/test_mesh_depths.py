@@ -32,12 +32,11 @@ from convex_bodies import (
     world_rounding,
 )
 from convex_bodies import moved as with_columns
-from convex_planes import exact_gap
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_zoo import zoo
-from placed_meshes import as_drawn, bodies_of, exact_corners, standing, trees_of
+from membership import exact_gap
+from mesh_zoo import as_drawn, bodies_of, exact_corners, standing, trees_of, zoo
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES as TRIANGLES
 from triangle_pairs import SHARE, Maker
@@ -86,7 +85,7 @@ def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
 
 @each("spread", [0.2, 0.5, 1.0])
 def test_depths_part_meshes_of_all_kinds(spread: float) -> None:
-    a, b = bodies_of(TREES, 80, spread, 7)
+    a, b = bodies_of(TREES, 110, spread, 7)
     found = check(a, b)
     outer = depths_of_hulls(a, b)
     assert (found.separations > outer.lower + 0.01).sum() > 10  # better than hulls

@@ -21,9 +21,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from each import each
-from placed_meshes import TRIANGLE, bodies_of, exact_corners, trees_of
+from mesh_zoo import TRIANGLE, bodies_of, exact_corners, trees_of
 from triangle_distances import squared_distance, squared_distance_of_point
-from triangle_pairs import FAMILIES, SHARE, Floats, Maker
+from triangle_pairs import FAMILIES, SHARE, Maker
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
@@ -31,6 +31,7 @@ from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.convex import FlatFrame, frame_of
 from obb_collision.queries.mesh_contacts import way_out
 from obb_collision.queries.meshes.triangles import Triangle
+from obb_collision.typing import Floats
 
 TREES = trees_of()
 #: How far a point may be from either surface, relative to the size of a pair.

@@ -19,11 +19,10 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from beyond_bodies import beyond
 from convex_bodies import KINDS, around, bodies, corners_of, moved, some
 from each import each
-from mesh_zoo import zoo
-from placed_meshes import (
+from membership import beyond
+from mesh_zoo import (
     bodies_of,
     exact_corners,
     place,
@@ -31,6 +30,7 @@ from placed_meshes import (
     standing,
     trees_of,
     windings,
+    zoo,
 )
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation

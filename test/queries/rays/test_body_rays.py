@@ -22,12 +22,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from beyond_bodies import beyond
 from convex_bodies import KINDS, around, moved, some
 from convex_bodies import bodies as random_bodies
 from each import each
-from mesh_zoo import zoo
-from placed_meshes import (
+from membership import beyond, first_hit
+from mesh_zoo import (
     TRIANGLE,
     bodies_of,
     exact_corners,
@@ -35,8 +34,8 @@ from placed_meshes import (
     standing,
     trees_of,
     windings,
+    zoo,
 )
-from ray_hits import first_hit
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker

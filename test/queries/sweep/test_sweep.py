@@ -26,11 +26,9 @@ from any_doubles import extents, quaternions, vectors
 from each import each
 from hypothesis import given, settings
 from mesh_zoo import zoo
-from moving_bodies import motion_of_boxes
-from one_set import sweep, sweep_twists
 from scipy.spatial.transform import Rotation
-from support import family, joined, refused, row_of, sizes
-from sweep_motions import CORNER_SIGNS, Twisting, drills, pair_rows
+from support import family, joined, refused, row_of, sizes, sweep, sweep_twists
+from sweep_motions import CORNER_SIGNS, Twisting, drills, motion_of_boxes, pair_rows
 from sweep_oracle import ExactMotion, certain_overlap
 
 import obb_collision as oc

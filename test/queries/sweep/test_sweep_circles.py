@@ -22,8 +22,8 @@ import numpy as np
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_set import sweep, sweep_twists
 from scipy.spatial.transform import Rotation
+from support import sweep, sweep_twists
 from sweep_motions import TURNING, about_pi, pair_rows
 from sweep_oracle import PoseCourse, TwistCourse, check_promises, first_sampled_contact, gaps_at
 

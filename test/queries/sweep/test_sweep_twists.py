@@ -24,8 +24,7 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_set import sweep, sweep_twists
-from support import refused, sizes
+from support import refused, sizes, sweep, sweep_twists
 from sweep_motions import (
     CORNER_SIGNS,
     TURNING,

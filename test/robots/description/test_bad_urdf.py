@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from urdfs import LIMIT, joint, link, urdf
+from small_robots import LIMIT, joint, link, urdf
 
 import obb_collision as oc
 from obb_collision.robots.description import RobotError, xml_values
@@ -193,7 +193,7 @@ def test_there_are_no_more_links_and_shapes_than_can_be_paired() -> None:
 def test_as_many_links_as_there_may_be_are_read_whatever_connects_them() -> None:
     names = [f"l{k}" for k in range(999)]
     star = urdf(
-        link("hub"), *(link(name) for name in names),
+        link("hub"), *(link(name, '<box size="1 1 1"/>') for name in names),
         *(joint(f"j{name}", "fixed", "hub", name, "") for name in names),
     )  # fmt: skip
     srdf = urdf(*(f'<disable_default_collisions link="{name}"/>' for name in names))

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from urdfs import LIMIT, joint, link, urdf
+from small_robots import LIMIT, joint, link, urdf
 
 import obb_collision as oc
 from obb_collision.robots.description import RobotError

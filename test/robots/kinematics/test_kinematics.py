@@ -12,9 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Link poses of trees of all kinds of joints equal those of an oracle that uses 4x4 matrices."""
+"""Poses of links against an oracle, and how far splines are from their chords."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -22,10 +24,23 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematics_oracle import OracleJoint, link_matrices, value_of
+from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
-from urdfs import LIMIT, joint, link, urdf
+from small_robots import LIMIT, joint, link, urdf
 
 import obb_collision as oc
+from obb_collision.robots.kinematics.splines import (
+    CUBIC,
+    LINEAR,
+    QUINTIC,
+    Point,
+    distances_from,
+    interpolation,
+    segments_between,
+    state_at,
+    straight_pieces,
+    with_jump,
+)
 
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
 NUMBER = st.floats(-3.0, 3.0, allow_subnormal=False)
@@ -138,3 +153,129 @@ def test_the_virtual_joint_may_be_a_part_of_the_state() -> None:
     half = np.sqrt(0.5)
     np.testing.assert_allclose(poses[0], [1, 2, 0, 0, 0, half, half], atol=1e-15)
     np.testing.assert_allclose(poses[1], [1, 2.5, 0, 0, 0, half, half], atol=1e-15)
+
+
+RNG = np.random.default_rng(7)
+
+
+def points(order: int, count: int = 2) -> list[Point]:
+    """Return points with so many derivatives, at rising times."""
+    times = np.cumsum(RNG.uniform(0.1, 2.0, count))
+    rest = 2 - order
+    return [
+        Point(float(time), *RNG.uniform(-2.0, 2.0, (order + 1, 3)), *[None] * rest)
+        for time in times
+    ]
+
+
+def curve(some: list[Point], number: int, times: np.ndarray) -> np.ndarray:
+    """Return the joints on a segment between points, at times since its start."""
+    return segments_between(some).at(np.full(len(times), number), times)
+
+
+@each("order, name", [(0, LINEAR), (1, CUBIC), (2, QUINTIC)])
+def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name: str) -> None:
+    for _ in range(50):
+        first, last = points(order)
+        assert interpolation(first, last) == name
+        given = [list(point[1 : order + 2]) for point in (first, last)]
+        exact = BPoly.from_derivatives([0.0, last.time - first.time], given)
+        times = np.linspace(0.0, last.time - first.time, 21)
+        np.testing.assert_allclose(
+            curve([first, last], 0, times), exact(times), rtol=1e-9, atol=1e-9
+        )
+
+
+@each("order", [0, 1, 2])
+def test_no_spline_is_farther_from_its_chords_than_is_said(order: int) -> None:
+    for _ in range(50):
+        some = points(order, 4)
+        deviations = segments_between(some).deviations()
+        counts = RNG.integers(1, 6, 3)
+        pieces = straight_pieces(some, counts)
+        assert pieces.segments.tolist() == np.repeat(range(3), counts).tolist()
+        np.testing.assert_array_equal(pieces.starts[1:], pieces.ends[:-1])
+        for n, number in enumerate(pieces.segments.tolist()):
+            parts = np.linspace(0.0, 1.0, 30)[:, None]
+            times = pieces.begins[n] + parts[:, 0] * (pieces.finishes[n] - pieces.begins[n])
+            chord = pieces.starts[n] + parts * (pieces.ends[n] - pieces.starts[n])
+            off = np.abs(curve(some, number, times - some[number].time) - chord).max(axis=0)
+            allowed = deviations[number] / counts[number] ** 2
+            assert (off <= allowed + 1e-9).all()
+
+
+def test_no_point_moves_farther_than_is_said() -> None:
+    joint = '<joint name="{0}{1}" type="{2}"><parent link="{0}"/><child link="{1}"/>'
+    joint += '<origin xyz="0.1 0.2 0.3"/><axis xyz="0 1 1"/><limit lower="-3" upper="3"/></joint>'
+    shape = '<collision><geometry><sphere radius="0.3"/></geometry></collision>'
+    links = "".join(f'<link name="{name}">{shape}</link>' for name in "abcd")
+    kinds = (("a", "b", "revolute"), ("b", "c", "prismatic"), ("c", "d", "revolute"))
+    joints = "".join(joint.format(*kind) for kind in kinds)
+    robot = oc.Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>')
+    checker = oc.RobotScene([robot])
+    points = 0.3 * np.vstack([np.eye(3), -np.eye(3)])
+    for _ in range(200):
+        states = RNG.uniform(-2.0, 2.0, (1, 3))
+        moved = states + RNG.uniform(-0.2, 0.2, (1, 3))
+        largest = np.maximum(np.abs(states), np.abs(moved))
+        (most,) = checker.displacements(largest, np.abs(moved - states))
+        found = []
+        for state in (states, moved):
+            poses = robot.link_poses(state)[0]
+            rotations = Rotation.from_quat(poses[:, 3:]).as_matrix()
+            found.append(poses[:, None, :3] + np.einsum("lij,pj->lpi", rotations, points))
+        assert np.linalg.norm(found[1] - found[0], axis=2).max() <= most
+
+
+def test_robots_that_move_freely_are_refused() -> None:
+    robot = oc.Robot.from_urdf(
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="planar">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    with pytest.raises(ValueError, match="planar or floating"):
+        oc.RobotScene([robot]).displacements(np.zeros((1, 3)), np.zeros((1, 3)))
+
+
+def test_the_state_at_a_time_is_on_the_splines_and_at_their_ends() -> None:
+    some = points(2, 4)
+    for first, last in pairwise(some):
+        middle = (first.time + last.time) / 2.0
+        expected = curve([first, last], 0, np.array([middle - first.time]))[0]
+        np.testing.assert_array_equal(state_at(some, middle), expected)
+        np.testing.assert_allclose(state_at(some, first.time), first.positions, atol=1e-12)
+    np.testing.assert_array_equal(state_at(some, 1e9), some[-1].positions)
+
+
+def test_segments_between_points_of_any_kinds_are_those_of_each_pair() -> None:
+    kinds = RNG.integers(0, 3, 200)
+    some = [points(kind, 1)[0]._replace(time=float(n)) for n, kind in enumerate(kinds.tolist())]
+    together = segments_between(some)
+    for number, pair in enumerate(pairwise(some)):
+        np.testing.assert_array_equal(
+            together.coefficients[number], segments_between(pair).coefficients[0]
+        )
+
+
+def test_a_jump_is_a_piece_of_its_own_of_the_first_segment() -> None:
+    some = points(1, 3)
+    pieces = straight_pieces(some, np.array([2, 3]))
+    here = some[0].positions + 1.0
+    jumping = with_jump(pieces, here, some, some[1].time)
+    assert len(jumping.begins) == len(pieces.begins) + 1
+    jump = jumping.take(np.array([len(pieces.begins)]))
+    np.testing.assert_array_equal(jump.starts[0], here)
+    np.testing.assert_array_equal(jump.ends[0], some[1].positions)
+    assert (jump.begins[0], jump.finishes[0], jump.segments[0]) == (some[1].time, some[1].time, 0)
+
+
+def test_distances_from_pieces_are_those_of_the_nearest_point() -> None:
+    rng = np.random.default_rng(0)
+    some = [Point(float(t), rng.normal(size=3)) for t in range(5)]
+    pieces = straight_pieces(some, np.array([1, 1, 1, 4]))
+    pieces.ends[0] = pieces.starts[0]  # one that stays
+    state = rng.normal(size=3)
+    shares = np.linspace(0.0, 1.0, 20001)[:, None, None]
+    off = pieces.starts + shares * (pieces.ends - pieces.starts) - state
+    nearest = np.square(off).sum(axis=2).argmin(axis=0)
+    expected = np.abs(off[nearest, np.arange(len(nearest))]).max(axis=1)
+    np.testing.assert_allclose(distances_from(pieces, state), expected, atol=1e-3)

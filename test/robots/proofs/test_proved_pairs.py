@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is proved of pairs of links holds: in random states, and for states that show collisions."""
+"""Pairs of links that are proved to be apart or to collide always, also of real robots."""
 
 from __future__ import annotations
 
+import importlib.metadata
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematics_oracle import OracleJoint, link_matrices, value_of
-from urdfs import joint, link, urdf
+from small_robots import joint, link, urdf
 
 import obb_collision as oc
 from obb_collision.robots.proofs.proved_pairs import PairProof
@@ -273,3 +274,29 @@ def test_what_cannot_be_read_is_said_in_a_line(
         assert told.startswith("obb_collision srdf: ")
         assert reason in told
         assert told.count("\n") == 1
+
+
+try:
+    FILES = importlib.metadata.files("example-robot-data") or []
+except importlib.metadata.PackageNotFoundError:
+    pytest.skip("example-robot-data is not installed", allow_module_level=True)
+#: Seconds per robot; both take about one.
+PATIENCE = 60.0
+STATES = 200_000
+
+
+@each("name", ["panda.urdf", "ur5_joint_limited_robot.urdf"])
+def test_all_pairs_are_decided_and_none_is_contradicted(name: str) -> None:
+    file = next(Path(str(file.locate())).resolve() for file in FILES if file.name == name)
+    share = next(folder for folder in file.parents if folder.name == "share")
+    proofs = oc.Robot.from_urdf(file, package_dirs=[share]).prove_pairs(PATIENCE)
+    assert all(proof.verdict != "undecided" for proof in proofs)
+    others = "".join(
+        '<disable_collisions link1="{}" link2="{}"/>'.format(*proof.links)
+        for proof in proofs
+        if proof.verdict != "never"
+    )
+    robot = oc.Robot.from_urdf(file, f'<robot name="r">{others}</robot>', [share])
+    random = np.random.default_rng(11)
+    states = random.uniform(robot.lower, robot.upper, (STATES, len(robot.lower)))
+    assert oc.RobotScene([robot]).check(states).valid.all()

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from builders import PATIENCE, build, outcomes, wait_built
 from each import each
+from scenes import PATIENCE, build, outcomes, wait_built
 
 from obb_collision.geometry.shapes import MeshFolders
 from obb_collision.scene.building import builder as building

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from builders import PATIENCE, wait_built
 from each import each
+from scenes import PATIENCE, wait_built
 
 import obb_collision as oc
 from obb_collision import _kernel_cache

@@ -12,17 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Round shapes above obb: they collide, and are as far and as deep, as their formulas say."""
+"""Effects on round shapes, points within objects, and contacts and clearances of a scene."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 from each import each
 from mesh_zoo import zoo
+from numpy.typing import NDArray
+from scenes import filled_scene, random_poses
 from scipy.spatial.transform import Rotation
+from support import clearances, contacts
 
 import obb_collision as oc
+from obb_collision.scene.effects import points
 from obb_collision.scene.refinement import placed_shapes
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
@@ -186,3 +192,202 @@ def test_a_cylinder_on_the_floor_beside_a_wall_is_exact(
         else:
             assert report.contacts.depths[0] == report.depths[0] >= -gap
             assert report.contacts.positions[0, 0, 2] == pytest.approx(0.1, abs=0.05 + padding)
+
+
+LEVELS = ("obb", "hull", "mesh")
+
+
+def test_every_object_knows_its_points() -> None:
+    scene = filled_scene(20)
+    cloud = np.random.default_rng(3).uniform(-2, 2, (3000, 3)).astype(np.float32)
+    cloud[7] = np.nan
+    scene.obstacle_points = cloud
+    found = scene.check().points_inside
+    assert found.indices.tolist() == scene.indices.tolist()
+    assert found.ignored == 1
+    for row, name in enumerate(scene.names):
+        held = np.flatnonzero(scene.obb(name).contains(np.nan_to_num(cloud, nan=1e6)))
+        assert found.counts[row] == len(held)
+        assert found.first[row] == (held[0] if len(held) else -1)
+    assert found.counts.sum() > 100
+
+
+def test_margin_callers_and_disabled_objects() -> None:
+    scene = oc.Scene()
+    for name, x in (("zone/1", 0.0), ("zone/2", 5.0), ("other/1", 0.0)):
+        scene.add(name, Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
+    scene.obstacle_points = [[0.75, 0.0, 0.0], [5.0, 0.0, 0.0]]
+    scene.set_effect("points", objects="zone/*", margin=0.25)
+    found = scene.check().points_inside
+    assert found.indices.tolist() == found.nearest.tolist() == [0, 1]
+    assert found.counts.tolist() == [1, 1]
+    scene.set_enabled("zone/2", False)
+    assert scene.check().points_inside.indices.tolist() == [0]
+
+
+def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    query = vars(points)["points_in_bodies"]
+
+    def counted(boxes: Any, bodies: Any, cloud: Any, *rest: Any) -> Any:
+        calls.append(len(cloud))
+        assert bodies is None, "no shape is placed at obb"
+        return query(boxes, bodies, cloud, *rest)
+
+    monkeypatch.setattr(points, "points_in_bodies", counted)
+    scene = oc.Scene()
+    scene.add("zone", Sphere(0.5))
+    scene.set_effect("points", "on")
+    assert scene.check().points_inside.counts.tolist() == [0]
+    for count in (0, 4, 2):
+        scene.obstacle_points = np.zeros((count, 3))
+        assert scene.check().points_inside.counts.tolist() == [count]
+    assert calls == [4, 2]
+    wrong: Any
+    for wrong in (np.zeros((3, 2)), ["x"]):
+        with pytest.raises(ValueError, match="points must"):
+            scene.obstacle_points = wrong
+
+
+def mixed(padding: float = 0.0, accuracy: str = "obb") -> oc.Scene:
+    """Return shapes of all kinds, turned."""
+    shapes: list[Shape] = [
+        *(Box([0.8, 0.6, 1.0]), Sphere(0.5), Capsule(0.3, 0.8), Cylinder(0.4, 1.0)),
+        *(Cone(0.5, 1.0), Ellipsoid([0.3, 0.5, 0.6])),
+        *(Cylinder(0.4, 0.6, scale=[1.0, 2.0, 0.5]), Sphere(0.4, scale=[1, 1, 2])),
+        *(Hull(zoo()["hull1"][0]), Mesh(*zoo()["torus0"]), Mesh(*zoo()["open_sphere1"])),
+    ]
+    rng = np.random.default_rng(11)
+    scene = oc.Scene(accuracy=accuracy, padding=padding)
+    for number, shape in enumerate(shapes):
+        turn = rng.normal(size=4)
+        scene.add(str(number), shape, [*rng.uniform(-1, 1, 3), *(turn / np.linalg.norm(turn))])
+    scene.obstacle_points = rng.uniform(-2, 2, (20_000, 3))
+    return scene
+
+
+def counts(scene: oc.Scene, accuracy: str, margin: float = 0.0) -> NDArray[np.int64]:
+    scene.set_effect("points", accuracy=accuracy, margin=margin)
+    found = scene.check(effects=["points"]).points_inside
+    assert found.indices.tolist() == scene.indices.tolist()
+    return found.counts
+
+
+@each("padding, margin", [(0.0, 0.0), (0.0, 0.2), (0.1, 0.0), (0.1, 0.2)])
+def test_a_finer_level_never_has_more_points(padding: float, margin: float) -> None:
+    scene = mixed(padding)
+    boxes, hulls, meshes = (counts(scene, level, margin) for level in LEVELS)
+    assert (boxes >= hulls).all()
+    assert (hulls >= meshes).all()
+    assert boxes[0] == hulls[0] == meshes[0] > 0
+    assert (boxes > hulls)[1:8].all()
+    assert (hulls[:9] == meshes[:9]).all()
+    assert (hulls > meshes)[9:].all()
+    assert (meshes[:10] > 0).all()
+
+
+def test_points_are_in_round_shapes_by_their_formulas() -> None:
+    scene = mixed()
+    cloud, poses = scene.obstacle_points, scene.objects.poses_of(scene.indices)
+    assert cloud is not None
+    found = counts(scene, "mesh")
+    turns = Rotation.from_quat(poses[:, 3:]).as_matrix()
+    p = np.einsum("nij,pni->npj", turns, cloud[:, None] - poses[:, :3])
+    x, y, z = np.moveaxis(p, 2, 0)
+    width, along = np.hypot(x, y), np.abs(z)
+    truth = {
+        1: np.linalg.norm(p[1], axis=1) <= 0.5,
+        2: np.hypot(width[2], (along[2] - 0.4).clip(0.0)) <= 0.3,
+        3: (width[3] <= 0.4) & (along[3] <= 0.5),
+        4: (along[4] <= 0.5) & (width[4] <= 0.5 * (0.5 - z[4])),
+        5: np.linalg.norm(p[5] / [0.3, 0.5, 0.6], axis=1) <= 1.0,
+        6: (np.hypot(x[6], 0.5 * y[6]) <= 0.4) & (along[6] <= 0.15),
+        7: np.linalg.norm(p[7] / [0.4, 0.4, 0.8], axis=1) <= 1.0,
+    }
+    for row, inside in truth.items():
+        assert found[row] == inside.sum() > 0
+
+
+def test_each_object_has_its_own_accuracy_and_the_report_says_which() -> None:
+    scene = mixed()
+    scene.accuracy = "hull"
+    scene.set_accuracy("9", "mesh")
+    scene.set_accuracy("3", "obb")
+    report = scene.check(effects=["points"])
+    own = report.points_inside.counts
+    boxes, hulls, meshes = (counts(scene, level) for level in LEVELS)
+    expected = hulls.copy()
+    expected[9], expected[3] = meshes[9], boxes[3]
+    assert own.tolist() == expected.tolist()
+    levels = [oc.Accuracy(k).name for k in report.accuracies_of("points")[[0, 1, 3, 9]]]
+    assert levels == ["OBB", "HULL", "OBB", "MESH"]
+
+
+Distances = dict[tuple[int, ...], float]
+
+
+def all_clearances(scene: oc.Scene, max_distance: float) -> Distances:
+    boxes, slots = scene.boxes, scene.indices
+    pairs = np.stack(np.triu_indices(len(slots), 1), axis=1)
+    distances = clearances(boxes, pairs).distances
+    near = distances <= max_distance
+    return dict(zip(map(tuple, slots[pairs[near]].tolist()), distances[near].tolist(), strict=True))
+
+
+def found(report: oc.Report) -> Distances:
+    near = report.clearances
+    assert near.pairs.tolist() == sorted(near.pairs.tolist())
+    return dict(zip(map(tuple, near.pairs.tolist()), near.distances.tolist(), strict=True))
+
+
+@each("limit", [0.0, 0.0625, 1.0, 100.0])
+def test_all_pairs_within_the_limit_are_there_and_no_others(limit: float) -> None:
+    scene = filled_scene(40)
+    scene.set_effect("clearance", max_distance=limit)
+    report, expected = scene.check(), all_clearances(scene, limit)
+    assert {tuple(pair) for pair in report.pairs.tolist()} <= set(expected)
+    scene.move_indices(scene.indices, random_poses(40, np.random.default_rng(1), 2.0))
+    assert found(report) == expected  # of the check, though read later
+    scene = oc.Scene()
+    for k in range(3):
+        scene.add(f"{k}", oc.shapes.Box([1, 1, 1]), [(1.0 + limit) * k, 0, 0, 0, 0, 0, 1])
+    scene.set_effect("clearance", max_distance=limit)
+    near = scene.check().clearances
+    assert near.pairs[near.distances == limit].tolist() == [[0, 1], [1, 2]]
+
+
+def test_pairs_of_callers_only_and_not_allowed_ones() -> None:
+    scene = filled_scene(80)
+    scene.set_effect("clearance", max_distance=0.5, objects=["box/7"])
+    everything = all_clearances(scene, 0.5)
+    assert found(scene.check()) == {k: d for k, d in everything.items() if 7 in k}
+    scene.set_effect("clearance", objects=[f"box/{k}" for k in range(0, 80, 2)])
+    even = {k: d for k, d in everything.items() if k[0] % 2 == 0 or k[1] % 2 == 0}
+    assert found(scene.check()) == even
+    scene.allow("box/4", "*")
+    assert found(scene.check()) == {k: d for k, d in even.items() if 4 not in k}
+    scene.set_enabled("box/6", False)
+    assert not any(6 in k or 4 in k for k in found(scene.check()))
+
+
+def check_patches(scene: oc.Scene, report: oc.Report, max_points: int = 4) -> None:
+    found = report.contacts
+    for name, expected in vars(contacts(scene.boxes, found.pairs, max_points)).items():
+        np.testing.assert_array_equal(getattr(found, name), expected)
+
+
+@each("max_points", [4, 8])
+def test_all_colliding_pairs_have_the_patch_of_their_boxes(max_points: int) -> None:
+    scene = filled_scene(60)
+    scene.set_effect("contacts", max_points=max_points)
+    report = scene.check()
+    assert report.contacts.pairs.tolist() == report.pairs.tolist()
+    assert (report.contacts.counts >= 1).all()
+    assert (report.contacts.depths == report.depths).all()
+    check_patches(scene, report, max_points)
+
+
+def test_a_patch_option_that_cannot_be_used_is_refused() -> None:
+    for value in (5, 0, np.nan):
+        with pytest.raises(ValueError, match="contacts max_points must be"):
+            oc.Scene().set_effect("contacts", max_points=value)
