@@ -100,12 +100,3 @@ def _projection(part: Sequence[Integers]) -> Point | None:
         low * c + sum(t * e[k] for t, e in zip(tops, edges, strict=True)) for k, c in enumerate(a)
     )
     return (x, y, z), low
-
-
-def root(square: Fraction) -> float:
-    """Return the square root, whatever the magnitude."""
-    if square == 0:
-        return 0.0
-    shift = square.numerator.bit_length() - square.denominator.bit_length()
-    shift -= shift % 2
-    return math.ldexp(math.sqrt(square / Fraction(2) ** shift), shift // 2)

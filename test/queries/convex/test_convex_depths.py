@@ -43,6 +43,7 @@ from convex_bodies import (
     some,
     world_rounding,
 )
+from distances import root
 from each import each
 from membership import beyond, exact_gap
 from mesh_zoo import bodies_of, exact_corners, trees_of, zoo
@@ -284,7 +285,7 @@ def test_distances_of_polytopes_are_those_of_fractions(
         ]
         square = hull_distances.squared_distance(*sides)
         radius = float(a.radii[n] + b.radii[n])
-        truth = hull_distances.root(square)
+        truth = root(square)
         assert hull_distances.at_most(found.lower[n], square, radius)
         size = max(truth, float(reach_of(a)[n] + reach_of(b)[n]))
         if truth > radius:
