@@ -268,8 +268,6 @@ def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> 
 
 
 def _names(objects: Objects, rows: npt.NDArray[np.bool_]) -> tuple[str, ...]:
-    if not rows.any():
-        return ()
     slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
     return tuple(name_from_key(objects.table.key(slot)) for slot in slots)
 
