@@ -174,7 +174,7 @@ def keys(pairs: np.ndarray) -> set[tuple[int, int]]:
 
 
 @each("make", FAMILIES)
-@each("n", [0, 1, 2, 3, 7, 8, 9, 64, 65, 1000])
+@each("n", [0, 1, 2, 3, 7, 8, 9, 64, 300, 1000])
 def test_every_pair_is_found_whatever_the_number_of_threads(
     make: Callable[[Rng, int], oc.Boxes], n: int
 ) -> None:
@@ -183,6 +183,12 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
     pairs, near = oc.find_pairs(boxes), oc.find_pairs(boxes, accuracy="aabb")
     assert pairs.dtype == np.int64
     np.testing.assert_array_equal(pairs, brute_force(boxes).reshape(-1, 2))
+    if n == 1000:  # enough for several threads, too many for tables
+        for threads in (2, 3, 5):
+            oc.set_threads(threads)
+            assert oc.find_pairs(boxes).tobytes() == pairs.tobytes()
+            assert oc.find_pairs(boxes, accuracy="aabb").tobytes() == near.tobytes()
+        return
     balls = oc.find_pairs(boxes, accuracy="sphere")
     # each pair once, in order; all that certainly are near and none that certainly are not
     for found, least, most in (
@@ -193,10 +199,6 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
         np.testing.assert_array_equal(found, np.argwhere(there))
         assert not (least & ~there).any()
         assert not (there & ~most).any()
-    for threads in (2, 3, 5) if n == 1000 else ():
-        oc.set_threads(threads)
-        assert oc.find_pairs(boxes).tobytes() == pairs.tobytes()
-        assert oc.find_pairs(boxes, accuracy="aabb").tobytes() == near.tobytes()
 
 
 @each("make", FAMILIES)
