@@ -220,6 +220,7 @@ def test_overrides_are_read(text: str, read: Any, expected: Any) -> None:
         ("groups", ["one: 'a/1"], "no closing quotation"),
         ("check_only_pairs", ["a/* b/* c/*"], "two names or patterns"),
         ("check_only_pairs", ["a/* gripper"], "check_only_pairs: 'gripper' is no group"),
+        ("object_timeout_overrides", ["a/*: -0.1"], "seconds must be between 0 and 1e+06"),
         ("padding_overrides", ["a/*: -0.1"], "between 0 and 1000 m"),
         ("padding_overrides", ["a/*: nan"], "between 0 and 1000 m"),
         ("padding_overrides", ["a/*: wide"], "padding must be a number"),
