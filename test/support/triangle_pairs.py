@@ -39,7 +39,7 @@ def _any(rng: np.random.Generator) -> Pair:
 
 def _small_grid(rng: np.random.Generator) -> Pair:
     """Small integers: every kind of touching, coplanar and degenerate pair comes up."""
-    return rng.integers(-1, 2, (3, 3)) * 1.0, rng.integers(-1, 2, (3, 3)) * 1.0
+    return rng.integers(-1, 2, (3, 3)).astype(float), rng.integers(-1, 2, (3, 3)).astype(float)
 
 
 def coplanar(rng: np.random.Generator) -> Pair:
