@@ -83,7 +83,10 @@ def test_pairs_count_as_every_filter_says(
         scene.allow(*rule)
     # a rule that is set again moves to the end
     last = [rule for n, rule in enumerate(rules) if not _comes_again(rule, rules[n + 1 :])]
-    scene.rules.check_only, scene.rules.allowed_within = only, within
+    scene.check()
+    scene.rules.check_only = only
+    assert scene.check().names() == counted(scene, last, only, [])
+    scene.rules.allowed_within = within
     for _ in range(3):  # objects come, go and change their slots
         expected = counted(scene, last, only, within)
         assert scene.any_collision() == bool(expected)
@@ -95,7 +98,9 @@ def test_pairs_count_as_every_filter_says(
             else:
                 scene.add(name, oc.shapes.Box([1, 1, 1]))
     assert report.names() == everything, "a report stays as it was"
-    scene.rules.check_only, scene.rules.allowed_within, scene.rules.allowed = [], [], []
+    scene.rules.check_only = []
+    assert scene.check().names() == counted(scene, last, [], within)
+    scene.rules.allowed_within, scene.rules.allowed = [], []
     assert scene.check().names() == counted(scene, [], [], [])
 
 
