@@ -23,7 +23,7 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import wraps
 from pathlib import Path
 from time import perf_counter
@@ -158,9 +158,9 @@ def real(low: float, high: float) -> Callable[[str], float]:
     return convert
 
 
-def mesh_files(folder: Path) -> list[Path]:
-    """Return the mesh files, STL and OBJ, of a folder and those within, sorted."""
-    return sorted(file for file in folder.rglob("*") if file.suffix.lower() in (".stl", ".obj"))
+def mesh_files(folder: Path) -> Iterator[Path]:
+    """Yield the mesh files, STL and OBJ, of a folder and those within."""
+    return (file for file in folder.rglob("*") if file.suffix.lower() in (".stl", ".obj"))
 
 
 def mesh_folder(text: str) -> Path:
@@ -171,7 +171,7 @@ def mesh_folder(text: str) -> Path:
         found = False
     if not found:
         raise argparse.ArgumentTypeError(f"{shown(text)} is no folder")
-    if not mesh_files(Path(text)):
+    if not any(mesh_files(Path(text))):
         raise argparse.ArgumentTypeError(f"{shown(text)} has no mesh files, STL or OBJ")
     return Path(text)
 

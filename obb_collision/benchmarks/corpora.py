@@ -73,7 +73,7 @@ def generated_corpus(seed: int) -> Corpus:
 
 def file_corpus(folder: Path, seconds: float) -> Corpus:
     """Return meshes of a folder and those within, as many as are read in ``seconds``, at random."""
-    files = mesh_files(folder)
+    files = sorted(mesh_files(folder))
     shapes: dict[str, Mesh | Box] = {}
     end = perf_counter() + seconds
     for k in np.random.default_rng(0).permutation(len(files)).tolist():

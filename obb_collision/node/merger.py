@@ -240,7 +240,7 @@ class MergerNode(Node):
         for key in (RADIUS, SELECTED_RADIUS):
             radii = [values.get(key, "") for values in known.values()]
             if radii and all(map(_is_length, radii)):  # else it is not known how far all look
-                counts[key] = min(radii, key=float)
+                counts[key] = min(map(float, radii))
         most = max(pairs, len(colliding))
         return Answer((), most, most > pairs, counts=counts, stamp=None).but(*reasons)
 

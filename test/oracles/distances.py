@@ -27,7 +27,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from itertools import product
 
-from membership import Box, fractions
+from exact_bodies import Box, fractions
 
 from obb_collision.typing import Floats
 

@@ -24,9 +24,9 @@ import numpy as np
 import pytest
 import trimesh
 from each import each
+from exact_bodies import assert_proper, holds
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from membership import assert_proper, holds
 from scipy.spatial.transform import Rotation
 from support import refused
 

@@ -19,9 +19,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from each import each
+from exact_bodies import Box, assert_proper, corners, determinant, fractions, moved, outside
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from membership import Box, assert_proper, corners, determinant, fractions, moved, outside
 from scipy.spatial.transform import Rotation
 from support import refused
 

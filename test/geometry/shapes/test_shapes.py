@@ -26,9 +26,9 @@ import numpy as np
 import pytest
 import trimesh
 from each import each
+from exact_bodies import assert_proper, fractions, outside
 from hypothesis import given
 from hypothesis import strategies as st
-from membership import assert_proper, fractions, outside
 from scipy.spatial.transform import Rotation
 from support import refused
 

@@ -23,8 +23,8 @@ from itertools import product
 import numpy as np
 import pytest
 from each import each
+from exact_bodies import holds, least_depth
 from hull_distances import Vector, placed, squared_distance
-from membership import holds, least_depth
 from mesh_zoo import Arrays, zoo
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls

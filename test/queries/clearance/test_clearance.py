@@ -27,9 +27,9 @@ import pytest
 from any_doubles import extents, quaternions, vectors
 from distances import box, root, squared_distance
 from each import each
+from exact_bodies import outside
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from membership import outside
 from support import clearances, family, joined, refused, row_of, sizes, stored, witnesses
 
 import obb_collision as oc

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import membership
+import exact_bodies
 import numpy as np
 import oracle
 import pytest
@@ -84,9 +84,9 @@ def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
         # what doubles can't express at these coordinates is not asked for
         grain = 4.0 * np.spacing(np.abs(found.positions[row, :count]).max())
         allowed = POINT_ACCURACY * float(sizes(a, b)[row]) + grain
-        points = [membership.fractions(point) for point in found.positions[row, :count]]
+        points = [exact_bodies.fractions(point) for point in found.positions[row, :count]]
         for box in (row_of(a, row), row_of(b, row)):
-            assert max(membership.outside(box, points)) <= allowed
+            assert max(exact_bodies.outside(box, points)) <= allowed
 
 
 @each("limit", [4, 8])

@@ -45,7 +45,7 @@ from convex_bodies import (
 )
 from distances import root
 from each import each
-from membership import beyond, exact_gap
+from exact_bodies import beyond, exact_gap
 from mesh_zoo import bodies_of, exact_corners, trees_of, zoo
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation

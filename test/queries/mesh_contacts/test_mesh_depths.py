@@ -33,9 +33,9 @@ from convex_bodies import (
 )
 from convex_bodies import moved as with_columns
 from each import each
+from exact_bodies import exact_gap
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from membership import exact_gap
 from mesh_zoo import as_drawn, bodies_of, exact_corners, standing, trees_of, zoo
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES as TRIANGLES

@@ -21,7 +21,7 @@ from fractions import Fraction
 import numpy as np
 from convex_bodies import KINDS, around, bodies, corners_of, moved, some
 from each import each
-from membership import beyond
+from exact_bodies import beyond
 from mesh_zoo import (
     bodies_of,
     exact_corners,

@@ -22,9 +22,9 @@ import numpy as np
 import pytest
 from distances import box, segment, squared_distance
 from each import each
+from exact_bodies import inside
 from hypothesis import given
 from hypothesis import strategies as st
-from membership import inside
 from scipy.spatial.transform import Rotation
 from support import by_threads, family, refused, row_of
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import distances
-import membership
+import exact_bodies
 import numpy as np
 import pytest
 from distances import root
@@ -140,7 +140,7 @@ def test_depth_of_a_segment_in_a_box_is_the_least_way_out() -> None:
     inside = np.flatnonzero((found.separations + radii < -1e-6) & (p != q).any(axis=1))
     assert len(inside) > 50
     for n in inside:
-        corners = np.array([[float(x) for x in c] for c in membership.corners(row_of(boxes, n))])
+        corners = np.array([[float(x) for x in c] for c in exact_bodies.corners(row_of(boxes, n))])
         hull = ConvexHull(np.concatenate([corners - p[n], corners - q[n]]), qhull_options="QJ")
         depth = -hull.equations[:, 3].max()
         assert found.separations[n] + radii[n] == pytest.approx(-depth, abs=1e-7)
@@ -230,11 +230,11 @@ def test_planes(name: str) -> None:
     below, above = HalfSpaces(points, normals), HalfSpaces(points, -normals)
     found, turned = oc.separations(boxes, below), oc.separations(boxes, above)
     for k in range(n):
-        m = membership.fractions(normals[k])
-        at = membership.fractions(points[k])
+        m = exact_bodies.fractions(normals[k])
+        at = exact_bodies.fractions(points[k])
         ends = [
             sum((a * (x - y) for a, x, y in zip(m, corner, at, strict=True)), Fraction(0))
-            for corner in membership.corners(row_of(boxes, k))
+            for corner in exact_bodies.corners(row_of(boxes, k))
         ]
         low, high = min(ends), max(ends)
         norm = root(sum((a * a for a in m), Fraction(0)))

@@ -25,7 +25,7 @@ import pytest
 from convex_bodies import KINDS, around, moved, some
 from convex_bodies import bodies as random_bodies
 from each import each
-from membership import beyond, first_hit
+from exact_bodies import beyond, first_hit
 from mesh_zoo import (
     TRIANGLE,
     bodies_of,

@@ -23,9 +23,9 @@ import numpy as np
 import pytest
 from distances import box, segment, squared_distance
 from each import each
+from exact_bodies import Box, determinant, fractions, outside
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from membership import Box, determinant, fractions, outside
 from support import family, refused, row_of
 
 from obb_collision import Boxes, cast_rays, cast_segments

@@ -36,9 +36,9 @@ from convex_bodies import (
     some,
 )
 from each import each
+from exact_bodies import exact_gap
 from hypothesis import given
 from hypothesis import strategies as st
-from membership import exact_gap
 from mesh_zoo import (
     TRIANGLE,
     as_drawn,

@@ -59,6 +59,18 @@ def determinant(a: Point, b: Point, c: Point) -> Fraction:
     )
 
 
+def _minus(u: Point, v: Point) -> list[Fraction]:
+    return [x - y for x, y in zip(u, v, strict=True)]
+
+
+def _dot(u: Point, v: Point) -> Fraction:
+    return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
+
+
+def _cross(u: Point, v: Point) -> list[Fraction]:
+    return [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
+
+
 def outside(box: Box, points: Iterable[Point]) -> list[Fraction]:
     """How far each point is outside along the worst axis (metres, <= 0 inside), exactly."""
     center, rotation, half = box
@@ -67,7 +79,7 @@ def outside(box: Box, points: Iterable[Point]) -> list[Fraction]:
     volume = determinant(a, b, d)
     found = []
     for point in points:
-        v = [x - y for x, y in zip(point, c, strict=True)]
+        v = _minus(point, c)
         y = (determinant(v, b, d), determinant(a, v, d), determinant(a, b, v))
         found.append(max(abs(y_i / volume) - h_i for y_i, h_i in zip(y, h, strict=True)))
     return found
@@ -129,24 +141,21 @@ def assert_proper(box: Box) -> None:
     assert axes[:, 0] @ np.cross(axes.T[[1]], axes.T[[2]])[0] > 0
 
 
-Vector = list[Fraction]
-
-
-def first_hit(origin: Vector, direction: Vector, triangle: list[Vector]) -> Fraction | None:
+def first_hit(origin: Point, direction: Point, triangle: Sequence[Point]) -> Fraction | None:
     """Return the least t >= 0 at which origin + t direction is in the triangle, None if never."""
     u, v = _minus(triangle[1], triangle[0]), _minus(triangle[2], triangle[0])
     w = _minus(origin, triangle[0])
-    whole = _determinant(u, v, direction)
+    whole = determinant(u, v, direction)
     if whole == 0:
         times = [_on_edge(origin, direction, triangle[k], triangle[(k + 1) % 3]) for k in range(3)]
         return min((t for t in times if t is not None), default=None)
-    r = _determinant(w, v, direction) / whole
-    s = _determinant(u, w, direction) / whole
-    t = -_determinant(u, v, w) / whole
+    r = determinant(w, v, direction) / whole
+    s = determinant(u, w, direction) / whole
+    t = -determinant(u, v, w) / whole
     return t if min(r, s, 1 - r - s, t) >= 0 else None
 
 
-def _on_edge(origin: Vector, direction: Vector, start: Vector, end: Vector) -> Fraction | None:
+def _on_edge(origin: Point, direction: Point, start: Point, end: Point) -> Fraction | None:
     """Return when a ray first hits an edge, if it does so and is not parallel to it.
 
     Where it is parallel, or begins on the edge, other edges are hit as early.
@@ -162,22 +171,6 @@ def _on_edge(origin: Vector, direction: Vector, start: Vector, end: Vector) -> F
         return None
     rest = [w + s * e - t * d for w, e, d in zip(way, edge, direction, strict=True)]
     return t if not any(rest) else None
-
-
-def _minus(u: Vector, v: Vector) -> Vector:
-    return [x - y for x, y in zip(u, v, strict=True)]
-
-
-def _dot(u: Vector, v: Vector) -> Fraction:
-    return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
-
-
-def _cross(u: Vector, v: Vector) -> Vector:
-    return [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
-
-
-def _determinant(u: Vector, v: Vector, w: Vector) -> Fraction:
-    return _dot(u, _cross(v, w))
 
 
 #: Triangles with less height than this times their longest side get an exact normal.
@@ -204,9 +197,8 @@ def least_depth(corners: Floats, points: ArrayLike) -> float:
 
 
 def _exact_normal(triangle: Floats) -> list[float]:
-    a, b, c = ([Fraction(float(x)) for x in corner] for corner in triangle)
-    u, v = [x - y for x, y in zip(b, a, strict=True)], [x - y for x, y in zip(c, a, strict=True)]
-    normal = [u[k - 2] * v[k - 1] - u[k - 1] * v[k - 2] for k in range(3)]
+    a, b, c = map(fractions, triangle)
+    normal = _cross(_minus(b, a), _minus(c, a))
     largest = max(abs(x) for x in normal)
     assert largest > 0, "a triangle without area has no plane"
     parts = [float(x / largest) for x in normal]
