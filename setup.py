@@ -35,7 +35,7 @@ setup(
     install_requires=[
         "setuptools>=61.0.0",
         "numpy>=1.26.0",
-        "numba>=0.58.1",
+        "numba>=0.59.1",
         "scipy>=1.11.1",
         "trimesh>=4.4.9",
         "pyyaml>=6.0",

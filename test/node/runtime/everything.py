@@ -15,8 +15,8 @@
 """Everything that can be asked of a robot, and of a node, each in a process of its own.
 
 ``python everything.py FOLDER`` prints two lines of JSON: which kernels the process compiled or
-loaded after "ready" without a step of warming up, and of the node how many by steps, and for each
-thing asked the longest time between two cycles.
+loaded after "ready" without a step of warming up, and of the node which threads loaded those of
+steps, and for each thing asked the longest time between two cycles.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -86,12 +86,12 @@ class Everything(Rig):
         self.patience = 600.0  # nothing waits that long: what compiles does so elsewhere
         super().__init__(rate=RATE, trigger="timer")
         self.patience = 600.0
-        self._ends = [(perf_counter(), process_time())]
+        self._ends = [perf_counter()]
         monitor: Any = self.node.cycle.monitor
         add = monitor.add
 
         def noted(*args: Any) -> None:
-            self._ends.append((perf_counter(), process_time()))
+            self._ends.append(perf_counter())
             add(*args)
 
         monitor.add = noted
@@ -101,18 +101,10 @@ class Everything(Rig):
         return _jit.loaded_kernels()
 
     def stage(self) -> dict[str, float]:
-        """Return how long it took since this was last called, and the longest gap of cycles.
-
-        The longest by the clock, and that in which this process worked: what takes longer because
-        others have the processors is not of this process.
-        """
+        """Return how long it took since this was last called, and the longest gap of cycles."""
         ends, self._ends = self._ends, self._ends[-1:]
-        gaps = np.diff(np.array([*ends, (perf_counter(), process_time())]), axis=0)
-        return {
-            "seconds": float(gaps[:, 0].sum()),
-            "longest": float(gaps[:, 0].max()),
-            "longest work": float(gaps.min(axis=1).max()),
-        }
+        gaps = np.diff([*ends, perf_counter()])
+        return {"seconds": float(gaps.sum()), "longest": float(gaps.max())}
 
     def move(self) -> None:
         """Move things by each topic, all of them and few; send points of each layout."""
@@ -246,7 +238,7 @@ def all_of_a_robot(folder: Path) -> dict[str, Any]:
         rig.describe(urdf)
         rig.until(lambda: rig.robot.links is not None, rig.robot.fault)
         ask(rig)
-        return {"new": sorted(_jit.loaded_kernels() - before - loaded)}
+        return {"new": sorted(_jit.loaded_kernels() - before - loaded.keys())}
 
 
 def all_of_a_node(_: Path) -> dict[str, Any]:
@@ -257,9 +249,10 @@ def all_of_a_node(_: Path) -> dict[str, Any]:
     with rig:
         before, compiled = rig.kernels(), len(_kernel_cache.compiled.names)
         stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
-        new = sorted(rig.kernels() - before - loaded)
+        new = sorted(rig.kernels() - before - loaded.keys())
     names = _kernel_cache.compiled.names[compiled:]
-    return {"new": new, "loaded": len(loaded - before), "compiled": names, "stages": stages}
+    threads = sorted({loaded[kernel] for kernel in loaded.keys() - before})
+    return {"new": new, "threads": threads, "compiled": names, "stages": stages}
 
 
 def main(folder: str) -> None:

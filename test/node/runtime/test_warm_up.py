@@ -348,8 +348,6 @@ def test_an_effect_that_cannot_be_compiled_says_why_in_the_diagnostics(late_cach
 
 
 EVERYTHING = Path(__file__).with_name("everything.py")
-LONGEST_WORK = 0.1
-"""Seconds that the process of a node may work between two cycles, by its own clock."""
 LONGEST_SHARE = 0.2
 """Of the time that others compile: a cycle that waits for them takes about all of it."""
 
@@ -367,10 +365,7 @@ def test_no_cycle_loads_a_kernel(tmp_path: Path) -> None:
     pytest.importorskip("trajectory_msgs")
     of_robot, found = ask_everything(tmp_path)
     assert of_robot["new"] == found["new"] == found["compiled"] == []
-    assert found["loaded"] > 0, "or this would show nothing"
-    for stage, numbers in found["stages"]:
-        if stage.startswith(("effect ", "accuracy ")):
-            assert numbers["longest work"] < LONGEST_WORK, (stage, numbers)
+    assert found["threads"] == ["warm-up"], "none would show nothing, and others run cycles"
 
 
 @pytest.mark.slow  # test_warm_up.py holds up what compiles, and cycles go on
@@ -385,7 +380,6 @@ def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_pa
     ]
     assert slow, "nothing took long enough to be compiled"
     for stage, numbers in slow:
-        assert numbers["longest work"] < LONGEST_WORK, (stage, numbers)
         assert numbers["longest"] < LONGEST_SHARE * numbers["seconds"], (stage, numbers)
 
 
