@@ -25,6 +25,8 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -241,26 +243,33 @@ def all_of_a_robot(folder: Path) -> dict[str, Any]:
         return {"new": sorted(_jit.loaded_kernels() - before - loaded.keys())}
 
 
-def all_of_a_node(_: Path) -> dict[str, Any]:
-    """Ask for all that can be asked of a node; returns what came of its kernels and cycles."""
+def all_of_a_node(stages: int | None) -> dict[str, Any]:
+    """Ask for all that can be asked of a node, or the first of it; returns what came of it."""
     loaded = kernels_of_steps()
     rig = Everything()
     Garbage.settle()  # as the executable does
     with rig:
         before, compiled = rig.kernels(), len(_kernel_cache.compiled.names)
-        stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
+        asked = islice(switch_everything(rig), stages)
+        found = [(stage, rig.stage()) for stage in asked]
         new = sorted(rig.kernels() - before - loaded.keys())
     names = _kernel_cache.compiled.names[compiled:]
     threads = sorted({loaded[kernel] for kernel in loaded.keys() - before})
-    return {"new": new, "threads": threads, "compiled": names, "stages": stages}
+    return {"new": new, "threads": threads, "compiled": names, "stages": found}
 
 
-def main(folder: str) -> None:
-    """Run each part in a process of its own, which begins with what all of them import."""
-    for part in (all_of_a_robot, all_of_a_node):
+def main(folder: str, stages: str = "") -> None:
+    """Run each part in a process of its own, which begins with what all of them import.
+
+    stages: to ask a node for so much only, and a robot for nothing.
+    """
+    parts = [partial(all_of_a_node, int(stages) if stages else None)]
+    if not stages:
+        parts.insert(0, partial(all_of_a_robot, Path(folder)))
+    for part in parts:
         number = os.fork()
         if not number:
-            sys.stdout.write(json.dumps(part(Path(folder))) + "\n")
+            sys.stdout.write(json.dumps(part()) + "\n")
             sys.stdout.flush()
             os._exit(0)
         assert os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]) == 0, part
