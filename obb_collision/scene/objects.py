@@ -241,11 +241,12 @@ class SceneObjects:
     def set_enabled(self, indices: ArrayLike, enabled: ArrayLike) -> None:
         """Include objects in collisions or exclude them: (n,) True or False."""
         slots = self.store.check_slots(indices)
-        if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
+        flags = as_any_array(enabled, "enabled", "True or False for each")
+        if flags.dtype != np.bool_ or flags.shape not in ((), slots.shape):
             raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
-        changed = self.store.enabled[slots] != enabled
+        changed = self.store.enabled[slots] != flags
         self.store.mark(slots[changed])
-        self.store.enable(slots, enabled)
+        self.store.enable(slots, flags)
 
     @property
     def padding(self) -> float:

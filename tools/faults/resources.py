@@ -29,7 +29,7 @@ import trimesh
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
-from obb_collision._jit import kernels
+from obb_collision._kernel_cache import places
 from tools.faults.bench import STARTING, Bench, check, pairs_of
 from tools.faults.peers import cube
 from tools.fuzz.client import ANSWERING
@@ -174,15 +174,10 @@ def corrupt_cache(bench: Bench) -> str:
 
 def copy_cache(to: Path) -> int:
     """Copy the kernels of this package from the cache; returns how many there are."""
-    import obb_collision.node.node  # noqa: F401  # whatever a node uses
-
-    found = 0
-    for kernel in kernels:
-        folder = Path(kernel._cache.cache_path)
-        if folder.is_dir():
-            shutil.copytree(folder, to / "obb_collision" / folder.name)
-            found += 1
-    return found
+    for place in places:
+        if place.is_dir():
+            shutil.copytree(place, to / "obb_collision", dirs_exist_ok=True)
+    return len(list(to.rglob("*.kernel")))
 
 
 def two_on_a_cold_cache(bench: Bench) -> str:
