@@ -76,10 +76,6 @@ def mesh_marker(path: Path | str, key: tuple[str, int] = BODY, **fields: Any) ->
     return cube(key, type=Marker.MESH_RESOURCE, mesh_resource=uri, **fields)
 
 
-def doubtful(rig: Rig, key: tuple[str, int]) -> bool:
-    return bool(rig.node.objects.table.doubtful[rig.node.objects.table.slots[key]])
-
-
 RING, ROD, CRATE = ("mesh", 1), ("mesh", 2), ("box", 1)
 SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 """Corners of a frame, around whose middle nothing is."""

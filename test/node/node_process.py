@@ -56,7 +56,6 @@ def kernels_of_steps() -> dict[str, str]:
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Return the environment of a process with this package."""
     root = str(Path(obb_collision.__file__).parents[1])
     path = os.pathsep.join([root, *sys.path[1:]])
     return {**os.environ, "PYTHONPATH": path, "ROS_DOMAIN_ID": str(DOMAIN), **more}

@@ -77,12 +77,10 @@ class ObjectsRig:
 
     @property
     def refused(self) -> Counter[tuple[str, str]]:
-        """Items refused so far, by topic and reason."""
         return self._count(is_refused=True)
 
     @property
     def doubted(self) -> Counter[tuple[str, str]]:
-        """Items that are used, but not trusted, by topic and reason."""
         return self._count(is_refused=False)
 
     def _count(self, is_refused: bool) -> Counter[tuple[str, str]]:
@@ -102,7 +100,6 @@ class ObjectsRig:
         return int(self.objects.states.store(slots, poses, state).sum())
 
     def cycle(self) -> None:
-        """Bring the scene up to date."""
         self.objects.update(self.now)
 
     def limit(self, timeout: float = 0.0, policy: str = UNKNOWN, **more: Any) -> None:
@@ -111,7 +108,6 @@ class ObjectsRig:
         self.objects.staleness.limits = limits
 
     def known(self) -> Answer:
-        """Return what is known of collisions after a check."""
         found = objects_answer(self.objects, self.now)
         return replace(found, pairs=len(self.objects.scene.check()))
 

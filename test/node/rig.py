@@ -27,7 +27,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import numpy as np
 import processes
@@ -57,6 +57,8 @@ from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
+    Key,
+    name_from_key,
     namespace_table,
     pose_to_ros,
     stamp_from_ros,
@@ -95,16 +97,19 @@ INPUTS: dict[str, Any] = {
     "object_boxes": PointCloud2,
     "points": PointCloud2,
 }
+POSES = ("objects", "object_transform", "object_states", "object_poses")
+"""Topics that move objects."""
 OUTPUTS = {
     topic.name.replace("~", "obb_collision"): topic for topic in (*TOPICS.values(), NAMESPACES)
 }
+HEARD = ("collisions", "in_collision", "namespaces")
+"""Outputs that every rig listens to."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def spin_until(
     executor: SingleThreadedExecutor, reached: Callable[[], Any], what: str, patience: float
 ) -> Any:
-    """Spin until ``reached`` returns something true; returns that."""
     limit = time.monotonic() + patience
     while not (result := reached()):
         assert time.monotonic() < limit, f"waited in vain for {what or reached}"
@@ -113,20 +118,28 @@ def spin_until(
 
 
 def cube(
-    key: tuple[str, int],
+    key: Key,
     position: Iterable[float] = (0.0, 0.0, 0.0),
     size: Iterable[float] = (1.0, 1.0, 1.0),
+    frame: str = FRAME,
     **fields: Any,
 ) -> Marker:
-    """Return an ADD marker of a cube in the fixed frame; more fields by name."""
+    """Return an ADD marker of a cube; more fields by name."""
     marker = Marker(
         ns=key[0], id=key[1], type=Marker.CUBE, pose=pose_to_ros((*position, 0, 0, 0, 1))
     )
-    marker.header.frame_id = FRAME
+    marker.header.frame_id = frame
     marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in size)
     for name, value in fields.items():
         setattr(marker, name, value)
     return marker
+
+
+def spy(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> Mock:
+    """Take note of the calls of a function from now on."""
+    noted = Mock(wraps=getattr(owner, name))
+    monkeypatch.setattr(owner, name, noted)
+    return noted
 
 
 AnyRig = TypeVar("AnyRig", bound="Rig")
@@ -135,7 +148,6 @@ SHARED: list[Any] = []
 
 
 def end_shared() -> None:
-    """End the shared rig."""
     while SHARED:
         SHARED.pop().__exit__()
 
@@ -159,7 +171,6 @@ class Client:
         executor.add_node(self.client)
 
     def listen(self, *topics: str) -> None:
-        """Subscribe to outputs."""
         for topic in set(topics) - self.subscriptions.keys():
             qos = LATCHED if OUTPUTS[topic].is_latched else QoSProfile(depth=50)
 
@@ -171,13 +182,11 @@ class Client:
             self.subscriptions[topic] = self.client.create_subscription(kind, topic, take, qos)
 
     def ignore(self, *topics: str) -> None:
-        """Subscribe to outputs no longer."""
         for topic in topics:
             self.client.destroy_subscription(self.subscriptions.pop(topic))
             self.last.pop(topic, None)
 
     def until(self, reached: Callable[[], Any], what: str = "") -> Any:
-        """Spin until ``reached``."""
         return spin_until(self.executor, reached, what, self.patience)
 
     def wait_matched(self) -> None:
@@ -187,12 +196,10 @@ class Client:
             self.until(lambda: "collisions" in self.last, "collisions")
 
     def wait_inputs(self) -> None:
-        """Wait until every publisher has the node."""
         wanted = [p for topic, p in self.pubs.items() if topic not in self.unmatched]
         self.until(lambda: all(p.get_subscription_count() for p in wanted), "match")
 
     def header(self, frame: str = FRAME) -> Header:
-        """Return a header with the next stamp."""
         self.stamp += 1_000_000
         return Header(stamp=stamp_to_ros(self.stamp), frame_id=frame)
 
@@ -206,7 +213,6 @@ class Client:
         return self
 
     def send_transform(self, name: str, pose: Any, frame: str = FRAME) -> Client:
-        """Publish one pose (7,)."""
         message = TransformStamped(header=self.header(frame), child_frame_id=name)
         message.transform = transform_to_ros(pose)
         self.pubs["object_transform"].publish(message)
@@ -215,7 +221,6 @@ class Client:
     def send_states(
         self, names: list[str], poses: Any, frame: str = FRAME, twists: Any = None
     ) -> Client:
-        """Publish poses (n, 7), and twists (n, 6), by name."""
         message = states_to_ros(names, poses, self.header(frame), twists)
         self.pubs["object_states"].publish(message)
         return self
@@ -228,7 +233,6 @@ class Client:
         self.pubs["points"].publish(cloud_to_ros(rows, self.header(frame)))
 
     def send_poses(self, ids: Any, poses: Any, namespaces: Any = None, **options: Any) -> Client:
-        """Publish bulk poses (n, 7)."""
         header = self.header(options.pop("frame", FRAME))
         self.pubs["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header, **options))
         return self
@@ -241,6 +245,21 @@ class Client:
         sizes = np.broadcast_to(sizes, (len(ids), 3))
         message = boxes_to_ros(ids, poses, sizes, namespaces, header, **options)
         self.pubs["object_boxes"].publish(message)
+        return self
+
+    def send_by(self, topic: str, poses: Mapping[Key, Any], size: Any = (1, 1, 1)) -> Client:
+        """Send poses by key, by any of ``POSES``, in one message where it takes several."""
+        names, rows = [name_from_key(key) for key in poses], list(poses.values())
+        if topic == "objects":
+            self.send(*(cube(k, size=size, pose=pose_to_ros(row)) for k, row in poses.items()))
+        elif topic == "object_transform":
+            for name, row in zip(names, rows, strict=True):
+                self.send_transform(name, row)
+        elif topic == "object_states":
+            self.send_states(names, rows)
+        else:
+            namespaces = [namespace_number(namespace) for namespace, _ in poses]
+            self.send_poses([number for _, number in poses], rows, namespaces)
         return self
 
     def hear(self, topic: str) -> None:
@@ -277,7 +296,6 @@ class Client:
         return dict(namespace_table(self.last["namespaces"]))
 
     def next(self, topic: str) -> Any:
-        """Wait for another message of a topic."""
         self.last.pop(topic, None)
         return self.until(lambda: self.last.get(topic), topic)
 
@@ -308,7 +326,6 @@ class Client:
         return self.says(UNKNOWN if reason else FREE, who, reason=reason)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the node."""
         service = self.services.get(name) or self.client.create_client(kind, name)
         self.services[name] = service
         self.until(service.service_is_ready, name)
@@ -320,8 +337,14 @@ class Client:
         request = ChangeState.Request(transition=Transition(id=transition, label=label))
         return bool(self.call(ChangeState, "obb_collision/change_state", request).success)
 
+    def go_through(self, *transitions: int) -> None:
+        """Ask for transitions, each of which goes through; an active node takes messages in."""
+        for transition in transitions:
+            assert self.change(transition)
+        if transitions[-1:] == (Transition.TRANSITION_ACTIVATE,):
+            self.wait_inputs()
+
     def state(self) -> str:
-        """Return the state of the life cycle."""
         answer = self.call(GetState, "obb_collision/get_state", GetState.Request())
         return str(answer.current_state.label)
 
@@ -337,7 +360,6 @@ class Client:
 
 @contextmanager
 def own_context(domain: int = DOMAIN) -> Iterator[Context]:
-    """Yield a context with participants of its own."""
     context = Context()
     context.init(domain_id=domain)
     try:
@@ -420,7 +442,7 @@ class Rig(Client):
             if parameters.get("autostart", True):
                 self.wait_matched()
             return
-        self.listen("collisions", "in_collision", "namespaces")
+        self.listen(*HEARD)
         self.wait_matched()
         self.until(lambda: "namespaces" in self.last and "in_collision" in self.last, "latched")
 
@@ -436,12 +458,11 @@ class Rig(Client):
         self.cycles(1)
 
     def cycles(self, count: int) -> None:
-        """Wait for some more cycles of the node."""
         monitor = self.node.cycle.monitor
         end = monitor.total + count
         self.until(lambda: monitor.total >= end, "cycles")
 
-    def built(self, *keys: tuple[str, int]) -> None:
+    def built(self, *keys: Key) -> None:
         """Wait until objects have come and have their shapes, and a cycle more."""
         table = self.node.objects.table
 
@@ -452,40 +473,21 @@ class Rig(Client):
         self.until(ready, f"the shapes of {keys}")
         self.cycles(2)
 
-    def pose_of(self, key: tuple[str, int]) -> Any:
-        """Pose (7,) of an object in the scene."""
+    def pose_of(self, key: Key) -> Any:
         objects = self.node.objects
         return objects.scene.objects.poses_of([objects.table.slots[key]])[0]
 
     def now(self) -> int:
-        """Return the time of the node (ns)."""
         return self.node.now()
 
     def monitor(self, topic: str) -> InputMonitor:
-        """Return what the node has counted of an input."""
         return self.node.monitors[topic]
 
-    @property
-    def subscribed(self) -> Any:
-        """Subscriptions of the node."""
-        return self.node.subscribed
-
-    @property
-    def obstacles(self) -> Any:
-        """Obstacle points of the node."""
-        return self.node.obstacles
-
-    @property
-    def frames(self) -> Any:
-        """Frames that the node looks transforms up in."""
-        return self.node.frames
-
-    def publisher(self, output: str) -> Any:
-        """Return the publisher of an output of the node."""
-        return self.node.outputs.publishers[output]
+    def is_doubtful(self, key: Key) -> bool:
+        table = self.node.objects.table
+        return bool(table.doubtful[table.slots[key]])
 
     def refused(self, topic: str) -> dict[str, int]:
-        """Refused items of an input so far, by reason."""
         return dict(self.monitor(topic).refused)
 
     def refuses(self, topic: str, expected: dict[str, int]) -> None:
@@ -504,7 +506,6 @@ class Rig(Client):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Take both nodes down."""
         build_by(WorkerProcess)
         self.executor.shutdown()
         self.client.destroy_node()
@@ -517,11 +518,6 @@ def pose(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
     return [float(x), float(y), float(z), 0.0, 0.0, 0.0, 1.0]
 
 
-def overlaps(a: np.ndarray, b: np.ndarray) -> bool:
-    """Oracle for unrotated cubes (6,) of centre and edges: closed intervals meet on every axis."""
-    return bool((2.0 * np.abs(a[:3] - b[:3]) <= a[3:] + b[3:]).all())
-
-
 def sync(rig: Client) -> set[tuple[str, str]]:
     """Pairs once everything sent before is taken in: a far cube's state comes after it."""
     rig.send(cube(("sync", 0), (1e3, 1e3, 1e3)))
@@ -529,7 +525,6 @@ def sync(rig: Client) -> set[tuple[str, str]]:
 
 
 def color(marker: Marker) -> Any:
-    """Colour of a marker, to compare with."""
     return pytest.approx((marker.color.r, marker.color.g, marker.color.b, marker.color.a))
 
 

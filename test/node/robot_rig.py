@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rig import LATCHED, NAMESPACE, RELIABILITY, Client, Rig, cube
+from rig import HEARD, LATCHED, NAMESPACE, RELIABILITY, Client, Rig, cube
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -43,7 +43,6 @@ ROW = ("distance", "index", "ns_a", "id_a", "ns_b", "id_b", "valid", "reason")
 
 
 def box(edge: float, place: str = "0 0 0") -> str:
-    """Return a collision geometry."""
     size = f"{edge} {edge} {edge}"
     return (
         f'<collision><origin xyz="{place}"/><geometry><box size="{size}"/></geometry></collision>'
@@ -93,28 +92,35 @@ class RobotRig(Rig):
         self.wait_inputs()
 
     def describe(self, urdf: str = URDF) -> None:
-        """Send a URDF."""
         self.descriptions.publish(String(data=urdf))
 
     def send_joints(
         self, velocities: Mapping[str, float] | None = None, /, **values: float
     ) -> Client:
-        """Send values of joints, with the next stamp."""
         message = JointState(header=self.header(), name=list(values))
         message.position = [float(value) for value in values.values()]
         message.velocity = [float((velocities or {}).get(name, 0.0)) for name in values]
         self.joint_states.publish(message)
         return self
 
+    def read(self, urdf: str = URDF) -> None:
+        """Send a URDF, and wait until the robot is that."""
+        self.describe(urdf)
+        robot = self.robot
+
+        def is_read() -> bool:
+            is_taken = urdf in robot._texts.values() and robot.reading is None
+            return is_taken and robot.fault[:5] in ("", "joint")
+
+        self.until(is_read, "the robot")
+
     def start_robot(self, urdf: str = URDF, **values: float) -> None:
         """Send a URDF, wait for the robot, and for the answer to its joints."""
-        self.describe(urdf)
-        self.until(lambda: self.robot.fault[:5] in ("", "joint"), "the robot")
+        self.read(urdf)
         self.send_joints(None, **({"lift": 0.0, "turn": 0.0} | values)).answer()
 
     @property
     def robot(self) -> Any:
-        """The robot of the node."""
         assert self.node.robots is not None
         return self.node.robots.robots[0]
 
@@ -125,7 +131,6 @@ class RobotRig(Rig):
         return self.node.robots.answers[0]
 
     def put(self, place: Sequence[float], size: Sequence[float] = EDGES) -> None:
-        """Put a crate somewhere."""
         self.send(cube(CRATE, place, size)).answer()
 
     def move(self, velocities: Mapping[str, float] | None = None, /, **values: float) -> None:
@@ -155,21 +160,30 @@ class AskingRig(RobotRig):
         self.initial = {name: self.node.get_parameter(name).value for name in names}
 
     def renew(self) -> None:
-        """Take everything back: parameters, objects, joints, and what was refused."""
-        trajectories = self.ends.trajectories
-        was_running = trajectories.running is not None
+        """Take everything back: topics, parameters, objects, the robot, and what was refused."""
+        trajectories, robot = self.ends.trajectories, self.robot
+        was_running, was_deciding = trajectories.running is not None, trajectories.deciding
+        self.ignore(*self.subscriptions.keys() - {*HEARD})
         self.said.clear()
         self.forwarded.clear()
         values = {name: self.node.get_parameter(name).value for name in self.initial}
         self.set(**{n: v for n, v in self.initial.items() if v != values[n]})
         self.call(Trigger, "obb_collision/clear", Trigger.Request())
+        if robot._refused or robot._texts != {"robot_description": URDF}:
+            robot._texts.clear()
+            robot._refused.clear()
+            self.read()
         self.stamp = max(self.stamp, self.now())
         self.move()
         if was_running and trajectories.stopped:
             self.stopped()  # or it would come amid what is sent next
-        for topic in ("objects", "object_transform", "arm/joint_states", "arm/states_to_check"):
-            self.monitor(topic).refused.clear()
-            self.monitor(topic).doubted.clear()
+        elif was_deciding:
+            self.until(lambda: self.said, "its refusal")
+        for monitor in self.node.monitors.values():
+            monitor.refused.clear()
+            monitor.doubted.clear()
+
+    another_case = renew
 
     def _take_trajectory(self, message: Any) -> None:
         self.forwarded.append(message)
@@ -240,6 +254,22 @@ class AskingRig(RobotRig):
         assert status.message == "forwarded"
         self.said.clear()
         self.forwarded.clear()
+        return values
+
+    def run(self, turn: float = np.pi / 2) -> None:
+        """Start a trajectory that takes a thousand seconds."""
+        self.move()
+        self.begin([(0.0, [0.0, 0.0]), (1000.0, [0.0, turn])])
+
+    def rest(self) -> None:
+        """End what runs, by an empty trajectory."""
+        self.publish([])
+        self.stopped()
+
+    def forwards(self, *given: Any, **more: Any) -> dict[str, str]:
+        """Send points that are forwarded, and end what runs; return the values of the status."""
+        values = self.begin(*given, **more)
+        self.rest()
         return values
 
     def stopped(self) -> str:

@@ -19,14 +19,14 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from built_markers import Gate, triangle
 from each import each
 from lifecycle_msgs.msg import Transition
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rig import NAMESPACE, STATUS, Rig, cube, own_context, pose, sync
+from rig import LATCHED, NAMESPACE, STATUS, Rig, cube, own_context, pose, spy, sync
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
@@ -57,22 +57,11 @@ def managed(*transitions: int, **parameters: Any) -> Rig:
     """Return a rig with a node that others manage, after some transitions."""
     rig = Rig(deaf=True, autostart=False, given=parameters)
     rig.listen("collisions", "in_collision", "namespaces", STATUS)
-    for transition in transitions:
-        assert rig.change(transition)
+    rig.go_through(*transitions)
     return rig
 
 
-def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return a list that grows with each check of the scene."""
-    checks: list[int] = []
-    check = rig.node.objects.scene.check
-
-    def counted(*given: Any) -> Any:
-        checks.append(1)
-        return check(*given)
-
-    monkeypatch.setattr(rig.node.objects.scene, "check", counted)
-    return checks
+BROKEN = Mock(side_effect=KeyError("broken"))
 
 
 def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
@@ -93,23 +82,21 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
-        rig.wait_inputs()
         rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
         rig.says(FREE, "free", False)
-        checks = count_checks(rig, monkeypatch)
+        check = spy(monkeypatch, rig.node.objects.scene, "check")
         assert rig.change(DEACTIVATE)
         rig.says(UNKNOWN, "inactive", True)
         late: list[Any] = []
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        rig.client.create_subscription(Bool, "in_collision", late.append, latched)
+        rig.client.create_subscription(Bool, "in_collision", late.append, LATCHED)
         rig.until(lambda: late, "latched")
         assert late[0].data is True, "no old free"
         rig.last.pop("collisions", None)
-        checks.clear()
+        check.reset_mock()
         rig.send_transform("a/2", pose(0.5))
         rig.until(lambda: rig.pose_of(A2)[0] == 0.5, "moved")
         rig.cycles(3)
-        assert not checks
+        check.assert_not_called()
         assert "collisions" not in rig.last
         assert rig.change(ACTIVATE)
         assert rig.pairs() == NAMED
@@ -119,7 +106,6 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
 @each("form", ["cubes", "lines"])
 def test_boxes_are_not_shown_any_more_when_nothing_is_known(form: str) -> None:
     with managed(CONFIGURE, ACTIVATE, marker_lifetime=0.0, marker_form=form) as rig:
-        rig.wait_inputs()
         rig.listen(MARKERS)
         rig.send(*PAIR)
         rig.until(lambda: MARKERS in rig.last and rig.last[MARKERS].markers, "boxes")
@@ -138,26 +124,22 @@ def test_cleaned_up_and_configured_again_it_starts_anew(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE.format(padding=0.25))
     with managed(CONFIGURE, ACTIVATE, scene_file=str(scene)) as rig:
-        rig.wait_inputs()
         rig.send(*PAIR)
         assert rig.pairs() >= NAMED
         rig.set(rate=40.0)
         rig.node.cycle.enabled = False
-        for transition in (DEACTIVATE, CLEANUP):
-            assert rig.change(transition)
+        rig.go_through(DEACTIVATE, CLEANUP)
         rig.says(UNKNOWN, "unconfigured", True)
         rig.until(lambda: not any(p.get_subscription_count() for p in rig.pubs.values()), "none")
         assert rig.node.get_parameter("padding").value == 0.0, "the file's, not the user's"
         scene.write_text(SCENE.format(padding=0.125))
-        for transition in (CONFIGURE, ACTIVATE):
-            assert rig.change(transition)
+        rig.go_through(CONFIGURE, ACTIVATE)
         rig.says(FREE, "free", False)
         assert [rig.node.objects.table.key(slot) for slot in rig.node.objects.scene.indices] == [
             ("part", 1)
         ]
         assert rig.node.objects.scene.padding == 0.125
         assert rig.node.get_parameter("rate").value == 40.0
-        rig.wait_inputs()
         assert not any(rig.monitor(topic).messages for topic in rig.pubs)
         rig.send(*PAIR)
         assert rig.pairs() >= NAMED
@@ -166,21 +148,17 @@ def test_cleaned_up_and_configured_again_it_starts_anew(tmp_path: Path) -> None:
 
 def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
-        rig.wait_inputs()
         before = rig.node.objects
         gate = Gate(rig)
         rig.send(cube(A1), triangle())
         sync(rig)
         assert before.table.has(RESHAPED).any()
-        for transition in (DEACTIVATE, ACTIVATE):
-            assert rig.change(transition)
+        rig.go_through(DEACTIVATE, ACTIVATE)
         rig.says(UNKNOWN, "body/1", True)
-        for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
-            assert rig.change(transition)
+        rig.go_through(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE)
         gate.open()
         rig.says(UNKNOWN, "no_objects", True)
         assert len(rig.node.objects.table) == 0
-        rig.wait_inputs()
         rig.send(cube(A1), triangle())
         rig.built(("body", 1))
         rig.says(COLLIDING, "1 pair", True)
@@ -193,9 +171,7 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
         return (*(len([*kind]) for kind in kinds), threading.active_count())
 
     first = held()
-    for _ in range(5):
-        for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
-            assert rig.change(transition)
+    rig.go_through(*(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE) * 5)
     assert held() == first
 
 
@@ -203,9 +179,7 @@ def test_parameters_of_an_unconfigured_node_count_once_it_is_configured() -> Non
     with managed() as rig:
         assert all(r.successful for r in rig.set(padding=0.5, unknown_is_collision=False))
         rig.says(UNKNOWN, flag=False)
-        for transition in (CONFIGURE, ACTIVATE):
-            assert rig.change(transition)
-        rig.wait_inputs()
+        rig.go_through(CONFIGURE, ACTIVATE)
         rig.send(cube(A1), cube(A2, (2.0, 0, 0)))
         assert rig.pairs() == NAMED
 
@@ -217,8 +191,7 @@ def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
         # the thread that loads and compiles
         monkeypatch.setattr(rig.node.warm, "_work", lambda: None)
         rig.set(accuracy="mesh")
-        for transition in (CONFIGURE, ACTIVATE):
-            assert rig.change(transition)
+        rig.go_through(CONFIGURE, ACTIVATE)
         assert rig.node.settings.waiting, "pairs are on obb meanwhile"
         rig.says(FREE, "free", False)
 
@@ -257,11 +230,8 @@ def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_r
         assert str(scene) in said
         assert "Error" not in said, "a mistake of who starts it, no defect"
         scene.write_text(SCENE.format(padding=0.0))
-        assert rig.change(CONFIGURE)
-        assert rig.change(ACTIVATE)
+        rig.go_through(CONFIGURE, ACTIVATE)
         rig.says(FREE, "free", False)
-    with pytest.raises(ValueError, match="missing"):
-        Rig(scene_file=str(tmp_path / "missing.yaml"))
 
 
 @each(
@@ -277,32 +247,22 @@ def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_w
     part: str, way: tuple[int, ...], transition: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with managed(*way) as rig:
-
-        def fail(*_: object) -> None:
-            raise KeyError("broken")
-
         with monkeypatch.context() as patch:
-            patch.setattr(rig.node, part, fail)
+            patch.setattr(rig.node, part, BROKEN)
             assert not rig.change(transition)
         assert rig.state() == "unconfigured"
         rig.says(UNKNOWN, "KeyError: 'broken'", True)
         assert not any(rig.client.count_subscribers(topic) for topic in rig.pubs)
         assert not [*rig.node.timers], "nothing is called any more"
-        for again in (CONFIGURE, ACTIVATE):
-            assert rig.change(again)
-        rig.wait_inputs()
+        rig.go_through(CONFIGURE, ACTIVATE)
         rig.send(*PAIR)
         assert rig.pairs() == NAMED
 
 
 def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.MonkeyPatch) -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
-
-        def fail(*_: object) -> None:
-            raise KeyError("broken")
-
-        monkeypatch.setattr(rig.node.outputs, "withdraw", fail)
-        monkeypatch.setattr(rig.node, "deactivate", fail)
+        monkeypatch.setattr(rig.node.outputs, "withdraw", BROKEN)
+        monkeypatch.setattr(rig.node, "deactivate", BROKEN)
         assert not rig.change(DEACTIVATE)
         assert rig.state() == "finalized"
         rig.says(UNKNOWN, "shutting down", True)
@@ -320,7 +280,6 @@ def test_nothing_is_left_of_a_node_that_cannot_start(tmp_path: Path) -> None:
 def test_two_nodes_on_threads_of_a_process_check_while_one_of_them_changes_its_state() -> None:
     """They share the caches of kernels and the threads that check, and nothing else."""
     with managed(CONFIGURE, ACTIVATE) as rig:
-        rig.wait_inputs()
         other = CollisionNode(
             context=rig.context,
             namespace=f"{NAMESPACE}/cell",
@@ -338,15 +297,13 @@ def test_two_nodes_on_threads_of_a_process_check_while_one_of_them_changes_its_s
                 expected = 299 - turn % 2
                 rig.send(*boxes)
                 assert len(rig.pairs()) == expected
-                for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
-                    assert rig.change(transition)
+                rig.go_through(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE)
 
                 def has_them(expected: int = expected) -> bool:
                     return len(other.cycle.report or ()) == expected
 
                 rig.until(has_them, "the other's pairs")
                 assert not other.status.answer.reasons
-                rig.wait_inputs()
             assert other.guard.total == rig.node.guard.total == 0
         finally:
             executor.shutdown()

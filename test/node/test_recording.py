@@ -59,7 +59,6 @@ objects:
 
 @contextmanager
 def started(*arguments: str) -> Iterator[CollisionNode]:
-    """Yield a node that has ROS arguments."""
     given = ["--ros-args", *arguments]
     with own_context() as context:
         node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=given)
@@ -150,21 +149,19 @@ def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
     assert values["effects.contacts_objects"] == ["part/*", "lid/0"]
 
 
-def test_the_parameter_file_of_the_package_starts_a_node_with_the_defaults() -> None:
-    with started("--params-file", str(ROOT / "config" / "obb_collision.yaml")) as node:
-        assert node.parameters.accuracy_overrides == []
-        assert node.parameters.mode("contacts") == "auto"
-        defaults = {"objects": ["*"], "horizon": 1.0, "tolerance": 1e-4, "accuracy": "pairs"}
-        assert node.parameters.setting("sweep") == defaults
-
-
-def test_unquoted_words_and_empty_lists_of_yaml_are_understood(tmp_path: Path) -> None:
+def test_unquoted_words_and_empty_lists_of_yaml_count_after_the_file_of_the_package(
+    tmp_path: Path,
+) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    accuracy_overrides: []\n    effects:\n"
         "      contacts: off\n      clearance: on\n      contacts_objects: []\n"
     )
-    with started("--params-file", str(file), "-p", "effects.sweep:=off") as node:
+    files = [str(ROOT / "config" / "obb_collision.yaml"), str(file)]
+    given = [word for one in files for word in ("--params-file", one)]
+    with started(*given, "-p", "effects.sweep:=off") as node:
+        defaults = {"objects": ["*"], "horizon": 1.0, "tolerance": 1e-4, "accuracy": "pairs"}
+        assert node.parameters.setting("sweep") == defaults
         modes = [node.parameters.mode(name) for name in ("contacts", "clearance", "sweep")]
         assert modes == ["off", "on", "off"]
         assert node.parameters.accuracy_overrides == []
@@ -184,7 +181,6 @@ class Entry(NamedTuple):
 
 
 def write_bag(folder: Path, entries: Iterable[Entry]) -> None:
-    """Write a new bag, as ``ros2 bag record`` does."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -200,7 +196,6 @@ def write_bag(folder: Path, entries: Iterable[Entry]) -> None:
 
 
 def read_bag(folder: Path) -> list[Entry]:
-    """Return what is in a bag, in the order of its times."""
     from rosbags.rosbag2 import Reader
 
     with Reader(folder) as reader:
@@ -225,7 +220,6 @@ class Recorder:
             rig.client.create_subscription(message, topic, take, QoSProfile(depth=100), raw=True)
 
     def of(self, topic: str) -> list[Any]:
-        """Return the messages of a topic so far."""
         return messages(self.entries, topic)
 
 

@@ -128,7 +128,6 @@ class Shared(Client):
         node.destroy_node()
 
     def close(self) -> None:
-        """Take all nodes down."""
         self.executor.shutdown()
         for node in (self.client, *self.nodes.values()):
             node.destroy_node()
@@ -173,12 +172,10 @@ class Shared(Client):
         assert self.merger._merger.repeated == repeated
 
     def level(self) -> int:
-        """Return the level of the merged status."""
         message = self.merged.get("collision_status")
         return -1 if message is None else int(message.status[0].level[0])
 
     def message(self) -> str:
-        """Return the text of the merged status."""
         return str(self.merged["collision_status"].status[0].message)
 
     def is_missing(self, region: str) -> bool:
@@ -204,7 +201,6 @@ class Shared(Client):
 
 @contextmanager
 def shared() -> Iterator[Shared]:
-    """Yield a client, with the whole node and the merger."""
     made = Shared()
     try:
         yield made

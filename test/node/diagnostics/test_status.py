@@ -68,8 +68,7 @@ def test_a_listener_with_incompatible_qos_or_type_is_reported(
     rig: Rig, capfd: pytest.CaptureFixture[str]
 ) -> None:
     rig.listen("/diagnostics")
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    rig.client.create_subscription(PointCloud2, "contacts", lambda message: None, latched)
+    rig.client.create_subscription(PointCloud2, "contacts", lambda message: None, LATCHED)
     with node_apart("other") as other:  # as of another process: of another type
         other.create_subscription(Bool, "clearances", lambda message: None, 1)
         wrong = {"contacts", "clearances"}
@@ -147,61 +146,39 @@ BROKEN = (0.0, 1.0, 1.0)
 """A scale that is refused."""
 
 
-class Monitored:
-    """A monitor with a clock that a test sets."""
-
-    def __init__(self) -> None:
-        self.time = 0.0
-        self.said: list[str] = []
-        self.monitor = InputMonitor("/objects", self.said.append, steady=lambda: self.time)
-
-
-def test_many_faults_of_one_message_are_one_warning() -> None:
-    made = Monitored()
-    for number in range(200):
-        made.monitor.refuse(0, "bad scale", f"a/{number}", "zero")
-    assert made.said == ["/objects: refused bad scale: 1; last: a/0 (zero)"]
-    made.time = 4.9
-    made.monitor.flush()
-    assert len(made.said) == 1
-    made.time = 5.0
-    made.monitor.flush()
-    assert made.said[1:] == ["/objects: refused bad scale: 199; last: a/199 (zero)"]
-    made.time = 99.0
-    made.monitor.flush()
-    assert len(made.said) == 2, "nothing is left"
-
-
-@each("times", [(0, 0, 0), (10**12, 0, 10**15)])
-def test_the_nodes_clock_may_pause_or_jump(times: tuple[int, ...]) -> None:
-    made = Monitored()
-    for now in times:
-        made.monitor.refuse(now, "bad scale")
-    assert len(made.said) == 1
-    made.time = 5.0
-    made.monitor.refuse(0, "bad scale")
-    assert made.said[1:] == ["/objects: refused bad scale: 3"]
-
-
-def test_each_reason_is_told_at_once_everything_with_no_period_and_reasons_are_bounded() -> None:
-    made = Monitored()
-    made.monitor.refuse(0, "bad scale")
-    made.monitor.refuse(0, "unknown frame", "a/1")
-    made.monitor.doubt(0, "stamp from the future", "a/2")
-    assert made.said[1:] == [
+def test_refusals_are_told_at_once_by_reason_then_together_and_in_bounds() -> None:
+    said, time = list[str](), [0.0]
+    monitor = InputMonitor("/objects", said.append, steady=lambda: time[0])
+    for number in range(200):  # the clock of the node may pause or jump meanwhile
+        monitor.refuse((0, 10**15, 10**12)[number % 3], "bad scale", f"a/{number}", "zero")
+    monitor.refuse(0, "unknown frame", "a/1")
+    monitor.doubt(0, "stamp from the future", "a/2")
+    assert said == [
+        "/objects: refused bad scale: 1; last: a/0 (zero)",
         "/objects: refused unknown frame: 1; last: a/1",
         "/objects: doubtful stamp from the future: 1; last: a/2",
     ]
-    made.monitor.period = 0.0
-    for number in range(3):
-        made.monitor.refuse(0, "bad scale")
-        assert len(made.said) == 4 + number
-    bounded = Monitored()
+    for now, told in (
+        (4.9, []),
+        (5.0, ["/objects: refused bad scale: 199; last: a/199 (zero)"]),
+        (99.0, []),
+    ):
+        said.clear()
+        time[0] = now
+        monitor.flush()
+        assert said == told
+    monitor.refuse(0, "bad scale")
+    assert said == ["/objects: refused bad scale: 1"], "told at once, too, after so long"
+    monitor.period = 0.0
     for number in range(1000):
-        bounded.monitor.refuse(0, f"reason {number}")
-    assert len(bounded.monitor.refused) <= 65
-    assert bounded.monitor.refused.total() == 1000
-    assert len(bounded.said) <= 65
+        monitor.refuse(0, "bad scale")
+        assert len(said) == 2 + number, "with no period everything is told"
+    monitor.period = 5.0
+    for number in range(1000):
+        monitor.refuse(0, f"reason {number}")
+    assert len(monitor.refused) <= 65
+    assert monitor.refused.total() == 200 + 1 + 1 + 1000 + 1000
+    assert len(said) <= 1001 + 65
 
 
 def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:
@@ -314,16 +291,13 @@ def test_senders_that_do_not_latch_are_named_where_objects_are_latched() -> None
 def test_objects_latched_before_a_node_was_configured_are_received() -> None:
     with (
         sender(depth=1, durability=LATCHING) as latched,
-        Rig(deaf=True, latched_objects=True, autostart=False) as rig,
+        Rig(deaf=True, latched_objects=True, autostart=False, unmatched={"objects"}) as rig,
     ):
         latched.publish(MarkerArray(markers=[cube(A1), cube(("a", 2), (0.5, 0, 0))]))
-        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-            assert rig.change(transition)
+        start = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+        rig.go_through(*start)
         rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair")
-        for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
-            assert rig.change(transition)
-        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-            assert rig.change(transition)
+        rig.go_through(Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP, *start)
         rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair again")
 
 
@@ -345,9 +319,7 @@ def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
 @each(
     "policies, reason",
     [
-        ({"depth": -3}, "depth must be 1 to 100000, not -3"),
-        ({"depth": 100_001}, "depth must be 1 to 100000, not 100001"),
-        ({"depth": 10**12}, "depth must be 1 to 100000, not 1000000000000"),
+        *(({"depth": n}, f"depth must be 1 to 100000, not {n}") for n in (-3, 100_001, 10**12)),
         ({"durability": "unknown"}, "unknown is no"),
     ],
 )

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 from builtin_interfaces.msg import Duration
@@ -25,7 +25,8 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rig import Rig, cube, pose, sync
+from rig import FRAME, POSES, Rig, cube, pose, spy, sync
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.inputs import markers as marker_input
@@ -56,37 +57,25 @@ def wait(rig: Rig, *messages: bytes) -> None:
 def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shapes, put = rig.node.objects.shapes, list[int]()
-    given = shapes.put_primitives
-
-    def count(keys: Any, *more: Any) -> Any:
-        put.append(len(keys[0]))
-        return given(keys, *more)
-
-    monkeypatch.setattr(shapes, "put_primitives", count)
+    put = spy(monkeypatch, rig.node.objects.shapes, "put_primitives")
     wait(rig, *(serialized(cube(A1, (x, 0, 0)), cube(A2, (x + 0.5, 0, 0))) for x in range(50)))
     assert sync(rig) == {("a/1", "a/2")}
-    assert sum(put) == 3, "two of the backlog and one of sync"
+    assert sum(len(call.args[0][0]) for call in put.call_args_list) == 3, (
+        "two of the backlog and one of sync"
+    )
     assert rig.pose_of(A1)[0] == 49.0
     wait(rig, *(serialized(cube(A1, (x, 0, 0))) for x in range(50)))
+    put.reset_mock()
     sync(rig)
-    assert sum(put) == 3, "an unchanged shape is a pose update"
+    put.assert_not_called()  # an unchanged shape is a pose update
 
 
 def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    messages: list[int] = []
-    given: Any = marker_input
-    gather = given.gather
-
-    def count(parts: Any, *more: Any) -> Any:
-        messages.append(len(parts))
-        return gather(parts, *more)
-
-    monkeypatch.setattr(marker_input, "gather", count)
+    gathered = spy(monkeypatch, marker_input, "gather")
     for n in range(20):
         wait(rig, serialized(CLEAR, *(cube(("c", 10 * n + k)) for k in range(9))))
     rig.until(lambda: len(keys(rig)) == 9, "the last frame")
-    assert messages == [1]
+    assert [len(call.args[0]) for call in gathered.call_args_list] == [1]
     assert keys(rig) == {("c", 190 + k) for k in range(9)}
 
 
@@ -128,8 +117,7 @@ def test_where_the_last_state_cannot_be_built_the_one_before_counts(rig: Rig) ->
     broken = cube(A1, (5, 0, 0), type=Marker.TRIANGLE_LIST)
     wait(rig, serialized(cube(A1)), serialized(broken))
     assert sync(rig) == set()
-    slot = rig.node.objects.table.slots[A1]
-    assert rig.node.objects.table.doubtful[slot]
+    assert rig.is_doubtful(A1)
     assert rig.pose_of(A1)[0] == 0.0
     assert rig.refused("objects") == {"no points": 1}
 
@@ -160,15 +148,13 @@ def test_overload_is_said_with_the_age_of_the_newest_state(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, seconds: int
 ) -> None:
     rig.listen("/diagnostics")
-    subscribed = rig.subscribed
+    subscribed = rig.node.subscribed
     taken = subscribed.take_wait
     monkeypatch.setattr(subscribed, "take_wait", lambda: (wait := taken()) and wait + seconds)
     stamp = stamp_to_ros(rig.now() - 3 * SECOND)
 
     def said() -> bool:
-        marker = cube(A1)
-        marker.header.stamp = stamp
-        rig.send(marker, stamped=False)
+        rig.send(cube(A1, header=Header(stamp=stamp, frame_id=FRAME)), stamped=False)
         status = rig.status(": cycle")
         key = "age of the newest state evaluated (s)"
         if key not in status or ("overload" in status["message"]) != bool(seconds):
@@ -183,27 +169,24 @@ def test_overload_is_said_with_the_age_of_the_newest_state(
 def test_no_message_has_no_delay(rig: Rig) -> None:
     rig.send(cube(A1)).answer()
     rig.cycles(1)
-    assert rig.subscribed.take_wait() == 0.0
+    assert rig.node.subscribed.take_wait() == 0.0
     rig.listen("/diagnostics")
     rig.next("/diagnostics")
     assert "longest delay (s)" not in rig.status(": cycle")
 
 
-def test_all_that_waits_is_taken_before_one_cycle() -> None:
-    with Rig() as rig:
-        rig.set(rate=0.1)  # no cycle for 10 s
-        for x in range(30):
-            rig.send(cube(A1, (x, 0, 0)))
-            rig.send_transform("a/1", pose(x + 0.5))
-        sent = rig.stamp
-        total = rig.node.cycle.monitor.total
-        rig.until(lambda: rig.monitor("objects").messages > 0, "the first message")
-        rig.node.collect()
-        assert rig.monitor("objects").messages == 30
-        assert rig.monitor("object_transform").messages == 30
-        assert rig.node.cycle.monitor.total == total
-        table = rig.node.objects.table
-        assert table.stamp[table.slots[A1]] == sent
+def test_all_that_waits_is_taken_before_one_cycle(rig: Rig) -> None:
+    rig.set(rate=0.1)  # no cycle for 10 s
+    for x in range(30):
+        rig.send(cube(A1, (x, 0, 0)))
+        rig.send_transform("a/1", pose(x + 0.5))
+    total = rig.node.cycle.monitor.total
+    rig.until(lambda: rig.monitor("objects").messages > 0, "the first message")
+    rig.node.collect()
+    assert [rig.monitor(topic).messages for topic in POSES[:2]] == [30, 30]
+    assert rig.node.cycle.monitor.total == total
+    table = rig.node.objects.table
+    assert table.stamp[table.slots[A1]] == rig.stamp
 
 
 ANY = 1 << 62
@@ -288,14 +271,13 @@ class Model:
 
 def outlived(sent: list[list[Action]], now: int) -> set[int]:
     """Rows whose lifetime was over before ``now`` (s), with a later message about the namespace."""
-    rows, numbered = set(), []
-    for part, one in enumerate(sent):
-        numbered += [(part, action) for action in one]
-    for row, (part, action) in enumerate(numbered):
-        later = any(p > part and a.ns == action.ns and a.kind == "add" for p, a in numbered)
-        if action.kind == "add" and action.lifetime and part + action.lifetime <= now and later:
-            rows.add(row)
-    return rows
+    numbered = [(part, action) for part, one in enumerate(sent) for action in one]
+    return {
+        row
+        for row, (part, action) in enumerate(numbered)
+        if action.kind == "add" and action.lifetime and part + action.lifetime <= now
+        if any(p > part and a.ns == action.ns and a.kind == "add" for p, a in numbered)
+    }
 
 
 @settings(max_examples=150)

@@ -22,10 +22,11 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import trimesh
-from built_markers import BODY, BOX, OTHER, PAIR, Gate, doubtful, mesh_marker, named, triangle
+from built_markers import BODY, BOX, OTHER, PAIR, Gate, mesh_marker, named, triangle
 from each import each
 from geometry_msgs.msg import Point
 from rig import Rig, cube, sync
@@ -64,7 +65,7 @@ def test_a_new_object_is_unplaceable_until_its_shape_is_there(rig: Rig, gate: Ga
     rig.built(BODY)
     assert named(sync(rig)) == named(PAIR)
     assert rig.status(": objects")["unplaceable"] == "0"
-    assert not doubtful(rig, BODY)
+    assert not rig.is_doubtful(BODY)
 
 
 def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, gate: Gate) -> None:
@@ -73,7 +74,7 @@ def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, 
     assert rig.pairs() == set()
     rig.send(triangle(size=4.0))
     assert sync(rig) == set(), "the last box stays"
-    assert doubtful(rig, BODY)
+    assert rig.is_doubtful(BODY)
     status = rig.status(": objects")
     assert status["new shape being built"] == "1"
     assert "new shapes being built (last box kept)" in status["message"]
@@ -82,7 +83,7 @@ def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, 
     gate.open()
     rig.built(BODY)
     assert named(sync(rig)) == named(PAIR)
-    assert not doubtful(rig, BODY)
+    assert not rig.is_doubtful(BODY)
     assert rig.node.status.answer.level == COLLIDING
 
 
@@ -161,7 +162,7 @@ def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
         rig.built(BODY, OTHER)
         assert named(sync(rig)) == named({("body/1", "body/2")})
         rig.send(mesh_marker(file))
-        assert not doubtful(rig, BODY), "a look at the file is no reason for doubt"
+        assert not rig.is_doubtful(BODY), "a look at the file is no reason for doubt"
         trimesh.creation.box((5.0, 5.0, 5.0)).export(file)
         os.utime(file, ns=(0, 1))
         rig.send(mesh_marker(file))
@@ -171,45 +172,36 @@ def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
         rig.send(mesh_marker(file))
         rig.until(lambda: rig.refused("objects"), "refusal")
         assert named(sync(rig)) == everything, "the last box stays"
-        assert doubtful(rig, BODY)
+        assert rig.is_doubtful(BODY)
         assert set(rig.refused("objects")) == {"unreadable mesh"}
 
 
-def embedded(name: str, data: bytes) -> Marker:
-    marker = mesh_marker("embedded://part")
+def embedded(name: str, data: bytes, key: tuple[str, int] = BODY) -> Marker:
+    marker = mesh_marker("embedded://part", key)
     marker.mesh_file.filename, marker.mesh_file.data = name, data
     return marker
 
 
 STL = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="stl")
-UNREADABLE: dict[str, Callable[[Path], Marker]] = {
-    "a pipe": lambda folder: mesh_marker(folder / "pipe.stl"),
-    "a device": lambda folder: mesh_marker("file:///dev/zero"),
-    "a zero byte": lambda folder: mesh_marker("file:///part%00.stl"),
-    "a name of 300 characters": lambda folder: mesh_marker("file:///" + "a" * 300 + ".stl"),
-    "5,000 characters": lambda folder: mesh_marker("file:///" + "a/" * 2500 + "b.stl"),
-    "a package that is none": lambda folder: mesh_marker("package://%00/../" + "a" * 300),
-    "another host": lambda folder: mesh_marker("file://[/part.stl"),
-    "no URI": lambda folder: mesh_marker("part.stl"),
-    "half a character": lambda folder: mesh_marker("file:///%ED%A0%80.stl"),
-    "embedded, a suffix of 300 characters": lambda folder: embedded("part." + "a" * 300, STL),
-    "embedded, no suffix": lambda folder: embedded("part", STL),
-    "embedded, no mesh": lambda folder: embedded("part.stl", b"nothing"),
-    "a gltf with a pipe": lambda folder: embedded(
-        "part.gltf", b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe.stl","byteLength":1}]}'
-    ),
-}
+PIPED = b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe.stl","byteLength":1}]}'
+UNREADABLE = (
+    *("file:///dev/zero", "file:///part%00.stl", f"file:///{'a' * 300}.stl"),
+    *(f"file:///{'a/' * 2500}b.stl", f"package://%00/../{'a' * 300}", "file://[/part.stl"),
+    *("part.stl", "file:///%ED%A0%80.stl"),
+)
+EMBEDDED = {f"part.{'a' * 300}": STL, "part": STL, "part.stl": b"nothing", "part.gltf": PIPED}
 
 
 def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.stl")
-    bad = {("bad", number): make(tmp_path) for number, make in enumerate(UNREADABLE.values())}
-    for key, marker in bad.items():
-        marker.ns, marker.id = key
-    rig.send(*bad.values(), cube(BOX), cube(OTHER))
+    uris = ((tmp_path / "pipe.stl").as_uri(), *UNREADABLE)
+    bad = [mesh_marker(uri, ("uri", number)) for number, uri in enumerate(uris)]
+    bad += [embedded(*item, ("embedded", n)) for n, item in enumerate(EMBEDDED.items())]
+    rig.send(*bad, cube(BOX), cube(OTHER))
     assert named(rig.pairs()) == named({("box/1", "body/2")})
     rig.refuses("objects", {"unreadable mesh": len(bad)})
-    assert rig.node.objects.unplaceable == dict.fromkeys(bad, "unreadable mesh")
+    unplaceable = {(marker.ns, marker.id): "unreadable mesh" for marker in bad}
+    assert rig.node.objects.unplaceable == unplaceable
     assert rig.node.guard.total == 0
     assert named(sync(rig)) == named({("box/1", "body/2")})
 
@@ -237,7 +229,7 @@ def test_without_a_process_that_builds_the_rest_goes_on_and_it_needs_no_temporar
         rig.send(triangle(OTHER))
         rig.until(lambda: rig.refused("objects")["shape builder failed"] == 2, "refusal")
         assert named(sync(rig)) == named({("box/1", "body/2")}), "the last box stays"
-        assert doubtful(rig, OTHER)
+        assert rig.is_doubtful(OTHER)
         monkeypatch.undo()
         for name in ("TMPDIR", "TEMP", "TMP"):
             monkeypatch.setenv(name, "/dev/full")
@@ -263,10 +255,7 @@ def test_an_item_beyond_the_limits_is_refused_alone(rig: Rig) -> None:
 def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def fit(*_: object) -> None:
-        raise AssertionError("a box is fitted in the node's process")
-
-    monkeypatch.setattr(meshes, "fit_points", fit)
+    monkeypatch.setattr(meshes, "fit_points", Mock(side_effect=AssertionError("in this process")))
     for name in ("open", "stat"):
         real = getattr(os, name)
 
@@ -292,9 +281,7 @@ def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
 def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at_start: bool
 ) -> None:
-    def build(*_: object) -> None:
-        raise AssertionError("a tree is built in the node's process")
-
+    build = Mock(side_effect=AssertionError("a tree is built in the node's process"))
     file = tmp_path / "part.stl"
     trimesh.creation.icosphere(3).export(file)
     with Rig(accuracy="mesh" if at_start else "obb") as rig:

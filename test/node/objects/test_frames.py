@@ -18,26 +18,33 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
-import tf2_stand_in
 from each import each
 from geometry_msgs.msg import TransformStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, place
+from rclpy.node import Node
 from rclpy.serialization import serialize_message
-from rig import FRAME, Rig, color, cube, pose
+from rclpy.time import Time
+from rig import FRAME, POSES, Rig, color, cube, pose
 from std_msgs.msg import Header
-from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.box_markers import FREE as GREEN
 from obb_collision.node.messages.clouds import cloud_to_ros
-from obb_collision.node.messages.conversions import stamp_to_ros, transform_to_ros
+from obb_collision.node.messages.conversions import (
+    stamp_from_ros,
+    stamp_to_ros,
+    transform_from_ros,
+    transform_to_ros,
+)
 from obb_collision.node.objects import frames as frames_of_node
 from obb_collision.node.objects.conditions import STALE, UNPLACED
 from obb_collision.node.objects.frames import EXTRAPOLATION
@@ -54,20 +61,78 @@ from obb_collision.node.objects.states import State
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
-def in_frame(marker: Marker, frame: str) -> Marker:
-    marker.header.frame_id = frame
-    return marker
-
-
 def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frames_of_node, "tf2_ros", None)
     with Rig(tf2=True) as rig:
-        assert "fixed frame only" in rig.frames.description
-        rig.send(in_frame(cube(A1), "nowhere"), cube(A2)).answer()
+        assert "fixed frame only" in rig.node.frames.description
+        rig.send(cube(A1, frame="nowhere"), cube(A2)).answer()
         assert rig.refused("objects") == {"unknown frame": 1}, "at once: no frame can come later"
 
 
-A1, A2 = ("a", 1), ("a", 2)
+class TransformException(Exception):  # noqa: N818 - tf2's name
+    """Whatever makes a lookup fail."""
+
+
+class LookupException(TransformException):
+    """A frame is not known."""
+
+
+class ConnectivityException(TransformException):
+    """Both frames are known, but nothing connects them."""
+
+
+class InvalidArgumentException(TransformException):
+    """A name that can't be a frame's."""
+
+
+class ExtrapolationException(TransformException):
+    """A frame is known, but not at this time."""
+
+
+class Buffer:
+    """Keeps transforms, and interpolates between them."""
+
+    def __init__(self, cache_time: Any = None, node: Node | None = None) -> None:
+        self._poses: dict[tuple[str, str], dict[int, Any]] = {}
+
+    def set_transform(self, transform: TransformStamped, authority: str) -> None:
+        names = transform.header.frame_id, transform.child_frame_id
+        poses = self._poses.setdefault(names, {})
+        poses[stamp_from_ros(transform.header.stamp)] = transform_from_ros(transform.transform)
+
+    def lookup_transform(self, target: str, source: str, time: Time) -> TransformStamped:
+        poses = self._poses.get((target, source))
+        if poses is None:
+            if {target, source} <= {name for names in self._poses for name in names}:
+                raise ConnectivityException(f"{source!r} and {target!r} are not connected")
+            raise LookupException(f"{source!r} or {target!r} does not exist")
+        stamps = sorted(poses)
+        at = time.nanoseconds or stamps[-1]
+        if not stamps[0] <= at <= stamps[-1]:
+            raise ExtrapolationException(f"{at} is outside of {stamps[0]} to {stamps[-1]}")
+        numbers = np.array([poses[stamp] for stamp in stamps])
+        found = [np.interp(at, stamps, column) for column in numbers.T]
+        return TransformStamped(transform=transform_to_ros(found))
+
+
+class TransformListener:
+    """Takes in transforms by set_transform of its buffer only."""
+
+    def __init__(self, buffer: Buffer, node: Node, *, spin_thread: bool = False) -> None:
+        self.buffer = buffer
+
+
+STAND_IN = SimpleNamespace(
+    **{
+        kind.__name__: kind
+        for kind in (Buffer, TransformListener, *TransformException.__subclasses__())
+    },
+    TransformException=TransformException,
+)
+"""What the node uses of tf2_ros, for machines without it: the same names, the same answers.
+
+One level of frames only: each transform is stored by its child frame, and looked up in its parent.
+"""
 
 
 @pytest.fixture(params=["tf2", "stand-in"])
@@ -75,28 +140,26 @@ def tf2_ros(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     """tf2_ros as the node sees it: the real one where it is installed, and its stand-in."""
     if request.param == "tf2":
         return pytest.importorskip("tf2_ros", reason="tf2_ros is not installed (not on PyPI)")
-    monkeypatch.setattr(frames_of_node, "tf2_ros", tf2_stand_in)
-    return tf2_stand_in
+    monkeypatch.setattr(frames_of_node, "tf2_ros", STAND_IN)
+    return STAND_IN
 
 
-def set_transform(rig: Rig, x: float, stamp: int) -> None:
-    """Give the node a transform of the frame "robot"."""
-    transform = TransformStamped(child_frame_id="robot", transform=transform_to_ros(pose(x)))
-    transform.header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
-    give(rig, transform)
-
-
-def give(rig: Rig, transform: TransformStamped) -> None:
-    """Give the node a transform, as tf2's listener does."""
-    rig.frames.buffer.set_transform(transform, "test")
+def set_transform(
+    rig: Rig, x: float, stamp: int, child: str = "robot", parent: str = FRAME
+) -> None:
+    """Give the node a transform of a frame, as tf2's listener does."""
+    transform = TransformStamped(child_frame_id=child, transform=transform_to_ros(pose(x)))
+    transform.header = Header(stamp=stamp_to_ros(stamp), frame_id=parent)
+    frames: Any = rig.node.frames
+    frames.buffer.set_transform(transform, "test")
 
 
 def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
     with Rig(tf2=True) as rig:
-        assert rig.frames.description == "tf2"
+        assert rig.node.frames.description == "tf2"
         set_transform(rig, 2.0, rig.stamp)
         set_transform(rig, 4.0, rig.stamp + 2_000_000)  # the marker is of the middle
-        rig.send(in_frame(cube(A2, (0.5, 0, 0)), "robot"), cube(A1, (3, 0, 0)))
+        rig.send(cube(A2, (0.5, 0, 0), frame="robot"), cube(A1, (3, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
         assert rig.pose_of(A2)[0] == 3.5
 
@@ -109,9 +172,7 @@ def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_ow
         set_transform(rig, 0.0, rig.stamp - 10)
         rig.send_transform("a/1", pose(1.0), "robot")
         rig.refuses("object_transform", {"extrapolation": 1})
-        apart = TransformStamped(child_frame_id="b", transform=transform_to_ros(pose(0.0)))
-        apart.header = Header(stamp=stamp_to_ros(rig.stamp + 1_000_000), frame_id="a")
-        give(rig, apart)
+        set_transform(rig, 0.0, rig.stamp + 1_000_000, "b", "a")
         rig.send_poses([1], [pose(1.0)], frame="b")
         rig.refuses("object_poses", {"no transform": 1})
 
@@ -120,7 +181,7 @@ def test_with_tf2_a_state_without_a_stamp_is_placed_by_the_latest_transform(tf2_
     with Rig(tf2=True) as rig:
         for number, x in enumerate((1.0, 2.0, 3.0)):
             set_transform(rig, x, rig.stamp + number)
-        rig.send(in_frame(cube(A2, (0.5, 0, 0)), "robot"), stamped=False)
+        rig.send(cube(A2, (0.5, 0, 0), frame="robot"), stamped=False)
         rig.until(lambda: A2 in rig.node.objects.table.slots, "an object")
         rig.cycles(1)
         assert rig.pose_of(A2)[0] == 3.5
@@ -132,7 +193,7 @@ def test_with_tf2_a_state_without_a_stamp_is_placed_by_the_latest_transform(tf2_
 def test_with_tf2_frame_locked_objects_follow_in_every_cycle(tf2_ros: Any) -> None:
     with Rig(tf2=True) as rig:
         set_transform(rig, 0.0, rig.stamp)
-        rig.send(in_frame(cube(A2, frame_locked=True), "robot"))
+        rig.send(cube(A2, frame="robot", frame_locked=True))
         rig.until(lambda: A2 in rig.node.objects.table.slots, "an object")
         run, seen = rig.node.cycle.run, list[float]()
         frame = {"x": 0.0}
@@ -153,15 +214,16 @@ def test_with_tf2_no_look_up_waits_and_each_is_made_once_per_cycle(
     tf2_ros: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with Rig(tf2=True, transform_timeout=30.0) as rig:
-        look_up, asked = rig.frames.buffer.lookup_transform, list[tuple[str, int]]()
+        buffer: Any = rig.node.frames.buffer  # type: ignore[attr-defined]
+        look_up, asked = buffer.lookup_transform, list[tuple[str, int]]()
 
         def record(target: str, source: str, time: Any, *timeout: Any) -> Any:
             assert timeout == (), "by default none"
             asked.append((source, rig.node.cycle.monitor.total))
             return look_up(target, source, time)
 
-        monkeypatch.setattr(rig.frames.buffer, "lookup_transform", record)
-        far = [in_frame(cube(("far", number)), f"frame_{number % 3}") for number in range(30)]
+        monkeypatch.setattr(buffer, "lookup_transform", record)
+        far = [cube(("far", number), frame=f"frame_{number % 3}") for number in range(30)]
         rig.send(cube(A1), cube(A2, (9, 0, 0)), *far)
         rig.until(lambda: len({cycle for _, cycle in asked}) > 5, "look-ups in vain")
         rig.send_transform("a/2", pose(0.5))
@@ -177,7 +239,7 @@ def test_with_tf2_what_cannot_be_placed_is_reported_coloured_counted_and_never_f
     with Rig(tf2=True, transform_timeout=0.1) as rig:
         rig.listen("collision_status", "/diagnostics", "obb_collision/markers")
         set_transform(rig, 5.0, rig.stamp + 1_000_000)
-        rig.send(cube(A1), in_frame(cube(A2), "robot"))
+        rig.send(cube(A1), cube(A2, frame="robot"))
         assert rig.pairs() == set()
         rig.until(lambda: rig.next("collision_status").status[0].level == FREE, "free")
 
@@ -186,7 +248,7 @@ def test_with_tf2_what_cannot_be_placed_is_reported_coloured_counted_and_never_f
 
         assert colors() == [COLORS[GREEN]] * 2
         rig.send_transform("a/2", pose(1.0), "robot")  # whose transform never comes
-        rig.send(in_frame(cube(("new", 1)), "nowhere"))
+        rig.send(cube(("new", 1), frame="nowhere"))
 
         def unknown() -> bool:
             (status,) = rig.next("collision_status").status
@@ -297,7 +359,7 @@ def test_states_that_are_late_are_few_of_each_object_and_of_all(objects: int) ->
     assert spaced(slots[kept], received[kept]).all(), "and stay"
 
 
-@each("topic", ["objects", "object_transform", "object_states", "object_poses"])
+@each("topic", POSES)
 def test_late_refusals_are_counted_on_the_topic_by_which_the_state_came(topic: str) -> None:
     rig = ObjectsRig(A1, A2)
     rig.send(START + 1, "robot", 0, topic)
@@ -340,10 +402,7 @@ def test_a_transform_or_a_place_that_is_no_number_is_refused() -> None:
 def test_frames_that_fail_otherwise_are_internal_errors_and_the_rest_goes_on() -> None:
     rig = ObjectsRig(A1, A2)
 
-    def broken(frame: str, stamp: int) -> np.ndarray:
-        raise ZeroDivisionError
-
-    rig.frames.lookup = broken  # type: ignore[method-assign]
+    rig.frames.lookup = Mock(side_effect=ZeroDivisionError)  # type: ignore[method-assign]
     rig.send(START + 1, "robot", 0)
     rig.send(START + 1, "", 1)
     rig.now += SECOND
@@ -376,13 +435,11 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
         rig.until(lambda: "points_inside" in rig.last, "points_inside")
         frames.spans["lidar"] = 0, rig.stamp
         stamps: list[int] = []
-        obstacles = rig.obstacles
+        obstacles = rig.node.obstacles
         for x in (0.0, 0.4, 9.0):
             rig.send_points([[x, 0, 0]], "lidar")
             stamps.append(rig.stamp)
-            rig.until(
-                lambda: [cloud.stamp for cloud in obstacles.waiting.clouds] == stamps, "taken in"
-            )
+            rig.until(lambda: len(obstacles.waiting.clouds) == len(stamps), "taken in")
         frames.spans["lidar"] = 0, stamps[1]
         rig.until(lambda: obstacles.stamp == stamps[1], "the second of three")
         assert [cloud.stamp for cloud in obstacles.waiting.clouds] == stamps[2:]
@@ -390,7 +447,7 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
 
 def test_clouds_that_wait_are_bounded() -> None:
     with Rig(KnownUntil(), transform_timeout=30.0) as rig:
-        obstacles = rig.obstacles
+        obstacles = rig.node.obstacles
         rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
         for number in range(100):
             header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")

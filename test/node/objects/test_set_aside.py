@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 from unittest.mock import Mock
 
@@ -187,35 +186,25 @@ def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
     assert not objects.table.doubtful.any()
 
 
-# What fails in a running node, by stage: what is patched, and where the failure is counted.
-
-
-def in_placing(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
-    place = SceneObjects.place
-
-    def fail(scene: Any, slots: Any, poses: Any) -> None:
-        if bad() in slots:
-            raise UnforeseenError("by the test")
-        place(scene, slots, poses)
-
-    patch.setattr(SceneObjects, "place", fail)
-    return "placing objects"
-
-
-def in_checking(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
-    Failing(patch).groups = [{bad()}]
-    return "check"
-
-
-@each("stage", [in_placing, in_checking])
+@each("stage", ["placing objects", "check"])
 def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes_on(
-    stage: Callable[..., str], rig: Rig, monkeypatch: pytest.MonkeyPatch
+    stage: str, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig.listen("collision_status", "obb_collision/markers", "/diagnostics")
     rig.send(cube(A), cube(B, (3, 0, 0)), cube(BAD, (6, 0, 0)))
     assert rig.pairs() == set()
-    table = rig.node.objects.table
-    where = stage(monkeypatch, lambda: table.slots.get(BAD, -1))
+    table, place = rig.node.objects.table, SceneObjects.place
+    bad = table.slots[BAD]
+
+    def fail(scene: Any, slots: Any, poses: Any) -> None:
+        if bad in slots:
+            raise UnforeseenError("by the test")
+        place(scene, slots, poses)
+
+    if stage == "check":
+        Failing(monkeypatch).groups = [{bad}]
+    else:
+        monkeypatch.setattr(SceneObjects, "place", fail)
     rig.send_states(["a/2", "bad/1"], [pose(4), pose(7)])
 
     def unknown() -> bool:
@@ -223,13 +212,13 @@ def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes
         return status.level == UNKNOWN and "bad/1" in status.message
 
     rig.until(unknown, "a status that names it")
-    assert rig.node.guard.counts[where] >= 1
+    assert rig.node.guard.counts[stage] >= 1
     assert "bad/1" in rig.node.guard.last
     assert "cycle" not in rig.node.guard.counts
     rig.until(lambda: grey(rig) == ["bad"], "one grey marker")
     rig.send_states(["a/2"], [pose(0.5)])
     assert rig.pairs() == {("a/1", "a/2")}
-    kind = "refused" if stage is in_placing else "unplaceable"
+    kind = "unplaceable" if stage == "check" else "refused"
     assert "bad/1" in rig.status(": objects")[f"names {kind}"]
     monkeypatch.undo()
     rig.send_states(["bad/1"], [pose(0.7)])
@@ -238,7 +227,6 @@ def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes
 
 
 def grey(rig: Rig) -> list[str]:
-    """Return the namespaces of grey markers."""
     markers = rig.next("obb_collision/markers").markers
     return [marker.ns for marker in markers if color(marker) == COLORS[DOUBTFUL]]
 

@@ -17,8 +17,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -28,16 +26,10 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
-from rig import FRAME, FakeFrames, Rig, cube, pose, sync
+from rig import FRAME, POSES, FakeFrames, Rig, cube, pose, sync
 from std_msgs.msg import Header
 
-from obb_collision.node import namespace_number
-from obb_collision.node.messages.conversions import (
-    pose_to_ros,
-    stamp_from_ros,
-    stamp_to_ros,
-    states_to_ros,
-)
+from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros, states_to_ros
 from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.objects.states import AHEAD, ANEW
 
@@ -133,32 +125,25 @@ def test_by_topics_a_marker_of_the_future_among_others_does_not_outlast_them(rig
 BAD = [Time(sec=2**31 - 1, nanosec=2**32 - 1), Time(sec=-1), Time(sec=1, nanosec=10**9)]
 
 
-SENDERS: dict[str, Callable[[Rig], Any]] = {
-    "objects": lambda rig: rig.send(cube(A1, (9, 0, 0))),
-    "object_transform": lambda rig: rig.send_transform("a/1", pose(9.0)),
-    "object_states": lambda rig: rig.send_states(["a/1"], [pose(9.0)]),
-    "object_poses": lambda rig: rig.send_poses([1], [pose(9.0)]),
-    "points": lambda rig: rig.send_points([[0.0, 0.0, 0.0]]),
-}
-
-
 def send_stamped(rig: Rig, topic: str, stamp: Time) -> None:
     """Send a pose of a/1, or points, with a stamp of its own."""
     header = Header(stamp=stamp, frame_id=FRAME)
     with patch.object(rig, "header", lambda *_: header):
-        SENDERS[topic](rig)
+        if topic == "points":
+            rig.send_points([[0.0, 0.0, 0.0]])
+        else:
+            rig.send_by(topic, {A1: pose(9.0)})
 
 
-@each("topic", SENDERS)
+@each("topic", [*POSES, "points"])
 def test_stamps_that_no_clock_gives_are_refused_by_topic(rig: Rig, topic: str) -> None:
     rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
-    for stamp in BAD:
+    for count, stamp in enumerate(BAD, 1):
         send_stamped(rig, topic, stamp)
-        expected = {"bad stamp": BAD.index(stamp) + 1}
-        rig.until(lambda e=expected: rig.refused(topic) == e, "refusal")  # type: ignore[misc]
+        rig.refuses(topic, {"bad stamp": count})
     assert sync(rig) == {("a/1", "a/2")}
-    assert rig.node.objects.table.doubtful[rig.node.objects.table.slots[A1]] == (topic != "points")
+    assert rig.is_doubtful(A1) == (topic != "points")
     assert rig.node.guard.total == 0
 
 
@@ -175,9 +160,7 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
     objects = rig.status(": objects")
     assert objects["names doubtful stamp"] == "a/2"
     assert (objects["message"], objects["level"]) == ("1 with a doubtful stamp", "01")
-    for topic in ("collisions",):
-        stamp = stamp_from_ros(rig.next(topic).header.stamp)
-        assert stamp <= rig.now() + SECOND // 2
+    assert stamp_from_ros(rig.next("collisions").header.stamp) <= rig.now() + SECOND // 2
     rig.send_transform("a/2", pose(3.0))
     assert rig.pairs() == set()
 
@@ -196,20 +179,18 @@ FORWARD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
 
 
 def twist(rig: Rig, name: str) -> list[float]:
-    """Twist of an object in the scene."""
     scene = rig.node.objects.scene
     twists: list[float] = scene.objects.store.twists[scene.index(name)].tolist()
     return twists
 
 
-@each("topic", [topic for topic in SENDERS if topic != "points"])
+@each("topic", POSES)
 def test_a_state_with_a_twist_sets_it_and_any_other_ends_it(rig: Rig, topic: str) -> None:
     rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     twists = [FORWARD, [0.0] * 6]
     rig.send_states(["a/1", "a/2"], [pose(0.0), pose(3.0)], twists=twists).answer()
     assert [twist(rig, name) for name in ("a/1", "a/2")] == twists
-    SENDERS[topic](rig)
-    rig.answer()
+    rig.send_by(topic, {A1: pose(9.0)}).answer()
     assert twist(rig, "a/1") == [0.0] * 6
 
 
@@ -257,25 +238,18 @@ REASON = "doubtful: quaternion far from unit length"
 FAR = [0.0, 0.0, 2.0**0.5, 2.0**0.5]
 PLACE = [0.0, 0.0, 0.0, *FAR]
 COLLIDE = ({("bar/1", "post/1")}, {("post/1", "bar/1")})
-FAR_SENDERS: dict[str, Callable[[Rig], Any]] = {
-    "objects": lambda rig: rig.send(
-        cube(("bar", 1), size=(8.0, 0.5, 0.5), pose=pose_to_ros(PLACE))
-    ),
-    "object_transform": lambda rig: rig.send_transform("bar/1", PLACE),
-    "object_states": lambda rig: rig.send_states(["bar/1", "post/1"], [PLACE, pose(0.0, 3.0)]),
-    "object_poses": lambda rig: rig.send_poses([1], [PLACE], namespaces=[namespace_number("bar")]),
-}
+BAR, LONG = ("bar", 1), (8.0, 0.5, 0.5)
 
 
-@each("topic", FAR_SENDERS)
+@each("topic", POSES)
 def test_it_is_normalised_counted_and_told_once(
     topic: str, rig: Rig, capfd: pytest.CaptureFixture[str]
 ) -> None:
     rig.listen("/diagnostics")
-    rig.send(cube(("bar", 1), size=(8.0, 0.5, 0.5)), cube(("post", 1), (0.0, 3.0, 0.0)))
+    rig.send(cube(BAR, size=LONG), cube(("post", 1), (0.0, 3.0, 0.0)))
     assert rig.pairs() == set()
     for count in (1, 2, 3):
-        FAR_SENDERS[topic](rig)
+        rig.send_by(topic, {BAR: PLACE}, LONG)
         assert rig.pairs() in COLLIDE
         while rig.status(f"input {topic}").get(REASON) != str(count):
             pass  # the next report
@@ -289,7 +263,7 @@ def test_it_is_normalised_counted_and_told_once(
 
 def test_one_that_is_near_is_taken_as_it_is(rig: Rig) -> None:
     rig.listen("/diagnostics")
-    rig.send(cube(("bar", 1), size=(8.0, 0.5, 0.5)), cube(("post", 1), (0.0, 3.0, 0.0)))
+    rig.send(cube(BAR, size=LONG), cube(("post", 1), (0.0, 3.0, 0.0)))
     rig.send_transform("bar/1", [0.0, 0.0, 0.0, 0.0, 0.0, 0.7, 0.7])
     assert rig.pairs() in COLLIDE
     assert REASON not in rig.status("input object_transform")

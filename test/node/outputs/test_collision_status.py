@@ -12,20 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of collisions: free, colliding, or not known and why, over topics."""
+"""What is known of collisions: free, colliding, or not known and why; and when that is said."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Duration
 from each import each
 from objects_rig import SECOND, START, ObjectsRig
+from rclpy.duration import Duration as Seconds
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -43,31 +44,31 @@ from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
+from obb_collision.node.outputs import PERIOD, CollisionStatus
 from obb_collision.node.runtime import warm_up
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.store import Overrides
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
 A = namespace_number("a")
 APART = cube(A1), cube(A2, (3, 0, 0))
 MOST = 3
 """Rows that a cloud may have."""
 
 
-def test_free_and_colliding_are_told_with_stamp_and_age() -> None:
-    with Rig() as rig:
-        rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
-        before = rig.now()
-        rig.until(lambda: rig.says(FREE, flag=False)["objects"] == "2", "both")
-        values = rig.says(FREE, flag=False)
-        assert stamp_from_ros(rig.last[STATUS].header.stamp) >= before - SECOND
-        assert values["objects"] == "2"
-        assert values["colliding pairs"] == "0"
-        age = (rig.now() - rig.stamp) / SECOND
-        assert float(values["age of the newest state (s)"]) == pytest.approx(age, abs=60.0)
-        rig.send_transform("a/2", pose(0.5))
-        values = rig.says(COLLIDING, flag=True)
-        assert values["colliding pairs"] == "1"
+def test_free_and_colliding_are_told_with_stamp_and_age(rig: Rig) -> None:
+    rig.send(*APART).answer()
+    before = rig.now()
+    rig.until(lambda: rig.says(FREE, flag=False)["objects"] == "2", "both")
+    values = rig.says(FREE, flag=False)
+    assert stamp_from_ros(rig.last[STATUS].header.stamp) >= before - SECOND
+    assert values["objects"] == "2"
+    assert values["colliding pairs"] == "0"
+    age = (rig.now() - rig.stamp) / SECOND
+    assert float(values["age of the newest state (s)"]) == pytest.approx(age, abs=60.0)
+    rig.send_transform("a/2", pose(0.5))
+    values = rig.says(COLLIDING, flag=True)
+    assert values["colliding pairs"] == "1"
 
 
 def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_objects_only() -> None:
@@ -87,7 +88,7 @@ def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_obj
 
 def test_with_unknown_is_collision_off_the_flag_tells_of_collisions_only() -> None:
     with Rig(unknown_is_collision=False) as rig:
-        rig.send(*PAIR).answer()
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0))).answer()
         rig.says(COLLIDING, flag=True)
         rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False))
         rig.says(UNKNOWN, "disabled", False)
@@ -102,7 +103,7 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(
         rig.listen(STATUS)
         rig.send(cube(A1)).answer()
         rig.says(FREE, flag=False)
-        publisher = rig.publisher(STATUS)
+        publisher = rig.node.outputs.publishers[STATUS]
         publish, told = publisher.publish, threading.Event()
 
         def noted(message: Any) -> None:
@@ -125,46 +126,37 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(
         rig.says(FREE, flag=False)
 
 
-def test_before_the_first_check_nothing_is_known() -> None:
-    with Rig() as rig:
-        status: list[Any] = []
-        flags: list[Any] = []
-        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        rig.client.create_subscription(
-            OUTPUTS[STATUS].message, f"/cell/{STATUS}", status.append, qos
-        )
-        rig.client.create_subscription(Bool, "/cell/in_collision", flags.append, qos)
-        empty = [Parameter("expect_empty", value=True)]
-        other = CollisionNode(context=rig.context, namespace="cell", parameter_overrides=empty)
-        try:
-            rig.until(lambda: status and flags, "status of a node that nobody spins")
-            assert (status[0].status[0].level, flags[0].data) == (UNKNOWN, True)
-            assert {message.status[0].message for message in status} == {"starting"}
-            rig.executor.add_node(other)
-            rig.until(lambda: status[-1].status[0].level == FREE, "first check")
-        finally:
-            rig.executor.remove_node(other)
-            other.destroy_node()
+def test_before_the_first_check_nothing_is_known_and_that_kernels_are_compiled_is_said(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[Any] = []
+    flags: list[Any] = []
+    qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    kind = OUTPUTS[STATUS].message
+    rig.client.create_subscription(
+        kind, f"/cell/{STATUS}", lambda message: said.append(message.status[0]), qos
+    )
+    rig.client.create_subscription(Bool, "/cell/in_collision", flags.append, qos)
+    start, reason = warm_up.WarmUp.start, "starting, compiling: 3 kernels"
 
+    def compiling(warm: warm_up.WarmUp, things: Any, report: Callable[[str], None]) -> None:
+        report("compiling: 3 kernels")
+        rig.until(lambda: said and said[-1].message == reason, "the reason")
+        start(warm, things, report)
 
-def test_a_start_that_compiles_says_so_in_the_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Rig() as rig:
-        status: list[Any] = []
-        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        topic, kind = f"/cell/{STATUS}", OUTPUTS[STATUS].message
-        rig.client.create_subscription(kind, topic, status.append, qos)
-        start = warm_up.WarmUp.start
-
-        def compiling(warm: warm_up.WarmUp, things: Any, report: Callable[[str], None]) -> None:
-            report("compiling: 3 kernels")
-            reason = "starting, compiling: 3 kernels"
-            rig.until(lambda: status and status[-1].status[0].message == reason, "the reason")
-            assert {message.status[0].level for message in status} == {UNKNOWN}
-            start(warm, things, report)
-
-        monkeypatch.setattr(warm_up.WarmUp, "start", compiling)
-        CollisionNode(context=rig.context, namespace="cell").destroy_node()
-        assert status
+    monkeypatch.setattr(warm_up.WarmUp, "start", compiling)
+    empty = [Parameter("expect_empty", value=True)]
+    other = CollisionNode(context=rig.context, namespace="cell", parameter_overrides=empty)
+    try:
+        rig.until(lambda: flags, "the flag of a node that nobody spins")
+        assert {status.level for status in said} == {UNKNOWN}
+        assert {status.message for status in said} <= {"starting", reason}
+        assert {flag.data for flag in flags} == {True}
+        rig.executor.add_node(other)
+        rig.until(lambda: said[-1].level == FREE, "first check")
+    finally:
+        rig.executor.remove_node(other)
+        other.destroy_node()
 
 
 def test_a_stop_of_input_is_stale_while_the_clock_of_the_simulation_stands_still() -> None:
@@ -181,24 +173,11 @@ def test_a_stop_of_input_is_stale_while_the_clock_of_the_simulation_stands_still
         rig.says(UNKNOWN, "input_silent", True)
 
 
-@contextmanager
-def told(*markers: Marker, **options: Any) -> Iterator[Rig]:
-    """Yield a rig with some objects."""
-    with Rig(**options) as rig:
-        if markers:
-            rig.send(*markers).answer()
-        yield rig
-
-
-def delete(*keys: tuple[str, int], action: int = Marker.DELETE) -> list[Marker]:
-    return [Marker(ns=ns, id=ident, action=action) for ns, ident in keys]
-
-
 def test_a_scene_file_says_what_there_is_even_if_that_is_nothing(tmp_path: Path) -> None:
     file = tmp_path / "scene.yaml"
     for objects in ("[]", "[{name: part/1, shape: box, size: [1, 1, 1], position: [0, 0, 0]}]"):
         file.write_text(f"padding: 0.01\nobjects: {objects}\n")
-        with told(scene_file=str(file)) as rig:
+        with Rig(scene_file=str(file)) as rig:
             rig.known()
 
 
@@ -253,27 +232,29 @@ TABLE: dict[str, tuple[dict[str, Any], Step, tuple[str, str], Step]] = {
 def test_a_code_is_reached_and_left_again(name: str) -> None:
     """Beside what ``test_evidence_model`` reaches: who is named, over topics."""
     parameters, enter, (code, who), leave = TABLE[name]
-    with told(*APART, frames=FakeFrames(), given=parameters) as rig:
+    with Rig(frames=FakeFrames(), given=parameters) as rig:
+        rig.send(*APART).answer()
         enter(rig)
         rig.known(code, who)
         leave(rig)
         rig.known()
 
 
-def test_neither_lifetimes_nor_text_nor_deletions_of_others_say_that_there_is_nothing() -> None:
-    with told() as rig:
+def test_neither_lifetimes_nor_text_nor_deletions_of_others_say_that_there_is_nothing(
+    rig: Rig,
+) -> None:
+    rig.known("no_objects")
+    short = cube(B1, lifetime=Duration(nanosec=20_000_000))
+    text = cube(B1, type=Marker.TEXT_VIEW_FACING, text="hello")
+    gone = [cube(B1, action=Marker.DELETE), text, cube(("b", 2), action=Marker.DELETEALL)]
+    for sent in ([short], gone):
+        rig.send(*sent)
+        rig.cycles(3)
         rig.known("no_objects")
-        marker = cube(B1)
-        marker.lifetime.nanosec = 20_000_000
-        text = cube(B1, type=Marker.TEXT_VIEW_FACING, text="hello")
-        for sent in ([marker], [*delete(B1, ("b", 2)), text, *delete(("b", 2), action=3)]):
-            rig.send(*sent)
-            rig.cycles(3)
-            rig.known("no_objects")
-        rig.send(cube(A1, size=(0, 1, 1)))
-        rig.known("refused", "a/1 (bad scale)")
-        rig.send(*delete(A1))
-        rig.known()
+    rig.send(cube(A1, size=(0, 1, 1)))
+    rig.known("refused", "a/1 (bad scale)")
+    rig.send(cube(A1, action=Marker.DELETE))
+    rig.known()
 
 
 def test_what_cannot_be_read_marks_its_input_until_that_is_read_again(
@@ -297,7 +278,8 @@ def test_what_cannot_be_read_marks_its_input_until_that_is_read_again(
         *(("detections", none_detected[:end]) for end in (7, -4, -1)),
         ("detections", none_detected[:-4] + (MOST + 1).to_bytes(4, "little")),
     ]
-    with told(*APART, max_cloud_points=MOST) as rig:
+    with Rig(max_cloud_points=MOST) as rig:
+        rig.send(*APART).answer()
         rig.pubs["detections"] = rig.client.create_publisher(PointCloud2, "detections", 10)
         rig.wait_inputs()
         for topic, message in broken:
@@ -339,10 +321,7 @@ def test_names_of_unknown_objects_count_for_a_second_and_not_after_their_delete(
 def test_reasons_are_in_the_order_of_the_codes_each_once_and_pairs_come_first() -> None:
     stale, blocked = Reason("stale", ("a/1",), 12), Reason("blocked")
     found = Answer((), stamp=None).but(stale).but(blocked, Reason("stale", ("a/2",)))
-    assert [(each.code, each.who) for each in found.reasons] == [
-        ("blocked", ()),
-        ("stale", ("a/1",)),
-    ]
+    assert found.reasons == (blocked, stale)
     assert (found.level, found.flag(True), found.flag(False)) == (UNKNOWN, True, False)
     status = found.to_ros("node", START, True)
     values = {pair.key: pair.value for pair in status.values}
@@ -350,3 +329,133 @@ def test_reasons_are_in_the_order_of_the_codes_each_once_and_pairs_come_first() 
     assert "a/1 and 11 more" in status.message
     assert Answer((stale,), pairs=1).level == COLLIDING
     assert Answer((stale,), pairs=1).flag(False)
+
+
+class Recorder:
+    """Stands for publishers, parameters and effects of CollisionStatus."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.now = 0.0
+        self.modes = {"collision_status": "auto", "in_collision": "auto"}
+        self.subscribed = True
+        self.rate, self.cycle_timeout, self.unknown_is_collision = 50.0, 0.5, True
+        stands_for: Any = self
+        self.status = CollisionStatus(
+            "node",
+            {STATUS: stands_for, "in_collision": stands_for},
+            stands_for,
+            stands_for,
+            lambda: START,
+            Guard(pytest.fail, lambda: True),
+            lambda: self.now,
+        )
+
+    def publish(self, message: Any) -> None:
+        self.sent.append(message)
+
+    def mode(self, name: str) -> str:
+        return self.modes[name]
+
+    def is_requested(self, name: str) -> bool:
+        return self.modes[name] == "on" or (self.modes[name] == "auto" and self.subscribed)
+
+    def wait_for_all_acked(self, timeout: Seconds) -> bool:
+        return True
+
+    def take(self) -> tuple[list[str], list[bool]]:
+        """Codes of the status, and flags, since the last call."""
+        taken, self.sent = self.sent, []
+        told = [message.status[0].values for message in taken if hasattr(message, "status")]
+        return (
+            [pair.value for values in told for pair in values if pair.key == "reasons"],
+            [message.data for message in taken if hasattr(message, "data")],
+        )
+
+
+OK, PAIRS = Answer(()), Answer((), pairs=1)
+
+
+def test_the_watchdog_says_that_the_cycle_is_blocked_and_until_then_repeats() -> None:
+    recorder = Recorder()
+    status = recorder.status
+    status.rest()
+    assert recorder.take() == (["starting"], [True])
+    status.update(OK, cycle=True)
+    assert recorder.take() == ([""], [False])
+    for step in range(1, 5):
+        recorder.now = step * PERIOD
+        status.look()
+    codes, flags = recorder.take()
+    assert set(codes) == {""}
+    assert len(codes) >= 2
+    assert flags == []
+    recorder.now = 0.53
+    status.look()
+    assert recorder.take() == (["blocked"], [True])
+    recorder.now = 0.7
+    status.look()
+    assert recorder.take() == (["blocked"], [])
+    status.update(OK, cycle=True)
+    assert recorder.take() == ([""], [False])
+
+
+def test_the_watchdog_knows_slow_rates() -> None:
+    recorder = Recorder()
+    recorder.rate = 0.5
+    recorder.status.update(OK, cycle=True)
+    recorder.take()
+    recorder.now = 2.4
+    recorder.status.look()
+    assert recorder.take()[0] == [""]
+    recorder.now = 2.6
+    recorder.status.look()
+    assert recorder.take()[0] == ["blocked"]
+
+
+def test_at_fifty_cycles_a_second_ten_are_told_and_changes_at_once() -> None:
+    recorder = Recorder()
+    for cycle in range(50):
+        recorder.now = cycle * 0.02
+        recorder.status.update(OK, cycle=True)
+        recorder.status.look()
+    codes, flags = recorder.take()
+    assert 9 <= len(codes) <= 11
+    assert flags == [False] * 50, "the flag every cycle while subscribed"
+    stale = Reason("stale", ("a/1",))
+    for other in (PAIRS, OK.but(stale), OK.but(Reason("stale", ("a/2",))), OK):
+        recorder.now += 0.001
+        recorder.status.update(other, cycle=True)
+        codes, flags = recorder.take()
+        assert (len(codes), flags) == (1, [other is not OK])
+
+
+def test_unheard_only_changes_are_told_and_off_nothing() -> None:
+    recorder = Recorder()
+    recorder.subscribed = False
+    recorder.status.update(OK, cycle=True)
+    assert recorder.take() == ([""], [False])
+    recorder.now = 0.4
+    recorder.status.update(OK, cycle=True)
+    recorder.status.look()
+    assert recorder.take() == ([], [])
+    recorder.status.update(OK.but(Reason("unplaced")), cycle=True)
+    assert recorder.take() == (["unplaced"], [True])
+    recorder.modes = dict.fromkeys(recorder.modes, "off")
+    assert recorder.status.is_off
+    recorder.status.update(OK, cycle=True)
+    recorder.now = 99.0
+    recorder.status.look()
+    assert recorder.take() == ([], [])
+
+
+def test_the_last_word_is_that_it_ends() -> None:
+    recorder = Recorder()
+    recorder.status.update(OK, cycle=True)
+    recorder.take()
+    recorder.status.close()
+    assert recorder.take() == (["shutting_down"], [True])
+    recorder.status.update(OK, cycle=True)
+    recorder.status.look()
+    recorder.status.close()
+    assert recorder.take() == ([], [])

@@ -17,14 +17,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from each import each
-from rig import Rig, cube, pose
+from rig import Rig, cube, pose, spy
 
 from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
-from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.inputs import clouds as obstacles
 from obb_collision.node.messages.box_markers import Markers
 from obb_collision.node.outputs import Events, outputs
@@ -33,11 +34,11 @@ from obb_collision.node.topics.topics import TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, separations, sweep
 
 KERNELS = {
-    "separations": [(separations, "pair_separations")],
-    "contacts": [(contacts, "pair_contacts")],
-    "clearance": [(clearance, "near_pairs")],
-    "sweep": [(sweep, "box_sweeps")],
-    "points": [(points, "points_in_bodies")],
+    "separations": (separations, "pair_separations"),
+    "contacts": (contacts, "pair_contacts"),
+    "clearance": (clearance, "near_pairs"),
+    "sweep": (sweep, "box_sweeps"),
+    "points": (points, "points_in_bodies"),
 }
 """What an effect of the scene calls to compute."""
 BUILDERS = {
@@ -50,6 +51,7 @@ BUILDERS = {
 UNHEARD = ("in_collision", "collision_status", "diagnostics")
 """Topics that say something also where nobody subscribes, or have no rows."""
 RUNNING = tuple(name for name in TOPICS if name not in UNHEARD)
+NAMES = {name: topic.name.replace("~", "obb_collision") for name, topic in TOPICS.items()}
 
 
 @pytest.fixture
@@ -69,9 +71,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     for effect in EFFECTS.values():
         count(type(effect), "run", f"run {effect.name}")
-    for effect_name, kernels in KERNELS.items():
-        for module, name in kernels:
-            count(module, name, f"kernel {effect_name}")
+    for effect_name, (module, name) in KERNELS.items():
+        count(module, name, f"kernel {effect_name}")
     for topic_name, (owner, name) in BUILDERS.items():
         count(owner, name, f"build {topic_name}")
     for topic_name, topic in TOPICS.items():
@@ -120,55 +121,59 @@ def settled(scene: Scene, calls: Counter[str]) -> Counter[str]:
     return calls
 
 
-def test_what_nobody_subscribes_to_costs_no_call(calls: Counter[str]) -> None:
-    with Rig(deaf=True) as rig:
-        counted = settled(Scene(rig), calls)
-        assert counted == Counter()
+@pytest.fixture
+def scene(calls: Counter[str]) -> Iterator[Scene]:
+    """Yield a scene whose node nobody listens to, and for which nothing was made ready."""
+    with Rig(deaf=True, marker_rate=100.0, rate=200.0) as rig:
+        made = Scene(rig)
+        assert settled(made, calls) == Counter(), "what nobody subscribes to costs no call"
         assert rig.node.warm._asked == {}, "nothing was even made ready"
         assert len(rig.node.cycle.report or ()) == 1, "but what collides is known"
         assert rig.node.cycle.report is not None
         assert rig.node.cycle.report.costs == {}
+        yield made
 
 
 @each("effect", RUNNING)
 def test_a_subscription_starts_an_effect_and_its_end_stops_it(
-    calls: Counter[str], effect: str
+    scene: Scene, calls: Counter[str], effect: str
 ) -> None:
-    topic = TOPICS[effect].name.replace("~", "obb_collision")
-    with Rig(deaf=True, marker_rate=100.0, rate=200.0) as rig:
-        scene = Scene(rig)
-        rig.listen(topic)
-        rig.until(lambda: topic in rig.last, topic)
-        settled(scene, calls)
-        assert of(calls, effect) > 0
-        described = effect in ("collisions", "text", "events")
-        others = {name for name in (*TOPICS, "separations") if of(calls, name)} - {effect}
-        assert others == ({"separations", "collisions"} - {effect} if described else set())
-        assert bool(calls["build cloud"]) == (effect == "points")
-        rig.ignore(topic)
-        called = rig.node.effects.is_requested
-        rig.until(lambda: not called(effect), "unsubscribed")
-        assert settled(scene, calls) == Counter()
+    rig, topic = scene.rig, NAMES[effect]
+    rig.listen(topic)
+    rig.until(lambda: topic in rig.last, topic)
+    settled(scene, calls)
+    assert of(calls, effect) > 0
+    described = effect in ("collisions", "text", "events")
+    others = {name for name in (*TOPICS, "separations") if of(calls, name)} - {effect}
+    assert others == ({"separations", "collisions"} - {effect} if described else set())
+    assert bool(calls["build cloud"]) == (effect == "points")
+    rig.ignore(topic)
+    rig.until(lambda: not rig.node.effects.is_requested(effect), "unsubscribed")
+    assert settled(scene, calls) == Counter()
 
 
 @each("effect", [*EFFECTS, "collisions", "text", "markers"])
-def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
-    topics = [topic.name.replace("~", "obb_collision") for topic in TOPICS.values()]
-    if effect == "collisions":  # of which those need the rows, too
-        topics = [topic for topic in topics if topic not in ("collisions_text", "events")]
-    with Rig(deaf=True, marker_rate=100.0, rate=200.0, given={f"effects.{effect}": "off"}) as rig:
-        scene = Scene(rig)
-        rig.listen(*topics)
-        settled(scene, calls)
-        assert of(calls, effect) == 0, "off, though somebody subscribes"
-        rig.ignore(*topics)
-        rig.until(lambda: not rig.node.effects.of_cycle(), "unsubscribed")
-        assert settled(scene, calls) == Counter()
-        assert all(result.successful for result in rig.set(**{f"effects.{effect}": "on"}))
-        settled(scene, calls)
-        assert of(calls, effect) > 0, "on, though nobody subscribes"
-        assert all(result.successful for result in rig.set(**{f"effects.{effect}": "auto"}))
-        assert settled(scene, calls) == Counter()
+def test_modes_change_at_run_time(scene: Scene, calls: Counter[str], effect: str) -> None:
+    rig = scene.rig
+
+    def mode(word: str) -> bool:
+        (result,) = rig.set(**{f"effects.{effect}": word})
+        return bool(result.successful)
+
+    needs_rows = ("text", "events") if effect == "collisions" else ()
+    topics = [topic for name, topic in NAMES.items() if name not in needs_rows]
+    assert mode("off")
+    rig.listen(*topics)
+    settled(scene, calls)
+    assert of(calls, effect) == 0, "off, though somebody subscribes"
+    rig.ignore(*topics)
+    rig.until(lambda: not rig.node.effects.of_cycle(), "unsubscribed")
+    assert settled(scene, calls) == Counter()
+    assert mode("on")
+    settled(scene, calls)
+    assert of(calls, effect) > 0, "on, though nobody subscribes"
+    assert mode("auto")
+    assert settled(scene, calls) == Counter()
 
 
 def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
@@ -176,29 +181,25 @@ def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
 ) -> None:
     with Rig(deaf=True) as rig:
         rig.cycles(1)
-        publisher = rig.publisher("in_collision")
-        sent: list[bool] = []
-        publish = publisher.publish
+        publish = spy(monkeypatch, rig.node.outputs.publishers["in_collision"], "publish")
 
-        def noted(message: Any) -> None:
-            sent.append(message.data)
-            publish(message)
+        def sent() -> list[bool]:
+            return [call.args[0].data for call in publish.call_args_list]
 
-        monkeypatch.setattr(publisher, "publish", noted)
         rig.send(cube(("a", 1)), cube(("a", 2), (9, 0, 0)))
-        rig.until(lambda: sent[-1:] == [False], "flag")
+        rig.until(lambda: sent()[-1:] == [False], "flag")
         rig.send_transform("a/2", pose(0.5))
-        rig.until(lambda: sent[-1:] == [True], "flag")
+        rig.until(lambda: sent()[-1:] == [True], "flag")
         rig.cycles(3)
-        assert sent == [False, True], "sent where it changes"
+        assert sent() == [False, True], "sent where it changes"
         rig.listen("in_collision")
         assert rig.until(lambda: rig.last.get("in_collision"), "flag").data is True
-        rig.until(lambda: len(sent) > 3, "every cycle")
+        rig.until(lambda: len(sent()) > 3, "every cycle")
         rig.set(**{"effects.in_collision": "off"})
-        sent.clear()
+        publish.reset_mock()
         rig.send_transform("a/2", pose(9.0))
         rig.cycles(3)
-        assert sent == []
+        publish.assert_not_called()
 
 
 def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
@@ -221,24 +222,18 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
 
 
 def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
-    built: list[Any] = []
-
-    def noted(*args: Any) -> Any:
-        built.append(make_status(*args))
-        return built[-1]
-
-    monkeypatch.setattr(reporting, "make_status", noted)
+    built = spy(monkeypatch, reporting, "make_status")
     with Rig(deaf=True) as rig:
         publish = rig.node.reporting.publish
         publish()
-        assert built == []
+        built.assert_not_called()
         rig.listen("/diagnostics")
         rig.next("/diagnostics")
-        assert built
+        built.assert_called()
         rig.set(**{"effects.diagnostics": False})  # what YAML makes of an unquoted off
-        built.clear()
+        built.reset_mock()
         publish()
-        assert built == []
+        built.assert_not_called()
 
 
 def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
@@ -248,10 +243,7 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
         rig.listen("/diagnostics", "contacts")
         scene = Scene(rig)
         rig.until(lambda: "contacts" in rig.last, "contacts")
-
-        def broken(*args: Any, **options: Any) -> Any:
-            raise FloatingPointError("no patch today")
-
+        broken = Mock(side_effect=FloatingPointError("no patch today"))
         monkeypatch.setattr(contacts, "pair_contacts", broken)
         scene.step()
 
@@ -272,12 +264,8 @@ def test_only_objects_that_call_for_an_effect_get_it() -> None:
         rig.listen("contacts", "/diagnostics")
         rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4))).answer()
         rig.until(lambda: rig.last.get("contacts") and rig.next("contacts").width > 0, "contacts")
-        ids = pairs_of(rig.next("contacts"))
+        rows = contacts_from_ros(rig.next("contacts"))
+        ids = set(zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True))
         assert ids == {(0, 2), (1, 2), (2, 3)}
         rig.set(**{"effects.contacts_objects": ["b/*"]})
         rig.until(lambda: rig.next("contacts").width == 0, "nobody calls")
-
-
-def pairs_of(message: Any) -> set[tuple[int, int]]:
-    rows = contacts_from_ros(message)
-    return set(zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True))

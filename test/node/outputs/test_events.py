@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from typing import Any, NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -209,12 +210,8 @@ def test_an_unknown_depth_counts_as_deep() -> None:
 def test_no_begin_is_lost_where_parting_fails() -> None:
     pairs = PairEvents(EVENTS.dtype)
     pairs.update(0, rows_of({0: DEEP}), EventLimits(), nothing_parts)
-
-    def fails(rows: Any) -> Parted:
-        raise RuntimeError("not today")
-
     with pytest.raises(RuntimeError):
-        pairs.update(SECOND, rows_of({1: DEEP}), EventLimits(), fails)
+        pairs.update(SECOND, rows_of({1: DEEP}), EventLimits(), Mock(side_effect=RuntimeError))
     events = pairs.update(2 * SECOND, rows_of({1: DEEP}), EventLimits(), nothing_parts)
     assert {number(row): row["event"] for row in events} == {0: END, 1: BEGIN}
 
@@ -242,12 +239,9 @@ class Listener:
 
     def changes(self) -> list[tuple[str, str, str]]:
         """Return all events as (event, a, b), with the reason of an end."""
-        return [
-            (row.event + (row.reason and f": {row.reason}"), row.a, row.b) for row in self.rows()
-        ]
+        return [(r.event + (r.reason and f": {r.reason}"), r.a, r.b) for r in self.rows()]
 
     def lasting(self) -> set[tuple[str, str]]:
-        """Return the pairs that last by the newest message."""
         rows = named_events(self.messages[-1], self.names or self.rig.last["namespaces"])
         return {(row.a, row.b) for row in rows if row.event == "lasting"}
 
@@ -311,7 +305,8 @@ def test_what_lasts_comes_again_and_again(
 
 def test_without_a_subscriber_nothing_is_counted(rig: Rig, events: Listener) -> None:
     events.close()
-    rig.until(lambda: rig.publisher("events").get_subscription_count() == 0, "nobody")
+    publisher = rig.node.outputs.publishers["events"]
+    rig.until(lambda: publisher.get_subscription_count() == 0, "nobody")
     rig.cycles(2)
     assert len(rig.node.outputs.events.pairs.lasting(0)) == 0
     again = Listener(rig)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock, patch
 
 import pytest
 import yaml
@@ -50,11 +51,24 @@ KIND = {bool: "bool", int: "integer", float: "double", str: "string", list: "str
 
 
 def message(name: str, kind: str, value: Any) -> Parameter:
-    """Return a parameter as another node sends it."""
     given = ParameterValue(type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"))
     if value is not None:
         setattr(given, f"{kind}_value", value)
     return Parameter(name=name, value=given)
+
+
+def ask(rig: Rig, *parameters: Parameter) -> list[Any]:
+    """Set parameters as another node does; return the results."""
+    name = f"{rig.node.get_fully_qualified_name()}/set_parameters"
+    request = SetParameters.Request(parameters=list(parameters))
+    return list(rig.call(SetParameters, name, request).results)
+
+
+def ask_for_all(rig: Rig, *parameters: Parameter) -> Any:
+    """Set all parameters or none of them as another node does; return the result."""
+    name = f"{rig.node.get_fully_qualified_name()}/set_parameters_atomically"
+    request = SetParametersAtomically.Request(parameters=list(parameters))
+    return rig.call(SetParametersAtomically, name, request).result
 
 
 def may_be(spec: Spec, kind: str, value: Any) -> bool:
@@ -69,7 +83,6 @@ def may_be(spec: Spec, kind: str, value: Any) -> bool:
 
 
 def check_usable(rig: Rig) -> None:
-    """Check that the node goes on and that all it has are values that can be used."""
     for spec in SPECS:
         spec.read(rig.node.get_parameter(spec.name).value)
     rig.set(**{"rate": 50.0, "max_objects": 20000, "effects.collisions": "auto"})
@@ -77,12 +90,9 @@ def check_usable(rig: Rig) -> None:
 
 
 def test_every_type_for_every_parameter_is_taken_or_refused_with_a_reason(rig: Rig) -> None:
-    name = f"{rig.node.get_fully_qualified_name()}/set_parameters"
+    given = [(kind, value) for kind, values in FIELDS.items() for value in values]
     for spec in SPECS:
-        given = [(kind, value) for kind, values in FIELDS.items() for value in values]
-        request = SetParameters.Request(parameters=[message(spec.name, *one) for one in given])
-        results = rig.call(SetParameters, name, request).results
-        assert len(results) == len(given)
+        results = ask(rig, *(message(spec.name, *one) for one in given))
         for (kind, value), result in zip(given, results, strict=True):
             assert result.successful or result.reason, (spec.name, kind, value)
             assert may_be(spec, kind, value) or not result.successful, (spec.name, kind, value)
@@ -92,25 +102,19 @@ def test_every_type_for_every_parameter_is_taken_or_refused_with_a_reason(rig: R
 
 
 def test_a_set_with_one_wrong_value_changes_nothing(rig: Rig) -> None:
-    name = f"{rig.node.get_fully_qualified_name()}/set_parameters_atomically"
     good = message("padding", "double", 0.125)
     for spec in SPECS:
         for kind in ("not_set", "integer_array", "byte_array", "double"):
-            value = FIELDS[kind][-1]
-            request = SetParametersAtomically.Request()
-            request.parameters = [good, message(spec.name, kind, value)]
-            result = rig.call(SetParametersAtomically, name, request).result
+            result = ask_for_all(rig, good, message(spec.name, kind, FIELDS[kind][-1]))
             assert not result.successful
             assert result.reason
     assert rig.node.parameters.padding == 0.0
-    request = SetParametersAtomically.Request(parameters=[good, good])
-    assert rig.call(SetParametersAtomically, name, request).result.successful
+    assert ask_for_all(rig, good, good).successful
     assert rig.node.parameters.padding == 0.125
     check_usable(rig)
 
 
 def test_types_and_names_that_are_none_end_nothing(rig: Rig) -> None:
-    node = rig.node.get_fully_qualified_name()
     wrong = [
         Parameter(name="padding", value=ParameterValue(type=200)),
         message("padding", "double", 0.25),
@@ -118,30 +122,24 @@ def test_types_and_names_that_are_none_end_nothing(rig: Rig) -> None:
         message("", "double", 0.5),
         message("x" * 10**5, "string", "y"),
     ]
-    request = SetParameters.Request(parameters=wrong)
-    results = rig.call(SetParameters, f"{node}/set_parameters", request).results
+    results = ask(rig, *wrong)
     assert [result.successful for result in results] == [False, True, False, False, False]
     assert all(result.reason for result in results if not result.successful)
-    for one in (wrong[:1], wrong[2:3]):
-        atomic = SetParametersAtomically.Request(parameters=one)
-        response = rig.call(SetParametersAtomically, f"{node}/set_parameters_atomically", atomic)
-        assert not response.result.successful
-        assert response.result.reason
+    for one in (wrong[0], wrong[2]):
+        result = ask_for_all(rig, one)
+        assert not result.successful
+        assert result.reason
     assert rig.node.parameters.padding == 0.25
     check_usable(rig)
 
 
 def test_a_change_that_cannot_be_applied_is_told_and_ends_nothing(rig: Rig) -> None:
-    def fail() -> None:
-        raise RuntimeError("not today")
-
-    applying, rig.node.parameters.on_change = rig.node.parameters.on_change, fail
-    request = SetParameters.Request(parameters=[message("padding", "double", 0.25)])
-    name = f"{rig.node.get_fully_qualified_name()}/set_parameters"
-    (result,) = rig.call(SetParameters, name, request).results
+    with patch.object(
+        rig.node.parameters, "on_change", Mock(side_effect=RuntimeError("not today"))
+    ):
+        (result,) = ask(rig, message("padding", "double", 0.25))
     assert not result.successful
     assert "not today" in result.reason
-    rig.node.parameters.on_change = applying
     check_usable(rig)
 
 

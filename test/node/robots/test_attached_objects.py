@@ -42,9 +42,7 @@ def held(
     place: Any = (1.3, 0.0, 0.0), size: Any = EDGES, frame: str = HAND, **fields: Any
 ) -> Marker:
     """Return a cube beyond the boxes of the hand, attached to it."""
-    marker = cube(TOOL, place, size, **({"frame_locked": True} | fields))
-    marker.header.frame_id = frame
-    return marker
+    return cube(TOOL, place, size, frame, **({"frame_locked": True} | fields))
 
 
 def put(rig: Any, *markers: Marker, stamped: bool = True) -> None:
@@ -55,7 +53,6 @@ def put(rig: Any, *markers: Marker, stamped: bool = True) -> None:
 
 
 def at(rig: Any, place: Any) -> None:
-    """Assert where it is."""
     np.testing.assert_allclose(rig.pose_of(TOOL)[:3], place, atol=1e-12)
 
 
@@ -93,19 +90,19 @@ def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: AskingRig)
 
 
 @each("hand", [True, False])
-def test_it_may_touch_the_end_effector_of_the_srdf_whose_link_holds_it(hand: bool) -> None:
+def test_it_may_touch_the_end_effector_of_the_srdf_whose_link_holds_it(
+    arm: AskingRig, hand: bool
+) -> None:
     links = '<link name="column"/><link name="hand"/>' if hand else '<link name="column"/>'
     end = (
         f'<group name="gripper">{links}</group>'
         '<end_effector name="tool" parent_link="base" group="gripper"/></robot>'
     )
-    with AskingRig() as rig:
-        rig.start_robot()
-        rig.semantics.publish(String(data=SRDF.replace("</robot>", end)))
-        rig.until(lambda: rig.robot.links.robot.end_effectors, "the SRDF")
-        put(rig, held(*LONG))
-        assert rig.pairs() == (set() if hand else {("arm/column/0", NAME)})
-        assert rig.reasons([HERE]) == [VALID if hand else COLLIDES]
+    arm.semantics.publish(String(data=SRDF.replace("</robot>", end)))
+    arm.until(lambda: arm.robot.links.robot.end_effectors, "the SRDF")
+    put(arm, held(*LONG))
+    assert arm.pairs() == (set() if hand else {("arm/column/0", NAME)})
+    assert arm.reasons([HERE]) == [VALID if hand else COLLIDES]
 
 
 @each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW])
@@ -134,17 +131,18 @@ def test_it_can_be_exchanged_moved_and_detached(arm: AskingRig) -> None:
     assert arm.reasons([THERE, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
 
 
-def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles() -> None:
+def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles(
+    arm: AskingRig,
+) -> None:
     """A pose applies the markers that came before it; a question may come right behind it."""
-    with AskingRig({"ignored_objects": ["nobody/*"]}) as rig:
-        rig.start_robot()
-        put(rig, held())
-        scene = rig.ends.checked.scene
-        assert scene().attached == {NAME: HAND}
-        takes = rig.node.inputs.callbacks()
-        takes["objects"](serialize_message(MarkerArray(markers=[held(action=Marker.DELETE)])))
-        takes["object_transform"](serialize_message(TransformStamped(child_frame_id="nobody/1")))
-        assert scene().attached == {}
+    arm.set(ignored_objects=["nobody/*"])
+    put(arm, held())
+    scene = arm.ends.checked.scene
+    assert scene().attached == {NAME: HAND}
+    takes = arm.node.inputs.callbacks()
+    takes["objects"](serialize_message(MarkerArray(markers=[held(action=Marker.DELETE)])))
+    takes["object_transform"](serialize_message(TransformStamped(child_frame_id="nobody/1")))
+    assert scene().attached == {}
 
 
 def test_it_is_grey_without_its_joints_or_its_link_and_no_state_valid() -> None:
@@ -163,8 +161,7 @@ def test_it_is_grey_without_its_joints_or_its_link_and_no_state_valid() -> None:
         rig.move()
         assert not table.doubtful[slot]
         assert rig.reasons([HERE]) == [VALID]
-        rig.describe(URDF.replace('"hand"', '"palm"'))
-        rig.until(lambda: "palm" in str(rig.robot.links and rig.robot.links.rows), "the robot")
+        rig.read(URDF.replace('"hand"', '"palm"'))
         rig.send_joints(turn=0.0, lift=0.0)
         rig.until(lambda: table.doubtful[slot], "grey: it has no such link")
         assert rig.reasons([HERE]) == [NOT_KNOWN]
@@ -190,21 +187,16 @@ def test_the_frame_may_be_that_of_tf(by_tf: bool) -> None:
         assert rig.reasons([HERE, THERE]) == [VALID, COLLIDES]
 
 
-def test_trajectories_are_refused_and_stopped_for_what_is_attached() -> None:
-    with AskingRig() as arm:
-        arm.start_robot()
-        slow = [(0.0, HERE), (1000.0, THERE)]
-        put(arm, cube(CRATE, BEYOND, EDGES))
-        arm.begin(slow)
-        arm.send(held())
-        assert arm.stopped().startswith(f"stopped: not free: {NAME} and crate/1")
-        assert arm.go(slow)[0].message.startswith(f"refused: not free: {NAME} and crate/1")
-        arm.describe(URDF.replace('"base"', '"5"'))  # what has the name of a link is not attached
-        arm.until(lambda: "5" in str(arm.robot.links and arm.robot.links.rows), "the robot")
-        put(arm, held(action=Marker.DELETE))
-        arm.begin(slow)
-        marker = cube(("arm", 5), (0.0, 0.0, 2.0), EDGES, frame_locked=True)
-        marker.header.frame_id = HAND
-        put(arm, marker)
-        text = "refused: scene not known: not attached: name must not be that of a link"
-        assert arm.go(slow)[0].message.startswith(text)
+def test_trajectories_are_refused_and_stopped_for_what_is_attached(arm: AskingRig) -> None:
+    slow = [(0.0, HERE), (1000.0, THERE)]
+    put(arm, cube(CRATE, BEYOND, EDGES))
+    arm.begin(slow)
+    arm.send(held())
+    assert arm.stopped().startswith(f"stopped: not free: {NAME} and crate/1")
+    assert arm.go(slow)[0].message.startswith(f"refused: not free: {NAME} and crate/1")
+    arm.read(URDF.replace('"base"', '"5"'))  # what has the name of a link is not attached
+    put(arm, held(action=Marker.DELETE))
+    arm.begin(slow)
+    put(arm, cube(("arm", 5), (0.0, 0.0, 2.0), EDGES, HAND, frame_locked=True))
+    text = "refused: scene not known: not attached: name must not be that of a link"
+    assert arm.go(slow)[0].message.startswith(text)

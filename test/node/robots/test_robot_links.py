@@ -64,16 +64,15 @@ def test_links_are_objects_that_joints_move(arm: AskingRig) -> None:
     np.testing.assert_allclose(arm.pose_of(HAND), pose(1.0, 0.0, 0.7), atol=1e-12)
 
 
-def test_adjacent_links_and_those_of_the_srdf_are_not_checked() -> None:
+def test_adjacent_links_and_those_of_the_srdf_are_not_checked(arm: AskingRig) -> None:
     bulky = URDF.replace("</link>", f"{box(0.9)}</link>", 1)
-    with RobotRig() as rig:
-        rig.start_robot(bulky, lift=-0.5)
-        rig.send_joints(lift=-0.5)
-        assert pairs(rig) == {("arm/base/1", "arm/hand/0")}
-        rig.semantics.publish(String(data=SRDF))
-        rig.until(lambda: rig.robot.links.robot.disabled_pairs, "the SRDF")
-        rig.send_joints(lift=-0.5, turn=0.0)
-        assert pairs(rig) == set()
+    arm.start_robot(bulky, lift=-0.5)
+    arm.send_joints(lift=-0.5)
+    assert pairs(arm) == {("arm/base/1", "arm/hand/0")}
+    arm.semantics.publish(String(data=SRDF))
+    arm.until(lambda: arm.robot.links.robot.disabled_pairs, "the SRDF")
+    arm.send_joints(lift=-0.5, turn=0.0)
+    assert pairs(arm) == set()
 
 
 def test_a_base_is_fixed_by_a_frame_or_by_a_topic() -> None:
@@ -167,24 +166,19 @@ def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
     np.testing.assert_array_equal(arm.pose_of(HAND), before)
 
 
-def test_a_robot_without_joints_stands_where_its_base_is() -> None:
-    with RobotRig() as rig:
-        rig.describe(f'<robot name="rock"><link name="rock">{box(1.0)}</link></robot>')
-        rig.until(lambda: rig.robot.links is not None, "the robot")
-        rig.send(cube(CRATE, (0.9, 0, 0)))
-        assert pairs(rig) == {("arm/rock/0", "crate/1")}
+def test_a_robot_without_joints_stands_where_its_base_is(arm: AskingRig) -> None:
+    arm.read(f'<robot name="rock"><link name="rock">{box(1.0)}</link></robot>')
+    arm.send(cube(CRATE, (0.9, 0, 0)))
+    assert pairs(arm) == {("arm/rock/0", "crate/1")}
 
 
-def test_a_new_description_takes_the_place_of_the_one_before() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        other = f'<robot name="b"><link name="a">{box(1)}</link><link name="c">{box(1)}</link>'
-        rig.describe(other + joint("slide", "prismatic", "a", "c", "3 0 0") + "</robot>")
-        rig.until(lambda: rig.robot.links.keys[0] == ("arm/a", 0), "the new one")
-        rig.known("joint_unknown", "joints without a state: slide")
-        rig.send_joints(slide=0.0)
-        rig.known()
-        assert set(rig.node.objects.table.slots) == {("arm/a", 0), ("arm/c", 0)}
+def test_a_new_description_takes_the_place_of_the_one_before(arm: AskingRig) -> None:
+    other = f'<robot name="b"><link name="a">{box(1)}</link><link name="c">{box(1)}</link>'
+    arm.read(other + joint("slide", "prismatic", "a", "c", "3 0 0") + "</robot>")
+    arm.known("joint_unknown", "joints without a state: slide")
+    arm.send_joints(slide=0.0)
+    arm.known()
+    assert set(arm.node.objects.table.slots) == {("arm/a", 0), ("arm/c", 0)}
 
 
 def test_several_robots_are_obstacles_to_each_other() -> None:
@@ -200,20 +194,19 @@ def test_several_robots_are_obstacles_to_each_other() -> None:
         assert pairs(rig) == {("arm/hand/1", "leg/rock/0")}
 
 
-def test_a_quaternion_of_zeros_is_refused() -> None:
+def test_a_quaternion_of_zeros_is_refused(arm: AskingRig) -> None:
     floating = joint("fly", "floating", "world", "base", "0 0 0")
     urdf = URDF.replace("</robot>", f'<link name="world"/>{floating}</robot>')
     parts = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z", "rot_w")
     values = {"lift": 0.0, "turn": 0.0} | {f"fly/{part}": 0.0 for part in parts}
-    with RobotRig() as rig:
-        rig.describe(urdf)
-        rig.known("joint_unknown", "joints without a state")
-        rig.send_joints(None, **values)
-        rig.known("base_unknown", "links not placed: bad pose")
-        rig.send_joints(None, **(values | {"fly/trans_x": 1.0, "fly/rot_w": 1.0}))
-        rig.known()
-        np.testing.assert_allclose(rig.pose_of(HAND), pose(2.0, 0.0, 0.5), atol=1e-12)
-        assert rig.node.guard.total == 0
+    arm.describe(urdf)
+    arm.known("joint_unknown", "joints without a state")
+    arm.send_joints(None, **values)
+    arm.known("base_unknown", "links not placed: bad pose")
+    arm.send_joints(None, **(values | {"fly/trans_x": 1.0, "fly/rot_w": 1.0}))
+    arm.known()
+    np.testing.assert_allclose(arm.pose_of(HAND), pose(2.0, 0.0, 0.5), atol=1e-12)
+    assert arm.node.guard.total == 0
 
 
 @each("seed", range(5))
@@ -298,24 +291,25 @@ def test_links_whose_hulls_are_being_built_are_unknown_and_collide_with_nothing(
         assert COLLIDING not in levels
 
 
-def test_links_are_unknown_while_kernels_of_their_accuracy_are_loaded(tmp_path: Path) -> None:
+def test_links_are_unknown_while_kernels_of_their_accuracy_are_loaded(
+    arm: AskingRig, tmp_path: Path
+) -> None:
     is_ready = warm_up.WarmUp.is_ready
-    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
-        rig.set(accuracy="obb")
-        rig.send(CORNER)
-        rig.start_robot(ball(tmp_path))
-        rig.until(lambda: len(rig.pairs()), "boxes that meet")
+    arm.set(accuracy="obb")
+    arm.send(CORNER)
+    arm.start_robot(ball(tmp_path))
+    arm.until(lambda: len(arm.pairs()), "boxes that meet")
 
-        def lacks_hull(warm: warm_up.WarmUp, level: Accuracy) -> bool:
-            return level != Accuracy.HULL and is_ready(warm, level)
+    def lacks_hull(warm: warm_up.WarmUp, level: Accuracy) -> bool:
+        return level != Accuracy.HULL and is_ready(warm, level)
 
-        with patch.object(warm_up.WarmUp, "is_ready", lacks_hull):
-            rig.set(accuracy="hull")
-            rig.known("starting")
-            levels = statuses(rig)
-            rig.cycles(3)
-        rig.known()
-        assert COLLIDING not in levels
+    with patch.object(warm_up.WarmUp, "is_ready", lacks_hull):
+        arm.set(accuracy="hull")
+        arm.known("starting")
+        levels = statuses(arm)
+        arm.cycles(3)
+    arm.known()
+    assert COLLIDING not in levels
 
 
 def has_text(rig: RobotRig, text: str) -> bool:
@@ -323,25 +317,25 @@ def has_text(rig: RobotRig, text: str) -> bool:
     return text in rig.robot._texts.values()
 
 
-def test_a_text_that_is_refused_counts_until_the_next_one_of_its_kind() -> None:
-    with RobotRig() as rig:
-        rig.start_robot()
-        rig.known()
-        texts = {rig.descriptions: URDF, rig.semantics: SRDF}
-        for refused, other in permutations(texts):
-            refused.publish(String(data="none"))
-            rig.known("robot_unknown")
-            other.publish(String(data=texts[other]))
-            rig.until(partial(has_text, rig, texts[other]), "the other text")
-            rig.cycles(3)
-            rig.known("robot_unknown")
-            refused.publish(String(data=texts[refused]))
-            rig.until(lambda: rig.robot.fault[:5] in ("", "joint"), "the robot")
-            rig.send_joints(lift=0.0, turn=0.0)
-            rig.known()
+def test_a_text_that_is_refused_counts_until_the_next_one_of_its_kind(arm: AskingRig) -> None:
+    arm.known()
+    texts = {arm.descriptions: URDF, arm.semantics: SRDF}
+    for refused, other in permutations(texts):
+        refused.publish(String(data="none"))
+        arm.known("robot_unknown")
+        other.publish(String(data=texts[other]))
+        arm.until(partial(has_text, arm, texts[other]), "the other text")
+        arm.cycles(3)
+        arm.known("robot_unknown")
+        refused.publish(String(data=texts[refused]))
+        arm.until(lambda: arm.robot.fault[:5] in ("", "joint"), "the robot")
+        arm.send_joints(lift=0.0, turn=0.0)
+        arm.known()
 
 
-def test_of_a_flood_of_descriptions_one_is_read_at_a_time_and_the_last_one_counts() -> None:
+def test_of_a_flood_of_descriptions_one_is_read_at_a_time_and_the_last_one_counts(
+    arm: AskingRig,
+) -> None:
     from_urdf, may_go = Robot.from_urdf, Event()
     read: list[str] = []
 
@@ -350,12 +344,12 @@ def test_of_a_flood_of_descriptions_one_is_read_at_a_time_and_the_last_one_count
         assert may_go.wait(60.0)
         return from_urdf(urdf, *args, **options)
 
-    with RobotRig() as rig, patch.object(Robot, "from_urdf", slow):
+    with patch.object(Robot, "from_urdf", slow):
         texts = [URDF.replace('name="arm"', f'name="arm{n}"', 1) for n in range(9)]
         for text in texts:
-            rig.describe(text)
-            rig.until(partial(has_text, rig, text), "a text")
+            arm.describe(text)
+            arm.until(partial(has_text, arm, text), "a text")
         assert [thread.name for thread in enumerate_threads()].count("robot_description") == 1
         may_go.set()
-        rig.known("joint_unknown")
+        arm.known("joint_unknown")
         assert read == [texts[0], texts[-1]]

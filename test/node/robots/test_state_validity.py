@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""States to check, by topic and by MoveIt's service: valid only where everything is known."""
+"""States to check, by topic and by MoveIt's service, and how fast a robot may move.
+
+No state is valid, and no robot may move, where anything is not known.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,8 @@ from robot_rig import (
     AskingRig,
     box,
 )
-from std_msgs.msg import String
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
 from test_attached_objects import TOOL, held, put
 from visualization_msgs.msg import Marker
@@ -49,53 +53,47 @@ from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.robots import validity
 
 
-def test_each_state_is_valid_or_says_why_not() -> None:
-    with AskingRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1))).answer()
-        nan = float("nan")
-        states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
-        rows = rig.ask(states)
-        assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
-        keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
-        assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
-        assert np.isnan(rows["distance"]).all()
-        assert len(rig.ask(np.empty((0, 2)))) == 0
+def test_each_state_is_valid_or_says_why_not(arm: AskingRig) -> None:
+    arm.put((0.0, 1.0, 0.7))
+    states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [np.nan, 0.0], [0.2, 0.0]]
+    rows = arm.ask(states)
+    assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
+    keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
+    assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
+    assert np.isnan(rows["distance"]).all()
+    assert len(arm.ask(np.empty((0, 2)))) == 0
 
 
-def test_answers_are_those_of_the_library() -> None:
+def test_answers_are_those_of_the_library(arm: AskingRig) -> None:
     rng = np.random.default_rng(0)
-    with AskingRig({"state_validity_distance": 10.0}) as rig:
-        bulky = URDF.replace("</link>", f"{box(0.9)}</link>", 1)
-        rig.start_robot(bulky, lift=0.4)
-        scene, markers = oc.Scene(), []
-        places = rng.uniform(-1.2, 1.2, (30, 3))
-        for number, place in enumerate(places[np.hypot(*places[:, :2].T) > 0.85]):
-            markers.append(cube(("crate", number), place, (0.2, 0.2, 0.2)))
-            scene.add(f"crate/{number}", oc.shapes.Box((0.2, 0.2, 0.2)), pose(*place))
-        rig.send(*markers).answer()
-        robot = oc.Robot.from_urdf(bulky)
-        checker = oc.RobotScene([robot], scene)
-        states = rng.uniform((-1.0, -3.0), (1.5, 3.2), (500, 2))
-        rows, report = rig.ask(states), checker.check(states)
-        np.testing.assert_array_equal(rows["valid"] == 1, report.valid)
-        assert 50 < report.valid.sum() < 450
-        expected = checker.distances(states, max_distance=10.0).distances
-        np.testing.assert_allclose(rows["distance"], expected, atol=1e-9)
+    arm.set(state_validity_distance=10.0)
+    bulky = URDF.replace("</link>", f"{box(0.9)}</link>", 1)
+    arm.start_robot(bulky, lift=0.4)
+    scene, markers = oc.Scene(), []
+    places = rng.uniform(-1.2, 1.2, (30, 3))
+    for number, place in enumerate(places[np.hypot(*places[:, :2].T) > 0.85]):
+        markers.append(cube(("crate", number), place, (0.2, 0.2, 0.2)))
+        scene.add(f"crate/{number}", oc.shapes.Box((0.2, 0.2, 0.2)), pose(*place))
+    arm.send(*markers).answer()
+    robot = oc.Robot.from_urdf(bulky)
+    checker = oc.RobotScene([robot], scene)
+    states = rng.uniform((-1.0, -3.0), (1.5, 3.2), (500, 2))
+    rows, report = arm.ask(states), checker.check(states)
+    np.testing.assert_array_equal(rows["valid"] == 1, report.valid)
+    assert 50 < report.valid.sum() < 450
+    expected = checker.distances(states, max_distance=10.0).distances
+    np.testing.assert_allclose(rows["distance"], expected, atol=1e-9)
 
 
 @each("padded", ["arm/*", "arm/hand/1", "crate/*"])
-def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str) -> None:
-    with AskingRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (0.0, 1.2, 0.5), (0.1, 0.1, 0.1)))  # 0.05 m beyond the hand
-        rig.answer()
-        there = [[0.0, np.pi / 2]]
-        assert rig.reasons(there) == [VALID]
-        rig.set(padding_overrides=[f"{padded}: 0.06"])
-        rig.send_joints(lift=0.0, turn=np.pi / 2)
-        assert set(map(frozenset, rig.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
-        assert rig.reasons(there) == [COLLIDES]
+def test_the_padding_of_links_counts_as_that_of_objects_does(arm: AskingRig, padded: str) -> None:
+    arm.put((0.0, 1.2, 0.5))  # 0.05 m beyond the hand
+    there = [[0.0, np.pi / 2]]
+    assert arm.reasons(there) == [VALID]
+    arm.set(padding_overrides=[f"{padded}: 0.06"])
+    arm.send_joints(lift=0.0, turn=np.pi / 2)
+    assert set(map(frozenset, arm.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
+    assert arm.reasons(there) == [COLLIDES]
 
 
 def test_states_are_where_the_base_is() -> None:
@@ -106,7 +104,7 @@ def test_states_are_where_the_base_is() -> None:
         rig.send_transform("arm", pose(5.0))
         rig.until(lambda: rig.robot.joints is not None, "the robot")
         rig.send_joints(lift=0.0, turn=0.0)
-        rig.send(cube(CRATE, (6.0, 0.0, 0.0), (0.1, 0.1, 0.1))).answer()
+        rig.put((6.0, 0.0, 0.0))
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, COLLIDES]
         rig.send_transform("arm", pose(9.0)).answer()
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, VALID]
@@ -114,19 +112,22 @@ def test_states_are_where_the_base_is() -> None:
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, COLLIDES]
 
 
-def test_rules_of_objects_count_for_states() -> None:
-    states = [[0.0, np.pi / 2]]
-    for rules, reason in (
+@each(
+    "rules, reason",
+    [
         ({}, COLLIDES),
         ({"allowed_pairs": ["arm/hand/* crate/1"]}, VALID),
         ({"allowed_pairs": ["arm/hand/0 crate/*"]}, COLLIDES),
         ({"check_only_pairs": ["arm/hand/1 crate/1"]}, COLLIDES),
         ({"allowed_within": ["*"]}, COLLIDES),
-    ):
-        with AskingRig(rules) as rig:
-            rig.start_robot()
-            rig.send(cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1))).answer()
-            assert rig.reasons(states) == [reason], rules
+    ],
+)
+def test_rules_of_objects_count_for_states(
+    arm: AskingRig, rules: dict[str, Any], reason: int
+) -> None:
+    arm.set(**rules)
+    arm.put((0.0, 1.0, 0.5))
+    assert arm.reasons([[0.0, np.pi / 2]]) == [reason]
 
 
 def test_without_knowing_everything_no_state_is_valid() -> None:
@@ -156,37 +157,153 @@ def test_without_knowing_everything_no_state_is_valid() -> None:
         assert rig.reasons(state) == [NOT_KNOWN]
 
 
-def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
+def test_objects_beyond_a_region_or_refused_make_states_unknown(arm: AskingRig) -> None:
     state = [[0.0, 0.0]]
-    with AskingRig() as rig:
-        rig.start_robot()
-        rig.send(cube(CRATE, (9, 0, 0))).answer()
-        rig.set(region=["x: -5.0 to 5.0"])
-        rig.cycles(2)
-        assert rig.reasons(state) == [NOT_KNOWN]
-        rig.set(region=[""])
-        rig.cycles(2)
-        assert rig.reasons(state) == [VALID]
-        rig.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
-        rig.cycles(2)
-        assert rig.reasons(state) == [NOT_KNOWN]
-        rig.send(cube(CRATE, (9, 0, 0))).answer()
-        assert rig.reasons(state) == [VALID]
+    arm.send(cube(CRATE, (9, 0, 0))).answer()
+    arm.set(region=["x: -5.0 to 5.0"])
+    arm.cycles(2)
+    assert arm.reasons(state) == [NOT_KNOWN]
+    arm.set(region=[""])
+    arm.cycles(2)
+    assert arm.reasons(state) == [VALID]
+    arm.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
+    arm.cycles(2)
+    assert arm.reasons(state) == [NOT_KNOWN]
+    arm.send(cube(CRATE, (9, 0, 0))).answer()
+    assert arm.reasons(state) == [VALID]
 
 
-def test_more_states_than_a_cycle_may_wait_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_states_than_a_cycle_may_wait_for_are_refused(
+    arm: AskingRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
+    times = iter(range(10))
+    monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
+    reasons = arm.reasons(np.zeros((100, 2)))
+    assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
+    assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
+    monitor = arm.monitor("arm/states_to_check")
+    assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
+    arm.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
+    arm.until(lambda: "too many points" in monitor.refused, "the refusal")
+
+
+ABOVE = (1.0, 0.0, 1.25)
+"""Where the crate is 0.6 m above the hand."""
+NAN, INF = float("nan"), float("inf")
+
+
+class Speed:
+    """The scales of a robot, with a crate above its hand."""
+
+    def __init__(self, rig: AskingRig, **given: Any) -> None:
+        limits = {"speed_stop_distance": 0.1, "speed_slow_distance": 1.1}
+        rig.set(**(limits | {"speed_reaction_time": 0.0} | given))
+        self.rig, self.scales = rig, list[float]()
+        self.end = rig.client.create_subscription(Float64, "arm/speed_scale", self._take, 10)
+        rig.until(lambda: len(self.scales) > 1, "a scale")
+
+    def _take(self, message: Float64) -> None:
+        self.scales.append(message.data)
+
+    def scale(self) -> float:
+        """Return the scale after the answer to all that was sent."""
+        self.rig.answer()
+        self.scales.clear()
+        self.rig.until(lambda: len(self.scales) > 1, "a scale")
+        return self.scales[-1]
+
+    def of(self, lift: float, *velocity: float) -> float:
+        """Return the scale after joint states, with the velocities or without any."""
+        message = JointState(header=self.rig.header(), name=["lift", "turn"], position=[lift, 0.0])
+        message.velocity = list(velocity)
+        self.rig.joint_states.publish(message)
+        return self.scale()
+
+
+@pytest.fixture
+def speed(arm: AskingRig) -> Iterator[Speed]:
+    """Return the scales of a robot whose speed counts for half a second."""
+    made = Speed(arm, speed_reaction_time=0.5)
+    arm.put(ABOVE)
+    yield made
+    arm.client.destroy_subscription(made.end)
+
+
+def test_the_scale_falls_with_the_distance(speed: Speed) -> None:
+    speed.rig.set(speed_reaction_time=0.0)
+    for lift, turn, expected in ((0.0, 0.0, 0.5), (0.25, 0.0, 0.25), (0.52, 0.0, 0.0), (0, 3, 1)):
+        speed.rig.send_joints(lift=lift, turn=turn)
+        assert speed.scale() == pytest.approx(expected, abs=1e-6 * (0.0 < expected < 1.0))
+
+
+def test_the_scale_falls_with_speeds(speed: Speed) -> None:
+    speed.rig.send_joints({"lift": 0.4}, lift=0.0, turn=0.0)
+    assert speed.scale() == pytest.approx(0.3, abs=1e-4)
+    speed.rig.send_states(["crate/1"], [pose(*ABOVE)], twists=[[0.2, 0, 0, 0, 0, 0]])
+    assert speed.scale() == pytest.approx(0.2, abs=1e-4)
+
+
+def test_the_scale_is_zero_while_anything_is_not_known() -> None:
     with AskingRig() as rig:
+        speed = Speed(rig)
+        assert set(speed.scales) == {0.0}
         rig.start_robot()
-        monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
-        times = iter(range(10))
-        monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
-        reasons = rig.reasons(np.zeros((100, 2)))
-        assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
-        assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
-        monitor = rig.monitor("arm/states_to_check")
-        assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
-        rig.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
-        rig.until(lambda: "too many points" in monitor.refused, "the refusal")
+        rig.put(ABOVE)
+        assert speed.scale() > 0.0
+        rig.send_joints(lift=NAN)
+        rig.until(lambda: speed.scales[-1] == 0.0, "a stop")
+
+
+@each("velocity", [(), (NAN, NAN), (NAN, 0.0), (1e301, 0.0), (INF, 0.0)])
+def test_where_no_velocity_can_be_used_it_is_that_between_the_last_two_states(
+    speed: Speed, velocity: tuple[float, ...]
+) -> None:
+    speed.of(-4e-4, *velocity)
+    assert speed.of(0.0, *velocity) == pytest.approx(0.3, abs=1e-4)  # a millisecond later
+    speed.rig.stamp -= 1_000_000
+    assert speed.of(0.0, *velocity) == pytest.approx(0.3, abs=1e-4)  # with the same stamp
+    assert speed.of(0.0, *velocity) == pytest.approx(0.5, abs=1e-4)
+
+
+def test_the_scale_is_zero_where_speeds_are_too_large(speed: Speed) -> None:
+    assert speed.of(0.0, 1e300, 0.0) == 0.0
+    assert speed.rig.node.guard.total == 0
+    assert speed.of(0.0) == pytest.approx(0.5, abs=1e-6)
+
+
+@each("limit, scale", [("0.4", 0.3), ("0", 0.0)])
+def test_with_one_state_alone_a_joint_is_as_fast_as_it_can_be(
+    speed: Speed, limit: str, scale: float
+) -> None:
+    rig = speed.rig
+    rig.read(URDF.replace('upper="3"', f'upper="3" velocity="{limit}"', 1))
+    assert speed.of(0.0, NAN, 0.0) == pytest.approx(scale, abs=1e-6)
+    why = "no velocity, and no limit of it, is known of joints: lift"
+    rig.listen("/diagnostics")
+    text = "" if scale else f"robot arm: speed_scale is 0: {why}"
+    rig.until(lambda: rig.known()["message"] == f"free{text and '; '}{text}", "the reason")
+    rig.until(lambda: rig.status("robot arm").get("speed_scale is 0", "") == why * (not scale))
+
+
+def test_of_some_joints_of_unknown_velocity_no_two_cancel_out(speed: Speed) -> None:
+    """Two joints about opposite axes, at most 1 rad/s each: the hand is as fast as both."""
+    urdf = URDF.replace('upper="3"', 'upper="3" velocity="1"').replace("prismatic", "revolute")
+    speed.rig.set(speed_reaction_time=0.1, speed_slow_distance=2.1)
+    for axis in ("0 0 1", "0 0 -1"):
+        speed.rig.read(urdf.replace('xyz="0 0 1"', f'xyz="{axis}"', 1))
+        assert 0.0 < speed.of(0.0, NAN, NAN) <= (0.6 - 0.1 - 0.1 * 2 * 1.1) / 2.0
+
+
+def test_the_scale_is_zero_where_links_collide(speed: Speed) -> None:
+    speed.rig.start_robot(URDF.replace("</link>", f"{box(0.9)}</link>", 1), lift=-0.5)
+    assert speed.scale() == 0.0
+
+
+def test_slow_is_beyond_stop(speed: Speed) -> None:
+    (result,) = speed.rig.set(speed_stop_distance=2.0)
+    assert not result.successful
+    assert "must exceed" in result.reason
 
 
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
@@ -197,26 +314,22 @@ GROUPS = (
 )
 
 
-def plain(**fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(**fields)
-
-
 def request_of(values: Mapping[str, float], group: str = "") -> Any:
     """Return what looks like a request."""
-    joints = plain(name=list(values), position=list(values.values()))
-    state = plain(
+    joints = SimpleNamespace(name=list(values), position=list(values.values()))
+    state = SimpleNamespace(
         joint_state=joints,
-        multi_dof_joint_state=plain(joint_names=[], transforms=[]),
+        multi_dof_joint_state=SimpleNamespace(joint_names=[], transforms=[]),
         attached_collision_objects=[],
     )
     kinds = ("joint", "position", "orientation", "visibility")
-    constraints = plain(**{f"{kind}_constraints": [] for kind in kinds})
-    return plain(robot_state=state, group_name=group, constraints=constraints)
+    constraints = SimpleNamespace(**{f"{kind}_constraints": [] for kind in kinds})
+    return SimpleNamespace(robot_state=state, group_name=group, constraints=constraints)
 
 
 def contact() -> Any:
-    header = plain(stamp=None, frame_id="")
-    return plain(header=header, position=plain(), normal=plain())
+    header = SimpleNamespace(stamp=None, frame_id="")
+    return SimpleNamespace(header=header, position=SimpleNamespace(), normal=SimpleNamespace())
 
 
 class ServiceRig(AskingRig):
@@ -232,7 +345,9 @@ class ServiceRig(AskingRig):
         self.service = validity.StateService(self.ends.checked, monitor, contact)
 
     def call_it(self, request: Any) -> Any:
-        return self.service.answer(request, plain(valid=True, contacts=[], cost_sources=[]))
+        return self.service.answer(
+            request, SimpleNamespace(valid=True, contacts=[], cost_sources=[])
+        )
 
     def is_valid(self, values: Mapping[str, float], group: str = "") -> bool:
         return bool(self.call_it(request_of(values, group)).valid)
@@ -267,23 +382,20 @@ def test_a_state_is_valid_or_has_contacts(rig: ServiceRig) -> None:
     assert np.abs(place - (0.0, 1.0, 0.5)).max() < 0.15
     np.testing.assert_allclose(np.linalg.norm(normal), 1.0)
     assert rig.refused("arm/states_to_check") == {}
-
-
-def test_out_of_limits_is_not_valid(rig: ServiceRig) -> None:
-    response = rig.call_it(request_of({"turn": 3.1}))
+    response = rig.call_it(request_of({"turn": 3.1}))  # out of limits
     assert (response.valid, response.contacts) == (False, [])
 
 
 def test_a_group_counts_alone_with_what_it_moves(rig: ServiceRig) -> None:
     assert not rig.is_valid(QUARTER, "top")
     assert not rig.is_valid(QUARTER, "lower")  # it moves the hand
-    put(rig, cube(("wall", 1), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)))  # in the base
+    put(rig, cube(("wall", 1), size=EDGES))  # in the base
     assert not rig.is_valid({"turn": 0.0})
     assert rig.is_valid({"turn": 0.0}, "top")
 
 
 def test_what_is_attached_is_named(rig: ServiceRig) -> None:
-    put(rig, held(), cube(CRATE, (0.0, 1.3, 0.5), (0.1, 0.1, 0.1)))
+    put(rig, held(), cube(CRATE, (0.0, 1.3, 0.5), EDGES))
     (found,) = rig.call_it(request_of(QUARTER, "top")).contacts
     assert (found.contact_body_1, found.body_type_1) == (f"{TOOL[0]}/1", ROBOT_ATTACHED)
     assert found.contact_body_2 == "crate/1"
@@ -300,10 +412,10 @@ SEVERAL = "robot_state.multi_dof_joint_state"
         ("robot_state.joint_state.position", [0.0, 0.0, 1.0], "array lengths differ"),
         ("robot_state.joint_state.position", [float("nan"), 0.0], "bad state"),
         ("group_name", "legs", "unknown group"),
-        ("constraints.joint_constraints", [plain()], "not evaluated"),
+        ("constraints.joint_constraints", [SimpleNamespace()], "not evaluated"),
         (f"{SEVERAL}.joint_names", ["world"], "not evaluated"),
-        (f"{SEVERAL}.transforms", [plain()], "not evaluated"),
-        ("robot_state.attached_collision_objects", [plain()], "not evaluated"),
+        (f"{SEVERAL}.transforms", [SimpleNamespace()], "not evaluated"),
+        ("robot_state.attached_collision_objects", [SimpleNamespace()], "not evaluated"),
     ],
 )
 def test_what_cannot_be_decided_is_not_valid(
@@ -318,17 +430,14 @@ def test_what_cannot_be_decided_is_not_valid(
     assert rig.is_valid({"lift": 0.0, "turn": 0.0})
 
 
-def test_without_knowing_the_scene_no_state_is_valid(rig: ServiceRig) -> None:
+def test_where_the_scene_is_not_known_or_the_service_fails_no_state_is_valid(
+    rig: ServiceRig,
+) -> None:
+    assert not rig.call_it(SimpleNamespace()).valid
     rig.send_joints(lift=float("nan"))
     rig.until(lambda: rig.robot.fault, "the fault")
     assert not rig.is_valid({"lift": 0.0, "turn": 0.0})
-    assert rig.refused("arm/states_to_check") == {"scene not known": 1}
-
-
-def test_what_fails_is_not_valid(rig: ServiceRig) -> None:
-    response = rig.call_it(plain())
-    assert not response.valid
-    assert rig.refused("arm/states_to_check") == {"internal error": 1}
+    assert rig.refused("arm/states_to_check") == {"internal error": 1, "scene not known": 1}
 
 
 def test_the_service_of_moveit(rig: ServiceRig) -> None:

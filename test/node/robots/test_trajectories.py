@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -45,37 +44,18 @@ NAN = float("nan")
 QUARTER = [(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])]
 
 
-class TrajectoryRig(AskingRig):
-    """A rig that sends trajectories to a robot with a crate, which is far away at first."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.start_robot()
-        self.put(FAR)
-
-    def run(self, turn: float = np.pi / 2) -> None:
-        """Start a trajectory that takes a thousand seconds."""
-        self.move()
-        self.begin([QUARTER[0], (1000.0, [0.0, turn])])
-
-    def rest(self) -> None:
-        """End what runs, by an empty trajectory."""
-        self.publish([])
-        self.stopped()
-
-    def forwards(self, *given: Any, **more: Any) -> dict[str, str]:
-        """Send points that are forwarded, and end what runs; return the values of the status."""
-        values = self.begin(*given, **more)
-        self.rest()
-        return values
+@pytest.fixture
+def rig(arm: AskingRig) -> AskingRig:
+    arm.put(FAR)
+    return arm
 
 
 def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
-    with TrajectoryRig() as rig:
+    with AskingRig() as rig:
+        rig.start_robot()
         rig.run()
-        rig.describe(URDF.replace('name="arm"', 'name="other"'))
+        rig.read(URDF.replace('name="arm"', 'name="other"'))
         assert rig.stopped().startswith("stopped: ")
-        rig.until(lambda: rig.robot.fault.startswith("joints without"), "the other robot")
         rig.run()
         assert rig.change(Transition.TRANSITION_DEACTIVATE)
         assert "inactive" in rig.stopped()
@@ -87,58 +67,41 @@ def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
         rig.node.say_farewell()  # nothing runs any more
 
 
-def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running() -> None:
-    with TrajectoryRig() as rig:
+def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
+    rig: AskingRig,
+) -> None:
+    def joints(turn: float) -> bytes:
+        message = JointState(header=rig.header(), name=list(BOTH), position=[0.0, turn])
+        message.velocity = NONE
+        return bytes(serialize_message(message))
 
-        def joints(turn: float) -> bytes:
-            message = JointState(header=rig.header(), name=list(BOTH), position=[0.0, turn])
-            message.velocity = NONE
-            return bytes(serialize_message(message))
-
+    rig.known()
+    node = rig.node
+    assert node.robots is not None
+    point = JointTrajectoryPoint(positions=NONE, velocities=NONE, accelerations=NONE)
+    trajectory = JointTrajectory(joint_names=list(BOTH), points=[point])
+    for begin, end in ((0.0, 0.3), (1.4, 1.45)):
+        rig.begin([(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])])
+        rig.robot.take_joints(joints(end), rig.now())
+        assert node._clear(Trigger.Request(), Trigger.Response()).success
+        for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
+            rig.robot.take_joints(joints(0.1 * step), rig.now())
+        node.robots.callbacks(node.inputs)["arm/trajectory_in"](serialize_message(trajectory))
+        rig.robot.take_joints(joints(1.4), rig.now())
+        node.run_cycle()
+        node.robots.hold("a later stop")
+        rig.until(lambda: len(rig.said) == 2, "what is said")
+        rig.stopped()
+        said = [status.message for status in rig.said]
+        assert said[0] == "stopped: all objects were removed"
+        assert said[1].startswith("refused: scene not known: without a pose: arm/base/0")
+        stops = [[list(point.positions) for point in each.points] for each in rig.forwarded]
+        assert stops == [[[0.0, end]], []], "where the joints were, and nothing more"
         rig.known()
-        node = rig.node
-        assert node.robots is not None
-        point = JointTrajectoryPoint(positions=NONE, velocities=NONE, accelerations=NONE)
-        trajectory = JointTrajectory(joint_names=list(BOTH), points=[point])
-        for begin, end in ((0.0, 0.3), (1.4, 1.45)):
-            rig.begin([(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])])
-            rig.robot.take_joints(joints(end), rig.now())
-            assert node._clear(Trigger.Request(), Trigger.Response()).success
-            for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
-                rig.robot.take_joints(joints(0.1 * step), rig.now())
-            node.robots.callbacks(node.inputs)["arm/trajectory_in"](serialize_message(trajectory))
-            rig.robot.take_joints(joints(1.4), rig.now())
-            node.run_cycle()
-            node.robots.hold("a later stop")
-            rig.until(lambda: len(rig.said) == 2, "what is said")
-            rig.stopped()
-            said = [status.message for status in rig.said]
-            assert said[0] == "stopped: all objects were removed"
-            assert said[1].startswith("refused: scene not known: without a pose: arm/base/0")
-            stops = [[list(point.positions) for point in each.points] for each in rig.forwarded]
-            assert stops == [[[0.0, end]], []], "where the joints were, and nothing more"
-            rig.known()
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[TrajectoryRig]:
-    with TrajectoryRig() as rig:
-        yield rig
-
-
-@pytest.fixture
-def rig(shared: TrajectoryRig) -> TrajectoryRig:
-    """Return the rig with the robot at rest, the crate far away, and nothing running."""
-    shared.set(trajectory_margin=0.001, stamp_tolerance=0.5)
-    shared.until(lambda: not shared.robot.fault.startswith("robot_"), "the robot")
-    shared.send_joints(lift=0.0, turn=0.0)
-    shared.put(FAR)
-    shared.rest()
-    return shared
 
 
 def test_free_ones_are_forwarded_untouched_and_others_refused_with_index_time_and_pair(
-    rig: TrajectoryRig,
+    rig: AskingRig,
 ) -> None:
     assert rig.forwards(QUARTER)["interpolation"] == "linear"
     rig.put(THERE)
@@ -155,7 +118,7 @@ def test_free_ones_are_forwarded_untouched_and_others_refused_with_index_time_an
 
 
 @each("order", (1, 2))
-def test_splines_swing_where_lines_do_not(order: int, rig: TrajectoryRig) -> None:
+def test_splines_swing_where_lines_do_not(order: int, rig: AskingRig) -> None:
     rest, swing = [[0.0, 0.0]] * (order - 1), [0.0, 4.0]
     swings = [(0.0, [0.0, 0.0], swing, *rest), (2.0, [0.0, 0.0], [0.0, -4.0], *rest)]
     rig.put(THERE)
@@ -167,7 +130,7 @@ def test_splines_swing_where_lines_do_not(order: int, rig: TrajectoryRig) -> Non
     assert int(values["pieces"]) > 10
 
 
-def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are(rig: TrajectoryRig) -> None:
+def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are(rig: AskingRig) -> None:
     on_the_way = (np.cos(0.8), np.sin(0.8), 0.5)
     rig.put(on_the_way)
     values = rig.refused_for(HIT, QUARTER[1:])
@@ -184,7 +147,7 @@ def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are(rig: Tra
         rig.refused_for("not at its start", late)
 
 
-def test_joints_that_are_not_named_stay_where_they_are(rig: TrajectoryRig) -> None:
+def test_joints_that_are_not_named_stay_where_they_are(rig: AskingRig) -> None:
     turn = [(0.0, [0.0]), (2.0, [np.pi / 2])]
     rig.put((0.0, 1.0, 0.8))
     rig.begin(turn, ["turn"])
@@ -208,17 +171,17 @@ def test_joints_that_are_not_named_stay_where_they_are(rig: TrajectoryRig) -> No
     ],
 )
 def test_what_makes_no_sense_is_refused(
-    points: Any, names: Any, reason: str, rig: TrajectoryRig
+    points: Any, names: Any, reason: str, rig: AskingRig
 ) -> None:
     rig.refused_for(reason, points, names)
 
 
-def stamped(rig: TrajectoryRig, seconds: float) -> Header:
+def stamped(rig: AskingRig, seconds: float) -> Header:
     """Return a header whose stamp is some time ahead of the node's clock."""
     return Header(stamp=stamp_to_ros(rig.now() + int(seconds * 1e9)))
 
 
-def test_stamps_say_when_it_begins(rig: TrajectoryRig) -> None:
+def test_stamps_say_when_it_begins(rig: AskingRig) -> None:
     far = Header()
     far.stamp.sec = 5
     rig.refused_for("bad stamp", QUARTER, stamp=far)
@@ -242,17 +205,18 @@ def test_stamps_say_when_it_begins(rig: TrajectoryRig) -> None:
     rig.forwards(around, stamp=past)
 
 
-def test_no_swing_begins_with_a_velocity_that_is_not_known(rig: TrajectoryRig) -> None:
-    rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
-    rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0).answer()
-    still = [0.0, 0.0]
-    rig.refused_for("the velocity of joint turn is not known", [(1.0, still, still)])
-    rig.forwards([(1.0, still)])
-    rig.forwards([(0.0, still, still), (1.0, still, still)])
+def test_no_swing_begins_with_a_velocity_that_is_not_known() -> None:
+    with AskingRig() as rig:
+        rig.start_robot()
+        rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
+        rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0).answer()
+        rig.refused_for("the velocity of joint turn is not known", [(1.0, NONE, NONE)])
+        rig.forwards([(1.0, NONE)])
+        rig.forwards([(0.0, NONE, NONE), (1.0, NONE, NONE)])
 
 
 def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(
-    rig: TrajectoryRig,
+    rig: AskingRig,
 ) -> None:
     rig.listen("collision_status")
     rig.until(lambda: "collision_status" in rig.last, "a status")
@@ -275,10 +239,9 @@ def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(
     rig.put(FAR)
     rig.forwards(QUARTER)
     rig.until(lambda: text not in rig.last["collision_status"].status[0].message, "no more")
-    rig.ignore("collision_status")
 
 
-def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: TrajectoryRig) -> None:
+def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: AskingRig) -> None:
     crate = cube(CRATE, (0.0, 1.35, 0.85), (0.6, 0.6, 0.6), type=Marker.SPHERE)
     rig.send(crate).answer()
     rig.run()
@@ -311,7 +274,7 @@ SHORT = [(0.0, [0.0, 0.0]), (0.001, [0.0, np.pi / 2]), (0.002, [0.5, np.pi / 2])
 
 @each("turn, place", ((0.0, THERE), (np.pi / 2, (0.0, 1.0, 1.0))))
 def test_a_trajectory_counts_until_the_robot_is_there_however_slow(
-    turn: float, place: Any, rig: TrajectoryRig
+    turn: float, place: Any, rig: AskingRig
 ) -> None:
     rig.put(FAR)
     for given in (0.0, None, turn / 2.0, turn):
@@ -324,7 +287,7 @@ def test_a_trajectory_counts_until_the_robot_is_there_however_slow(
     assert rig.stopped().startswith(f"stopped: {HIT}")
 
 
-def test_what_the_robot_has_behind_it_counts_no_more(rig: TrajectoryRig) -> None:
+def test_what_the_robot_has_behind_it_counts_no_more(rig: AskingRig) -> None:
     rig.begin(SHORT)
     for lift, place in ((0.25, (1.0, 0.0, 0.5)), (0.5, (0.0, 1.0, 1.0))):
         rig.send_joints(lift=lift, turn=np.pi / 2).answer()
@@ -339,7 +302,7 @@ LONG = [(0.0, [0.0, 0.0], [0.0, 0.0]), (1000.0, [0.0, 2.9], [0.0, 0.0])]
 
 
 def test_one_with_many_pieces_is_decided_over_some_cycles(
-    rig: TrajectoryRig, monkeypatch: pytest.MonkeyPatch
+    rig: AskingRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trajectories, "LONGEST_CHECK", 1e9)  # however loaded the machine is
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**18)
@@ -354,7 +317,7 @@ def test_one_with_many_pieces_is_decided_over_some_cycles(
 
 
 def test_what_takes_long_to_check_is_refused_and_does_not_block_the_node(
-    rig: TrajectoryRig, monkeypatch: pytest.MonkeyPatch
+    rig: AskingRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spins = [(0.0, [0.0, 0.0]), *((float(n), [0.0, n * 1e12]) for n in range(1, 50))]
     for points in (spins, [spins[0], (1.0, [0.0, 1e299])]):  # millions of turns
@@ -365,44 +328,45 @@ def test_what_takes_long_to_check_is_refused_and_does_not_block_the_node(
     rig.forwards(QUARTER)  # one piece
 
 
-def test_what_happens_while_it_is_decided_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_happens_while_it_is_decided_counts(
+    rig: AskingRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(trajectories, "SHARE", 1)
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**12)
-    with TrajectoryRig() as rig:
-        rig.set(trajectory_margin=1e-6)
-        rig.publish(LONG)
-        found = rig.ends.trajectories
-        rig.until(lambda: found.deciding is not None and found.deciding.done > 2, "some shares")
-        rig.put((0.0, 1.0, 9.0))  # another scene, in which it is checked from the start
-        rig.until(lambda: found.deciding.done > 2, "some shares")
-        rig.put((0.99, 0.1, 0.5))
-        rig.until(lambda: rig.said, "the refusal")
-        assert rig.said[0].message.startswith("refused: not free: arm/hand and crate/1")
-        assert not rig.forwarded
-        rig.put(FAR)
-        rig.publish(LONG)
-        rig.until(lambda: found.deciding is not None, "the next")
-        rig.publish([])
-        rig.until(lambda: len(rig.said) == 2, "a stop")
-        texts = [status.message.partition(":")[0] for status in rig.said]
-        assert texts == ["refused", "forwarded"]
-        assert found.deciding is None
-        assert [len(message.points) for message in rig.forwarded] == [0]
-        rig.publish(LONG)
-        rig.until(lambda: found.deciding, "the next").received -= trajectories.DECISION_TIME
-        rig.until(lambda: rig.said, "the refusal")
-        assert rig.said[0].message.startswith("refused: not decided")
-        rig.publish(LONG)
-        waiting = rig.until(lambda: found.deciding, "the next")
-        rig.send_joints(lift=0.5)
-        rig.until(lambda: 0.5 in rig.robot.joints.positions, "the joints")
-        waiting.done = 10_000
-        rig.until(lambda: rig.said, "the refusal")
-        assert "not at its start" in rig.said[0].message
-        assert found.running is None
-        rig.move()
-        rig.publish([(time, q[1:], w[1:]) for time, q, w in LONG], ["turn"])
-        rig.until(lambda: found.deciding, "the next")
-        rig.send_joints(lift=0.5, turn=0.0)
-        rig.until(lambda: rig.said, "the refusal")
-        assert rig.said[0].message.startswith("refused: a joint that it does not name has moved")
+    rig.set(trajectory_margin=1e-6)
+    rig.publish(LONG)
+    found = rig.ends.trajectories
+    rig.until(lambda: found.deciding is not None and found.deciding.done > 2, "some shares")
+    rig.put((0.0, 1.0, 9.0))  # another scene, in which it is checked from the start
+    rig.until(lambda: found.deciding.done > 2, "some shares")
+    rig.put((0.99, 0.1, 0.5))
+    rig.until(lambda: rig.said, "the refusal")
+    assert rig.said[0].message.startswith("refused: not free: arm/hand and crate/1")
+    assert not rig.forwarded
+    rig.put(FAR)
+    rig.publish(LONG)
+    rig.until(lambda: found.deciding is not None, "the next")
+    rig.publish([])
+    rig.until(lambda: len(rig.said) == 2, "a stop")
+    texts = [status.message.partition(":")[0] for status in rig.said]
+    assert texts == ["refused", "forwarded"]
+    assert found.deciding is None
+    assert [len(message.points) for message in rig.forwarded] == [0]
+    rig.publish(LONG)
+    rig.until(lambda: found.deciding, "the next").received -= trajectories.DECISION_TIME
+    rig.until(lambda: rig.said, "the refusal")
+    assert rig.said[0].message.startswith("refused: not decided")
+    rig.publish(LONG)
+    waiting = rig.until(lambda: found.deciding, "the next")
+    rig.send_joints(lift=0.5)
+    rig.until(lambda: 0.5 in rig.robot.joints.positions, "the joints")
+    waiting.done = 10_000
+    rig.until(lambda: rig.said, "the refusal")
+    assert "not at its start" in rig.said[0].message
+    assert found.running is None
+    rig.move()
+    rig.publish([(time, q[1:], w[1:]) for time, q, w in LONG], ["turn"])
+    rig.until(lambda: found.deciding, "the next")
+    rig.send_joints(lift=0.5, turn=0.0)
+    rig.until(lambda: rig.said, "the refusal")
+    assert rig.said[0].message.startswith("refused: a joint that it does not name has moved")

@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -48,22 +48,16 @@ class UnforeseenError(Exception):
     """What nobody thought of."""
 
 
-def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[..., Any]:
-    """Return a function that raises where ``fails`` says so of its arguments."""
-
-    def call(*args: Any, **kwargs: Any) -> Any:
-        if fails(*args):
-            raise UnforeseenError("by the test")
-        return given(*args, **kwargs)
-
-    return call
-
-
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
-    bad = namespace_number(BAD[0])
-    fails = failing(objects.shapes.put_primitives, lambda keys, *_: bad in keys[0])
-    monkeypatch.setattr(objects.shapes, "put_primitives", fails)
+    put = objects.shapes.put_primitives
+
+    def fail(keys: Any, *more: Any) -> Any:
+        if namespace_number(BAD[0]) in keys[0]:
+            raise UnforeseenError("by the test")
+        return put(keys, *more)
+
+    monkeypatch.setattr(objects.shapes, "put_primitives", fail)
     rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}
@@ -75,10 +69,7 @@ def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.Monke
     rig.listen("contacts")
     rig.send(cube(A), cube(B, (0.5, 0, 0)))
     rig.next("contacts")
-    outputs = rig.node.outputs
-    monkeypatch.setattr(
-        outputs, "_publish_cloud", failing(outputs._publish_cloud, lambda name, *_: True)
-    )
+    monkeypatch.setattr(rig.node.outputs, "_publish_cloud", Mock(side_effect=UnforeseenError))
     assert sync(rig) == {("a/1", "a/2")}
     assert rig.node.guard.counts["output contacts"] > 0
     assert rig.last["in_collision"].data
@@ -87,7 +78,7 @@ def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.Monke
 def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rig.send(cube(A)).answer()
     with monkeypatch.context() as patch:
-        patch.setattr(rig.node.objects, "clear", failing(lambda: 0, lambda *_: True))
+        patch.setattr(rig.node.objects, "clear", Mock(side_effect=UnforeseenError))
         response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
         assert not response.success
         assert INTERNAL_ERROR in response.message
@@ -201,18 +192,17 @@ def test_what_fails_because_the_context_is_gone_is_raised() -> None:
     assert guard.total == 0
 
 
-def test_a_node_that_ends_leaves_no_service() -> None:
-    with Rig() as rig:
-        rig.node.destroy_node()
-        own = f"{NAMESPACE}/obb_collision/"
-        rclpys = f"{own}get_type_description"  # it stays as long as the object of the node does
+def test_a_node_that_ends_leaves_no_service(rig: Rig) -> None:
+    rig.node.destroy_node()
+    own = f"{NAMESPACE}/obb_collision/"
+    rclpys = f"{own}get_type_description"  # it stays as long as the object of the node does
 
-        def left() -> set[str]:
-            names = {name for name, _ in rig.client.get_service_names_and_types()}
-            return {name for name in names if name.startswith(own)}
+    def left() -> set[str]:
+        names = {name for name, _ in rig.client.get_service_names_and_types()}
+        return {name for name in names if name.startswith(own)}
 
-        rig.until(lambda: left() <= {rclpys}, "no service")
-        assert not [*rig.node.services]
+    rig.until(lambda: left() <= {rclpys}, "no service")
+    assert not [*rig.node.services]
 
 
 def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,9 +213,6 @@ def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: pytest.MonkeyPat
         assert all(result.successful for result in rig.set(padding=0.01))
         inner.release(rig.executor)
     assert not [*rig.node.services]
-
-
-A1, A2 = ("a", 1), ("a", 2)
 
 
 class Times:
@@ -296,8 +283,8 @@ def test_the_steady_clock_does_not_go_back() -> None:
 
 @each("shift", [-500 * SECOND, 500 * SECOND])
 def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
-    rig = ObjectsRig(A1, object_timeout=3.0)
-    slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
+    rig = ObjectsRig(A, object_timeout=3.0)
+    slot = rig.objects.shapes.put(B, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
     rig.slots = np.append(rig.slots, slot)
     rig.objects.shapes.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
     rig.send(rig.now)
@@ -306,58 +293,64 @@ def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig.objects.clock_jumped(shift)
     rig.now += SECOND
     rig.cycle()
-    assert set(rig.objects.table.slots) == {A1, A2}
+    assert set(rig.objects.table.slots) == {A, B}
     assert not rig.objects.table.has(STALE).any()
     assert not rig.objects.table.doubtful.any()
     assert len(rig.objects.unplaceable) == 1
     rig.now += SECOND + 1
     rig.cycle()
-    assert set(rig.objects.table.slots) == {A1}
+    assert set(rig.objects.table.slots) == {A}
     assert rig.objects.unplaceable == {}
     rig.now += SECOND
     rig.cycle()
     assert rig.objects.table.has(STALE, rig.slots[0])
 
 
+SEVEN = stamp_to_ros(7 * SECOND)
+
+
+def set_clock(rig: Rig, at: Time) -> None:
+    clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+    rig.until(lambda: clock.get_subscription_count() > 0, "match")
+    clock.publish(Clock(clock=at))
+
+
 def test_by_topics_the_time_may_change_to_a_simulations_and_back(
-    capfd: pytest.CaptureFixture[str],
+    rig: Rig, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with Rig() as rig:
-        rig.send(cube(A1), cube(A2, (0.5, 0, 0), lifetime=Duration(sec=3600)))
-        assert rig.pairs() == {("a/1", "a/2")}
-        rig.set(use_sim_time=True)
-        assert rig.now() == 0, "no message of /clock so far"
-        assert "the clock jumped by -" in capfd.readouterr().err
-        rig.cycles(2)
-        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
-        rig.until(lambda: clock.get_subscription_count() > 0, "match")
-        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
-        rig.until(lambda: rig.now() == 7 * SECOND, "time")
-        rig.cycles(2)
-        assert "the clock jumped by +7.000 s" in capfd.readouterr().err
-        rig.set(use_sim_time=False)
-        rig.cycles(2)
-        assert "the clock jumped by +" in capfd.readouterr().err
-        assert set(rig.node.objects.table.slots) == {A1, A2}
-        assert not rig.node.objects.table.doubtful.any()
-        rig.send(cube(A2, (3, 0, 0)))
-        assert rig.pairs() == set()
+    rig.send(cube(A), cube(B, (0.5, 0, 0), lifetime=Duration(sec=3600)))
+    assert rig.pairs() == {("a/1", "a/2")}
+    rig.set(use_sim_time=True)
+    assert rig.now() == 0, "no message of /clock so far"
+    assert "the clock jumped by -" in capfd.readouterr().err
+    rig.cycles(2)
+    set_clock(rig, SEVEN)
+    rig.until(lambda: rig.now() == 7 * SECOND, "time")
+    rig.cycles(2)
+    assert "the clock jumped by +7.000 s" in capfd.readouterr().err
+    rig.set(use_sim_time=False)
+    rig.cycles(2)
+    assert "the clock jumped by +" in capfd.readouterr().err
+    assert set(rig.node.objects.table.slots) == {A, B}
+    assert not rig.node.objects.table.doubtful.any()
+    rig.send(cube(B, (3, 0, 0)))
+    assert rig.pairs() == set()
 
 
-@each("sec, nanosec", [(-5, 0), (-(2**31), 2**32 - 1), (3, 10**9)])
-@each("from_start", [False, True])
+@each(
+    "from_start, sec, nanosec",
+    [(True, -5, 0), (False, -5, 0), (True, -(2**31), 2**32 - 1), (False, 3, 10**9)],
+)
 def test_times_that_no_clock_gives_are_refused(
     capfd: pytest.CaptureFixture[str], from_start: bool, sec: int, nanosec: int
 ) -> None:
     with Rig(use_sim_time=from_start) as rig:
         if not from_start:
             rig.set(use_sim_time=True)
-        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
-        rig.until(lambda: clock.get_subscription_count() > 0, "match")
-        clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
+        set_clock(rig, Time(sec=sec, nanosec=nanosec))
         warning = f"/clock: refused bad stamp: sec {sec}"
         rig.until(lambda: rig.node.guard.total or warning in capfd.readouterr().err, "warning")
         assert rig.node.guard.total == 0
         assert rig.now() == 0
-        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
+        set_clock(rig, SEVEN)
         rig.until(lambda: rig.now() == 7 * SECOND, "time")

@@ -56,7 +56,7 @@ from obb_collision.scene.effects import sweep
 CLOUDS = {topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cloud)}
 
 
-@each("topic", ["contacts", "clearances", "predicted_collisions"])
+@each("topic", ["collisions", "contacts", "clearances", "predicted_collisions"])
 def test_messages_come_every_cycle_also_when_there_is_nothing(rig: Rig, topic: str) -> None:
     rig.hear(topic)
     first, second = rig.next(topic), rig.next(topic)
@@ -99,13 +99,9 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
         assert (row["normal_x"], row["x"]) == (1.0, 0.75)
         rig.set(**{"effects.clearance_max_distance": 0.9})
         rig.until(lambda: rig.next("clearances").width == 2, "another limit")
-
-
-def test_overlapping_boxes_have_a_negative_clearance(rig: Rig) -> None:
-    rig.hear("clearances")
-    rig.send(cube(("a", 1)), cube(("a", 2), (0.75, 0, 0)))
-    (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a"))
-    assert found.distance == -0.25
+        rig.send(cube(("b", 1), (-9, 0, 0)), cube(("a", 2), (0.75, 0, 0)))
+        (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a"))
+        assert found.distance == -0.25, "they overlap"
 
 
 def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
