@@ -22,6 +22,8 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
+from itertools import count
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,6 +94,19 @@ def pytest_make_parametrize_id(val: object) -> str | None:
 def pairs(request: pytest.FixtureRequest) -> int:
     """How many pairs of each family to check."""
     return int(request.config.getoption("--pairs"))
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Any:
+    """Return a function that writes a scene file and returns its path."""
+    numbers = count()
+
+    def write(text: str) -> Path:
+        path = tmp_path / f"{next(numbers)}scene.yaml"
+        path.write_text(text)
+        return path
+
+    return write
 
 
 @pytest.fixture

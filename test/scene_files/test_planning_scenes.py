@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""MoveIt planning scenes: objects, parts, frames, and the allowed collision matrix."""
+"""MoveIt planning scenes, with their matrix, and robots in scene files, with their meshes."""
 
 from __future__ import annotations
 
+from contextlib import closing
 from itertools import combinations, combinations_with_replacement
 from pathlib import Path
 from typing import Any
@@ -27,9 +28,20 @@ import yaml
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import SharedWorker
 
 import obb_collision as oc
-from obb_collision.scene_files import SceneFileError, load_scene
+from obb_collision.geometry.shapes import NO_FOLDERS
+from obb_collision.robots.description import description_text
+from obb_collision.scene.building.process import Limits
+from obb_collision.scene_files import (
+    SceneDescription,
+    SceneFileError,
+    describe_scene,
+    find_scene,
+    load_scene,
+    mesh_files,
+)
 from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Sphere
 
 FOLDER = Path(__file__).parents[1] / "data" / "moveit"
@@ -133,81 +145,72 @@ def test_matrices_are_looked_up_as_moveit_does(tmp_path_factory: Any, data: st.D
         assert (frozenset((OTHERS[i], OTHERS[j])) not in found) == allowed
 
 
-OBJECT = "id: a, primitives: [{type: sphere, dimensions: [1]}]"
-REFUSED = {
-    "world: 3": ":1: world: must be a mapping",
-    "world: {collision_objects: [{primitives: []}]}": "collision_objects[0]: needs id",
-    "world: {collision_objects: [{id: a}]}": "collision_objects[0]: needs primitives or meshes",
-    "world: {collision_objects: [{id: a, primitive: []}]}": "did you mean primitives?",
-    "world:\n  collision_objects:\n  - id: a\n    planes: [{coef: [0, 0, 1, 0]}]": (
-        ":4: world.collision_objects[0].planes: a plane is infinite and has no box; use a large,"
-    ),
-    "world: {collision_objects: [{id: a, primitives: [{type: torus, dimensions: [1]}]}]}": (
-        "primitives[0].type: must be one of box, sphere, cylinder, cone, got torus"
-    ),
-    "world: {collision_objects: [{id: a, primitives: [{type: box, dimensions: [1, 1]}]}]}": (
-        "primitives[0].dimensions: must be 3 positive numbers, got [1, 1]"
-    ),
-    "world: {collision_objects: [{id: a, primitives: [{type: cone, dimensions: [1, .nan]}]}]}": (
-        "must be 2 positive numbers, got [1, .nan]"
-    ),
-    f"world: {{collision_objects: [{{{OBJECT}, primitive_poses: [{{}}, {{}}]}}]}}": (
-        "primitive_poses: there are 1 primitives and 2 primitive_poses"
-    ),
-    f"world: {{collision_objects: [{{{OBJECT}, pose: {{position: [1, 2]}}}}]}}": (
-        "pose.position: must be 3 numbers"
-    ),
-    f"world: {{collision_objects: [{{{OBJECT}, pose: {{position: {{x: 1, y: 2}}}}}}]}}": (
-        "pose.position: needs z"
-    ),
-    f"world: {{collision_objects: [{{{OBJECT}, operation: 1}}]}}": "operation: must be 0 (ADD)",
-    f"world: {{collision_objects: [{{{OBJECT}}}, {{{OBJECT}}}]}}": "the name a stands twice",
-    f"world: {{collision_objects: [{{{OBJECT}, header: {{frame_id: x}}}}, "
-    f"{{{OBJECT.replace('a', 'b', 1)}, header: {{frame_id: y}}}}]}}": (
-        "header.frame_id: the file has neither the pose of y nor that of x"
-    ),
-    "world: {collision_objects: [{id: a, meshes: [{vertices: [[0, 0, 0]], triangles: [[0]]}]}]}": (
-        "triangles[0]: must be 3 vertices"
-    ),
-    "world: {collision_objects: [{id: a, meshes: [{vertices: [[0, 0, 0]], "
-    "triangles: [[0, 0, 1]]}]}]}": "triangles[0][2]: must be a whole number from 0 to 0, got 1",
-    "world: {}\nallowed_collision_matrix: {entry_names: [a], entry_values: []}": (
-        ":2: allowed_collision_matrix.entry_names: there are 1 entry_names and 0 rows"
-    ),
-    "world: {}\nallowed_collision_matrix: {entry_names: [a], entry_values: [[true, true]]}": (
-        "entry_values[0]: must have 1 entries, one a name, got 2"
-    ),
-    "world: {}\nallowed_collision_matrix: {entry_names: [a], entry_values: [[1]]}": (
-        "entry_values[0][0]: must be true or false, got 1"
-    ),
-    "world: {}\nallowed_collision_matrix: {entry_names: [a, a], "
-    "entry_values: [[true, true], [true, true]]}": "entry_names: a stands twice",
-    "world: {}\nallowed_collision_matrix: {entry_names: [a, b], "
-    "entry_values: [[true, true], [false, true]]}": "not symmetric: b with a",
-    "world: {}\nallowed_collision_matrix: {default_entry_names: [a]}": (
-        "there are 1 default_entry_names and 0 default_entry_values"
-    ),
-    "world: {}\nobject_colours: []": "object_colours: unknown key; did you mean object_colors?",
-    "world: {}\nrobot_state: {attached_collision_objects: [{link_name: a}]}": (
-        "attached_collision_objects[0]: needs object"
-    ),
-    "world: {}\nname: [a]": ":2: name: must be a word, got [a]",
-    f"world: {{collision_objects: [{{{OBJECT}, header: {{frame_id: [x]}}}}]}}": (
-        "header.frame_id: must be a word, got [x]"
-    ),
-    f"world: {{collision_objects: [{{{OBJECT}, operation: [0]}}]}}": "operation: must be a word",
-    "world: {}\nis_diff: [true]": "is_diff: must be true or false, got [true]",
-    "world: {}\nis_diff: maybe": "is_diff: must be true or false, got maybe",
-}
+SPHERE = "primitives: [{type: sphere, dimensions: [1]}]"
+A, B = (f"id: {name}, {SPHERE}" for name in "ab")
 
 
-@each("text", REFUSED)
-def test_what_is_wrong_is_told_by_line_and_key(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_text(text)
+def world(*objects: str) -> str:
+    """Return a file with objects."""
+    return f"world: {{collision_objects: [{', '.join(f'{{{one}}}' for one in objects)}]}}"
+
+
+def primitive(kind: str, size: str) -> str:
+    return world(f"id: a, primitives: [{{type: {kind}, dimensions: {size}}}]")
+
+
+def mesh(fields: str) -> str:
+    return world(f"id: a, meshes: [{{{fields}}}]")
+
+
+def matrix(names: str, values: str) -> str:
+    fields = f"entry_names: {names}, entry_values: {values}"
+    return f"world: {{}}\nallowed_collision_matrix: {{{fields}}}"
+
+
+REFUSED = [
+    (world("primitives: []"), "collision_objects[0]: needs id"),
+    (world("id: a"), "collision_objects[0]: needs primitives or meshes"),
+    ("world:\n  collision_objects:\n  - id: a\n    planes: [{coef: [0, 0, 1, 0]}]",
+     ":4: world.collision_objects[0].planes: a plane is infinite and has no box; use a large,"),
+    (primitive("torus", "[1]"), "[0].type: must be one of box, sphere, cylinder, cone, got torus"),
+    (primitive("box", "[1, 1]"), "[0].dimensions: must be 3 positive numbers, got [1, 1]"),
+    (primitive("cone", "[1, .nan]"), "must be 2 positive numbers, got [1, .nan]"),
+    (world(f"{A}, primitive_poses: [{{}}, {{}}]"),
+     "primitive_poses: there are 1 primitives and 2 primitive_poses"),
+    (world(f"{A}, pose: {{position: [1, 2]}}"), "pose.position: must be 3 numbers"),
+    (world(f"{A}, pose: {{position: {{x: 1, y: 2}}}}"), "pose.position: needs z"),
+    (world(f"{A}, operation: 1"), "operation: must be 0 (ADD)"),
+    (world(A, A), "the name a stands twice"),
+    (world(f"{A}, header: {{frame_id: x}}", f"{B}, header: {{frame_id: y}}"),
+     "header.frame_id: the file has neither the pose of y nor that of x"),
+    (mesh("vertices: [[0, 0, 0]], triangles: [[0]]"), "triangles[0]: must be 3 vertices"),
+    (mesh("vertices: [[0, 0, 0]], triangles: [[0, 0, 1]]"),
+     "triangles[0][2]: must be a whole number from 0 to 0, got 1"),
+    (mesh("resource: a.stl"), "meshes[0].resource: mesh file"),
+    (mesh("resource: 'package://nobody/a.stl'"),
+     "meshes[0].resource: mesh file package://nobody/a.stl"),
+    (mesh("resource: 'http://a/b.stl'"), "only paths, file:// and package:// URIs can be read"),
+    (mesh("resource: a.stl, dimensions: [1, 0, 1]"), "[0].dimensions: must be 3 positive numbers"),
+    (mesh("resource: a.stl, vertices: []"), "vertices: unknown key; there are resource, dim"),
+    (mesh("dimensions: [1, 1, 1]"), "meshes[0].dimensions: unknown key"),
+    (matrix("[a]", "[]"),
+     ":2: allowed_collision_matrix.entry_names: there are 1 entry_names and 0 rows"),
+    (matrix("[a]", "[[true, true]]"), "entry_values[0]: must have 1 entries, one a name, got 2"),
+    (matrix("[a, a]", "[[true, true], [true, true]]"), "entry_names: a stands twice"),
+    (matrix("[a, b]", "[[true, true], [false, true]]"), "not symmetric: b with a"),
+    ("world: {}\nallowed_collision_matrix: {default_entry_names: [a]}",
+     "there are 1 default_entry_names and 0 default_entry_values"),
+    ("world: {}\nrobot_state: {attached_collision_objects: [{link_name: a}]}",
+     "attached_collision_objects[0]: needs object"),
+    ("world: {}\nis_diff: maybe", "is_diff: must be true or false, got maybe"),
+]  # fmt: skip
+
+
+@each("text, reason", REFUSED)
+def test_what_is_wrong_is_told_by_line_and_key(text: str, reason: str, write: Any) -> None:
     with pytest.raises(SceneFileError) as error:
-        load_scene(path)
-    assert REFUSED[text] in str(error.value)
+        load_scene(write(text))
+    assert reason in str(error.value)
 
 
 def test_meshes_may_be_files_as_in_motion_bench_maker(tmp_path: Path) -> None:
@@ -236,44 +239,212 @@ def test_meshes_may_be_files_as_in_motion_bench_maker(tmp_path: Path) -> None:
     assert ":14: world.collision_objects[1].meshes[0].resource: " in second
 
 
-def test_names_full_of_letters_of_patterns_are_matched_as_they_are(tmp_path: Path) -> None:
+def test_names_full_of_letters_of_patterns_are_matched_as_they_are(write: Any) -> None:
     name = "[*?" * 85
-    entry = f"{{id: '{name}', primitives: [{{type: sphere, dimensions: [1]}}]}}"
-    matrix = f"{{entry_names: ['{name}', b], entry_values: [[true, true], [true, true]]}}"
-    path = tmp_path / "scene.yaml"
-    path.write_text(
-        f"world: {{collision_objects: [{entry}, {entry.replace(name, 'b')}]}}\n"
-        f"allowed_collision_matrix: {matrix}"
-    )
-    scene = load_scene(path).build()
+    _, allowed = matrix(f"['{name}', b]", "[[true, true], [true, true]]").split("\n")
+    scene = load_scene(write(world(f"id: '{name}', {SPHERE}", B) + f"\n{allowed}")).build()
     assert scene.names == [name, "b"]
     assert scene.check().names() == []
 
 
-MESH_FILES = {
-    "{resource: a.stl}": "meshes[0].resource: mesh file",
-    "{resource: 'package://nobody/a.stl'}": "meshes[0].resource: mesh file package://nobody/a.stl",
-    "{resource: 'http://a/b.stl'}": "only paths, file:// and package:// URIs can be read",
-    "{resource: a.stl, dimensions: [1, 0, 1]}": "meshes[0].dimensions: must be 3 positive numbers",
-    "{resource: a.stl, vertices: []}": "meshes[0].vertices: unknown key; there are resource, dim",
-    "{dimensions: [1, 1, 1]}": "meshes[0].dimensions: unknown key",
-    "{resource: [a]}": "meshes[0].resource: must be a path or a file:// or package:// URI, got [a]",
-}
+def test_one_unknown_frame_is_that_of_the_scene(write: Any) -> None:
+    one = f"{A}, header: {{frame_id: odom}}"
+    two = B.replace("sphere", "2") + ", header: {frame_id: /odom}, pose: {position: [1, 0, 0]}"
+    assert [thing.pose[0] for thing in load_scene(write(world(one, two))).objects] == [0.0, 1.0]
 
 
-@each("mesh", MESH_FILES)
-def test_mesh_files_that_cannot_be_used_are_refused(mesh: str, tmp_path: Path) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"world: {{collision_objects: [{{id: a, meshes: [{mesh}]}}]}}")
-    with pytest.raises(SceneFileError) as error:
-        load_scene(path)
-    assert MESH_FILES[mesh] in str(error.value)
+CONFIG = find_scene("arm_cell").parent
+FILE = """\
+objects: [{name: floor/0, shape: box, size: [1, 1, 1]}]
+robots:
+  - name: left
+    urdf: arm.urdf
+    position: [1, 2, 3]
+    rpy: [0, 0, 0.5]
+"""
 
 
-def test_one_unknown_frame_is_that_of_the_scene(tmp_path: Path) -> None:
-    one = f"{{{OBJECT}, header: {{frame_id: odom}}}}"
-    two = "{id: b, primitives: [{type: 2, dimensions: [1]}], header: {frame_id: /odom}, pose: "
-    entries = [one, two + "{position: [1, 0, 0]}}"]
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"world: {{collision_objects: [{', '.join(entries)}]}}")
-    assert [thing.pose[0] for thing in load_scene(path).objects] == [0.0, 1.0]
+@pytest.fixture
+def cell() -> SceneDescription:
+    return load_scene("arm_cell")
+
+
+def read(folder: Path, text: str) -> SceneDescription:
+    """Return the description in a text beside the arm of the package."""
+    for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
+        (folder / name).write_bytes((CONFIG / name).read_bytes())
+    (folder / "cell.yaml").write_text(text)
+    return load_scene(folder / "cell.yaml")
+
+
+def test_a_robot_at_rest_stands_where_the_file_says(tmp_path: Path) -> None:
+    (robot,) = read(tmp_path, FILE + "    joints: {turn: 0.5}\n").robots
+    assert (robot.name, robot.robot.name, robot.srdf) == ("left", "arm", None)
+    np.testing.assert_allclose(robot.pose, [1, 2, 3, 0, 0, np.sin(0.25), np.cos(0.25)])
+    values, velocities = robot.joints(7.0)
+    assert values.tolist() == [0.5, 0, 0, 0, 0, 0, 0]
+    assert not velocities.any()
+
+
+@each("kind", ["urdf", "srdf"])
+@each("file", ["../arm.xml", "http://x/arm.xml", "package://nobody/arm.xml"])
+def test_a_description_elsewhere_is_refused_as_what_it_is(
+    tmp_path: Path, kind: str, file: str
+) -> None:
+    folder = tmp_path / "scenes"
+    folder.mkdir(exist_ok=True)
+    (tmp_path / "arm.xml").write_bytes((CONFIG / f"arm.{kind}").read_bytes())
+    line = f"    {kind}: {file}\n"
+    text = FILE.replace("    urdf: arm.urdf\n", line) if kind == "urdf" else FILE + line
+    with pytest.raises(SceneFileError) as refused:
+        read(folder, text)
+    assert f"robots[0].{kind}: {kind.upper()} " in str(refused.value)
+    assert "arm.xml" in str(refused.value)
+    assert "mesh file" not in str(refused.value)
+
+
+def test_joints_pass_the_waypoints_at_their_times_and_keep_what_is_not_named(
+    cell: SceneDescription,
+) -> None:
+    (arm,) = cell.robots
+    rows = {name: row for row, name in enumerate(arm.robot.joint_names)}
+    assert arm.joints(0.0)[0][rows["elbow"]] == 1.56
+    assert arm.joints(1.5)[0][rows["elbow"]] == 1.62
+    assert arm.joints(0.75)[0][rows["elbow"]] == pytest.approx(1.59)
+    assert arm.joints(0.75)[1][rows["elbow"]] == pytest.approx(0.04)
+    assert arm.joints(5.0)[0][rows["grip"]] == 0.01
+    assert arm.joints(14.0 + 1.5)[0][rows["elbow"]] == arm.joints(1.5)[0][rows["elbow"]]
+    last, first = arm.joints(14.0 - 1e-9)[0], arm.joints(0.0)[0]
+    np.testing.assert_allclose(last, first, atol=1e-8)
+
+
+def test_velocities_are_how_the_joints_change_and_all_is_within_the_limits(
+    cell: SceneDescription,
+) -> None:
+    (arm,) = cell.robots
+    for time in np.arange(0.013, 14.0, 0.37):
+        (before, velocities), (after, _) = arm.joints(time), arm.joints(time + 1e-6)
+        np.testing.assert_allclose((after - before) * 1e6, velocities, atol=1e-6)
+        assert ((arm.robot.lower <= before) & (before <= arm.robot.upper)).all()
+        assert (np.abs(velocities) <= arm.robot.velocity_limits).all()
+
+
+def test_the_arm_of_the_cell_collides_only_with_a_board_on_its_way_out(
+    cell: SceneDescription,
+) -> None:
+    (arm,) = cell.robots
+    scene = oc.RobotScene({arm.name: arm.robot}, cell.build(), bases=[arm.pose])
+    times = np.arange(0.0, 14.0, 0.1)
+    report = scene.check(np.array([arm.joints(time)[0] for time in times]))
+    assert {pair for pair in report.pairs if pair} == {
+        ("arm/hand", "shelf/3"), ("arm/right_finger", "shelf/3")
+    }  # fmt: skip
+    assert not report.out_of_limits.any()
+    assert set(times[~report.valid].round(1)) <= set(np.arange(9.0, 11.0, 0.1).round(1))
+
+
+@each("old, new, reason", [
+    ("", "joints: {turn: 9}", "cell.yaml:7: robots[0].joints.turn: must be a number within the"),
+    ("", "joints: {turn: .nan}", "must be a number within the joint's limits, -3.1 to 3.1"),
+    ("", "joints: {tune: 0}", "no joint of the robot moves so; did you mean turn?"),
+    ("", "joints: {grip_right: 0}", "no joint of the robot moves so"),
+    ("", "motion: {period: 2.0}", "needs waypoints"),
+    ("", "motion: {waypoints: [{joints: {}}], period: 2.0}", "at least 2 waypoints"),
+    ("", "motion: {waypoints: [{joints: {}}, {}], period: 2.0}", "needs joints"),
+    ("", "motion: {waypoints: [{joints: {}, time: 0}, {joints: {}, time: 3}], period: 2.0}",
+     "times must ascend from 0 and stay below the period 2"),
+    ("", "srdf: none.srdf", "none.srdf"),
+    ("", "srdf: arm_finger.obj", "arm_finger.obj"),
+    ("", "srdf: ../../../../etc/passwd", "/etc/passwd, which is in no folder from which"),
+    ("name: left", "name: left/1", "must be letters, digits and _, the first a letter"),
+    ("urdf: arm.urdf", "urdf: arm.srdf", "arm.srdf"),
+    ("  - name: left", "  - {name: left, urdf: arm.urdf}\n  - name: left", "stands twice"),
+])  # fmt: skip
+def test_what_cannot_be_used_is_refused_with_its_line(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
+    with pytest.raises(SceneFileError, match="robots") as error:
+        read(tmp_path, FILE.replace(old, new) if old else f"{FILE}    {new}\n")
+    assert reason in str(error.value)
+
+
+def test_a_description_that_is_published_has_its_meshes_by_absolute_uris() -> None:
+    text = description_text(CONFIG / "arm.urdf")
+    assert text.count((CONFIG / "arm_finger.obj").as_uri()) == 2
+    robot = oc.Robot.from_urdf(text, package_dirs=[CONFIG])
+    known = oc.Robot.from_urdf(CONFIG / "arm.urdf")
+    assert robot.joint_names == known.joint_names
+    assert [len(placed) for placed in robot.shapes] == [len(placed) for placed in known.shapes]
+
+
+OUTSIDE = "is in no folder from which meshes are read"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Return a scene file in the folder config of a package, without content."""
+    for name in ("arm/config", "arm/meshes", "other"):
+        (tmp_path / name).mkdir(parents=True)
+    for folder in ("arm/config", "arm/meshes", "other"):
+        trimesh.creation.box().export(tmp_path / folder / "part.stl")
+    return tmp_path / "arm" / "config" / "scene.yaml"
+
+
+def naming(scene: Path, file: str) -> Path:
+    """Write a scene with one mesh."""
+    scene.write_text(f"objects: [{{name: a, shape: mesh, file: '{file}'}}]")
+    return scene
+
+
+def faces(mesh: object) -> int:
+    assert isinstance(mesh, Mesh)
+    return len(mesh.faces)
+
+
+def test_a_mesh_may_be_beside_the_scene_file_or_in_its_package(scene: Path) -> None:
+    for file in ("part.stl", (scene.parent / "part.stl").as_uri()):
+        assert faces(load_scene(naming(scene, file)).objects[0].shape) == 12
+    naming(scene, "../meshes/part.stl")
+    with pytest.raises(SceneFileError, match=OUTSIDE):
+        load_scene(scene)
+    (scene.parents[1] / "package.xml").write_text("<package><name>arm</name></package>")
+    assert faces(load_scene(scene).objects[0].shape) == 12
+    assert faces(load_scene(naming(scene, "package://arm/meshes/part.stl")).objects[0].shape) == 12
+    with pytest.raises(SceneFileError, match=OUTSIDE):
+        load_scene(naming(scene, "package://arm/../other/part.stl"))
+
+
+def test_a_mesh_elsewhere_needs_its_folder_to_be_allowed(scene: Path, tmp_path: Path) -> None:
+    (scene.parent / "link.stl").symlink_to(tmp_path / "other" / "part.stl")
+    for file in ("../../other/part.stl", (tmp_path / "other/part.stl").as_uri(), "link.stl"):
+        naming(scene, file)
+        with pytest.raises(SceneFileError, match=rf"objects\[0\].file: mesh file .*{OUTSIDE}"):
+            load_scene(scene)
+        loaded = load_scene(scene, mesh_folders=[tmp_path / "other"])
+        assert faces(loaded.objects[0].shape) == 12
+
+
+@each("folders", ["/tmp", [1], None, {"/tmp"}])
+def test_folders_are_a_sequence_of_paths(scene: Path, folders: object) -> None:
+    with pytest.raises(TypeError, match="mesh_folders must be"):
+        load_scene(naming(scene, "part.stl"), mesh_folders=folders)  # type: ignore[arg-type]
+
+
+@each("limits, reason", [
+    ((Limits(seconds=0.0),), "building took too long: 0 s is the limit"), ((Limits(),), ""),
+    ((Limits(), 100), "it has 684 bytes, 100 is the limit"),
+    ((Limits(), 1000, 11), "it has 12 triangles, 11 is the limit"),
+])  # fmt: skip
+def test_a_mesh_read_in_another_process_is_the_same_within_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: Any, reason: str
+) -> None:
+    monkeypatch.setattr(mesh_files, "WorkerProcess", SharedWorker)  # to start takes long
+    trimesh.creation.box().export(tmp_path / "part.stl")
+    file = naming(tmp_path / "scene.yaml", "part.stl")
+    with closing(mesh_files.MeshReading(NO_FOLDERS, *limits)) as reading:
+        if reason:
+            with pytest.raises(SceneFileError, match=reason):
+                describe_scene(file, reading)
+        else:
+            there, here = describe_scene(file, reading), load_scene(file)
+            assert there.objects[0].shape == here.objects[0].shape

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -62,18 +61,6 @@ objects:
 """
 
 
-@pytest.fixture
-def write(tmp_path: Path) -> Any:
-    """Return a function that writes a scene file and returns its path."""
-
-    def write(text: str) -> Path:
-        path = tmp_path / "scene.yaml"
-        path.write_text(text)
-        return path
-
-    return write
-
-
 def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     description = load_scene(write(GOOD))
     assert description.name == "small"
@@ -105,9 +92,6 @@ def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     assert scene.check().accuracies.tolist() == expected.check().accuracies.tolist()
     setting = scene.effects["separations"]
     assert (setting.mode, setting.objects) == ("on", ("hand/*",))
-
-
-SHELF = (Path(__file__).parents[1] / "data" / "moveit" / "shelf.yaml").read_text()
 
 
 def test_meshes_are_found_beside_their_file_and_shared(tmp_path: Path) -> None:
@@ -169,167 +153,106 @@ def test_nonsense_is_refused_and_nothing_else_is_raised(tmp_path_factory: Any, t
         load_scene(path)
 
 
-VALUES = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(-3, 3), st.floats(), st.text(max_size=4)),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner),
-    max_leaves=6,
-)
-
-
-@pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=40)
-@given(st.data(), VALUES)
-def test_a_wrong_value_in_a_right_place_is_refused_or_read(
-    tmp_path_factory: Any, data: st.DataObject, value: Any
-) -> None:
-    content = yaml.safe_load(GOOD) if data.draw(st.booleans()) else yaml.safe_load(SHELF)
-    place, parents = content, []
-    while isinstance(place, (dict, list)) and len(place) > 0:
-        keys = list(place) if isinstance(place, dict) else list(range(len(place)))
-        parents.append((place, data.draw(st.sampled_from(keys))))
-        place = place[parents[-1][1]]
-    parent, key = data.draw(st.sampled_from(parents))
-    parent[key] = value
-    path = tmp_path_factory.mktemp("wrong") / "scene.yaml"
-    path.write_text(yaml.safe_dump(content))
-    with suppress(SceneFileError):
-        load_scene(path).build()
-
-
 BOX = "{name: a, shape: box, size: [1, 1, 1]}"
-REFUSED = {
-    "": "scene.yaml:1: the file is empty",
-    "# only words": "scene.yaml:1: the file is empty",
-    "a: [1": "scene.yaml:1: no YAML: ",
-    "a: 1\nb: 2\n\tc: 3": "scene.yaml:3: no YAML: ",
-    "a: 1\n--- \nb: 2": "scene.yaml:2: no YAML: ",
-    "a: *b": "scene.yaml:1: no YAML: found undefined alias",
-    "a: 1\nb: \x07": "scene.yaml:2: no YAML: special characters are not allowed",
-    "just words": "scene.yaml:1: must be a mapping",
-    "{}": "scene.yaml:1: needs objects",
-    "size: 3": "scene.yaml:1: needs objects: (a scene) or world:",
-    "[" * 1500: "scene.yaml:1: nested too deeply",
-    "objects: 3": "scene.yaml:1: objects: must be a list, got 3",
-    f"objects: [{BOX}]\nobjects: []": ":2: objects: stands twice, first in line 1",
-    f"objects: [{BOX}]\ngruops: {{}}": ":2: gruops: unknown key; did you mean groups?",
-    "objects:\n  - 3": ":2: objects[0]: must be a mapping (key: value), got 3",
-    "objects:\n- {name: a, shape: box}": ":2: objects[0]: needs size",
-    "objects:\n- {name: a}": ":2: objects[0]: needs shape",
-    "objects:\n- {name: a, shape: cube}": ":2: objects[0].shape: must be one of box, sphere",
-    "objects:\n- name: a\n  shape: box\n  size: [1, -1]": (
-        ":4: objects[0].size: must be 3 positive numbers, got [1, -1]"
-    ),
-    "objects:\n- {name: a, shape: box, size: [1, .nan, 1]}": "3 positive numbers, got [1, .nan, 1]",
-    "objects:\n- {name: a, shape: box, size: [1, '2', 1]}": "3 positive numbers, got [1, '2', 1]",
-    "objects:\n- {name: a, shape: box, size: [1, 0x10, 1]}": "3 positive numbers",
-    "objects:\n- {name: a, shape: box, size: &s [1, *s, 1]}": ":2: &s contains itself",
-    "objects:\n- {name: a, shape: sphere, size: [1, 1, 1]}": ".size: unknown key; ",
-    "objects:\n- {name: a, shape: sphere, radius: 0}": (
-        ".radius: must be a positive number, got 0"
-    ),
-    "objects:\n- {name: a, shape: sphere, radius: yes}": "must be a positive number, got yes",
-    "objects:\n- {name: a, shape: sphere, radius: }": "objects[0]: needs radius",
-    "objects:\n- {name: a, shape: sphere, radius: 1, radius: 2}": ".radius: stands twice",
-    "objects:\n- {name: , shape: sphere, radius: 1}": "needs name",
-    "objects:\n- {name: '', shape: sphere, radius: 1}": ".name: must be a name, got ''",
-    "objects:\n- {name: a*, shape: sphere, radius: 1}": ".name: must not hold any of *?[]",
-    "objects:\n- {name: a, shape: sphere, radius: 1, position: [1, 2]}": (
-        "objects[0].position: must be 3 numbers, got [1, 2]"
-    ),
-    "objects:\n- {name: a, shape: sphere, radius: 1, quaternion: [0, 0, 0, 0]}": (
-        ".quaternion: must not be zero"
-    ),
-    "objects:\n- {name: a, shape: sphere, radius: 1, quaternion: [0, 0, 0, 1], rpy: [0, 0, 0]}": (
-        ".rpy: there is a quaternion already"
-    ),
-    "objects:\n- {name: a, shape: sphere, radius: 1e299, scale: 100}": (
-        ":2: objects[0]: size times scale must not exceed"
-    ),
-    "objects:\n- {name: a, shape: sphere, radius: 1, accuracy: best}": ".accuracy: must be one of ",
-    "objects:\n- {name: a, shape: sphere, radius: 1, color: [1, 2, 3]}": ".color: must be 3 or 4",
-    "objects:\n- {name: a, shape: mesh, file: none.stl}": "none.stl: there is no such file",
-    "objects:\n- {name: a, shape: mesh, file: 'http://x/y'}": "objects[0].file: mesh file http://x/",
-    "objects:\n- {name: a, shape: hull, points: []}": ".points: must be points [x, y, z], at",
-    "objects:\n- !!python/object/apply:os.system ['true']": "objects[0]: tags are not read",
-    "objects:\n- {name: !new a, shape: sphere, radius: 1}": "objects[0].name: tags are not read",
-    "objects:\n- {<<: {name: a}, shape: sphere, radius: 1}": "merged mappings (<<) are not read",
-    "objects:\n- {? [a] : 1}": "objects[0]: must be a key, got [a]",
-    f"objects:\n- {BOX}\n- {BOX}": (
-        ":3: objects[1].name: the name a stands twice, first in line 2"
-    ),
-    f"objects: [{BOX}]\ngroups: {{a: b/*}}": "groups.a: an object has this name already",
-    f"objects: [{BOX}]\ngroups: {{b*: b/*}}": "a group can't be called b*",
-    f"objects: [{BOX}]\ngroups: {{default: b/*}}": "a group can't be called default",
-    f"objects: [{BOX}]\ngroups: {{b: []}}": "groups.b: must be a pattern, a group, or a list",
-    f"objects: [{BOX}]\ngroups: {{hand: h/*}}\nallowed:\n- [hadn, a]": (
-        ":4: allowed[0][0]: hadn is no group, object or pattern; did you mean hand?"
-    ),
-    f"objects: [{BOX}]\nallowed: [[a]]": "allowed[0]: must be a pair of groups, names or patterns",
-    f"objects: [{BOX}]\naccuracy: exact": "accuracy: must be one of sphere, aabb, obb,",
-    f"objects: [{BOX}]\naccuracy: obb_tree": "got 'obb_tree': use obb or hull instead",
-    f"objects: [{BOX}]\naccuracy: {{a: fine}}": "accuracy.a: must be one of sphere",
-    f"objects: [{BOX}]\naccuracy: {{b: obb}}": "accuracy.b: b is no group, object or pattern",
-    f"objects: [{BOX}]\npadding: -1": "padding: must be a number, not negative, got -1",
-    f"objects: [{BOX}]\ntime_budget: 0": (
-        "time_budget: must be seconds, above 0 and at most 1, got 0"
-    ),
-    f"objects: [{BOX}]\ntime_budget: 5": "must be seconds, above 0 and at most 1, got 5",
-    f"objects: [{BOX}]\neffects: on": "effects: must be a mapping (key: value), got on",
-    f"objects: [{BOX}]\neffects: {{seperations: on}}": "did you mean separations?",
-    f"objects: [{BOX}]\neffects: {{separations: maybe}}": "must be one of off, auto, on, got maybe",
-    f"objects: [{BOX}]\neffects: {{separations: {{mode: true}}}}": "separations.mode: must be one",
-    f"objects: [{BOX}]\neffects: {{separations: {{limit: 1}}}}": "separations.limit: unknown key",
-    f"objects: [{BOX}]\neffects: {{separations: {{objects: b}}}}": "b is no group, object or",
-    f"objects: [{BOX}]\neffects: {{markers: {{objects: a}}}}": "effects.markers.objects: unknown",
-    f"objects: [{BOX}]\nlidar: {{count: 1.5, range: 1}}": "lidar.count: must be a whole number",
-    f"objects: [{BOX}]\nlidar: {{count: 1}}": "lidar: needs range",
-    f"objects: [{BOX}]\nview: {{eye: [0, 0, 1], target: [0, 0, 0]}}": "view: eye and target must",
-}
 
 
-@each("text", REFUSED)
-def test_what_is_wrong_is_told_by_line_and_key(text: str, write: Any) -> None:
+def top(line: str) -> str:
+    return f"objects: [{BOX}]\n{line}"
+
+
+def one(fields: str) -> str:
+    return f"objects:\n- {{name: a, {fields}}}"
+
+
+def ball(fields: str) -> str:
+    return one(f"shape: sphere, radius: 1, {fields}")
+
+
+TWIST, WAY = "twist: [1, 0, 0, 0, 0, 0]", "waypoints: [[0, 0, 0], [1, 0, 0]]"
+REFUSED = [
+    ("", "scene.yaml:1: the file is empty"),
+    ("# only words", "scene.yaml:1: the file is empty"),
+    ("a: [1", "scene.yaml:1: no YAML: "),
+    ("a: 1\nb: 2\n\tc: 3", "scene.yaml:3: no YAML: "),
+    ("a: 1\n--- \nb: 2", "scene.yaml:2: no YAML: "),
+    ("a: *b", "scene.yaml:1: no YAML: found undefined alias"),
+    ("a: 1\nb: \x07", "scene.yaml:2: no YAML: special characters are not allowed"),
+    ("just words", "scene.yaml:1: must be a mapping"),
+    ("{}", "scene.yaml:1: needs objects"),
+    ("size: 3", "scene.yaml:1: needs objects: (a scene) or world:"),
+    ("[" * 1500, "scene.yaml:1: nested too deeply"),
+    (top("objects: []"), ":2: objects: stands twice, first in line 1"),
+    (one(""), ":2: objects[0]: needs shape"),
+    (one("shape: cube"), ":2: objects[0].shape: must be one of box, sphere"),
+    ("objects:\n- name: a\n  shape: box\n  size: [1, -1]",
+     ":4: objects[0].size: must be 3 positive numbers, got [1, -1]"),
+    (one("shape: box, size: [1, .nan, 1]"), "3 positive numbers, got [1, .nan, 1]"),
+    (one("shape: box, size: [1, 0x10, 1]"), "3 positive numbers"),
+    (one("shape: box, size: &s [1, *s, 1]"), ":2: &s contains itself"),
+    (one("shape: sphere, radius: 0"), ".radius: must be a positive number, got 0"),
+    (one("shape: sphere, radius: "), "objects[0]: needs radius"),
+    (ball("radius: 2"), ".radius: stands twice"),
+    ("objects:\n- {name: , shape: sphere, radius: 1}", "needs name"),
+    ("objects:\n- {name: '', shape: sphere, radius: 1}", ".name: must be a name, got ''"),
+    ("objects:\n- {name: a*, shape: sphere, radius: 1}", ".name: must not hold any of *?[]"),
+    (ball("position: [1, 2]"), "objects[0].position: must be 3 numbers, got [1, 2]"),
+    (ball("quaternion: [0, 0, 0, 0]"), ".quaternion: must not be zero"),
+    (ball("quaternion: [0, 0, 0, 1], rpy: [0, 0, 0]"), ".rpy: there is a quaternion already"),
+    (one("shape: sphere, radius: 1e299, scale: 100"),
+     ":2: objects[0]: size times scale must not exceed"),
+    (ball("color: [1, 2, 3]"), ".color: must be 3 or 4"),
+    (one("shape: mesh, file: none.stl"), "none.stl: there is no such file"),
+    (one("shape: mesh, file: 'http://x/y'"), "objects[0].file: mesh file http://x/"),
+    (one("shape: hull, points: []"), ".points: must be points [x, y, z], at"),
+    ("objects:\n- !!python/object/apply:os.system ['true']", "objects[0]: tags are not read"),
+    ("objects:\n- {name: !new a, shape: sphere, radius: 1}", "objects[0].name: tags are not read"),
+    (ball("<<: {name: a}"), "merged mappings (<<) are not read"),
+    ("objects:\n- {? [a] : 1}", "objects[0]: must be a key, got [a]"),
+    (f"objects:\n- {BOX}\n- {BOX}", ":3: objects[1].name: the name a stands twice, first in li"),
+    (top("groups: {a: b/*}"), "groups.a: an object has this name already"),
+    (top("groups: {b*: b/*}"), "a group can't be called b*"),
+    (top("groups: {default: b/*}"), "a group can't be called default"),
+    (top("groups: {b: []}"), "groups.b: must be a pattern, a group, or a list"),
+    (top("groups: {hand: h/*}\nallowed:\n- [hadn, a]"),
+     ":4: allowed[0][0]: hadn is no group, object or pattern; did you mean hand?"),
+    (top("allowed: [[a]]"), "allowed[0]: must be a pair of groups, names or patterns"),
+    (top("accuracy: exact"), "accuracy: must be one of sphere, aabb, obb,"),
+    (top("accuracy: obb_tree"), "got 'obb_tree': use obb or hull instead"),
+    (top("accuracy: {b: obb}"), "accuracy.b: b is no group, object or pattern"),
+    (top("padding: -1"), "padding: must be a number, not negative, got -1"),
+    (top("time_budget: 0"), "time_budget: must be seconds, above 0 and at most 1, got 0"),
+    (top("time_budget: 5"), "must be seconds, above 0 and at most 1, got 5"),
+    (top("effects: {separations: {objects: b}}"), "b is no group, object or"),
+    (top("effects: {markers: {objects: a}}"), "effects.markers.objects: unknown"),
+    (top("lidar: {count: 1.5, range: 1}"), "lidar.count: must be a whole number"),
+    (top("lidar: {count: 1}"), "lidar: needs range"),
+    (top("view: {eye: [0, 0, 1], target: [0, 0, 0]}"), "view: eye and target must"),
+    (ball("motion: {}"), "motion: must be a mapping with twist, waypoints or follow, got {}"),
+    (ball("motion: {twist: [1, 0, 0]}"), "motion.twist: must be 6 numbers"),
+    (ball(f"motion: {{{TWIST}, period: 0}}"), "period: must be seconds from 0.001 to"),
+    (ball(f"motion: {{{TWIST}, waypoints: []}}"), "twist: a motion by waypoints has no twist"),
+    (ball(f"motion: {{{WAY}}}"), "motion: needs period"),
+    (ball("motion: {waypoints: [[0, 0, 0]], period: 1}"), "must be at least 2 waypoints"),
+    (ball("motion: {waypoints: [[0, 0], [1, 0, 0]], period: 1}"), "waypoints[0]: must be 3 num"),
+    (ball("motion: {waypoints: [far, [1, 0, 0]], period: 1}"),
+     "waypoints[0]: must be [x, y, z], [x, y, z, yaw]"),
+    (ball("motion: {waypoints: [{position: [0, 0, 0], time: 0}, [1, 0, 0]], period: 1}"),
+     "need a time, or none"),
+    (ball("motion: {waypoints: [{position: [0, 0, 0], time: 0}, {position: [0, 0, 0], time: 2}], "
+            "period: 1}"), "times must ascend from 0 and stay below the period 1, got [0.0, 2.0]"),
+    (ball("motion: {follow: b}"), "motion: follows b, which is no object here"),
+    (ball("motion: {follow: a}"), "motion: follows itself: a"),
+    (ball("motion: {follow: a, period: 1}"), "period: without waypoints there is no round"),
+    (ball(f"position: [0, 0, 0], motion: {{{WAY}, period: 1}}"),
+     "position: the waypoints of the motion say where"),
+]  # fmt: skip
+
+
+@each("text, reason", REFUSED)
+def test_what_is_wrong_is_told_by_line_and_key(text: str, reason: str, write: Any) -> None:
     with pytest.raises(SceneFileError) as error:
         load_scene(write(text))
-    assert REFUSED[text] in str(error.value)
-
-
-MOTIONS = {
-    "3": "objects[0].motion: must be a mapping",
-    "{}": "objects[0].motion: must be a mapping with twist, waypoints or follow, got {}",
-    "{twist: [1, 0, 0]}": "motion.twist: must be 6 numbers",
-    "{twist: [1, 0, 0, 0, 0, 0], period: 0}": "period: must be seconds from 0.001 to",
-    "{twist: [1, 0, 0, 0, 0, 0], waypoints: []}": "waypoints: a motion by waypoints has no twist",
-    "{waypoints: [[0, 0, 0], [1, 0, 0]]}": "motion: needs period",
-    "{waypoints: [[0, 0, 0]], period: 1}": "must be at least 2 waypoints",
-    "{waypoints: [[0, 0], [1, 0, 0]], period: 1}": "waypoints[0]: must be 3 numbers",
-    "{waypoints: [far, [1, 0, 0]], period: 1}": "waypoints[0]: must be [x, y, z], [x, y, z, yaw]",
-    "{waypoints: [{position: [0, 0, 0], time: 0}, [1, 0, 0]], period: 1}": "need a time, or none",
-    "{waypoints: [{position: [0, 0, 0], time: 0}, {position: [0, 0, 0], time: 2}], period: 1}": (
-        "times must ascend from 0 and stay below the period 1, got [0.0, 2.0]"
-    ),
-    "{follow: b}": "motion: follows b, which is no object here",
-    "{follow: a}": "motion: follows itself: a",
-    "{follow: a, period: 1}": "period: without waypoints there is no round",
-}
-
-
-@each("motion", MOTIONS)
-def test_motions_that_make_no_sense_are_refused(motion: str, write: Any) -> None:
-    text = f"objects:\n- {{name: a, shape: sphere, radius: 1, motion: {motion}}}"
-    with pytest.raises(SceneFileError) as error:
-        load_scene(write(text))
-    expected = MOTIONS[motion].replace("waypoints: a motion by", "twist: a motion by")
-    assert expected in str(error.value)
-
-
-def test_a_place_beside_waypoints_is_refused(write: Any) -> None:
-    motion = "{waypoints: [[0, 0, 0], [1, 0, 0]], period: 1}"
-    text = (
-        f"objects: [{{name: a, shape: sphere, radius: 1, position: [0, 0, 0], motion: {motion}}}]"
-    )
-    with pytest.raises(SceneFileError, match="position: the waypoints of the motion say where"):
-        load_scene(write(text))
+    assert reason in str(error.value)
 
 
 def test_all_that_is_wrong_is_told_at_once(write: Any) -> None:
