@@ -104,8 +104,9 @@ def imported(path: Path) -> set[str]:
 
 
 def test_no_layer_looks_up() -> None:
-    for path in MODULES:
-        layer = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+    layers = {path: path.relative_to(SOURCE).parts[0].removesuffix(".py") for path in MODULES}
+    assert set(layers.values()) == set(LAYERS)
+    for path, layer in layers.items():
         for name in imported(path):
             top, _, rest = name.partition(".")
             if top == "obb_collision" and rest:
@@ -147,11 +148,6 @@ def test_folders_import_in_one_direction() -> None:
         for name in free:
             del edges[name]
     assert order.index("queries.verdict") < order.index("scene") < order.index("node")
-
-
-def test_every_layer_is_known() -> None:
-    found = {p.relative_to(SOURCE).parts[0].removesuffix(".py") for p in MODULES}
-    assert found == set(LAYERS)
 
 
 def test_the_library_imports_without_ros_and_what_takes_long_loads_when_it_is_used() -> None:
@@ -257,14 +253,8 @@ def test_what_the_launch_file_starts_is_declared() -> None:
 
 
 def test_both_descriptions_of_the_package_agree() -> None:
-    for key, element in {
-        "version": PACKAGE.findtext("version"),
-        "maintainer": PACKAGE.findtext("maintainer"),
-        "author": PACKAGE.findtext("author"),
-        "license": PACKAGE.findtext("license"),
-        "url": PACKAGE.findtext("url"),
-    }.items():
-        assert f'{key}="{element}"' in SETUP
+    for key in ("version", "maintainer", "author", "license", "url"):
+        assert f'{key}="{PACKAGE.findtext(key)}"' in SETUP
 
 
 def versions(text: str, between: str) -> dict[str, str]:
@@ -278,9 +268,8 @@ def test_the_lower_bounds_are_what_the_long_ci_tries() -> None:
     oldest = versions((ROOT / ".ci" / "oldest.txt").read_text(encoding="utf-8"), "==")
     assert {"numpy", "numba", "scipy", "pytest"} <= set(bounds)
     assert oldest == bounds
-    assert f"setuptools>={'.'.join(oldest['setuptools'].split('.')[:1])}" in (
-        ROOT / "pyproject.toml"
-    ).read_text(encoding="utf-8")
+    least = oldest["setuptools"].partition(".")[0]
+    assert f"setuptools>={least}" in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
 def test_what_is_marked_slow_is_run_by_the_long_ci() -> None:
@@ -298,27 +287,18 @@ def test_ubuntus_versions_are_allowed() -> None:
     assert {"numpy", "scipy", "numba"} <= set(ubuntu)
 
 
-SOURCES = sorted(
-    [ROOT / "setup.py"]
-    + [
-        path
-        for folder in ("launch", "obb_collision", "test", "tools")
-        for path in (ROOT / folder).rglob("*.py")
-    ]
-)
+FOLDERS = ("launch", "obb_collision", "test", "tools")
+SOURCES = [ROOT / "setup.py", *(file for name in FOLDERS for file in (ROOT / name).rglob("*.py"))]
 #: The comment block of this file: copyright, licence, where it is.
 HEADER = Path(__file__).read_text(encoding="utf-8").partition("\n\n")[0] + "\n\n"
 
 
-def test_the_header_is_that_of_the_apache_license() -> None:
+def test_source_files_begin_with_copyright_and_the_apache_license() -> None:
     first, _, rest = HEADER.partition("\n")
     assert first == "# Copyright 2026 The obb_collision developers"
     wanted = (ROOT / "LICENSE").read_text(encoding="utf-8").partition("Licensed under the Apache")
     text = " ".join(line.removeprefix("#").strip() for line in rest.splitlines()).split()
     assert text == ("Licensed under the Apache" + wanted[2]).split()
-
-
-def test_source_files_begin_with_copyright_and_licence() -> None:
     contents = {path: path.read_text(encoding="utf-8") for path in SOURCES}
     assert len(contents) > 400
     without = [path for path, text in contents.items() if text and not text.startswith(HEADER)]
@@ -328,11 +308,6 @@ def test_source_files_begin_with_copyright_and_licence() -> None:
 OBJECTS = dict(public_objects())
 METHODS = dict(public_methods())
 DOCUMENTED = {**OBJECTS, **METHODS}
-
-
-def sections(value: Any) -> set[str]:
-    """Return the titles of the sections of a docstring."""
-    return set(re.findall(r"^(\w+)\n-+$", inspect.getdoc(value) or "", re.MULTILINE))
 
 
 def arguments(value: Any) -> set[str]:
@@ -363,34 +338,19 @@ def examples_of(name: str) -> list[str]:
     return [inspect.getdoc(OBJECTS[owner]) or "", text]
 
 
-@each("name", OBJECTS)
-def test_every_public_name_has_its_sections_and_an_example(name: str) -> None:
-    value = OBJECTS[name]
-    text = inspect.getdoc(value) or ""
-    assert ">>> " in text
-    found = sections(value)
-    assert "Examples" in found
-    if name in MADE_BY_THE_LIBRARY:
-        return
-    names = arguments(value)
-    assert not names or {"Parameters", "Raises"} <= found
-    assert all(re.search(rf"^(\w+, )*{one}\b.* : ", text, re.MULTILINE) for one in names)
-    assert inspect.isclass(value) or "Returns" in found
-
-
-@each("name", METHODS)
-def test_every_public_method_has_its_sections(name: str) -> None:
-    value = METHODS[name]
-    text = inspect.getdoc(value) or ""
-    found = sections(value)
-    names = arguments(value)
-    if names:
-        assert {"Parameters", "Raises", "Examples"} <= found
-        missing = [
-            n for n in names if not re.search(rf"^\**(\w+, )*\**{n}\b.* : ", text, re.MULTILINE)
-        ]
-        assert missing == []
-
-
 #: What a user gets and does not make.
 MADE_BY_THE_LIBRARY = {"MeshTrees", "Report", "Robot", "SceneDescription", "shapes.Shape"}
+
+
+@each("name", DOCUMENTED)
+def test_what_is_public_has_its_sections_and_an_example(name: str) -> None:
+    value = DOCUMENTED[name]
+    text, names = inspect.getdoc(value) or "", arguments(value)
+    found = set(re.findall(r"^(\w+)\n-+$", text, re.MULTILINE))
+    assert ">>> " in text or name in METHODS
+    assert "Examples" in found or not (name in OBJECTS or names)
+    if name not in MADE_BY_THE_LIBRARY:
+        assert not names or {"Parameters", "Raises"} <= found
+        for one in names:
+            assert re.search(rf"^\**(\w+, )*\**{one}\b.* : ", text, re.MULTILINE), one
+        assert name in METHODS or inspect.isclass(value) or "Returns" in found
