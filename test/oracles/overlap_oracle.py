@@ -60,12 +60,6 @@ def overlap_volume(a: Box, b: Box) -> Fraction:
     return volume / (6 * scale**3)
 
 
-def box_volume(box: Box) -> Fraction:
-    """Return the volume of a box as stored."""
-    x, y, z = _edges(box)
-    return 8 * abs(_dot(x, _cross(y, z)))
-
-
 def _edges(box: Box) -> list[Point]:
     """Return the half edges of a box."""
     _, rotation, half_extents = box

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scene: what comes, moves and goes, and what a check says of it, by exact arithmetic."""
+"""Scene: what comes, moves and goes, what a check says of it, and questions: bodies and rays."""
 
 from __future__ import annotations
 
@@ -24,20 +24,23 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
+import trimesh
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import filled_scene
+from mesh_zoo import zoo
+from scenes import builds, counted, filled_scene, random_poses
 from scipy.spatial.transform import Rotation
 from support import stored
 
 import obb_collision as oc
-from obb_collision.shapes import Box, Cylinder, Sphere
+from obb_collision.scene import questions
+from obb_collision.shapes import Box, Cone, Cylinder, Hull, Mesh, Shape, Sphere
 
 IDENTITY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
-def check_report(scene: oc.Scene, exact: bool, disabled: frozenset[str] = frozenset()) -> None:
+def check_report(scene: oc.Scene, exact: bool, disabled: frozenset[str]) -> None:
     """Compare the report of a scene with the oracle, pair by pair."""
     report, boxes, indices = scene.check(), scene.boxes, scene.indices
     i, j = np.triu_indices(len(boxes), 1)
@@ -64,7 +67,7 @@ def random_pose(rng: np.random.Generator, spread: float) -> np.ndarray:
     return np.concatenate([position, quaternion])
 
 
-def random_shape(rng: np.random.Generator) -> oc.shapes.Shape | oc.OBB:
+def random_shape(rng: np.random.Generator) -> Shape | oc.OBB:
     if rng.random() < 0.5:
         return Box(rng.integers(1, 5, 3) / 4.0)
     center, quaternion = rng.normal(size=3), rng.normal(size=4)
@@ -72,37 +75,18 @@ def random_shape(rng: np.random.Generator) -> oc.shapes.Shape | oc.OBB:
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@settings(max_examples=7)
-@given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0, 60]))
-def test_any_history_of_changes_is_what_exact_arithmetic_says(
-    seed: int, exact: bool, many: int
-) -> None:
-    """Objects come, go, move, are replaced and left out; checks come in between."""
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([14, 70]))
+def test_pairs_are_those_of_exact_arithmetic(seed: int, exact: bool, count: int) -> None:
+    """After any changes, too: a scene is then as one built anew, see test_changes.py."""
     rng = np.random.default_rng(seed)
-    scene = oc.Scene(exact=exact)
-    disabled: set[str] = set()
-    for k in range(many):  # so many that one change is looked at by itself
-        scene.add(f"far {k}", random_shape(rng), random_pose(rng, 6.0))
-    for step in range(60):
-        name = f"object {rng.integers(14)}"
-        what = rng.integers(10)
-        if what < 4 or name not in scene:
-            scene.add(name, random_shape(rng), random_pose(rng, 1.5))
-            disabled.discard(name)
-        elif what < 6:
-            scene.move(name, random_pose(rng, 1.5))
-        elif what == 6:
-            scene.remove(name)
-            disabled.discard(name)
-        elif what == 7:
-            scene.move(scene.names, [random_pose(rng, 1.5) for _ in scene.names])
-        elif what == 8:
-            scene.set_enabled(name, name in disabled)
-            disabled ^= {name}
-        else:
-            scene.padding = float(rng.choice([0.0, 0.25]))
-        if step % 8 == 7 or (not many and step % 3 == 0):
-            check_report(scene, exact, frozenset(disabled))
+    scene = oc.Scene(exact=exact, padding=float(rng.choice([0.0, 0.25])))
+    for k in range(count):
+        scene.add(str(k), random_shape(rng), random_pose(rng, 0.6 * count ** (1 / 3)))
+    disabled = frozenset(name for name in scene.names if rng.random() < 0.1)
+    for name in disabled:
+        scene.set_enabled(name, False)
+    check_report(scene, exact, disabled)
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
@@ -115,20 +99,6 @@ def test_axes_of_a_scene_stay_as_orthonormal_as_the_proof_needs() -> None:
     turns = scene.boxes.rotations.astype(np.longdouble)
     defects = np.abs(np.einsum("nji,njk->nik", turns, turns) - np.eye(3))
     assert 0.0 < defects.max() <= 64.0 * 2.0**-53  # what the proof of the verdicts allows
-
-
-def test_separations_are_those_of_the_pairs_alone_and_points_near_both_boxes() -> None:
-    scene = filled_scene(200)
-    report = scene.check()
-    assert len(report) > 50
-    for k, (a, b) in enumerate(report.names()):
-        alone = scene.obb(a).separation(scene.obb(b))
-        assert report.separations[k] == alone.gap
-        assert (report.normals[k] == alone.axis).all()
-        assert report.verdicts[k] == alone.verdict
-        assert report.depths[k] == max(-alone.gap, 0.0)
-        for name in (a, b):
-            assert scene.obb(name).padded(0.05).contains(report.positions[k])
 
 
 def test_resting_contact_counts_and_its_point_lies_between() -> None:
@@ -217,7 +187,7 @@ def test_what_is_refused_changes_nothing(
 
 def pile() -> oc.Scene:
     scene = oc.Scene(accuracy="hull")
-    for k, shape in enumerate((Box([1, 1, 1]), Sphere(0.5), oc.shapes.Cone(0.5, 1.0))):
+    for k, shape in enumerate((Box([1, 1, 1]), Sphere(0.5), Cone(0.5, 1.0))):
         scene.add(f"thing/{k}", shape, [0.4 * k, 0, 0, 0, 0, 0, 1])
     return scene
 
@@ -263,3 +233,214 @@ def test_effects_are_read_only_and_the_next_check_has_them_as_they_were() -> Non
     full = [array for array in arrays if array.size]
     assert len(full) > 15
     assert not any(array.flags.writeable for array in full)
+
+
+ZOO = zoo()
+RING = Mesh(*ZOO["torus0"])
+LEVELS = [level.label for level in oc.Accuracy]
+
+
+def random_scene(seed: int, count: int, **options: object) -> oc.Scene:
+    rng = np.random.default_rng(seed)
+    scene = oc.Scene(**options)  # type: ignore[arg-type]
+    for k in range(count):
+        shapes = Box(rng.uniform(0.2, 1.0, 3)), Sphere(0.4), Cylinder(0.3, 0.8), RING
+        scene.add(f"{k}", shapes[k % 4], random_poses(1, rng, 1.5)[0])
+    return scene
+
+
+@each("accuracy", LEVELS)
+def test_any_collision_is_what_a_check_finds(accuracy: str) -> None:
+    free = colliding = 0
+    for seed in range(12):
+        scene = random_scene(seed, 2 + seed % 6, accuracy=accuracy)
+        if seed % 2:
+            scene.allow("0", "*")
+        before = scene.any_collision()
+        pairs = scene.check().names()
+        assert before == scene.any_collision() == bool(pairs)
+        free, colliding = free + (not before), colliding + before
+        scene.allow("*", "*")
+        assert not scene.any_collision()
+    assert colliding, "no scene that collides was tried"
+    assert free, "no scene that is free was tried"
+
+
+def test_the_first_pair_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    tested = counted(monkeypatch, questions, "colliding_pairs", 1)
+    crowd = oc.Scene()
+    for k in range(300):
+        crowd.add(f"{k}", Box([1, 1, 1]))
+    crowd.allow("0", "1")
+    assert crowd.any_collision()
+    assert 1 <= sum(tested) <= 16
+    assert not oc.Scene().any_collision()
+
+
+@each("accuracy", LEVELS)
+def test_a_body_hits_what_it_collides_with_as_an_object(accuracy: str) -> None:
+    rng = np.random.default_rng(3)
+    scene = random_scene(5, 24, accuracy=accuracy)
+    box = oc.OBB([0.1, 0, 0], np.eye(3), [0.3, 0.2, 0.4])
+    shapes: list[Shape | oc.OBB] = [box, Sphere(0.5), Mesh(*ZOO["torus1"])]
+    hits = 0
+    for k in range(12):
+        shape, pose, padding = shapes[k % 3], random_poses(1, rng, 1.5)[0], 0.05 * (k % 2)
+        found = scene.query(shape, pose, padding=padding)
+        scene.add("body", shape, pose, padding=padding)
+        pairs = scene.check().names()
+        expected = {a if b == "body" else b for a, b in pairs if "body" in (a, b)}
+        scene.remove("body")
+        assert set(found) == expected
+        assert scene.query(shape, pose, padding=padding, ignore=found[:1]) == found[1:]
+        assert scene.query(shape, pose, padding=padding, ignore="*") == []
+        hits += len(found)
+    assert hits > 10
+
+
+def test_a_question_leaves_the_scene_as_it_is() -> None:
+    scene = random_scene(7, 16, accuracy="mesh")  # as many as there is room for at first
+    report = scene.check()
+    names, boxes = scene.names, scene.boxes
+    assert scene.query(Box([9, 9, 9])) == names
+    assert scene.check() is report
+    assert scene.names == names
+    assert scene.boxes == boxes
+    assert len(scene) == 16
+    scene.move("3", [50, 0, 0, 0, 0, 0, 1])
+    scene.query(Box([9, 9, 9]))
+    anew = oc.Scene(accuracy="mesh")
+    for name in names:
+        anew.add(name, scene.objects.shape_of(name), scene.pose(name))
+    assert scene.check().pairs.tolist() == anew.check().pairs.tolist()
+
+
+def test_the_tree_of_a_body_is_built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = oc.Scene(accuracy="mesh")
+    scene.add("box", Box([1, 1, 1]))
+    meshes = [Mesh(trimesh.creation.box((9, 9, 9 + k))) for k in range(17)]
+    made = builds(monkeypatch)
+
+    def built(*bodies: Mesh) -> list[Any]:
+        made.clear()
+        for body in bodies:
+            assert scene.query(body) == scene.query(body) == ["box"]
+        return [body for name, body in made if name == "mesh_tree"]
+
+    assert built(*meshes[1:]) == meshes[1:]  # as many as are retained
+    assert built(Mesh(meshes[1].vertices, meshes[1].faces)) == []
+    assert built(meshes[0], meshes[2]) == [meshes[0]]  # one too many: the oldest is dropped
+    assert built(meshes[1]) == [meshes[1]]
+    scene.clear()
+    scene.add("box", Box([1, 1, 1]))
+    assert built(meshes[1]) == [meshes[1]]
+
+
+def test_a_body_is_checked_as_an_object_is() -> None:
+    scene = random_scene(8, 3)
+    with pytest.raises(ValueError, match="zero quaternion"):
+        scene.query(Sphere(1.0), [0] * 7)
+    assert len(scene) == 3
+    scene.set_enabled("0", False)
+    assert scene.query(Box([9, 9, 9])) == ["1", "2"]
+
+
+def test_poses_are_those_given_and_a_scene_shows_itself() -> None:
+    scene = oc.Scene(accuracy="mesh")
+    assert repr(scene) == "Scene(0 objects, accuracy 'mesh')"
+    scene.add("a", Sphere(1.0), [1, 2, 3, 0, 0, 0.6, 0.8])
+    pose = scene.pose("a")
+    assert pose.tolist() == [1, 2, 3, 0, 0, 0.6, 0.8]
+    pose[:] = 0.0
+    assert scene.pose("a")[0] == 1.0
+    with pytest.raises(KeyError, match="no object named 'b'"):
+        scene.pose("b")
+
+
+AHEAD = [[1.0, 0.0, 0.0]]
+
+
+def ring_and_wall(**options: Any) -> oc.Scene:
+    """Return a ring across the x axis, and a wall behind it."""
+    scene = oc.Scene(**options)
+    scene.add("ring", RING, [2, 0, 0, 0, 0.5**0.5, 0, 0.5**0.5])
+    scene.add("wall", Box([1.0, 4.0, 4.0]), [5, 0, 0, 0, 0, 0, 1])
+    return scene
+
+
+def test_a_ray_goes_through_a_ring_and_hits_what_is_behind() -> None:
+    """At obb the ring is a box; its hull has no hole either."""
+    scene = ring_and_wall()
+    for accuracy, name in (("obb", "ring"), ("hull", "ring"), ("mesh", "wall")):
+        found = scene.cast_rays([[0, 0, 0]], AHEAD, accuracy=accuracy)
+        assert scene.name(found.boxes[0]) == name
+    assert found.distances[0] == pytest.approx(4.5)
+    scene.accuracy = "mesh"
+    np.testing.assert_array_equal(scene.cast_rays([[0, 0, 0]], AHEAD).boxes, found.boxes)
+    assert scene.cast_rays([[0, 0, 0]], AHEAD, 4.0).boxes.tolist() == [-1]
+    hit = scene.cast_rays([[0, 0, 0.4]], AHEAD)
+    assert scene.name(hit.boxes[0]) == "ring"
+    assert hit.distances[0] == pytest.approx(1.95, abs=0.01)
+
+
+def test_a_padded_ring_has_a_hole_yet() -> None:
+    scene = ring_and_wall(accuracy="mesh", padding=0.1)
+    origins = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4], [2.0, 0.0, 0.4], [2.0, 0.0, 0.3]]
+    found = scene.cast_rays(origins, AHEAD * 4)
+    assert [scene.name(row) for row in found.boxes] == ["wall", "ring", "ring", "ring"]
+    truth = [4.4, 2.0 - 0.05 - 0.1, 0.0, 0.0]
+    np.testing.assert_allclose(found.distances, truth, atol=0.005)
+    np.testing.assert_allclose(found.normals[1], [-1, 0, 0], atol=0.3)
+    assert scene.name(scene.cast_rays(origins[:1], AHEAD, accuracy="hull").boxes[0]) == "ring"
+
+
+@each("padding", [0.0, 0.07])
+def test_coarser_is_never_later(padding: float) -> None:
+    rng = np.random.default_rng(51)
+    scene = oc.Scene(padding=padding)
+    names = ["star0", "bumpy1", "hull1", "open_sphere1"]
+    for n in range(24):
+        vertices, faces = ZOO[names[n % 4]]
+        shape = (Mesh(vertices, faces), Hull(vertices), Sphere(0.3), Box([0.3, 0.4, 0.5]))[n % 3]
+        turn = rng.normal(size=4)
+        scene.add(f"a/{n}", shape, [*rng.uniform(-3, 3, 3), *(turn / np.linalg.norm(turn))])
+    origins, ways = rng.uniform(-5, 5, (2, 400, 3))
+    found = [scene.cast_rays(origins, ways, accuracy=level) for level in ("obb", "hull", "mesh")]
+    for coarse, fine in (found[:2], found[1:]):
+        assert (coarse.distances <= fine.distances + 1e-9).all()
+        assert (coarse.hits >= fine.hits).all()
+    assert 0 < found[2].hits.sum() < found[0].hits.sum() < 400
+
+
+def test_objects_that_move_or_go_are_hit_where_they_are() -> None:
+    vertices, faces = ZOO["sphere2"]
+    scene = oc.Scene(accuracy="mesh")
+    scene.add("ball", Mesh(vertices, faces, fit="aabb"), [2, 0, 0, 0, 0, 0, 1])
+    assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(1.55, abs=0.01)
+    scene.move("ball", [3, 0, 0, 0, 0, 0, 1])
+    assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(2.55, abs=0.01)
+    scene.padding = 0.1
+    assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(2.45, abs=0.02)
+    scene.padding = 0.0
+    scene.remove("ball")
+    assert not scene.cast_rays([[0, 0, 0]], AHEAD).hits.any()
+
+
+def test_round_shapes_and_padding_are_exact_and_objects_can_be_chosen() -> None:
+    scene = oc.Scene(accuracy="hull")
+    scene.add("ball", Sphere(0.5), [3, 0, 0, 0, 0, 0, 1])
+    scene.add("cone", Cone(1.0, 2.0), [6, 0, 0, 0, 0, 0, 1])
+    scene.add("can", Cylinder(1.0, 2.0), [9, 0, 0, 0, 0, 0, 1], padding=0.25)
+    at = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.75], [0.0, 0.6, 1.2], [0.0, 0.3, 0.0]]
+    found = scene.cast_rays(at, AHEAD * 4)
+    assert [scene.name(row) for row in found.boxes] == ["ball", "cone", "can", "ball"]
+    edge = 9.0 - np.sqrt((1.0 + np.sqrt(0.25**2 - 0.2**2)) ** 2 - 0.6**2)
+    truth = [2.5, 6.0 - 0.125, edge, 2.6]
+    np.testing.assert_allclose(found.distances, truth, atol=1e-8)
+    assert (found.distances <= truth).all()
+    np.testing.assert_allclose(found.normals[0], [-1, 0, 0], atol=1e-9)
+    chosen = scene.cast_rays(at, AHEAD * 4, objects=["c*"])
+    assert [scene.name(row) for row in chosen.boxes] == ["cone", "cone", "can", "cone"]
+    assert not scene.cast_rays(at, AHEAD * 4, objects=[]).hits.any()
+    with pytest.raises(ValueError, match="objects must be names"):
+        scene.cast_rays(at, AHEAD * 4, objects=[3])  # type: ignore[list-item]

@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -30,7 +28,8 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
-from scenes import random_poses
+from processes import run_python
+from scenes import at, random_poses
 
 import obb_collision as oc
 from obb_collision.scene import checker
@@ -44,10 +43,6 @@ PYRAMID = Mesh(
     np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]),
 )
 HALL = oc.regions.Region([-5, -5, -5], [5, 5, 5], halo=2.0)
-
-
-def at(x: float, y: float = 0.0) -> list[float]:
-    return [x, y, 0, 0, 0, 0, 1]
 
 
 def scene_before() -> tuple[oc.Scene, oc.Report]:
@@ -76,21 +71,15 @@ def leave(scene: oc.Scene) -> None:
     scene.move("box/4", FAR)
 
 
+SIZES, PLACES = np.ones((2, 3)), np.array([at(1.2), at(6.7)])
+LEVELS, BALL = [oc.Accuracy.AABB, None], Sphere(0.5)
 CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
     "add": lambda s: s.add("new", PYRAMID, at(6.2), padding=0.01),
     "add in place": lambda s: s.add("pyramid", Sphere(0.3), at(4.4)),
-    "add boxes": lambda s: s.add_boxes(["new", "ball"], np.ones((2, 3)), [at(1.2), at(6.7)]),
-    "add bodies": lambda s: s.add_boxes(
-        ["new", "pyramid"], np.ones((2, 3)), [at(1.2), at(6.7)], ["hull", None], [Sphere(0.5)] * 2
-    ),
-    "begin boxes": lambda s: s.objects.begin_boxes(
-        ["n/1", "n/2"],
-        np.ones((2, 3)),
-        np.array([at(1.2), at(6.7)]),
-        [oc.Accuracy.AABB, None],
-        np.array([13]),
-    ),
-    "resize boxes": lambda s: s.objects.resize_boxes(np.array([3, 4]), np.ones((2, 3))),
+    "add boxes": lambda s: s.add_boxes(["new", "ball"], SIZES, PLACES),
+    "add bodies": lambda s: s.add_boxes(["new", "pyramid"], SIZES, PLACES, LEVELS, [BALL, BALL]),
+    "begin": lambda s: s.objects.begin_boxes(["n", "m"], SIZES, PLACES, LEVELS, np.array([13])),
+    "resize boxes": lambda s: s.objects.resize_boxes(np.array([3, 4]), SIZES),
     "grow": lambda s: s.objects.grow(np.array([3, 5]), np.array([0.3, 0.4])),
     "rename": lambda s: s.objects.rename(np.array([1, 2]), ["box/2x", "other"]),
     "renew": lambda s: s.objects.renew([1, 13]),
@@ -133,9 +122,8 @@ PREPARED: dict[str, Callable[[oc.Scene], Any]] = {
 
 def seen(scene: oc.Scene) -> list[Any]:
     """Return what can be seen of a scene."""
-    boxes = scene.boxes
+    boxes, names = scene.boxes, scene.names
     report = scene.check(["contacts", "clearance"])
-    names = scene.names
     return [
         *(names, scene.indices.tolist(), scene.rules.allowed, scene.padding, scene.accuracy),
         scene.objects.poses_of(scene.indices).tolist(),
@@ -371,8 +359,5 @@ print(failed)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory as Linux has them")
 def test_a_change_without_memory_for_it_does_not_happen() -> None:
-    command = [sys.executable, "-c", SCRIPT.replace("STEP", "20")]
-    environment = os.environ | {"OBB_COLLISION_THREADS": "1"}
-    found = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    assert found.returncode == 0, found.stderr
+    found = run_python("-c", SCRIPT.replace("STEP", "20"), OBB_COLLISION_THREADS="1")
     assert int(found.stdout) > 5

@@ -16,17 +16,22 @@
 
 from __future__ import annotations
 
+import gc
 import threading
+import tracemalloc
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.trees import pool
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.jobs import Job
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 from obb_collision.typing import Floats
 
 
@@ -35,12 +40,28 @@ def random_poses(count: int, rng: np.random.Generator, spread: float) -> Floats:
     return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
 
 
+def at(x: float, y: float = 0.0, z: float = 0.0, w: float = 1.0) -> list[float]:
+    """Return a pose without rotation."""
+    return [x, y, z, 0.0, 0.0, 0.0, w]
+
+
 def filled_scene(count: int, seed: int = 0) -> oc.Scene:
     rng = np.random.default_rng(seed)
     scene = oc.Scene()
     for k, pose in enumerate(random_poses(count, rng, 0.7 * count ** (1 / 3))):
-        scene.add(f"box/{k}", oc.shapes.Box(rng.uniform(0.1, 1.5, 3)), pose)
+        scene.add(f"box/{k}", Box(rng.uniform(0.1, 1.5, 3)), pose)
     return scene
+
+
+def shape_of(kind: int, size: np.ndarray) -> Shape:
+    """Return a shape of one of ten kinds; size (3,)."""
+    x, y, _ = size.tolist()
+    if kind >= 8:
+        vertices, faces = zoo()[("torus0", "hull1", "open_sphere1", "star0")[int(1e3 * x) % 4]]
+        return Mesh(vertices * size, faces)
+    round_ones = Sphere(x), Capsule(x, y), Cylinder(x, y), Cone(x, y), Ellipsoid(size)
+    others = Box(2.0 * size), Cylinder(x, y, scale=[1.0, 2.0, 0.5]), Hull(zoo()["star0"][0] * size)
+    return (*round_ones, *others)[kind]
 
 
 def builds(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
@@ -57,6 +78,29 @@ def builds(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
     for name in ("mesh_tree", "box_tree", "hull_mesh", "box_corners"):
         count(name, getattr(pool, name))
     return made
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, of: int) -> list[int]:
+    """Return the lengths of an argument, by its number, of all calls of a function from now on."""
+    lengths: list[int] = []
+    function = vars(owner)[name]
+
+    def call(*given: Any, **more: Any) -> Any:
+        lengths.append(len(given[of]))
+        return function(*given, **more)
+
+    monkeypatch.setattr(owner, name, call)
+    return lengths
+
+
+def allocated(call: Callable[[], object]) -> int:
+    """Return the most memory that a call takes at a time (bytes)."""
+    gc.collect()
+    tracemalloc.start()
+    call()
+    used = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return used
 
 
 PATIENCE = 120.0

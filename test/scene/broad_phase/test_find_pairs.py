@@ -16,12 +16,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import oracle
@@ -29,22 +25,19 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import run_python
+from scenes import counted
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from support import row_of, stored
+from support import by_threads, row_of, stored
 
 import obb_collision as oc
+from obb_collision.benchmarks.contestants import FORMS, make_frames
 from obb_collision.scene.broad_phase import find_pairs
 from tools.cases.placement import random_rotations
 
 Rng = np.random.Generator
 SEPARATE = oc.Verdict.SEPARATE
-
-
-@pytest.fixture(autouse=True)
-def _restore() -> Iterator[None]:
-    yield
-    oc.set_threads(None)
 
 
 def upright(centers: np.ndarray, half: np.ndarray) -> oc.Boxes:
@@ -56,39 +49,23 @@ def uniform(rng: Rng, n: int) -> oc.Boxes:
     return oc.Boxes(centers, random_rotations(rng, n), rng.uniform(0.05, 0.5, (n, 3)))
 
 
-def clustered(rng: Rng, n: int) -> oc.Boxes:
-    middles = rng.uniform(-1000.0, 1000.0, (8, 3))
-    centers = middles[rng.integers(0, 8, n)] + rng.normal(size=(n, 3))
-    return oc.Boxes(centers, random_rotations(rng, n), rng.uniform(0.01, 0.3, (n, 3)))
+def formed(form: str) -> Callable[[Rng, int], oc.Boxes]:
+    """Return what makes boxes of a form of the benchmark."""
+
+    def make(rng: Rng, n: int) -> oc.Boxes:
+        half_extents, frames = make_frames(form, max(n, 8), 0.0, int(rng.integers(2**31)))
+        return oc.Boxes.from_poses(frames[0].poses, half_extents)[:n]
+
+    return make
 
 
 def identical(rng: Rng, n: int) -> oc.Boxes:
     return uniform(rng, 1)[np.zeros(min(n, 120), dtype=np.int64)]
 
 
-def line(rng: Rng, n: int) -> oc.Boxes:
-    along = np.sort(rng.uniform(0.0, n / 3.0, n))[:, None]
-    sizes = rng.uniform(0.1, 0.4, (n, 3))
-    return oc.Boxes(along * [1.0, 0.0, 0.0], random_rotations(rng, n), sizes)
-
-
 def diagonal(rng: Rng, n: int) -> oc.Boxes:
     centers = np.linspace(0.0, n / 4.0, n)[:, None] * np.ones(3)
     return oc.Boxes(centers, random_rotations(rng, n), rng.uniform(0.05, 0.4, (n, 3)))
-
-
-def mixed_sizes(rng: Rng, n: int) -> oc.Boxes:
-    """Sizes 1 : 1e6."""
-    half = rng.uniform(0.1, 1.0, (n, 3)) * 10.0 ** rng.uniform(-3.0, 3.0, (n, 1))
-    return oc.Boxes(rng.uniform(-1000.0, 1000.0, (n, 3)), random_rotations(rng, n), half)
-
-
-def walls(rng: Rng, n: int) -> oc.Boxes:
-    boxes = uniform(rng, n)
-    half = boxes.half_extents.copy()
-    for k in range(min(n, 12)):
-        half[k], half[k, k % 3] = n ** (1 / 3), 0.01
-    return upright(boxes.centers, half)
 
 
 def changed(
@@ -120,7 +97,7 @@ def bricks(rng: Rng, n: int) -> oc.Boxes:
 
 
 FAMILIES: list[Callable[[Rng, int], oc.Boxes]] = [
-    *(uniform, clustered, identical, line, diagonal, mixed_sizes, walls, floor_plan, bricks),
+    *(uniform, identical, diagonal, floor_plan, bricks, *map(formed, FORMS)),
     changed(half=lambda rng, half: np.where(np.arange(len(half))[:, None] == 1, 1e6, half)),
     changed(lambda rng, x: x + np.array([1e9, -1e8, 1e7])),
     changed(lambda rng, x: np.where(np.arange(len(x))[:, None] == 0, [1e299, -1e299, 1e9], x)),
@@ -179,15 +156,16 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
     make: Callable[[Rng, int], oc.Boxes], n: int
 ) -> None:
     boxes = make(np.random.default_rng(n), n)
-    oc.set_threads(1)
-    pairs, near = oc.find_pairs(boxes), oc.find_pairs(boxes, accuracy="aabb")
+
+    def search() -> tuple[np.ndarray, np.ndarray]:
+        return oc.find_pairs(boxes), oc.find_pairs(boxes, accuracy="aabb")
+
+    ((pairs, near),) = by_threads(search, 1)
     assert pairs.dtype == np.int64
     np.testing.assert_array_equal(pairs, brute_force(boxes).reshape(-1, 2))
     if n == 1000:  # enough for several threads, too many for tables
-        for threads in (2, 3, 5):
-            oc.set_threads(threads)
-            assert oc.find_pairs(boxes).tobytes() == pairs.tobytes()
-            assert oc.find_pairs(boxes, accuracy="aabb").tobytes() == near.tobytes()
+        for found in by_threads(search, 2, 3, 5):
+            assert [part.tobytes() for part in found] == [pairs.tobytes(), near.tobytes()]
         return
     balls = oc.find_pairs(boxes, accuracy="sphere")
     # each pair once, in order; all that certainly are near and none that certainly are not
@@ -240,9 +218,8 @@ def test_very_many_cubes_are_found_by_several_threads() -> None:
     expected = cKDTree(centers).query_pairs(1.0, p=np.inf, output_type="ndarray")
     expected = expected[np.lexsort(expected.T[::-1])]
     assert len(expected) > 140_000
-    for threads in (1, 2):
-        oc.set_threads(threads)
-        np.testing.assert_array_equal(oc.find_pairs(cubes), expected)
+    for found in by_threads(lambda: oc.find_pairs(cubes), 1, 2):
+        np.testing.assert_array_equal(found, expected)
 
 
 def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> oc.Boxes:
@@ -320,19 +297,13 @@ def test_the_order_of_the_boxes_does_not_matter_and_a_set_may_be_both_sides() ->
 def test_the_first_collision_ends_the_search_but_not_what_only_seems_to_touch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    tested: list[int] = []
-    decide = find_pairs.colliding_pairs
-
-    def counted(boxes: oc.Boxes, pairs: np.ndarray, exact: bool) -> Any:
-        tested.append(len(pairs))
-        return decide(boxes, pairs, exact)
+    tested = counted(monkeypatch, find_pairs, "colliding_pairs", 1)
 
     def tests(a: oc.Boxes, b: oc.Boxes | None, exact: bool, expected: bool) -> int:
         tested.clear()
         assert oc.any_collision(a, b, exact=exact) == expected
         return sum(tested)
 
-    monkeypatch.setattr(find_pairs, "colliding_pairs", counted)
     rng = np.random.default_rng(10)
     places = 3.0 * np.array(list(np.ndindex(10, 10, 10)))
     apart = oc.Boxes(places, random_rotations(rng, 1000), np.full((1000, 3), 0.6))
@@ -360,13 +331,12 @@ for n in range(3):
 
 
 def test_interpreted_kernels_find_the_same_pairs(tmp_path: Path) -> None:
-    families = [make(np.random.default_rng(1), 65) for make in (uniform, floor_plan, mixed_sizes)]
+    decades = formed("decades")
+    families = [make(np.random.default_rng(1), 65) for make in (uniform, floor_plan, decades)]
     for n, boxes in enumerate(families):
         np.savez(tmp_path / f"boxes{n}", **vars(boxes))
-    package = str(Path(oc.__file__).parent.parent)
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": package}
-    command = [sys.executable, "-c", INTERPRETED]
-    subprocess.run(command, cwd=tmp_path, check=True, timeout=300, env=environment)
+    package = str(Path(oc.__file__).parents[1])
+    run_python("-c", INTERPRETED, cwd=tmp_path, NUMBA_DISABLE_JIT="1", PYTHONPATH=package)
     for n, boxes in enumerate(families):
         pairs = oc.find_pairs(boxes, accuracy="aabb")
         assert len(pairs) > 0

@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 import itertools
-import tracemalloc
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from each import each
 from mesh_zoo import zoo
+from scenes import allocated, counted
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -124,14 +125,7 @@ def test_changes_of_a_limited_scene(room: bool, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_work_and_memory_do_not_grow_with_the_square(monkeypatch: pytest.MonkeyPatch) -> None:
-    decided: list[int] = []
-    keys = pairs.colliding_keys
-
-    def counted(*arguments: Any) -> Any:
-        decided.append(len(arguments[1]))
-        return keys(*arguments)
-
-    monkeypatch.setattr(pairs, "colliding_keys", counted)
+    decided = counted(monkeypatch, pairs, "colliding_keys", 1)
     work, peaks = [], []
     for count in (1500, 3000):
         scene = oc.Scene(max_pairs=1000)
@@ -140,11 +134,9 @@ def test_work_and_memory_do_not_grow_with_the_square(monkeypatch: pytest.MonkeyP
         scene.check()  # whatever is made once
         scene.move_indices([0], [[0.0, 0, 0.1, 0, 0, 0, 1]])
         decided.clear()
-        tracemalloc.start()
-        report = scene.check(effects=["separations", "contacts"])
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
+        peaks.append(allocated(partial(scene.check, ["separations", "contacts"])))
         work.append(sum(decided))
+        report = scene.check()
         assert len(report) == 1000
         assert report.truncated
         assert report.colliding[:count].all()
@@ -160,10 +152,8 @@ def test_many_candidates_of_which_none_collide_are_looked_at_piece_by_piece() ->
     scene.add_boxes([f"{k}" for k in range(1500)], sizes, poses)
     scene.check()
     scene.move_indices(np.arange(1500), poses + np.eye(7)[2])  # 1 m up
-    tracemalloc.start()
+    peak = allocated(scene.check)
     report = scene.check()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
     assert (len(report), report.truncated, report.total) == (0, False, 0)
     assert peak < 8e6  # all candidates, 1.1 million, would be 18e6
 

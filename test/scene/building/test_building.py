@@ -21,6 +21,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,23 +34,8 @@ from scenes import PATIENCE, build, outcomes, wait_built
 
 from obb_collision.geometry.shapes import MeshFolders
 from obb_collision.scene.building import builder as building
+from obb_collision.scene.building import jobs
 from obb_collision.scene.building.builder import Builder, Outcome
-from obb_collision.scene.building.jobs import (
-    BAD_POINTS,
-    NO_BUILDER,
-    NO_MEMORY,
-    TOO_MANY,
-    TOO_MANY_TRIANGLES,
-    TOO_SLOW,
-    UNREADABLE,
-    Bodies,
-    BuildError,
-    Job,
-    MeshFile,
-    Task,
-    Triangles,
-    body_corners,
-)
 from obb_collision.scene.building.process import Limits
 from obb_collision.shapes import Hull, Mesh
 
@@ -59,13 +45,12 @@ ONE = np.ones(3)
 @pytest.fixture(scope="module")
 def builder() -> Iterator[Builder]:
     """Yield a builder whose process each test may spoil: the next one goes on from there."""
-    made = Builder()
-    yield made
-    made.close()
+    with closing(Builder()) as made:
+        yield made
 
 
-def refusal(builder: Builder, job: Job) -> BuildError:
-    with pytest.raises(BuildError) as caught:
+def refusal(builder: Builder, job: jobs.Job) -> jobs.BuildError:
+    with pytest.raises(jobs.BuildError) as caught:
         build(builder, job)
     return caught.value
 
@@ -84,11 +69,11 @@ def test_what_is_built_is_what_would_be_built_here(builder: Builder, tmp_path: P
     file = tmp_path / "part.ply"
     part.export(file)
     faces = np.arange(300).reshape(-1, 3)
-    cases: list[tuple[Job, Mesh | Hull]] = [
-        (Triangles(points, scale), Mesh(points, faces, scale)),
-        (Bodies(points, scale), Hull(body_corners(points, scale))),
-        (MeshFile(str(file), scale), Mesh.from_file(file, scale)),
-        (MeshFile("x.ply", scale, file.read_bytes()), Mesh.from_file(file, scale)),
+    cases: list[tuple[jobs.Job, Mesh | Hull]] = [
+        (jobs.Triangles(points, scale), Mesh(points, faces, scale)),
+        (jobs.Bodies(points, scale), Hull(jobs.body_corners(points, scale))),
+        (jobs.MeshFile(str(file), scale), Mesh.from_file(file, scale)),
+        (jobs.MeshFile("x.ply", scale, file.read_bytes()), Mesh.from_file(file, scale)),
     ]
     for job, expected in cases:
         built = build(builder, job)
@@ -103,7 +88,7 @@ def test_a_view_on_a_message_that_is_not_aligned_is_taken(builder: Builder) -> N
     points = np.random.default_rng(1).normal(size=(9, 3))
     view = np.frombuffer(b"1234" + points.tobytes(), "<f8", 27, 4).reshape(-1, 3)
     assert not view.flags.aligned
-    mesh = build(builder, Triangles(view, ONE))
+    mesh = build(builder, jobs.Triangles(view, ONE))
     assert mesh.vertices.flags.aligned
     np.testing.assert_array_equal(mesh.vertices, points)
 
@@ -111,17 +96,17 @@ def test_a_view_on_a_message_that_is_not_aligned_is_taken(builder: Builder) -> N
 @each(
     "job, reason",
     [
-        (Triangles(np.full((3, 3), np.nan), ONE), BAD_POINTS),
-        (Bodies(np.full((3, 3), np.inf), ONE), BAD_POINTS),
-        (Triangles(np.full((3, 3), 1e300), 10.0 * ONE), "bad shape"),
-        (MeshFile("/no/such.stl", ONE), UNREADABLE),
-        (MeshFile("file:///a%00b.stl", ONE), UNREADABLE),
-        (MeshFile("x.stl", ONE, b"no mesh"), UNREADABLE),
-        (MeshFile("x." + "a" * 300, ONE, b"no mesh"), UNREADABLE),
-        (MeshFile("x.stl", ONE, b""), UNREADABLE),
+        (jobs.Triangles(np.full((3, 3), np.nan), ONE), jobs.BAD_POINTS),
+        (jobs.Bodies(np.full((3, 3), np.inf), ONE), jobs.BAD_POINTS),
+        (jobs.Triangles(np.full((3, 3), 1e300), 10.0 * ONE), "bad shape"),
+        (jobs.MeshFile("/no/such.stl", ONE), jobs.UNREADABLE),
+        (jobs.MeshFile("file:///a%00b.stl", ONE), jobs.UNREADABLE),
+        (jobs.MeshFile("x.stl", ONE, b"no mesh"), jobs.UNREADABLE),
+        (jobs.MeshFile("x." + "a" * 300, ONE, b"no mesh"), jobs.UNREADABLE),
+        (jobs.MeshFile("x.stl", ONE, b""), jobs.UNREADABLE),
     ],
 )
-def test_refusals_have_reasons(builder: Builder, job: Job, reason: str) -> None:
+def test_refusals_have_reasons(builder: Builder, job: jobs.Job, reason: str) -> None:
     error = refusal(builder, job)
     assert error.reason == reason
     assert len(str(error)) < 1000
@@ -130,15 +115,15 @@ def test_refusals_have_reasons(builder: Builder, job: Job, reason: str) -> None:
 def test_a_file_that_has_not_changed_is_not_built_again(builder: Builder, tmp_path: Path) -> None:
     file = tmp_path / "part.stl"
     trimesh.creation.box((1.0, 1.0, 1.0)).export(file)
-    _, version = build(builder, MeshFile(str(file), ONE))
-    assert build(builder, MeshFile(str(file), ONE, known=version)) is None
+    _, version = build(builder, jobs.MeshFile(str(file), ONE))
+    assert build(builder, jobs.MeshFile(str(file), ONE, known=version)) is None
     trimesh.creation.box((3.0, 3.0, 3.0)).export(file)
     os.utime(file, ns=(0, version[0] + 1))
-    changed, newer = build(builder, MeshFile(str(file), ONE, known=version))
+    changed, newer = build(builder, jobs.MeshFile(str(file), ONE, known=version))
     assert changed.local_box[2] == pytest.approx([1.5, 1.5, 1.5])
     assert newer != version
-    with pytest.raises(BuildError, match="10 is the limit"):
-        build(builder, MeshFile(str(file), ONE, largest=10))
+    with pytest.raises(jobs.BuildError, match="10 is the limit"):
+        build(builder, jobs.MeshFile(str(file), ONE, largest=10))
 
 
 def test_files_outside_the_allowed_folders_are_refused(builder: Builder, tmp_path: Path) -> None:
@@ -147,24 +132,24 @@ def test_files_outside_the_allowed_folders_are_refused(builder: Builder, tmp_pat
         trimesh.creation.box().export(tmp_path / folder / "part.stl")
     folders = MeshFolders((str(tmp_path / "allowed"),))
     uri = (tmp_path / "allowed" / "part.stl").as_uri()
-    mesh, _ = build(builder, MeshFile(uri, ONE, folders=folders))
+    mesh, _ = build(builder, jobs.MeshFile(uri, ONE, folders=folders))
     assert len(mesh.faces) == 12
     for name in ("file:///etc/passwd", uri.replace("allowed", "allowed/%2e%2e/other")):
-        with pytest.raises(BuildError, match="is in no folder") as caught:
-            build(builder, MeshFile(name, ONE, folders=folders))
-        assert caught.value.reason == UNREADABLE
-    with pytest.raises(BuildError, match="12 triangles, 11 is the limit") as caught:
-        build(builder, MeshFile(uri, ONE, triangles=11, folders=folders))
-    assert caught.value.reason == TOO_MANY_TRIANGLES
+        with pytest.raises(jobs.BuildError, match="is in no folder") as caught:
+            build(builder, jobs.MeshFile(name, ONE, folders=folders))
+        assert caught.value.reason == jobs.UNREADABLE
+    with pytest.raises(jobs.BuildError, match="12 triangles, 11 is the limit") as caught:
+        build(builder, jobs.MeshFile(uri, ONE, triangles=11, folders=folders))
+    assert caught.value.reason == jobs.TOO_MANY_TRIANGLES
 
 
 def test_too_little_memory_refuses_the_item_alone(builder: Builder) -> None:
     builder.limits = Limits(memory=150 << 20)
     points = np.random.default_rng(0).normal(size=(900_000, 3))
-    assert refusal(builder, Triangles(points, ONE)).reason == NO_MEMORY
-    assert isinstance(build(builder, Triangles(points[:30], ONE)), Mesh), "the next one is built"
+    assert refusal(builder, jobs.Triangles(points, ONE)).reason == jobs.NO_MEMORY
+    assert isinstance(build(builder, jobs.Triangles(points[:30], ONE)), Mesh), "the next one"
     builder.limits = Limits()
-    assert isinstance(build(builder, Triangles(points[:60_000], ONE)), Mesh), "limits may change"
+    assert isinstance(build(builder, jobs.Triangles(points[:60_000], ONE)), Mesh), "they may change"
 
 
 def signal_worker(builder: Builder, number: int) -> None:
@@ -173,19 +158,16 @@ def signal_worker(builder: Builder, number: int) -> None:
     os.kill(worker, number)
 
 
-def test_what_takes_too_long_is_refused_and_the_next_is_built(builder: Builder) -> None:
-    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
+def test_a_process_that_hangs_is_not_waited_for_and_one_that_dies_is_started_again(
+    builder: Builder,
+) -> None:
+    job = jobs.Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
     build(builder, job)
     signal_worker(builder, signal.SIGSTOP)  # it hangs
     builder.limits = Limits(seconds=0.2)
-    assert refusal(builder, job).reason == TOO_SLOW
+    assert refusal(builder, job).reason == jobs.TOO_SLOW
     builder.limits = Limits()
     assert isinstance(build(builder, job), Mesh)
-
-
-def test_a_process_that_dies_is_started_again(builder: Builder) -> None:
-    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
-    build(builder, job)
     signal_worker(builder, signal.SIGKILL)
     assert isinstance(build(builder, job), Mesh), "killed while it had nothing to do"
 
@@ -198,7 +180,7 @@ class Doomed:
     deaths: int
     size: int = 0
 
-    def task(self) -> Task:
+    def task(self) -> jobs.Task:
         code = f"""
 import os, pathlib
 count = pathlib.Path({str(self.count)!r})
@@ -222,9 +204,9 @@ def test_a_job_whose_process_is_killed_is_tried_once_more(
     if deaths == 1:
         assert build(builder, job) == "built"
     else:
-        with pytest.raises(BuildError, match="twice, it was ended by SIGKILL") as caught:
+        with pytest.raises(jobs.BuildError, match="twice, it was ended by SIGKILL") as caught:
             build(builder, job)
-        assert caught.value.reason == NO_BUILDER
+        assert caught.value.reason == jobs.NO_BUILDER
         assert build(builder, job) == "built", "the next one is built"
     assert job.count.read_text() == "x" * deaths
 
@@ -236,19 +218,18 @@ def test_without_a_process_everything_is_refused(
     for executable in ("", "/no/python", "/bin/false", "/bin/cat"):
         monkeypatch.setattr(sys, "executable", executable)
         for _ in range(2):
-            error = refusal(builder, Triangles(np.zeros((3, 3)), ONE))
-            assert error.reason == NO_BUILDER
+            error = refusal(builder, jobs.Triangles(np.zeros((3, 3)), ONE))
+            assert error.reason == jobs.NO_BUILDER
             assert "it does not start" in error.detail
     monkeypatch.undo()
-    assert isinstance(build(builder, Triangles(np.eye(3), ONE)), Mesh)
+    assert isinstance(build(builder, jobs.Triangles(np.eye(3), ONE)), Mesh)
 
 
 @pytest.fixture
 def own() -> Iterator[Builder]:
     """Yield a builder."""
-    made = Builder()
-    yield made
-    made.close()
+    with closing(Builder()) as made:
+        yield made
 
 
 class Held:
@@ -258,7 +239,7 @@ class Held:
         self.let, begun = threading.Event(), threading.Event()
         self.done: list[str] = []
 
-        def run(task: Task, limits: Limits) -> None:
+        def run(task: jobs.Task, limits: Limits) -> None:
             begun.set()
             if task[1] == ("hold",):
                 assert self.let.wait(PATIENCE)
@@ -275,11 +256,14 @@ class Named:
 
     name: str
     size: int = 1
+    error: Exception | None = None
 
-    def task(self) -> Task:
+    def task(self) -> jobs.Task:
         return str, (self.name,)
 
     def finish(self, result: None) -> str:
+        if self.error is not None:
+            raise self.error
         return self.name
 
 
@@ -338,13 +322,13 @@ def test_the_queue_is_bounded_in_jobs_and_in_bytes(
     monkeypatch.setattr(building, "MOST_WAITING", 3)
     for name in "abc":
         own.request(name, name, Named(name))
-    with pytest.raises(BuildError, match=TOO_MANY):
+    with pytest.raises(jobs.BuildError, match=jobs.TOO_MANY):
         own.request("d", "d", Named("d"))
     assert not own.wants("d")
     own.request("c", "c2", Named("c2"))  # in place of another
     own.cancel("a")
     own.limits = Limits(waiting=100)
-    with pytest.raises(BuildError, match=TOO_MANY):
+    with pytest.raises(jobs.BuildError, match=jobs.TOO_MANY):
         own.request("d", "d", Named("d", size=98))
     own.request("d", "d", Named("d", size=97))
     monkeypatch.setattr(building, "MOST_WAITING", 10)
@@ -354,29 +338,21 @@ def test_the_queue_is_bounded_in_jobs_and_in_bytes(
 
 
 def test_a_job_that_fails_here_is_refused(own: Builder, held: Held) -> None:
-    class Failing(Named):
-        def finish(self, result: None) -> str:
-            raise ZeroDivisionError("here")
-
-    class Large(Named):
-        def finish(self, result: None) -> str:
-            raise MemoryError
-
-    own.request("a", "a", Failing("a"))
-    own.request("b", "b", Large("b"))
+    own.request("a", "a", Named("a", error=ZeroDivisionError("here")))
+    own.request("b", "b", Named("b", error=MemoryError()))
     held.let.set()
     _, failed, large = outcomes(own)
     assert failed.error is not None
     assert "ZeroDivisionError: here" in failed.error.detail
     assert large.error is not None
-    assert large.error.reason == NO_MEMORY
+    assert large.error.reason == jobs.NO_MEMORY
 
 
 def test_nothing_is_built_once_it_is_closed() -> None:
     others = set(threading.enumerate())
     builder = Builder()
-    builder.request("a", "a", Triangles(np.eye(3), ONE))
+    builder.request("a", "a", jobs.Triangles(np.eye(3), ONE))
     builder.close()
     assert set(threading.enumerate()) <= others
-    with pytest.raises(BuildError, match=NO_BUILDER):
-        builder.request("b", "b", Triangles(np.eye(3), ONE))
+    with pytest.raises(jobs.BuildError, match=jobs.NO_BUILDER):
+        builder.request("b", "b", jobs.Triangles(np.eye(3), ONE))

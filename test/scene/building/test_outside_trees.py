@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -37,23 +38,11 @@ from obb_collision.scene.building.jobs import BuildError, BuildJob, Task, perfor
 from obb_collision.scene.building.process import Limits
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
-MOST_CHECKS = 100
-"""Checks after which all trees must be there: one is enough for what is built at once."""
-
 
 @pytest.fixture(scope="module")
 def builder() -> Iterator[Builder]:
-    made = Builder()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def own() -> Iterator[Builder]:
-    """Yield a builder whose process is started by the test."""
-    made = Builder()
-    yield made
-    made.close()
+    with closing(Builder()) as made:
+        yield made
 
 
 def ball(seed: int = 0, faces: int = 320) -> Mesh:
@@ -78,7 +67,7 @@ def checked_on(scene: oc.Scene) -> list[oc.Accuracy]:
 
 def settled(scene: oc.Scene, trees: outside.OutsideTrees, builder: Builder) -> oc.Report:
     """Check until nothing is being built, and a check finds nothing to do; return its report."""
-    for _ in range(MOST_CHECKS):
+    for _ in range(100):  # one is enough for what is built at once
         report = scene.check()
         if not trees.waiting and scene.check() is report:
             return report
@@ -185,10 +174,7 @@ def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
 
 
 def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
-    own: Builder,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     mesh_tree(ball())  # its kernels are in the cache now
     (tmp_path / "file").write_text("")  # where no kernel can be kept
@@ -196,9 +182,10 @@ def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
     places = [tmp_path / "file", *_kernel_cache.places]
     monkeypatch.setattr(_kernel_cache, "places", places)
     scene = oc.Scene(accuracy="mesh")
-    trees = scene.objects.build_outside(own)
-    add_balls(scene, ball(), ball(1))
-    assert settled(scene, trees, own).accuracies.tolist() == [oc.Accuracy.MESH]
+    with closing(Builder()) as own:
+        trees = scene.objects.build_outside(own)
+        add_balls(scene, ball(), ball(1))
+        assert settled(scene, trees, own).accuracies.tolist() == [oc.Accuracy.MESH]
     assert "compiling kernels" not in capfd.readouterr().err
 
 
