@@ -24,14 +24,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.trees import pool
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.jobs import Job
-from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 from obb_collision.typing import Floats
 
 
@@ -49,19 +47,8 @@ def filled_scene(count: int, seed: int = 0) -> oc.Scene:
     rng = np.random.default_rng(seed)
     scene = oc.Scene()
     for k, pose in enumerate(random_poses(count, rng, 0.7 * count ** (1 / 3))):
-        scene.add(f"box/{k}", Box(rng.uniform(0.1, 1.5, 3)), pose)
+        scene.add(f"box/{k}", oc.shapes.Box(rng.uniform(0.1, 1.5, 3)), pose)
     return scene
-
-
-def shape_of(kind: int, size: np.ndarray) -> Shape:
-    """Return a shape of one of ten kinds; size (3,)."""
-    x, y, _ = size.tolist()
-    if kind >= 8:
-        vertices, faces = zoo()[("torus0", "hull1", "open_sphere1", "star0")[int(1e3 * x) % 4]]
-        return Mesh(vertices * size, faces)
-    round_ones = Sphere(x), Capsule(x, y), Cylinder(x, y), Cone(x, y), Ellipsoid(size)
-    others = Box(2.0 * size), Cylinder(x, y, scale=[1.0, 2.0, 0.5]), Hull(zoo()["star0"][0] * size)
-    return (*round_ones, *others)[kind]
 
 
 def builds(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:

@@ -14,16 +14,14 @@
 
 """The machinery of effects: nothing is computed that nobody asked for, and reports stay true."""
 
-import gc
 import threading
-import tracemalloc
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 from each import each
+from scenes import allocated, at, counted
 
 import obb_collision as oc
 from obb_collision.scene.effects import EFFECTS, separations
@@ -39,21 +37,10 @@ def row_of_cubes(count: int = 5, gap: float = 0.75) -> oc.Scene:
     return scene
 
 
-def at(x: float, y: float = 0.0, z: float = 0.0, w: float = 1.0) -> list[float]:
-    return [x, y, z, 0.0, 0.0, 0.0, w]
-
-
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Record the pairs of each call of the query of separations."""
-    made: list[int] = []
-
-    def counted(boxes: oc.Boxes, pairs: Any) -> Any:
-        made.append(len(pairs))
-        return pair_separations(boxes, pairs)
-
-    monkeypatch.setattr(separations, "pair_separations", counted)
-    return made
+    return counted(monkeypatch, separations, "pair_separations", 1)
 
 
 def test_what_nobody_reads_is_not_computed(calls: list[int]) -> None:
@@ -93,16 +80,6 @@ def test_only_pairs_that_changed_are_computed_again(calls: list[int]) -> None:
     assert calls == [199, 2]
     assert np.allclose(report.depths[[98, 99, 100, 101]], [0.25, 0.15, 0.35, 0.25], atol=1e-12)
     assert report.costs["separations"].count == 2
-
-
-def allocated(call: Callable[[], object]) -> int:
-    """Return the most memory that a call takes at a time (bytes)."""
-    gc.collect()
-    tracemalloc.start()
-    call()
-    used = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return used
 
 
 def test_boxes_are_copied_only_for_reports_in_use_and_only_where_many_move() -> None:

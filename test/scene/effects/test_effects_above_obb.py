@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +25,7 @@ from hull_distances import placed, squared_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_zoo import zoo
+from scenes import counted
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -249,14 +249,7 @@ def test_flat_hulls_are_as_far_apart_as_fractions_say() -> None:
 def test_separations_and_contacts_of_the_same_pairs_compute_their_distances_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    calls: list[int] = []
-    query = vars(placed_shapes)["convex_distances"]
-
-    def counting(*args: Any) -> Any:
-        calls.append(len(args[2]))
-        return query(*args)
-
-    monkeypatch.setattr(placed_shapes, "convex_distances", counting)
+    calls = counted(monkeypatch, placed_shapes, "convex_distances", 2)
     together = some_scene("hull").check(("separations", "contacts"))
     assert together.depths.tolist() == some_scene("hull").check("separations").depths.tolist()
     assert len(calls) == 2

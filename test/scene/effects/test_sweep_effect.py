@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
+from scenes import at
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -30,10 +31,6 @@ from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, 
 
 HORIZON = 4.0
 LEVELS_OF_SWEEP = ("obb", *(level.name.lower() for level in LEVELS["sweep"]))
-
-
-def at(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
-    return [x, y, z, 0.0, 0.0, 0.0, 1.0]
 
 
 def bullet_and_wall(**options: Any) -> oc.Scene:

@@ -12,19 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The time budget, on a clock of its own: it holds, it settles, and no collision is lost by it."""
+"""The time budget, on clocks of its own: it holds, it settles, and no collision is lost by it."""
 
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import pytest
 from each import each
+from mesh_zoo import zoo
 from numpy.typing import NDArray
+from scenes import builds, random_poses
 
 import obb_collision as oc
 from obb_collision import Accuracy
-from obb_collision.scene.refinement import SETTLING, WAIT, Budget, refine
+from obb_collision.scene.effects import clearance
+from obb_collision.scene.refinement import SETTLING, WAIT, Budget, mesh_pairs, refine
 
 OBB, HULL, MESH = Accuracy.OBB, Accuracy.HULL, Accuracy.MESH
 SEPARATE, TOUCHING = oc.Verdict.SEPARATE, oc.Verdict.TOUCHING
@@ -108,25 +113,24 @@ class World:
         self.slow = 1.0
         return levels
 
+    def all_on(self, level: Accuracy, count: int) -> float:
+        """Run cycles; return in which share of them all pairs were on a level."""
+        return float(np.mean([(found == level).all() for found in self.cycles(count)]))
+
+    def changes(self, start: int) -> int:
+        """Return how often the cap has changed since a cycle."""
+        return sum(a != b for a, b in pairwise(self.caps[start:]))
+
     def keeps(self, count: int) -> bool:
         """Return whether nearly all of the last cycles kept the budget."""
         return bool(np.mean(np.array(self.used[-count:]) <= self.budget.seconds) >= 0.95)
-
-
-def changes(caps: list[Accuracy]) -> int:
-    return sum(a != b for a, b in pairwise(caps))
-
-
-def all_on(levels: list[NDArray[np.int8]], level: Accuracy) -> float:
-    """Return in which share of cycles all pairs are on a level."""
-    return float(np.mean([(found == level).all() for found in levels]))
 
 
 def test_without_a_budget_or_where_all_fits_pairs_are_decided_on_the_level_asked_for() -> None:
     for asked in (HULL, MESH):
         assert (World(1000).cycle(asked, limited=False) == asked).all()
     world = World(50)
-    assert all_on(world.cycles(50), MESH) == 1.0
+    assert world.all_on(MESH, 50) == 1.0
     assert (world.cycle(HULL) == HULL).all()
 
 
@@ -136,10 +140,10 @@ def test_a_scene_that_takes_ten_times_the_budget_keeps_it(noise: float) -> None:
     for seed in range(1, 5):
         world = World(1000, noise, spikes=0.01, seed=seed)
         assert COSTS[MESH] * len(world.levels) == 10.0 * BUDGET
-        shares.append(all_on(world.cycles(500), HULL))
+        shares.append(world.all_on(HULL, 500))
         assert world.keeps(500)
         assert world.caps[-1] == HULL
-        moves += changes(world.caps[SETTLING:])
+        moves += world.changes(SETTLING)
     # spikes among much noise may end a level for a while: in one run of several
     assert min(shares) >= 0.95 if noise < 0.3 else np.mean(shares) >= 0.9
     assert moves <= (0 if noise < 0.3 else 2)
@@ -156,8 +160,8 @@ def test_a_level_that_just_fits_or_just_not_makes_nothing_flicker(
         world.costs[MESH] *= world.rng.lognormal(0.0, 0.02)  # wanders: things move
         world.costs[MESH] += 0.1 * (share * BUDGET / 100 - world.costs[MESH])
         world.cycle()
-    assert changes(world.caps[SETTLING:]) <= 8
-    assert changes(world.caps[1000:]) <= 2
+    assert world.changes(SETTLING) <= 8
+    assert world.changes(1000) <= 2
     assert world.keeps(2000)
 
 
@@ -200,7 +204,7 @@ def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones(
 ) -> None:
     world = World(count)
     world.after = after
-    assert all_on(world.cycles(20), MESH) == 1.0
+    assert world.all_on(MESH, 20) == 1.0
     world.costs[MESH] *= 3.0
     first = world.cycle()
     assert world.budget.used <= BUDGET
@@ -219,7 +223,7 @@ def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> No
     world = World.busy(noise)
     world.cycles(cycles, slow)
     world.cycles(250)
-    assert all_on(world.cycles(200), HULL) >= 0.95
+    assert world.all_on(HULL, 200) >= 0.95
     assert world.keeps(200)
 
 
@@ -265,7 +269,7 @@ def test_a_dearer_level_below_does_not_keep_from_a_cheaper_one_above() -> None:
 
 def test_too_little_time_leaves_all_on_obb() -> None:
     world = World(1000, seconds=1e-3)
-    assert all_on(world.cycles(100), OBB) == 1.0
+    assert world.all_on(OBB, 100) == 1.0
     assert world.decided == []
     world.budget.seconds = BUDGET
     assert (world.cycles(SETTLING)[-1] == HULL).all()
@@ -291,3 +295,164 @@ def test_what_waits_is_refined_with_the_time_that_remains() -> None:
     assert done == sorted(set(done))
     assert 10 <= len(done) <= 20
     assert ((verdicts != SEPARATE) == (all_levels == MESH)).all()
+
+
+RING = oc.shapes.Mesh(*zoo()["torus0"])
+
+
+class Clock:
+    """A clock that only deciding pairs of a real scene moves on."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made, decide = Clock(), mesh_pairs.MeshPairs.decide
+
+    def timed(
+        pairs: mesh_pairs.MeshPairs, level: Accuracy, rows: NDArray[np.int64]
+    ) -> NDArray[np.int8]:
+        made.now += COSTS[level] * len(rows)
+        return decide(pairs, level, rows)
+
+    monkeypatch.setattr(mesh_pairs.MeshPairs, "decide", timed)
+    return made
+
+
+def crowd(count: int, **options: Any) -> tuple[oc.Scene, Any]:
+    """Return a scene of rings and boxes, and a function that gives new poses to the first ones."""
+    rng = np.random.default_rng(count)
+    scene = oc.Scene(accuracy="mesh", **options)
+    for k in range(count):
+        scene.add(f"{k}", RING if k % 3 else oc.shapes.Box([0.3, 0.4, 0.5]))
+
+    def move(number: int) -> None:
+        scene.move_indices(np.arange(number), random_poses(number, rng, 1.0))
+
+    move(count)
+    return scene, move
+
+
+def change_all(scene: oc.Scene) -> None:
+    """Let all objects count as changed."""
+    scene.padding, scene.padding = 0.5, 0.0
+
+
+def test_a_scene_within_its_budget_loses_no_collision(clock: Clock) -> None:
+    scene, move = crowd(60)
+    twin, twin_move = crowd(60)
+    everything = len(twin.check())
+    scene.accuracy = "obb"
+    asked = (len(scene.check()) - everything) * COSTS[MESH]
+    scene.accuracy = "mesh"
+    scene.time_budget = Budget(0.3 * asked, clock)
+    for _ in range(40):
+        move(60)
+        twin_move(60)
+        start = clock.now
+        report = scene.check()
+        assert clock.now - start <= 0.3 * asked
+        assert report.cap is not None
+        assert report.accuracies.max() <= report.cap
+        assert set(report.names()) >= set(twin.check().names())
+    assert report.cap == HULL
+
+
+def test_a_scene_at_rest_is_refined_until_nothing_is_left_behind(clock: Clock) -> None:
+    scene, move = crowd(60)
+    expected = scene.check()
+    scene.time_budget = Budget(20 * COSTS[MESH], clock)
+    change_all(scene)
+    counts, levels = [], []
+    for _ in range(100):
+        report = scene.check()
+        counts.append(len(report))
+        levels.append(dict(zip(report.names(), report.accuracies.tolist(), strict=True)))
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > len(expected)
+    for before, after in pairwise(levels):
+        assert all(after[pair] >= before[pair] for pair in after)
+    assert report.names() == expected.names()
+    assert report.accuracies.tolist() == expected.accuracies.tolist()
+    assert report is scene.check()
+
+    move(2)  # the others stay as they are
+    moved = scene.check()
+    stayed = moved.accuracies[(moved.pairs >= 2).all(axis=1)]
+    assert (stayed == expected.accuracies[(expected.pairs >= 2).all(axis=1)]).all()
+
+
+def test_effects_are_lowered_where_nothing_collides(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What they take counts, and their levels are reported."""
+    for level, compute in dict(clearance.BY_LEVEL).items():
+
+        def timed(*given: Any, level: Accuracy = level, compute: Any = compute) -> Any:
+            clock.now += COSTS[level] * len(given[2])
+            return compute(*given)
+
+        monkeypatch.setitem(clearance.BY_LEVEL, level, timed)
+    scene = oc.Scene(accuracy="mesh")
+    scene.set_effect("clearance", "on", max_distance=100.0)
+    for k in range(10):
+        scene.add(f"{k}", RING, [5.0 * k, 0, 0, 0, 0, 0, 1])
+    count = len(scene.check().clearances)
+    assert count == 45
+    assert set(scene.check().accuracies_of("clearance").tolist()) == {MESH}
+    budget = 10.0 * count * COSTS[HULL]
+    assert budget < count * COSTS[MESH]
+    scene.time_budget = Budget(budget, clock)
+    levels, late = [], 0
+    for cycle in range(60):
+        scene.move("0", [0, 0, 0.01 * (cycle + 1), 0, 0, 0, 1])
+        start = clock.now
+        report = scene.check()
+        late += clock.now - start > budget
+        levels.append(set(report.accuracies_of("clearance").tolist()))
+        assert len(report) == 0
+        assert levels[-1] == {report.cap}
+    assert levels[10:25] == [{HULL}] * 15
+    assert late < 10
+    scene.time_budget = 10.0 * count * COSTS[MESH]
+    scene.move("0", [0, 0, 0, 0, 0, 0, 1])
+    assert set(scene.check().accuracies_of("clearance").tolist()) == {MESH}
+
+
+def test_a_budget_may_come_and_go(clock: Clock) -> None:
+    scene, _ = crowd(60)
+    expected = scene.check()
+    assert expected.cap is None
+    scene.time_budget = Budget(1e-6, clock)
+    assert scene.time_budget == 1e-6
+    change_all(scene)
+    assert (scene.check().accuracies == OBB).all()
+    scene.time_budget = None
+    report = scene.check()
+    assert report.names() == expected.names()
+    assert report.accuracies.tolist() == expected.accuracies.tolist()
+    for wrong in (0.0, -1.0, float("nan"), float("inf"), True):
+        with pytest.raises(ValueError, match="time_budget"):
+            scene.time_budget = wrong
+        with pytest.raises(ValueError, match="time_budget"):
+            oc.Scene(time_budget=wrong)
+
+
+def test_trees_are_built_in_the_time_there_is_or_before(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = builds(monkeypatch)
+    scene, _ = crowd(30, time_budget=Budget(1e-9, clock))
+    clock.now += 1.0  # all the time of this cycle has gone when trees are asked for
+    monkeypatch.setattr(Budget, "left", lambda budget: -1.0)
+    scene.check()
+    assert built == []
+    for _ in range(2):
+        scene.objects.prepare()
+        kinds = sorted(name for name, _ in built)
+        assert kinds == ["box_corners", "box_tree", "hull_mesh", "mesh_tree"]
+    oc.Scene().objects.prepare()
