@@ -31,15 +31,6 @@ from obb_collision import Accuracy, _jit, _kernel_cache
 from obb_collision.cli import INTERRUPTED
 from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.command import main
-from obb_collision.warm_up.steps import (
-    BESIDE,
-    BOXES,
-    NEEDS_ROS,
-    STEPS,
-    accuracy_step,
-    possible_steps,
-    task_of,
-)
 
 PATIENCE = 60.0
 WITHOUT_ROS = """
@@ -48,10 +39,10 @@ find = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name in hidden else find(name, *rest)
 hidden = {"rclpy", "visualization_msgs", "sensor_msgs", "geometry_msgs"}
 sys.modules.update(dict.fromkeys(hidden))
-from obb_collision.warm_up.steps import possible_steps, task_of
-for step in possible_steps():
-    task_of(step)
-print(len(possible_steps()))
+from obb_collision.warm_up import steps
+for step in steps.possible_steps():
+    steps.task_of(step)
+print(len(steps.possible_steps()))
 """
 
 
@@ -59,10 +50,10 @@ def test_the_command_leaves_no_kernel_of_the_library_and_the_node_uncompiled(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where it was run before all tests, it does one step more."""
-    for step in possible_steps():
-        task_of(step)  # imports its kernels
+    for step in steps.possible_steps():
+        steps.task_of(step)  # imports its kernels
     if not _jit.unkept_kernels():
-        monkeypatch.setattr(steps, "possible_steps", lambda: [accuracy_step(Accuracy.HULL)])
+        monkeypatch.setattr(steps, "possible_steps", lambda: [steps.accuracy_step(Accuracy.HULL)])
     assert main([]) == 0
     captured = capsys.readouterr()
     assert "kernels compiled in" in captured.out
@@ -71,8 +62,8 @@ def test_the_command_leaves_no_kernel_of_the_library_and_the_node_uncompiled(
 
 
 def test_no_step_warns() -> None:
-    for step in possible_steps():
-        task_of(step)()  # where warnings are errors, as in all of these tests
+    for step in steps.possible_steps():
+        steps.task_of(step)()  # where warnings are errors, as in all of these tests
 
 
 def test_where_nothing_can_be_kept_the_command_says_so_at_once(
@@ -87,7 +78,7 @@ def test_where_nothing_can_be_kept_the_command_says_so_at_once(
 
 def test_without_ros_there_is_nothing_of_ros_to_compile() -> None:
     done = run_python("-c", WITHOUT_ROS)
-    assert done.stdout.split()[-1] == str(len(STEPS) - len(NEEDS_ROS))
+    assert done.stdout.split()[-1] == str(len(steps.STEPS) - len(steps.NEEDS_ROS))
 
 
 def test_a_process_that_fails_and_one_that_ends_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,10 +101,11 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(subprocess, "Popen", noted)
     monkeypatch.setattr(processes, "CODE", "import time; time.sleep(1000)")
-    progress = processes.compile_steps([BOXES], stopped=lambda: True)
+    progress = processes.compile_steps([steps.BOXES], stopped=lambda: True)
     assert progress.stopped
     assert progress.failed == {}
-    assert progress.steps == (BOXES, *BESIDE[BOXES])  # a part for a second process
+    part = steps.BESIDE[steps.BOXES]  # for a second process
+    assert progress.steps == (steps.BOXES, *part)
     assert begun
     assert all(process.poll() is not None for process in begun)
 
@@ -130,7 +122,7 @@ started, subprocess.Popen = subprocess.Popen, noted
 compile_steps([{step!r}], count=1, look=lambda progress: progress.kernels and os._exit(1))
 """
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", code.format(step=accuracy_step(Accuracy.MESH))]
+    command = [sys.executable, "-c", code.format(step=steps.accuracy_step(Accuracy.MESH))]
     done = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=300, check=False
     )
