@@ -31,7 +31,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -62,44 +62,6 @@ from tools.fuzz.session import Result, faults, find_answer
 
 def run(*arguments: str) -> int:
     return command.main([*arguments, "--bound", "20", "--seed", "4"])
-
-
-def numbers_after(words: str, output: str) -> list[int]:
-    """Return the whole numbers that follow some words."""
-    return [int(number) for number in re.findall(rf"{words}(\d+)", output)]
-
-
-@pytest.mark.slow  # a part of an attack is run below, and a long one by .ci/full
-def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    messages, raw, scenes, robots = 300, 100, 10, 100
-    sizes: dict[str, float] = {
-        "--messages": messages,
-        "--raw": raw,
-        "--scenes": scenes,
-        "--robots": robots,
-    }
-    sizes |= {"--robot-share": 0.5, "--processes": 2}
-    code = run(*(word for name, size in sizes.items() for word in (name, str(size))))
-    output = capfd.readouterr().out
-    assert code == 0, output
-    assert sum(numbers_after("scene files: ", output)) == scenes
-    assert sum(numbers_after("robot files: ", output)) == robots
-    assert numbers_after("sent: ", output)[0] >= messages + raw
-    assert output.count("memory of the node: ") == 2
-    assert "detections " in output
-    assert "bot/joint_states" in output
-    assert "bot/trajectory_in" in output
-    assert "states of a robot " in output
-    assert output.endswith("nothing found\n")
-
-
-@pytest.mark.slow  # test_soak.py finds one by the same code
-def test_a_node_that_ends_is_found(capfd: pytest.CaptureFixture[str]) -> None:
-    code = command.main(
-        ["--messages", "100", "--scenes", "0", "--robots", "0", "--", "--no-such-argument"]
-    )
-    assert code == 1
-    assert "FOUND: the node ended" in capfd.readouterr().out
 
 
 def test_an_interrupt_is_no_finding(
@@ -233,12 +195,12 @@ def test_what_grows_is_found_and_what_warms_up_is_not() -> None:
     assert faults(Result(usages=warm), 1.0) == []
 
 
-def long_ones(found: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    return [(start, end) for start, end in found if end - start > 0.15]
-
-
 def test_a_process_that_is_stopped_stood_still() -> None:
     bird, found = Canary(), list[tuple[float, float]]()
+
+    def is_seen() -> bool:
+        return any(end - start > 0.15 for start, end in found)
+
     try:
         for _ in range(20):  # it may be stopped before it slept at all: then once more
             os.kill(bird.number, signal.SIGSTOP)
@@ -247,11 +209,11 @@ def test_a_process_that_is_stopped_stood_still() -> None:
                 found += bird.stalls()
             os.kill(bird.number, signal.SIGCONT)
             going = time.monotonic()
-            while time.monotonic() < going + 1.0 and not long_ones(found):
+            while time.monotonic() < going + 1.0 and not is_seen():
                 found += bird.stalls()
-            if long_ones(found):
+            if is_seen():
                 break
-        assert long_ones(found)
+        assert is_seen()
         assert all(start < end <= time.time() for start, end in found)
     finally:
         bird.close()
@@ -268,12 +230,9 @@ def test_a_node_does_what_is_expected(fault: Fault) -> None:
     assert outcome.held, outcome.seen
 
 
-def test_names_and_descriptions_are_distinct() -> None:
+def test_faults_are_distinct_and_the_page_has_each_and_none_that_failed() -> None:
     assert len(BY_NAME) == len({fault.what for fault in FAULTS}) == len(FAULTS)
     assert all(fault.what.endswith(".") for fault in FAULTS)
-
-
-def test_the_page_has_every_fault_and_none_that_failed() -> None:
     page = Path(__file__).parents[2] / "docs" / "faults.md"
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
     assert [row.split("`")[1] for row in rows] == list(BY_NAME)
@@ -414,8 +373,6 @@ def test_messages_and_their_mutations_can_be_sent_and_read(tmp_path: Path) -> No
 
 @pytest.mark.skipif(MessageType is None, reason="vision_msgs is not installed")
 def test_vision_msgs_reads_the_same(tmp_path: Path) -> None:
-    from rclpy.serialization import deserialize_message, serialize_message
-
     messages = Messages(Random(1), tmp_path)
     for _ in range(100):
         data = serialised(messages.detections())
@@ -435,13 +392,11 @@ def test_questions_have_states_that_only_the_attached_box_makes_invalid(tmp_path
 
 
 def test_markers_are_locked_to_links_known_and_unknown(tmp_path: Path) -> None:
-    messages = Messages(Random(1), tmp_path)
-    assert not any(marker.header.frame_id.startswith(ROBOT) for marker in markers(messages))
-    RobotMessages(messages, tmp_path)
-    locked = {one.header.frame_id for one in markers(messages) if one.frame_locked}
-    assert set(messages.links) <= locked
-    assert {f"{ROBOT}/l3", f"{ROBOT}/none"} <= locked
-
-
-def markers(messages: Messages) -> list[Marker]:
-    return [messages.marker() for _ in range(400)]
+    messages, markers = Messages(Random(1), tmp_path), list[Marker]()
+    for made in (False, True):
+        if made:
+            RobotMessages(messages, tmp_path)
+        markers = [messages.marker() for _ in range(400)]
+        assert any(one.header.frame_id.startswith(ROBOT) for one in markers) == made
+    locked = {one.header.frame_id for one in markers if one.frame_locked}
+    assert {*messages.links, f"{ROBOT}/l3", f"{ROBOT}/none"} <= locked

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Measurements on next to nothing: weight, goals, regions, effects of peers, robots."""
+"""Measurements on next to nothing: weight, goals, regions, effects of peers, robots; the soak."""
 
 from __future__ import annotations
 
@@ -22,32 +22,43 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import oracle
 import pytest
 from each import each
 
 from tools import goals
 
 pytest.importorskip("rclpy")
+import rig  # noqa: F401 - of this machine only
+
 import obb_collision as oc
 from obb_collision.benchmarks.corpora import Corpus, generated_corpus
 from obb_collision.benchmarks.effects import measure_effects
+from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.scene_files import find_scene
 from tools import robots
+from tools.cases.placement import rotations_of
+from tools.fuzz.process import Usage
 from tools.peers import effects
 from tools.peers.robots import PEERS, Case
 from tools.regions import far_costs, measure
+from tools.soak import __main__ as command
+from tools.soak import world as worlds
+from tools.soak.checker import Checker, Found, Result, pair_of, truth_of
 from tools.weight import LIMITS, Project, figures, table
 
 
 def test_goals_are_measured_and_one_that_fails_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(goals, "SIZES", (10, 20))
-    monkeypatch.setattr(goals, "LARGE", (20, 30, 40))
-    monkeypatch.setattr(goals, "FORMS", ["uniform", "line"])
-    monkeypatch.setattr(goals, "SHORT_TURNS", 3)
-    monkeypatch.setattr(goals, "BOXES_TURNS", 3)
-    monkeypatch.setattr(goals, "FORM_BOXES", 30)
+    small: dict[str, object] = {
+        "SIZES": (10, 20),
+        "LARGE": (20, 30, 40),
+        "FORMS": ["uniform", "line"],
+    }
+    small |= {"SHORT_TURNS": 3, "BOXES_TURNS": 3, "FORM_BOXES": 30}
+    for name, value in small.items():
+        monkeypatch.setattr(goals, name, value)
     for part in ("node", "starts", "per_pair"):
         monkeypatch.setattr(goals.Goals, part, failing)
     page = tmp_path / "page.md"
@@ -82,7 +93,6 @@ def test_a_goal_of_the_node_needs_an_answer_to_every_frame() -> None:
 
 
 def test_the_node_is_measured_in_all_ways_that_have_a_goal() -> None:
-    pytest.importorskip("rclpy")
     from tools import latency
 
     for way, objects, *_ in goals.NODE:
@@ -178,7 +188,6 @@ def test_peers_agree_where_they_are_there(name: str) -> None:
 def test_a_node_answers_chunks_of_states(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("rclpy")
     file = tmp_path / "latency.json"
     options = ["--packages", str(CONFIG), "--latency", "10", "--json", str(file)]
     assert robots.main([*ARM, *options]) == 0
@@ -294,3 +303,190 @@ def test_figures_above_their_limits_are_marked() -> None:
     assert f"its files{331:>39}      330 *" in plain
     assert f"public names{34:>36}       34\n" in plain
     assert f"tests collected{'not counted':>33}    4,000\n" in plain
+
+
+def rows(found: Found) -> np.ndarray:
+    """Return rows as a node publishes them."""
+    table = np.zeros(len(found), COLLISIONS.dtype)
+    for row, (((ns_a, a), (ns_b, b)), depth) in enumerate(found.items()):
+        table[row]["ns_a"], table[row]["id_a"] = ns_a, a
+        table[row]["ns_b"], table[row]["id_b"] = ns_b, b
+        table[row]["depth"] = depth
+    return table
+
+
+def right(bodies: worlds.Bodies) -> Found:
+    keys, truth = list(bodies), truth_of(*worlds.rows_of(bodies))
+    pairs = [pair_of(keys[i], keys[j]) for i, j in truth.pairs]
+    return dict(zip(pairs, truth.depths.tolist(), strict=True))
+
+
+@pytest.fixture
+def checker() -> Checker:
+    """Return a checker of 30 bodies, before the first step."""
+    world = worlds.World(5, 30)
+    world.apply(world.first())
+    return Checker(world, Result(growth=1.0))
+
+
+def test_answers_with_any_changes_of_a_step_are_right_if_they_are(checker: Checker) -> None:
+    result = checker.result
+    assert checker.judge(rows(right(checker.world.bodies)))
+    for number in range(20):
+        changes = checker.world.step()
+        checker.begin(changes)
+        bodies = dict(checker.world.bodies)
+        for change in changes.values():
+            assert not checker.judge(rows(right(bodies))), number
+            change.apply(bodies)
+        assert checker.judge(rows(right(bodies))), number
+        checker.end()
+        assert checker.judge(rows(right(checker.world.bodies)))
+    assert result.wrong == 0
+    assert result.checked > 60
+    assert set(result.bodies) == {"came", "went", "moved"}
+
+
+def test_wrong_answers_are_found(checker: Checker) -> None:
+    found = right(checker.world.bodies)
+    first, depth = next(iter(found.items()))
+    less = {pair: found[pair] for pair in found if pair != first}
+    spoiled = [
+        ("missing", rows(less)), ("too many", rows(found | {((1, 1), (2, 2)): 0.1})),
+        *(("wrong depth", rows(found | {first: depth + off})) for off in (1e-6, np.nan)),
+    ]  # fmt: skip
+    spoiled.append(("twice", np.concatenate([rows(found), rows(found)[:1]])))
+    for what, answer in spoiled:
+        result = checker.result = Result(growth=1.0)
+        checker.judge(answer)
+        assert result.wrong == 1
+        assert "1 wrong answers" in result.faults()
+        assert what in result.failure
+        assert len(result.failure["bodies"]) == len(checker.world.bodies)
+
+
+def test_an_answer_to_the_step_before_is_wrong_afterwards(checker: Checker) -> None:
+    before = right(checker.world.bodies)
+    changes = checker.world.step()
+    checker.begin(changes)
+    checker.end()
+    checker.judge(rows(before))
+    assert checker.result.wrong == 1
+
+
+def test_single_poses_may_come_one_by_one_in_order(checker: Checker) -> None:
+    here = [key for key in checker.world.bodies if key[0].startswith("crate")]
+    first, second, target = here[:3]
+    there = checker.world.bodies[target]
+    moved = {key: worlds.Body(there.kind, there.pose, there.size) for key in (first, second)}
+    bodies, lamp = checker.world.bodies, worlds.beacon(worlds.TRANSFORM)
+    lit = bodies[lamp]._replace(pose=bodies[worlds.anchor(worlds.TRANSFORM)].pose)
+    checker.begin({worlds.TRANSFORM: worlds.Change({**moved, lamp: lit})})
+    some = dict(checker.world.bodies) | {first: moved[first]}
+    assert not checker.judge(rows(right(some)))
+    assert checker.result.wrong == 0
+    some = dict(checker.world.bodies) | {second: moved[second]}
+    checker.judge(rows(right(some)))
+    assert checker.result.wrong == 1
+
+
+def test_the_same_seed_is_the_same_steps() -> None:
+    def steps(seed: int) -> list[str]:
+        world = worlds.World(seed, 20)
+        made = [world.first()]
+        world.apply(made[0])
+        for _ in range(50):
+            made.append(world.step())
+            world.apply(made[-1])
+        return [repr([(t, c.bodies, sorted(c.gone)) for t, c in one.items()]) for one in made]
+
+    assert steps(1) == steps(1)
+    assert steps(1) != steps(2)
+
+
+def test_every_input_changes_bodies_and_no_body_is_changed_twice_in_a_step() -> None:
+    world = worlds.World(3, 60)
+    world.apply(world.first())
+    counts = dict.fromkeys(worlds.TOPICS, 0)
+    for _ in range(300):
+        changes = world.step()
+        keys = [key for change in changes.values() for key in {*change.bodies, *change.gone}]
+        assert len(keys) == len(set(keys))
+        for topic, change in changes.items():
+            assert list(change.bodies)[-1] == worlds.beacon(topic)
+            counts[topic] += len(change.bodies) - 1 + len(change.gone)
+        world.apply(changes)
+        assert 40 < len(world.bodies) < 100
+    assert min(counts.values()) > 100
+    assert {key[0] == "boxes" for key in world.bodies} == {True, False}
+    assert worlds.MARKERS in counts
+    assert worlds.BOXES in counts
+
+
+def test_growth_is_found() -> None:
+    result = Result(growth=1.0, checked=1)
+    result.usages.samples = [Usage(1e8 + 1e4 * k, 20, 10, 5e7) for k in range(100)]
+    assert result.faults() == []
+    result.usages.samples = [Usage(1e8 + 2e4 * k, 20 + k, 10, 5e7) for k in range(100)]
+    assert result.faults() == ["memory grew by 1.8 MB", "descriptors grew by 90"]
+    assert "memory of the node (MB): 100.09 after the warm-up, 101.89 at the end" in result.lines()
+
+
+def test_brute_force_is_right() -> None:
+    seen = set()
+    for seed in range(5):
+        world = worlds.World(seed, 40)
+        world.apply(world.first())
+        world.apply(world.step())
+        poses, sizes = worlds.rows_of(world.bodies)
+        boxes = list(zip(poses[:, :3], rotations_of(poses[:, 3:]), 0.5 * sizes, strict=True))
+        i, j = np.triu_indices(len(boxes), 1)
+        pairs = [oracle.ExactPair(boxes[a], boxes[b]) for a, b in zip(i, j, strict=True)]
+        verdicts = np.array([pair.verdict() for pair in pairs])
+        truth = truth_of(poses, sizes)
+        assert truth.sure.all()
+        colliding = np.flatnonzero(verdicts != oracle.SEPARATE)
+        assert truth.pairs.tolist() == np.stack([i, j], axis=1)[colliding].tolist()
+        depths = [-pairs[k].separation() for k in colliding]
+        np.testing.assert_allclose(truth.depths, depths, atol=1e-12)
+        seen |= set(verdicts.tolist())
+    assert seen == {oracle.SEPARATE, oracle.TOUCHING, oracle.OVERLAP}, "some rest on others"
+
+
+def test_what_doubles_do_not_decide_is_said() -> None:
+    turned = np.array([0.0, 0.0, np.sin(0.3), np.cos(0.3)])
+    # edge to edge along the rotated x axis, apart by less than is sure
+    offset = 1.0 * rotations_of(turned[None])[0, :, 0]
+    poses = np.array([[0.0, 0.0, 0.0, *turned], [*(offset * (1.0 + 1e-11)), *turned]])
+    truth = truth_of(poses, np.ones((2, 3)))
+    assert truth.pairs.tolist() == [[0, 1]]
+    assert not truth.sure[0]
+    poses[:, 3:] = 0.0, 0.0, 0.0, 1.0
+    poses[1, :3] = 1.0, 1.0, 1.0
+    truth = truth_of(poses, np.ones((2, 3)))
+    assert truth.sure.all()
+    assert truth.depths.tolist() == [0.0]
+
+
+@pytest.mark.slow  # test_wrong_answers_are_found finds them without a node
+def test_objects_that_are_missing_are_found(capfd: pytest.CaptureFixture[str]) -> None:
+    # whatever has moved is in no pair by the next check, however soon that is
+    wrong = ["-p", "object_timeout:=0.000001", "-p", "stale_policy:=ignore"]
+    code = command.main(["--seconds", "60", "--objects", "30", "--", *wrong])
+    output = capfd.readouterr().out
+    assert code == 1
+    assert '"missing"' in output
+    assert "python -m tools.soak --seed 1 --steps" in output
+    assert "\nNOT held: " in output
+    assert "wrong answers" in output
+
+
+def test_a_node_that_ends_is_found_and_written(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "result.json"
+    assert command.main(["--json", str(file), "--", "--no-such-argument"]) == 1
+    assert "NOT held: the node ended with" in capfd.readouterr().out
+    result = json.loads(file.read_text())
+    assert result["wrong"] == result["checked"] == 0
+    assert "the node ended with" in result["not held"][0]
