@@ -27,7 +27,6 @@ import pytest
 from each import each
 
 import obb_collision as oc
-from obb_collision.demo.snapshot import triangles_of
 
 pytest.importorskip("matplotlib")
 from obb_collision.demo.listener import NO_BOXES
@@ -170,33 +169,3 @@ def test_all_of_a_scene_is_in_the_picture() -> None:
         )
         snapshot = make_snapshot(2, boxes=boxes)
         assert count_pixels(snapshot, EDGE_COLORS[FREE]) > 500
-
-
-POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]])
-
-
-@each(
-    "shape",
-    [
-        oc.shapes.Box((1.0, 2.0, 3.0), (2, 1, 1)),
-        oc.shapes.Sphere(0.5),
-        oc.shapes.Ellipsoid((0.5, 1.0, 0.25)),
-        oc.shapes.Cylinder(0.5, 2.0),
-        oc.shapes.Cone(0.5, 2.0, (1, 2, 1)),
-        oc.shapes.Capsule(0.25, 1.0),
-        oc.shapes.Hull(POINTS, (1, 1, 2)),
-        oc.shapes.Hull(POINTS[:3]),
-        oc.shapes.Hull(POINTS[:1]),
-    ],
-)
-def test_triangles_fill_the_box(shape: oc.shapes.Shape) -> None:
-    vertices, faces, scale, closed, *_ = triangles_of(shape)
-    corners = (vertices * scale)[faces]
-    center, rotation, half_extents = shape.local_box
-    local = (corners.reshape(-1, 3) - center) @ rotation
-    assert (np.abs(local) <= half_extents + 1e-9).all()
-    assert (np.abs(local).max(axis=0) >= 0.97 * half_extents - 1e-9).all()
-    if closed:
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        out = np.einsum("nk,nk->n", normals, corners.mean(axis=1) - center)
-        assert (out > 0.0).all()

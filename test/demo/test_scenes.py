@@ -12,30 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demo with scene files, over real topics; links of the arm's cell by an independent check."""
+"""The demo with scene files, by independent checks, and ``obb_collision status`` beside a node."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from each import each
-from rig import own_context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rig import DOMAIN, NAMESPACE, Rig, cube, own_context, sync
 
 import obb_collision as oc
+from obb_collision import commands
+from obb_collision.demo import status as module
 from obb_collision.demo.command import main, make_parser
 from obb_collision.demo.listener import ClearancesNarrator, PointsInsideNarrator, Predictions
 from obb_collision.demo.run import Demo
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import OVERLAPPING, ROBOT
 from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction
+from obb_collision.node.runtime import environment
 from obb_collision.scene_files import READY, find_scene, load_scene
 
-DOMAIN = 100 + os.getpid() % 40
+APART = 100 + os.getpid() % 40
 MOVEIT = Path(__file__).parents[1] / "data" / "moveit"
 
 
@@ -105,40 +114,40 @@ objects:
 """
 
 Start = Callable[[Path], Demo]
+LINES: list[str] = []
+"""What demos say."""
 
 
 @pytest.fixture
-def lines() -> list[str]:
-    return []
-
-
-@pytest.fixture
-def start(lines: list[str]) -> Iterator[Start]:
-    """Yield a function that starts the demo with a scene file."""
+def start() -> Iterator[Start]:
+    """Yield a function that starts the demo with a scene file, in place of the one before."""
     started: list[Demo] = []
-    with own_context(DOMAIN) as context:
+
+    def end() -> None:
+        while started:
+            started.pop().close()
+
+    with own_context(APART) as context:
 
         def start(path: Path) -> Demo:
+            end()
             scene = DemoScene(load_scene(path), path)
-            started.append(Demo(context, scene, 20.0, 1.5, lines.append))
+            started.append(Demo(context, scene, 20.0, 1.5, LINES.append))
             return started[0]
 
         yield start
-        for demo in started:
-            demo.close()
+        end()
 
 
-def test_a_file_gets_the_effects_it_calls_for(
-    start: Start, lines: list[str], tmp_path: Path
-) -> None:
+def test_a_file_gets_the_effects_it_calls_for(start: Start, tmp_path: Path) -> None:
+    LINES.clear()
     path = tmp_path / "all.yaml"
     path.write_text(ALL)
     demo = start(path)
     demo.run()
-    assert {row[:2] for row in demo.listener.pairs.rows} == {
-        ("box/0", "box/2")
-    }  # box/0 and box/1 may touch
-    text = "\n".join(lines)
+    # box/0 and box/1 may touch
+    assert {row[:2] for row in demo.listener.pairs.rows} == {("box/0", "box/2")}
+    text = "\n".join(LINES)
     assert "predicted fast/0" in text or "predicted wall/0" in text
     assert "entered zone/0" in text
     ends = "\n".join(demo.summary())
@@ -159,9 +168,7 @@ def test_moveit_scenes_run(start: Start, name: str) -> None:
     said = scene.description
     expected = {frozenset(pair) for pair in said.build().check().names()}
     of = dict(zip(scene.names, said.names, strict=True))
-    assert {
-        frozenset(of[n] for n in pair) for pair in [row[:2] for row in demo.listener.pairs.rows]
-    } == expected
+    assert {frozenset((of[row.a], of[row.b])) for row in demo.listener.pairs.rows} == expected
     assert all(a != b for a, b in combinations(scene.names, 2))
 
 
@@ -195,7 +202,7 @@ def test_scenes_of_the_package_are_found_by_name(capsys: pytest.CaptureFixture[s
 def demo() -> Iterator[Demo]:
     """Yield the demo of the cell, started."""
     file = find_scene("arm_cell")
-    with own_context(DOMAIN) as context:
+    with own_context(APART) as context:
         demo = Demo(context, DemoScene(load_scene(file), file), 30.0, 1.0, lambda _: None)
         try:
             demo.begin()
@@ -232,13 +239,10 @@ def test_colliding_links_are_red_and_near_ones_have_lines(demo: Demo) -> None:
     red = {name for name, state in states.items() if state == OVERLAPPING}
     assert red == {"arm/hand/1", "arm/right_finger/0", "shelf/3"}
     assert states["arm/forearm/1"] == ROBOT
-    assert len(snapshot.near) == len(demo.listener.effects["clearance"].rows) > 0
-    near = {row.b if row.b.startswith("arm/") else row.a for row in _clearances(demo)}
+    rows: list[NamedClearance] = list(demo.listener.effects["clearance"].rows)
+    assert len(snapshot.near) == len(rows) > 0
+    near = {row.b if row.b.startswith("arm/") else row.a for row in rows}
     assert near <= {"arm/hand/0", "arm/hand/1", "arm/left_finger/0", "arm/right_finger/0"}
-
-
-def _clearances(demo: Demo) -> list[NamedClearance]:
-    return list(demo.listener.effects["clearance"].rows)
 
 
 def test_bodies_of_links_are_drawn_where_the_robot_has_them(demo: Demo) -> None:
@@ -249,3 +253,92 @@ def test_bodies_of_links_are_drawn_where_the_robot_has_them(demo: Demo) -> None:
     row = arm.robot.link_names.index("right_finger")
     wanted = poses[row, :3] + np.array(arm.pose[:3])  # the base is not turned
     np.testing.assert_allclose(bodies["arm/right_finger/0"].position, wanted, atol=1e-6)
+
+
+NODE = f"{NAMESPACE}/obb_collision"
+
+
+@pytest.fixture(autouse=True)
+def _same_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+
+
+@contextmanager
+def spinning(rig: Rig) -> Iterator[None]:
+    """Spin a rig in a thread: what spins is not destroyed meanwhile."""
+    done = Event()
+
+    def run() -> None:
+        while not done.is_set():
+            rig.executor.spin_once(timeout_sec=0.05)
+
+    thread = Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def test_levels_are_exit_codes_the_screen_says_why_and_json_has_all_values(
+    rig: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with spinning(rig):
+        assert commands.status(["--node", NODE[1:], "--timeout", "60"]) == 3
+    assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
+    sync(rig)
+    with spinning(rig):
+        code = commands.status(["--json", "--timeout", "60"])
+    nodes = json.loads(capsys.readouterr().out)
+    found = nodes[NODE]  # without its name
+    assert code == 0 or len(nodes) > 1  # others may test on this machine
+    assert (found["level"], found["values"]["reason"]) == ("OK", "")
+    assert found["parts"]["objects"]["count"] == "1"
+    assert "cycle mean (ms)" in found["parts"]["cycle"]
+    rig.send(cube(("box", 1)), cube(("box", 2), (0.5, 0.0, 0.0)))
+    assert sync(rig)
+    with spinning(rig):
+        assert commands.status(["--node", NODE, "--timeout", "60"]) == 1
+    text = capsys.readouterr().out
+    assert text.startswith(f"{NODE}: ERROR\n  1 pair collides")
+    for word in ("objects 3", "  objects: 3 objects; count 3; colliding 2", "  cycle: ", "input "):
+        assert word in text
+
+
+def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:
+    assert commands.status(["--node", "/nobody", "--timeout", "0.2"]) == 4
+    assert "/nobody was not heard within 0.2 s" in capsys.readouterr().err
+
+
+def test_a_ros_that_is_not_sourced_is_used_and_without_one_it_is_said_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "INSTALLED", tmp_path)
+    for target in (module, environment):
+        monkeypatch.setattr(target, "find_spec", lambda name: None)
+    assert commands.status([]) == 4
+    assert "needs rclpy and common_interfaces: source a ROS 2" in capfd.readouterr().err
+    setup = tmp_path / "jazzy" / "setup.bash"
+    setup.parent.mkdir()
+    setup.write_text("echo sourced")
+    assert commands.status(["--node", "/nobody", "--timeout", "0.2"]) == 4
+    output, errors = capfd.readouterr()
+    assert output == "sourced\n"
+    assert f"by {setup.parent}, which is not sourced" in errors
+    assert "/nobody was not heard within 0.2 s" in errors
+
+
+@each("count", [0, 2])
+def test_messages_of_strangers_are_unreadable(
+    rig: Rig, capsys: pytest.CaptureFixture[str], count: int
+) -> None:
+    stranger = Node("stranger", context=rig.context)
+    try:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        publisher = stranger.create_publisher(DiagnosticArray, "/alien/collision_status", latched)
+        publisher.publish(DiagnosticArray(status=[DiagnosticStatus(level=b"\0")] * count))
+        assert commands.status(["--node", "/stranger", "--timeout", "60"]) == 3
+    finally:
+        stranger.destroy_node()
+    assert capsys.readouterr().out.startswith("/stranger: STALE, unreadable\n")
