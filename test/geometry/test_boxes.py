@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -26,7 +26,7 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from support import refused, row_of
+from support import by_threads, refused, row_of
 
 import obb_collision as oc
 from obb_collision.geometry.poses import (
@@ -78,14 +78,11 @@ def test_a_left_handed_frame_is_the_same_box_with_determinant_one() -> None:
 @each(
     "arguments, message",
     [
-        (([[0, 0, 0], [np.nan, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2), "centers.*row 1"),
-        (([[0, 0, 0]], [np.eye(3)], [[1, np.inf, 1]]), "half_extents.*row 0"),
         (([[0, 0, 0]] * 3, [np.eye(3)] * 3, [[1, 1, 1], [1, 1, 1], [1, -1, 1]]), "half_ex.*row 2"),
         (([[0, 0]], [np.eye(3)], [[1, 1, 1]]), "centers must have shape"),
         (([[0, 0, 0]] * 2, [np.eye(3), 2 * np.eye(3)], [[1, 1, 1]] * 2), "rotations.*row 1"),
         (([[0, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2), "same length"),
         (([["a", 0, 0]], [np.eye(3)], [[1, 1, 1]]), "centers must be numbers"),
-        (([[1e301, 0, 0]], [np.eye(3)], [[1, 1, 1]]), "centers.*magnitude"),
         (([[1e301, -1e301, 1e301]], [np.eye(3)], [[1, 1, 1]]), "centers.*magnitude"),
         (([[0, 0, 0]], [np.eye(3)], [[1e301, 1e301, 1e301]]), "half_extents.*magnitude"),
         (([[0, 0, 0]], [np.zeros((3, 3))], [[1, 1, 1]]), "rotations.*orthonormal"),
@@ -102,9 +99,7 @@ def test_boxes_do_not_change_with_the_arrays_they_were_made_from() -> None:
     boxes = oc.Boxes(centers, rotations, half_extents)
     for array in (centers, rotations, half_extents):
         array[...] = np.nan
-    assert np.isfinite(boxes.centers).all()
-    assert np.isfinite(boxes.rotations).all()
-    assert np.isfinite(boxes.half_extents).all()
+    assert all(np.isfinite(array).all() for array in boxes.arrays)
 
 
 def test_no_boxes_have_no_pairs() -> None:
@@ -214,8 +209,6 @@ def test_set_and_reset() -> None:
     assert box == oc.OBB()
     assert box.corners().tolist() == [[0.0, 0.0, 0.0]] * 8
     assert box.intersects(oc.OBB(half_extents=[1, 1, 1]))
-    refused("half_extents", box.set, [9, 9, 9], np.eye(3), [1, -1, 1])
-    assert box == oc.OBB()
 
 
 def test_aabb_questions_are_exact_comparisons() -> None:
@@ -233,30 +226,20 @@ def test_aabb_questions_are_exact_comparisons() -> None:
 SHEAR = np.array([[1.0, 0.5, 0, 1], [0, 2, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
 
 
-#: What is asked of many, and of one.
-QUESTIONS: dict[str, tuple[Callable[[oc.Boxes], Any], Callable[[oc.OBB], Any]]] = {
-    "corners": (lambda many: many.corners(), lambda one: one.corners()),
-    "volumes": (lambda many: many.volumes, lambda one: one.volume),
-    "quaternions": (lambda many: many.quaternions, lambda one: one.quaternion),
-    "padded": (lambda many: many.padded(0.1), lambda one: one.padded(0.1)),
-    "transformed": (lambda many: many.transformed(SHEAR), lambda one: one.transformed(SHEAR)),
-    "contains": (lambda many: many.contains([1, 1, 1]), lambda one: one.contains([1, 1, 1])),
-    "contains each": (
-        lambda many: many.contains(SHEAR[:, :3]), lambda one: one.contains(SHEAR[:, :3])
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("question", QUESTIONS)
-@settings(max_examples=20)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 6))
-def test_many_answer_as_each_does(question: str, seed: int, count: int) -> None:
-    of_many, of_one = QUESTIONS[question]
-    boxes = some_boxes(seed, count)
-    answer = of_many(boxes)
-    assert len(answer) == count
-    for k in range(count):
-        assert np.array_equal(answer[k], of_one(boxes[k])) or answer[k] == of_one(boxes[k])
+def test_many_answer_as_each_does(seed: int, count: int) -> None:
+    boxes, points = some_boxes(seed, count), SHEAR[:, :3]
+    for answer, alone in (
+        (boxes.corners(), [box.corners() for box in boxes]),
+        (boxes.volumes, [box.volume for box in boxes]),
+        (boxes.quaternions, [box.quaternion for box in boxes]),
+        (boxes.contains([1, 1, 1]), [box.contains([1, 1, 1]) for box in boxes]),
+        (boxes.contains(points), [box.contains(points) for box in boxes]),
+    ):
+        assert np.array_equal(answer, np.reshape(np.array(alone), np.shape(answer)))
+    assert list(boxes.padded(0.1)) == [box.padded(0.1) for box in boxes]
+    assert list(boxes.transformed(SHEAR)) == [box.transformed(SHEAR) for box in boxes]
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 9), data=st.data())
@@ -387,12 +370,6 @@ def test_the_identity_changes_no_bit_of_a_position() -> None:
     np.testing.assert_allclose(compose_poses(INNER, identity), unit_poses(INNER), atol=1e-15)
 
 
-@pytest.fixture(autouse=True)
-def _restore() -> Iterator[None]:
-    yield
-    oc.set_threads(None)
-
-
 def some_poses(count: int) -> Floats:
     rng = np.random.default_rng(count)
     quaternions = quaternions_from_matrices(random_rotations(rng, count))
@@ -408,9 +385,7 @@ def test_blocks_give_what_numpy_does(count: int) -> None:
     poses = some_poses(count)
     unit = as_quaternions(poses[:, 3:], "quaternions", (None, 4))
     rotations = matrices_from_quaternions(unit)
-    for threads in (1, 3):
-        oc.set_threads(threads)
-        positions, found = as_poses(poses)
+    for positions, found in by_threads(lambda: as_poses(poses), 1, 3):
         assert positions.tobytes() == np.ascontiguousarray(poses[:, :3]).tobytes()
         assert found.tobytes() == rotations.tobytes()
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,6 @@ from obb_collision.typing import Floats
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 CASES = json.loads((Path(__file__).parents[2] / "data" / "fit_point_sets.json").read_text())
-ANY_ROTATION = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(np.any)
 EVERY_FIT = each("fit", FITS)
 
 
@@ -52,22 +52,12 @@ def volume(half_extents: Floats) -> float:
     return 8.0 * float(np.prod(half_extents))
 
 
-def rotation_of(quaternion: list[float]) -> Floats:
-    matrix: Floats = Rotation.from_quat(np.array(quaternion) / np.abs(quaternion).max()).as_matrix()
-    return matrix
-
-
-@EVERY_FIT
 @each("case", CASES)
-def test_point_sets_of_bug_reports_are_contained(case: dict[str, list[float]], fit: str) -> None:
-    fitted(np.array(case["points"]), fit)
-
-
-@each("case", CASES)
-def test_best_reaches_the_known_volumes(case: dict[str, float]) -> None:
+def test_point_sets_of_bug_reports_are_contained_in_the_known_volumes(case: dict[str, Any]) -> None:
+    points = np.array(case["points"])
     # 1.005: the known volume of mathgeolib_case is 1.0033 times better than ours.
-    _, _, half = fitted(np.array(case["points"]))
-    assert volume(half) <= 1.005 * case["best_volume"]
+    sizes = {fit: volume(fitted(points, fit)[2]) for fit in FITS}
+    assert sizes["best"] <= 1.005 * case["best_volume"]
 
 
 def test_diagonal_square_gets_its_sides() -> None:
@@ -109,28 +99,13 @@ SMALL_SETS = st.lists(
 
 
 @settings(max_examples=60)
-@given(
-    SMALL_SETS,
-    st.sampled_from(sorted(FITS)),
-    st.integers(-520, 490),
-    st.sampled_from([0.0, 1.0, 1e6, 1e9]),
-)
-def test_any_set_is_contained(
-    points: list[tuple[float, ...]], fit: str, exponent: int, offset: float
-) -> None:
-    array = np.ldexp(np.array(points, dtype=np.float64), exponent)
-    fitted(array, fit)
-    fitted(array + offset * np.array([1.0, -0.3, 0.7]), fit)
-
-
-@settings(max_examples=60)
-@given(SMALL_SETS, ANY_ROTATION, st.sampled_from(sorted(FITS)), st.integers(1, 2))
+@given(SMALL_SETS, st.integers(0, 2**32 - 1), st.sampled_from(sorted(FITS)), st.integers(1, 2))
 def test_flat_sets_are_contained_and_thin(
-    points: list[tuple[float, ...]], quaternion: list[float], fit: str, dimensions: int
+    points: list[tuple[float, ...]], seed: int, fit: str, dimensions: int
 ) -> None:
     array = np.array(points, dtype=np.float64)
     array[:, dimensions:] = 0.0
-    turned = array @ rotation_of(quaternion).T
+    turned = array @ Rotation.random(random_state=seed).as_matrix()
     _, _, half = fitted(turned, fit)
     size = float(np.ptp(turned, axis=0).max(initial=0.0))
     thin = np.sort(half)[: 3 - dimensions]
@@ -138,8 +113,8 @@ def test_flat_sets_are_contained_and_thin(
 
 
 def hard_set(rng: np.random.Generator) -> Floats:
-    """Return up to 15 points: flat, gridded, thin, in a skew plane or a cube's, turned, moved."""
-    points = rng.normal(size=(int(rng.integers(1, 16)), 3))
+    """Return 1 to 40 points: flat, gridded, thin, in a skew plane, a cube's, one, turned, moved."""
+    points = rng.normal(size=(int(rng.integers(1, 41)), 3))
     kind = rng.integers(8)
     if kind < 2:
         points[:, 2 - kind :] = 0.0
@@ -151,7 +126,10 @@ def hard_set(rng: np.random.Generator) -> Floats:
         points[:, 2] = points[:, 0] + points[:, 1]
     elif kind == 5:
         points = np.sign(points)
-    points = points @ Rotation.random(random_state=rng).as_matrix()
+    elif kind == 6:
+        points[:] = points[0]
+    if rng.random() < 0.7:
+        points = points @ Rotation.random(random_state=rng).as_matrix()
     if rng.random() < 0.5:
         points = points + rng.normal(size=3) * 10.0 ** rng.integers(-3, 10)
     hard: Floats = points * 10.0 ** rng.integers(-320, 290) if rng.random() < 0.2 else points
@@ -302,36 +280,12 @@ def test_bad_input_is_refused_by_name() -> None:
     refused("points must have shape", fit_points, [0.0, 1.0, 2.0])
 
 
-#: Clouds that perception gives: some points in general position, and every degenerate kind.
-KINDS = {
-    "any": lambda p: p,
-    "one point": lambda p: p[:1],
-    "duplicates": lambda p: np.repeat(p[:1], len(p), axis=0),
-    "collinear": lambda p: p[:, :1] * [1.0, 2.0, 3.0],
-    "coplanar": lambda p: p @ [[1.0, 0.0, 1.0], [0.0, 1.0, -0.5], [0.0, 0.0, 0.0]],
-    "in a coordinate plane": lambda p: p * [1.0, 0.0, 1.0],
-    "thin": lambda p: p * [1.0, 1e-13, 1.0],
-    "gridded": lambda p: np.round(p),
-    "far away": lambda p: p + 1e7,
-}
-CLOUDS = st.lists(
-    st.tuples(st.sampled_from(sorted(KINDS)), st.integers(1, 40), st.integers(0, 10**6)), max_size=5
-)
-
-
-def cloud(kind: str, count: int, seed: int) -> Floats:
-    points: Floats = np.asarray(
-        KINDS[kind](3.0 * np.random.default_rng(seed).normal(size=(count, 3)))
-    )
-    return points
-
-
 @settings(max_examples=40)
-@given(CLOUDS, st.sampled_from(sorted(FITS)))
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=5), st.sampled_from(sorted(FITS)))
 def test_each_cloud_gets_the_box_of_its_points_alone_and_is_contained(
-    drawn: list[tuple[str, int, int]], fit: str
+    seeds: list[int], fit: str
 ) -> None:
-    clouds = [cloud(*one) for one in drawn]
+    clouds = [hard_set(np.random.default_rng(seed)) for seed in seeds]
     boxes = oc.Boxes.from_points(clouds, fit=fit)
     together = np.concatenate([np.empty((0, 3)), *clouds])
     offsets = np.cumsum([0, *map(len, clouds)])
@@ -351,23 +305,13 @@ def test_clouds_of_equal_size_come_as_one_array() -> None:
 
 
 def test_bad_clouds_are_refused_by_their_number() -> None:
-    good = np.eye(3)
-    refused(
-        "points must not be empty in cloud 1", oc.Boxes.from_points, [good, np.empty((0, 3)), good]
-    )
-    refused("points must not be empty in cloud 1", oc.Boxes.from_points, good, [0, 2, 2, 3])
-    refused(
-        "points of cloud 2 must be finite in row 1",
-        oc.Boxes.from_points,
-        [good, good, np.array([[0, 0, 0], [0, np.nan, 0]])],
-    )
-    refused(r"points of cloud 0 must have shape \(n, 3\)", oc.Boxes.from_points, good)
-    refused("fit must be one of", oc.Boxes.from_points, [good], fit="tight")
+    good, of_points = np.eye(3), oc.Boxes.from_points
+    refused("points must not be empty in cloud 1", of_points, [good, np.empty((0, 3)), good])
+    refused("points must not be empty in cloud 1", of_points, good, [0, 2, 2, 3])
+    bad = np.array([[0, 0, 0], [0, np.nan, 0]])
+    refused("points of cloud 2 must be finite in row 1", of_points, [good, good, bad])
+    refused(r"points of cloud 0 must have shape \(n, 3\)", of_points, good)
+    refused("fit must be one of", of_points, [good], fit="tight")
     for offsets in ([], [0], [0, 2], [1, 3], [0, 2, 1, 3]):
-        refused(
-            "offsets must rise from 0 to the number of points, 3",
-            oc.Boxes.from_points,
-            good,
-            offsets,
-        )
-    refused("offsets must be from 0 to 3 in row 1", oc.Boxes.from_points, good, [0, 4])
+        refused("offsets must rise from 0 to the number of points, 3", of_points, good, offsets)
+    refused("offsets must be from 0 to 3 in row 1", of_points, good, [0, 4])

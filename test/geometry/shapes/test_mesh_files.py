@@ -72,6 +72,12 @@ def loads_in_time(path: Path | str) -> Mesh | Exception:
     return results[0]
 
 
+def refused_in_time(path: Path | str, reason: str) -> None:
+    error = loads_in_time(path)
+    assert isinstance(error, ValueError)
+    assert reason in str(error)
+
+
 def textured_scene() -> trimesh.Scene:
     image = SimpleMaterial(diffuse=(200, 10, 10, 255))
     scene = trimesh.Scene()
@@ -87,7 +93,7 @@ def textured_scene() -> trimesh.Scene:
 
 @each("suffix", ["obj", "stl", "ply", "dae", "glb", "off"])
 def test_the_geometry_is_that_of_a_load_with_materials(tmp_path: Path, suffix: str) -> None:
-    file = tmp_path / f"part.{suffix}"
+    file = tmp_path / f"two words.{suffix}"
     scene = textured_scene()
     whole = suffix in ("stl", "ply", "off", "dae")
     (trimesh.util.concatenate(scene.dump()) if whole else scene).export(file)
@@ -97,6 +103,8 @@ def test_the_geometry_is_that_of_a_load_with_materials(tmp_path: Path, suffix: s
     wanted = np.concatenate(parts)
     np.testing.assert_array_equal(soup(mesh.vertices, mesh.faces), wanted[np.lexsort(wanted.T)])
     assert len(mesh.faces) == 3 * 80
+    scaled = Mesh.from_file(file.as_uri(), scale=(2.0, 1.0, 1.0))
+    assert scaled == Mesh(mesh.vertices, mesh.faces, (2.0, 1.0, 1.0))
 
 
 @each("what", ["mtl", "texture"])
@@ -134,9 +142,7 @@ def test_buffers_of_a_gltf_are_read_only_where_they_are_inside(tmp_path: Path, p
     file.write_text(gltf(f"data:application/octet-stream;base64,{inside}"))
     assert len(Mesh.from_file(file).vertices) == 3
     file.write_text(gltf(pipe.name))
-    error = loads_in_time(file)
-    assert isinstance(error, ValueError)
-    assert "other files are not read" in str(error)
+    refused_in_time(file, "other files are not read")
 
 
 def test_a_document_type_that_names_a_file_is_refused(tmp_path: Path, pipe: Path) -> None:
@@ -144,27 +150,21 @@ def test_a_document_type_that_names_a_file_is_refused(tmp_path: Path, pipe: Path
     for encoding in ("utf-8", "utf-16"):
         file = tmp_path / "part.dae"
         file.write_bytes(text.encode(encoding))
-        error = loads_in_time(file)
-        assert isinstance(error, ValueError)
-        assert "DOCTYPE" in str(error)
+        refused_in_time(file, "DOCTYPE")
 
 
 def test_pipes_devices_and_folders_are_no_mesh_files(tmp_path: Path, pipe: Path) -> None:
     (tmp_path / "folder.stl").mkdir()
     (tmp_path / "zero.stl").symlink_to("/dev/zero")
     for name in (pipe.name, "folder.stl", "zero.stl"):
-        error = loads_in_time(tmp_path / name)
-        assert isinstance(error, ValueError)
-        assert "it is no regular file" in str(error)
+        refused_in_time(tmp_path / name, "it is no regular file")
 
 
 def test_a_file_that_becomes_a_pipe_as_it_is_opened_does_not_block(
     tmp_path: Path, pipe: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh_files, "file_version", lambda path: (0, 0))  # it was one by then
-    error = loads_in_time(pipe)
-    assert isinstance(error, ValueError)
-    assert "it is no regular file" in str(error)
+    refused_in_time(pipe, "it is no regular file")
 
 
 PATHS = {
@@ -294,14 +294,13 @@ def chosen(tmp_path: Path) -> Path:
     return folder
 
 
-def test_files_in_chosen_folders_are_allowed_wherever_the_path_comes_from(chosen: Path) -> None:
+def test_files_in_chosen_folders_are_allowed_wherever_the_path_comes_from(
+    chosen: Path, tmp_path: Path
+) -> None:
     file = chosen / "sub" / "a b.stl"
     for uri in (file.as_uri(), f"file://localhost{file.as_uri()[7:]}", str(file)):
         assert allowed_path(resolve_path(uri), [chosen]) == file
     assert allowed_path(chosen / "x" / ".." / "a.stl", [str(chosen)]) == chosen / "a.stl"
-
-
-def test_a_link_of_the_chosen_folder_itself_is_followed(chosen: Path, tmp_path: Path) -> None:
     link = tmp_path / "link"
     link.symlink_to(chosen)
     assert allowed_path(link / "a.stl", [link]) == chosen / "a.stl"
@@ -326,18 +325,11 @@ def test_files_outside_are_refused_however_they_are_named(chosen: Path, tmp_path
     ]
     for path in hostile:
         refused(REFUSED, allowed_path, path, [chosen])
-    loop = chosen / "loop"
-    assert allowed_path(loop, [chosen]) == loop, "no file: it is refused when it is read"
-
-
-def test_the_reason_says_where_a_link_leads(chosen: Path, tmp_path: Path) -> None:
-    (chosen / "link.stl").symlink_to(tmp_path / "secret")
-    refused(
-        f"it leads to {tmp_path}/secret, which is in no folder",
-        allowed_path,
-        chosen / "link.stl",
-        [chosen],
-    )
+    refused(f"it leads to {outside}, which is in", allowed_path, chosen / "link.stl", [chosen])
+    refused("null", allowed_path, Path("/a\0b"), [chosen])
+    for name in ("loop", "a" * 300):
+        file = chosen / name
+        assert allowed_path(file, [chosen]) == file, "no file: it is refused when it is read"
 
 
 @each("path", ["/proc/self/mem", "/dev/zero", "/sys/kernel", "/dev/../proc/1"])
@@ -346,12 +338,6 @@ def test_files_of_the_kernel_are_never_read(path: str, chosen: Path) -> None:
     (chosen / "link").symlink_to(path)
     for name in (Path(path), chosen / "link"):
         refused(REFUSED, allowed_path, name, ["/"])
-
-
-def test_zero_bytes_and_long_names_are_refused(chosen: Path) -> None:
-    refused("null", allowed_path, Path("/a\0b"), [chosen])
-    long = chosen / ("a" * 300)
-    assert allowed_path(long, [chosen]) == long, "no file: it is refused when it is read"
 
 
 def test_shares_of_installed_packages_are_allowed(share: Path) -> None:
