@@ -19,10 +19,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from small_robots import LIMIT
+from small_robots import joint as urdf_joint
 
 Matrix = NDArray[np.float64]
+#: Kinds of joints with one variable.
+SINGLE = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,41 @@ class OracleJoint:
     rpy: tuple[float, ...]
     axis: tuple[float, ...]
     mimic: tuple[str, float, float] | None = None
+
+
+@st.composite
+def joint_trees(
+    draw: st.DrawFn, kinds: tuple[str, ...], count: int = 9, back: int = 9, most: float = 3.0
+) -> list[OracleJoint]:
+    """Draw joints of a tree of up to so many links named by number, whose root is 0.
+
+    back: how many links before it a parent may be; most: of its numbers.
+    """
+    number = st.floats(-most, most, allow_subnormal=False)
+    triple = st.tuples(number, number, number)
+    axis = triple.filter(lambda v: np.linalg.norm(v) > 0.1 and v[2] > -0.99 * np.linalg.norm(v))
+    found: list[OracleJoint] = []
+    for child in range(1, draw(st.integers(2, count))):
+        kind, mimic = draw(st.sampled_from(kinds)), None
+        single = [one.name for one in found if one.kind in SINGLE]
+        if single and kind in SINGLE and draw(st.booleans()):
+            mimic = (draw(st.sampled_from(single)), draw(number), draw(number))
+        parent = str(draw(st.integers(max(0, child - back), child - 1)))
+        found.append(
+            OracleJoint(
+                f"j{child}", kind, parent, str(child), draw(triple), draw(triple), draw(axis), mimic
+            )
+        )
+    return found
+
+
+def written(one: OracleJoint, limit: str = LIMIT) -> str:
+    """Return a joint as its URDF."""
+    xyz, rpy, axis = (" ".join(map(repr, numbers)) for numbers in (one.xyz, one.rpy, one.axis))
+    inner = f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}'
+    if one.mimic is not None:
+        inner += '<mimic joint="{}" multiplier="{!r}" offset="{!r}"/>'.format(*one.mimic)
+    return urdf_joint(one.name, one.kind, one.parent, one.child, inner)
 
 
 def rigid(rotation: Rotation, place: NDArray[np.float64]) -> Matrix:
@@ -68,29 +108,19 @@ def motion(joint: OracleJoint, values: dict[str, float]) -> Matrix:
         parts = [values[f"{joint.name}/trans_{part}"] for part in "xyz"]
         turn = [values[f"{joint.name}/rot_{part}"] for part in "xyzw"]
         return rigid(Rotation.from_quat(turn), np.array(parts))
-    value = value_of(joint, values)
+    value = values[joint.name]
     if joint.kind == "prismatic":
         return rigid(Rotation.identity(), value * axis)
     return rigid(Rotation.from_rotvec(value * axis), np.zeros(3))
 
 
-def value_of(joint: OracleJoint, values: dict[str, float]) -> float:
-    """Return the value of a joint with one variable, its own or that of those it mimics."""
-    if joint.mimic is None:
-        return values[joint.name]
-    other, multiplier, offset = joint.mimic
-    return multiplier * values[other] + offset
-
-
-def link_matrices(
-    root: str, joints: list[OracleJoint], values: dict[str, float]
-) -> dict[str, Matrix]:
-    """Return the pose of each link; joints: those of parents first.
-
-    values: of all joints that move, those that mimic others too.
-    """
-    found = {root: np.eye(4)}
+def link_matrices(joints: list[OracleJoint], state: dict[str, float]) -> dict[str, Matrix]:
+    """Return the pose of each link, of which 0 is the root; joints: those of parents first."""
+    values, found = dict(state), {"0": np.eye(4)}
     for joint in joints:
+        if joint.mimic is not None:
+            other, multiplier, offset = joint.mimic
+            values[joint.name] = multiplier * values[other] + offset
         origin = rigid(Rotation.from_euler("xyz", joint.rpy), np.array(joint.xyz))
         found[joint.child] = found[joint.parent] @ origin @ motion(joint, values)
     return found

@@ -90,6 +90,15 @@ def random_world(rng: np.random.Generator, count: int) -> oc.Scene:
     return scene
 
 
+def arm_in_world(
+    seed: int, links: int, things: int, accuracy: str = "hull"
+) -> tuple[np.random.Generator, oc.Robot, oc.RobotScene]:
+    """Return a random arm in a random world, and the generator of both."""
+    rng = np.random.default_rng(seed)
+    robot = oc.Robot.from_urdf(random_arm(rng, links))
+    return rng, robot, oc.RobotScene([robot], random_world(rng, things), accuracy)
+
+
 def norm(values: np.ndarray) -> float:
     """Return the length of a vector."""
     return float(np.linalg.norm(values))
@@ -108,6 +117,14 @@ LIMIT = '<limit lower="-1" upper="2" velocity="3" effort="1"/>'
 def urdf(*elements: str) -> str:
     """Return a robot of some elements, each on a line of its own: the first one on line 2."""
     return '<robot name="r">\n' + "\n".join(elements) + "\n</robot>"
+
+
+def slider(geometry: str, axis: str = "1 0 0") -> str:
+    """Return a robot ``r`` of one body that slides along an axis from the world."""
+    way = f'<axis xyz="{axis}"/><limit lower="-9" upper="9" velocity="1" effort="1"/>'
+    return urdf(
+        link("world"), link("body", geometry), joint("x", "prismatic", "world", "body", way)
+    )
 
 
 def link(name: str, *geometries: str) -> str:

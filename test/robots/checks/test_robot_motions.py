@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Motions are checked between their ends: nothing that fine sampling finds is missed."""
+"""Motions are checked between their ends; distances, their gradients, and groups of joints."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ from each import each
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from small_robots import SHAPES, cup, random_arm, random_states, random_world
+from small_robots import SHAPES, arm_in_world, cup, random_arm, random_states, random_world, slider
+from support import by_threads, refused
 
 import obb_collision as oc
 from obb_collision.geometry.poses import compose_poses
+from obb_collision.robots.checks.reports import StateDistances
 
 MOBILE = """<robot name="mobile">
   <link name="world"/>
@@ -37,12 +39,7 @@ MOBILE = """<robot name="mobile">
     <axis xyz="0 0 1"/></joint>
   <joint name="fly" type="floating"><parent link="base"/><child link="drone"/></joint>
 </robot>"""
-BALL = """<robot name="ball">
-  <link name="world"/>
-  <link name="ball"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <joint name="x" type="prismatic"><parent link="world"/><child link="ball"/>
-    <axis xyz="1 0 0"/><limit lower="-9" upper="9" velocity="1" effort="1"/></joint>
-</robot>"""
+BALL = slider('<sphere radius="0.1"/>')
 ROTOR = """<robot name="rotor">
   <link name="world"/>
   <link name="blade"><collision><origin xyz="0.5 0 0"/>
@@ -89,9 +86,7 @@ def compare(checker: oc.RobotScene, starts: np.ndarray, ends: np.ndarray) -> int
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 10**6))
 def test_no_collision_of_fine_samples_is_missed(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    robot = oc.Robot.from_urdf(random_arm(rng, 5))
-    checker = oc.RobotScene([robot], random_world(rng, 6))
+    rng, robot, checker = arm_in_world(seed, 5, 6)
     starts = random_states(rng, robot, 8)
     ends = starts + rng.choice((0.05, 1.0)) * (random_states(rng, robot, 8) - starts)
     compare(checker, starts, ends)
@@ -100,9 +95,7 @@ def test_no_collision_of_fine_samples_is_missed(seed: int) -> None:
 @each("accuracy", ["sphere", "aabb", "obb", "hull"])
 @each("seed", [0, 3, 5])
 def test_motions_on_a_level_are_those_of_its_states(accuracy: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    robot = oc.Robot.from_urdf(random_arm(rng, 5))
-    checker = oc.RobotScene([robot], random_world(rng, 3), accuracy)
+    rng, robot, checker = arm_in_world(seed, 5, 3, accuracy)
     states = random_states(rng, robot, 400)
     starts = states[checker.check(states).valid][:40]
     ends = starts + rng.choice((0.05, 0.5), (len(starts), 1)) * (states[: len(starts)] - starts)
@@ -138,9 +131,7 @@ def test_no_collision_of_meshes_is_missed(seed: int, tmp_path: Path) -> None:
 def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> None:
     scene = oc.Scene()
     scene.add("pole", oc.shapes.Cylinder(0.05, 1.0), [0, 2, 0, 0, 0, 0, 1])
-    bars = f"<collision><geometry>{cup(tmp_path)}</geometry></collision>"
-    text = BALL.replace('<collision><geometry><sphere radius="0.1"/></geometry></collision>', bars)
-    (tmp_path / "cup.urdf").write_text(text.replace('xyz="1 0 0"', 'xyz="0 1 0"'))
+    (tmp_path / "cup.urdf").write_text(slider(cup(tmp_path), "0 1 0"))
     checker = oc.RobotScene([oc.Robot.from_urdf(tmp_path / "cup.urdf")], scene, "hull")
     assert not checker.check_motions([[0.0]], [[4.0]]).valid[0]
     checker.accuracy = "mesh"
@@ -149,7 +140,7 @@ def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> Non
     assert checker.check_motions([[0.0]], [[4.0]]).valid[0]
     checker.padding = 0.08
     report = checker.check_motions([[0.0]], [[4.0]], first=True)
-    assert report.pairs == [("ball", "pole")]
+    assert report.pairs == [("body", "pole")]
     assert not report.undecided[0]
     # where a corner at x = 0.125, y = 0.2 is 0.13 from the middle of the pole
     assert 1.755 < 4.0 * report.parameters[0] <= 1.8 - np.sqrt(0.13**2 - 0.125**2)
@@ -166,14 +157,14 @@ def test_a_quaternion_through_zero_is_refused() -> None:
     checker = oc.RobotScene([oc.Robot.from_urdf(MOBILE)])
     start = np.array([0, 0, 0, 0, 0, 1.0, 0, 0, 0, 1])
     end = start * [1, 1, 1, 1, 1, 1, 1, 1, 1, -1]
-    with pytest.raises(ValueError, match=r"ends must not have quaternions opposite .* row 1"):
-        checker.check_motions([start, start], [start, end])
+    reason = r"ends must not have quaternions opposite .* row 1"
+    refused(reason, checker.check_motions, [start, start], [start, end])
 
 
 def test_where_a_ball_first_touches_a_wall() -> None:
     checker = ball(0.5, wall=True)
     report = checker.check_motions([[0.0], [0.0], [1.5]], [[2.0], [0.9], [0.0]], first=True)
-    assert report.pairs == [("ball", "wall"), None, ("ball", "wall")]
+    assert report.pairs == [("body", "wall"), None, ("body", "wall")]
     # the face of the wall is at x = 1.1
     assert report.parameters[0] == pytest.approx(0.5, abs=1e-4)
     assert report.parameters[0] <= 0.5
@@ -226,29 +217,21 @@ def test_motions_out_of_limits_are_not_valid() -> None:
 
 
 def test_threads_do_not_change_motions() -> None:
-    rng = np.random.default_rng(7)
-    robot = oc.Robot.from_urdf(random_arm(rng, 5))
-    checker = oc.RobotScene([robot], random_world(rng, 6))
+    rng, robot, checker = arm_in_world(7, 5, 6)
     starts, ends = random_states(rng, robot, 60), random_states(rng, robot, 60)
-    before = oc.threads()
-    try:
-        reports = [(oc.set_threads(n), checker.check_motions(starts, ends))[1] for n in (1, 2)]
-    finally:
-        oc.set_threads(before)
+    reports = by_threads(lambda: checker.check_motions(starts, ends), 1, 2)
     assert np.array_equal(reports[0].first_pairs, reports[1].first_pairs)
     assert np.array_equal(reports[0].parameters, reports[1].parameters, equal_nan=True)
 
 
 def test_bad_motions_are_refused_by_name() -> None:
     checker = ball()
-    with pytest.raises(ValueError, match="starts and ends"):
-        checker.check_motions([[0.0]], [[0.0], [1.0]])
-    with pytest.raises(ValueError, match="ends"):
-        checker.check_motions([[0.0]], [[np.nan]])
-    with pytest.raises(ValueError, match="resolution must be positive"):
-        checker.check_motions([[0.0]], [[1.0]], resolution=0.0)
-    with pytest.raises(ValueError, match="at least one state"):
-        checker.check_path(np.zeros((0, 1)))
+    refused("starts and ends", checker.check_motions, [[0.0]], [[0.0], [1.0]])
+    refused("ends", checker.check_motions, [[0.0]], [[np.nan]])
+    refused("resolution must be pos", checker.check_motions, [[0.0]], [[1.0]], resolution=0.0)
+    refused("at least one state", checker.check_path, np.zeros((0, 1)))
+    refused("max_distance must be positive", checker.distances, [[0.0]], max_distance=0.0)
+    refused("states", checker.distances, [[np.nan]])
 
 
 def walled(x: float = 0.0, **options: object) -> oc.RobotScene:
@@ -265,7 +248,7 @@ def test_distance_points_and_direction(x: float) -> None:
     np.testing.assert_allclose(found.distances, [1.0, -0.05, 0.5], atol=1e-9)
     np.testing.assert_allclose(found.directions, [[1, 0, 0]] * 3, atol=1e-9)
     np.testing.assert_allclose(found.points[0], [[x + 0.1, 0, 0], [x + 1.1, 0, 0]], atol=1e-9)
-    assert found.pairs == [("ball", "wall")] * 3
+    assert found.pairs == [("body", "wall")] * 3
     assert (found.distances <= found.upper_bounds).all()
 
 
@@ -274,14 +257,12 @@ def test_distance_points_and_direction(x: float) -> None:
 @given(seed=st.integers(0, 10**6))
 def test_upper_bounds_are_those_of_the_cylinder_itself(accuracy: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    ball, cylinder = '<sphere radius="0.1"/>', '<cylinder radius="0.3" length="0.8"/>'
     turn, place = Rotation.random(None, rng), rng.uniform(-1.0, 1.0, 3)
     there = [*place, *turn.as_quat()]
-    for link, back in ((ball, False), (cylinder, True)):
+    for text, back in ((BALL, False), (slider('<cylinder radius="0.3" length="0.8"/>'), True)):
         scene = oc.Scene()
         scene.add("it", oc.shapes.Sphere(0.1) if back else oc.shapes.Cylinder(0.3, 0.8), there)
-        robot = oc.Robot.from_urdf(BALL.replace(ball, link))
-        found = oc.RobotScene([robot], scene, accuracy).distances([[0.0]])
+        found = oc.RobotScene([oc.Robot.from_urdf(text)], scene, accuracy).distances([[0.0]])
         x, y, z = place if back else turn.inv().apply(-place)
         far = np.hypot(max(np.hypot(x, y) - 0.3, 0.0), max(abs(z) - 0.4, 0.0)) - 0.1
         assert found.distances[0] <= far + 1e-9
@@ -297,18 +278,26 @@ def test_padding_lessens_distances() -> None:
 def test_what_is_farther_does_not_count() -> None:
     found = walled().distances([[0.0], [0.9]], max_distance=0.5)
     assert found.distances[0] == np.inf
-    assert found.pairs == [None, ("ball", "wall")]
+    assert found.pairs == [None, ("body", "wall")]
     assert np.isnan(found.points[0]).all()
     nothing = oc.RobotScene(oc.Robot.from_urdf(BALL)).distances([[0.0]])
     assert nothing.pairs == [None]
     assert nothing.distances.tolist() == [np.inf]
 
 
-def test_bad_limits_are_refused() -> None:
-    with pytest.raises(ValueError, match="max_distance must be positive"):
-        walled().distances([[0.0]], max_distance=0.0)
-    with pytest.raises(ValueError, match="states"):
-        walled().distances([[np.nan]])
+def check_nearest(
+    checker: oc.RobotScene, states: np.ndarray, found: StateDistances, reach: float = 1.0
+) -> None:
+    """Check points, and that nothing is nearer: where padded by half of it, links do not touch."""
+    assert np.array_equal(found.distances <= 0.0, checker.check(states).colliding)
+    for row in np.flatnonzero(found.distances > 1e-6):
+        distance, (a, b) = found.distances[row], found.points[row]
+        np.testing.assert_allclose(b - a, distance * found.directions[row], atol=1e-8)
+        for padding, collides in ((0.5 * distance / reach * (1.0 - 1e-6), False),
+                                  (distance * (1.0 + 1e-6), True)):  # fmt: skip
+            checker.padding = padding
+            assert checker.check(states[row]).colliding[0] == collides
+    checker.padding = 0.0
 
 
 @settings(deadline=None, max_examples=15)
@@ -320,25 +309,16 @@ def test_distances_are_those_between_links_and_things(seed: int, boxes: bool) ->
     world = random_world(rng, 5)
     checker = oc.RobotScene([robot], world)
     states = random_states(rng, robot, 6)
-    found, report = checker.distances(states), checker.check(states)
-    assert np.array_equal(found.distances <= 0.0, report.colliding)
-    for row in np.flatnonzero(found.distances > 1e-6):
-        distance, normal = found.distances[row], found.directions[row]
-        a, b = found.points[row]
-        np.testing.assert_allclose(b - a, distance * normal, atol=1e-8)
-        # nothing that is checked is nearer: grown by half of it, links do not even touch each other
-        checker.padding = 0.5 * distance / reach * (1.0 - 1e-6)
-        assert not checker.check(states[row]).colliding[0]
-        checker.padding = distance * (1.0 + 1e-6)
-        assert checker.check(states[row]).colliding[0]
-    checker.padding = 0.0
+    check_nearest(checker, states, checker.distances(states), reach)
 
 
 @settings(deadline=None, max_examples=10, suppress_health_check=[*HealthCheck])
-@given(seed=st.integers(0, 10**6))
-def test_distances_of_meshes_are_those_of_brute_force(seed: int, tmp_path: Path) -> None:
+@given(seed=st.integers(0, 10**6), boxes=st.booleans())
+def test_distances_of_meshes_are_those_of_brute_force(
+    seed: int, boxes: bool, tmp_path: Path
+) -> None:
     rng = np.random.default_rng(seed)
-    text = random_arm(rng, 3, shapes=(*SHAPES, *[cup(tmp_path)] * 4))
+    text = random_arm(rng, 3, shapes=(*SHAPES[not boxes :], *[cup(tmp_path)] * 4))
     (tmp_path / "arm.urdf").write_text(text)
     robot = oc.Robot.from_urdf(tmp_path / "arm.urdf")
     world = random_world(rng, 4)
@@ -348,21 +328,12 @@ def test_distances_of_meshes_are_those_of_brute_force(seed: int, tmp_path: Path)
     found = checker.distances(states)
     assert (found.distances >= hulls.distances - 1e-9).all()
     assert (found.upper_bounds >= found.distances - 1e-12).all()
-    assert np.array_equal(found.distances <= 0.0, checker.check(states).colliding)
     for limit in (0.01, 0.1):
         near = checker.distances(states, max_distance=limit).distances
         beyond = found.distances > limit
         assert np.isinf(near[beyond]).all()
         np.testing.assert_allclose(near[~beyond], found.distances[~beyond], atol=1e-9)
-    for row in np.flatnonzero(found.distances > 1e-6):
-        a, b = found.points[row]
-        np.testing.assert_allclose(b - a, found.distances[row] * found.directions[row], atol=1e-7)
-        # nothing is nearer: padded by half of it links do not touch, by more than that they do
-        checker.padding = 0.5 * found.distances[row] * (1.0 - 1e-6)
-        assert not checker.check(states[row]).colliding[0]
-        checker.padding = found.distances[row] * (1.0 + 1e-6)
-        assert checker.check(states[row]).colliding[0]
-    checker.padding = 0.0
+    check_nearest(checker, states, found, 3.0**0.5 if boxes else 1.0)  # at corners of boxes
 
 
 @each("accuracy", ["sphere", "aabb", "obb"])
@@ -383,3 +354,87 @@ def test_below_hull_distances_are_those_of_boxes(accuracy: str) -> None:
         pairs = list(np.ndindex(len(own), len(world)))
         expected = oc.clearances(own.boxes, world.boxes, pairs).distances.min()
         assert distance == pytest.approx(expected, abs=1e-8)
+
+
+STEP = 1e-6
+NEAR = 2.0
+
+
+def distances_by_pair(checker: oc.RobotScene, state: np.ndarray) -> dict[object, float]:
+    found = checker.distances(state, max_distance=NEAR, all_pairs=True)
+    return dict(zip(found.pairs, found.distances.tolist(), strict=True))
+
+
+@each("accuracy", ["obb", "hull", "mesh"])
+@each("mobile", [False, True])
+def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) -> None:
+    """Of every pair, and so of the least distance."""
+    rng = np.random.default_rng(3)
+    text = MOBILE if mobile else random_arm(rng, 5, shapes=SHAPES)
+    robot = oc.Robot.from_urdf(text)
+    base = [[0.3, -0.2, 0.1, 0.1, 0.2, 0.3, 0.9]]
+    checker = oc.RobotScene([robot], random_world(rng, 3), accuracy, bases=base)
+    joints = len(robot.joint_names)
+    states = rng.normal(0, 1.0, (60, joints)) if mobile else random_states(rng, robot, 40)
+    every = checker.distances(states, max_distance=NEAR, all_pairs=True, jacobian=True)
+    assert every.jacobians is not None
+    errors: list[float] = []
+    for n, state in enumerate(states):
+        ends = [
+            [distances_by_pair(checker, state + way * step) for way in (1.0, -1.0)]
+            for step in STEP * np.eye(joints)
+        ]
+        for row in np.flatnonzero((every.states == n) & (every.distances > 1e-3)):
+            pair = every.pairs[row]
+            if all(pair in end for both in ends for end in both):
+                slopes = [(after[pair] - before[pair]) / (2.0 * STEP) for after, before in ends]
+                errors.append(np.abs(every.jacobians[row] - slopes).max())
+    assert len(errors) >= 40
+    assert np.mean(np.array(errors) < 1e-7) >= 0.9  # others are where the closest features change
+    assert np.abs(every.jacobians[every.distances > 1e-3]).max() > 0.01
+    least = checker.distances(states, max_distance=NEAR, jacobian=True)
+    assert least.jacobians is not None
+    for at in np.flatnonzero((least.distances > 1e-3) & (least.distances < NEAR)):
+        rows = [k for k in np.flatnonzero(every.states == at) if every.pairs[k] == least.pairs[at]]
+        same = every.jacobians[rows]
+        np.testing.assert_allclose(least.jacobians[at : at + 1], same, rtol=0, atol=1e-6)
+
+
+@each("accuracy", ["obb", "hull", "mesh"])
+def test_distances_of_every_pair(accuracy: str) -> None:
+    rng, robot, checker = arm_in_world(5, 5, 5, accuracy)
+    states = random_states(rng, robot, 20)
+    least = checker.distances(states, max_distance=0.3)
+    every = checker.distances(states, max_distance=0.3, all_pairs=True, jacobian=True)
+    assert every.jacobians is not None
+    assert every.jacobians.shape == (len(every), len(robot.joint_names))
+    report = checker.check(states, all_pairs=True)
+    for n in range(len(states)):
+        rows = np.flatnonzero(every.states == n)
+        pairs = [every.pairs[row] for row in rows]
+        assert len(set(pairs)) == len(pairs)
+        apart = every.distances[rows] > 0.0
+        colliding = {pair for pair, free in zip(pairs, apart, strict=True) if not free}
+        if accuracy != "obb":  # there, states have spheres besides boxes
+            assert colliding == set(report.pairs_of(n))
+        if least.distances[n] > 0.0 and len(rows):
+            assert every.distances[rows].min() == pytest.approx(least.distances[n], abs=1e-9)
+        assert (len(rows) == 0) == np.isinf(least.distances[n])
+    refused("max_distance must be given for", checker.distances, states, all_pairs=True)
+
+
+def test_states_of_a_group() -> None:
+    robot = oc.Robot.from_urdf("config/arm.urdf", "config/arm.srdf")
+    checker = oc.RobotScene({"left": robot, "right": robot}, bases=np.eye(2, 7) + np.eye(7)[[6, 6]])
+    columns = [name.startswith("right/grip") for name in checker.joint_names]
+    base = np.full(14, 0.2)
+    full = checker.states_of_group("right/gripper", [[0.01], [0.02]], base)
+    assert full[:, columns].tolist() == [[0.01], [0.02]]
+    assert (full[:, ~np.array(columns)] == 0.2).all()
+    one = checker.check([[0.01], [9.0]], group="right/gripper")
+    assert one.out_of_limits.sum(axis=1).tolist() == [0, 1]
+    with pytest.raises(KeyError, match="group must be one of the SRDF"):
+        checker.check([[0.0]], group="gripper")
+    joints = r"states must have shape .*the joints are right/grip"
+    refused(joints, checker.check, [[0.0, 1.0]], group="right/gripper")
+    refused("the joints are left/turn, left/shoulder_lift", checker.check, [[0.0, 1.0]])

@@ -23,7 +23,7 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kinematics_oracle import OracleJoint, link_matrices, value_of
+from kinematics_oracle import OracleJoint, joint_trees, link_matrices, written
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 from small_robots import LIMIT, joint, link, urdf
@@ -43,44 +43,9 @@ from obb_collision.robots.kinematics.splines import (
 )
 
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
-NUMBER = st.floats(-3.0, 3.0, allow_subnormal=False)
-TRIPLE = st.tuples(NUMBER, NUMBER, NUMBER)
-AXIS = TRIPLE.filter(lambda v: float(np.linalg.norm(v)) > 0.1 and v[2] > -0.99 * np.linalg.norm(v))
 
 
-@st.composite
-def trees(draw: st.DrawFn) -> list[OracleJoint]:
-    """Draw joints of a tree of links named by number, whose root is 0."""
-    found: list[OracleJoint] = []
-    for child in range(1, draw(st.integers(2, 9))):
-        kind = draw(st.sampled_from(KINDS))
-        single = [j.name for j in found if j.kind in ("revolute", "continuous", "prismatic")]
-        mimic = None
-        if single and kind in ("revolute", "continuous", "prismatic") and draw(st.booleans()):
-            mimic = (draw(st.sampled_from(single)), draw(NUMBER), draw(NUMBER))
-        found.append(
-            OracleJoint(
-                f"j{child}", kind, str(draw(st.integers(0, child - 1))), str(child),
-                draw(TRIPLE), draw(TRIPLE), draw(AXIS), mimic,
-            )
-        )  # fmt: skip
-    return found
-
-
-def written(one: OracleJoint) -> str:
-    def words(numbers: tuple[float, ...]) -> str:
-        return " ".join(map(repr, numbers))
-
-    inner = (
-        f'<origin xyz="{words(one.xyz)}" rpy="{words(one.rpy)}"/><axis xyz="{words(one.axis)}"/>'
-    )
-    if one.mimic is not None:
-        name, multiplier, offset = one.mimic
-        inner += f'<mimic joint="{name}" multiplier="{multiplier!r}" offset="{offset!r}"/>'
-    return joint(one.name, one.kind, one.parent, one.child, inner + LIMIT)
-
-
-@given(trees(), st.randoms(use_true_random=False), st.integers(0, 2**32 - 1))
+@given(joint_trees(KINDS), st.randoms(use_true_random=False), st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
 def test_link_poses_are_the_oracles(joints: list[OracleJoint], order: object, seed: int) -> None:
     lines = [link(str(k)) for k in range(len(joints) + 1)] + [written(one) for one in joints]
@@ -89,11 +54,7 @@ def test_link_poses_are_the_oracles(joints: list[OracleJoint], order: object, se
     states = np.random.default_rng(seed).uniform(-2.0, 2.0, (3, len(robot.joint_names)))
     poses = robot.link_poses(states)
     for state, row in zip(states, poses, strict=True):
-        values = dict(zip(robot.joint_names, state.tolist(), strict=True))
-        for one in joints:
-            if one.mimic is not None:
-                values[one.name] = value_of(one, values)
-        expected = link_matrices("0", joints, values)
+        expected = link_matrices(joints, dict(zip(robot.joint_names, state.tolist(), strict=True)))
         size = 1.0 + max(float(np.abs(matrix).max()) for matrix in expected.values())
         for name, pose in zip(robot.link_names, row, strict=True):
             np.testing.assert_allclose(pose[:3], expected[name][:3, 3], rtol=0, atol=1e-13 * size)
@@ -205,13 +166,10 @@ def test_no_spline_is_farther_from_its_chords_than_is_said(order: int) -> None:
 
 
 def test_no_point_moves_farther_than_is_said() -> None:
-    joint = '<joint name="{0}{1}" type="{2}"><parent link="{0}"/><child link="{1}"/>'
-    joint += '<origin xyz="0.1 0.2 0.3"/><axis xyz="0 1 1"/><limit lower="-3" upper="3"/></joint>'
-    shape = '<collision><geometry><sphere radius="0.3"/></geometry></collision>'
-    links = "".join(f'<link name="{name}">{shape}</link>' for name in "abcd")
-    kinds = (("a", "b", "revolute"), ("b", "c", "prismatic"), ("c", "d", "revolute"))
-    joints = "".join(joint.format(*kind) for kind in kinds)
-    robot = oc.Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>')
+    inner = '<origin xyz="0.1 0.2 0.3"/><axis xyz="0 1 1"/>' + LIMIT
+    kinds = zip(("revolute", "prismatic", "revolute"), pairwise("abcd"), strict=True)
+    joints = [joint(a + b, kind, a, b, inner) for kind, (a, b) in kinds]
+    robot = oc.Robot.from_urdf(urdf(*(link(n, '<sphere radius="0.3"/>') for n in "abcd"), *joints))
     checker = oc.RobotScene([robot])
     points = 0.3 * np.vstack([np.eye(3), -np.eye(3)])
     for _ in range(200):
@@ -228,10 +186,7 @@ def test_no_point_moves_farther_than_is_said() -> None:
 
 
 def test_robots_that_move_freely_are_refused() -> None:
-    robot = oc.Robot.from_urdf(
-        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="planar">'
-        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
-    )
+    robot = oc.Robot.from_urdf(urdf(*map(link, "ab"), joint("j", "planar", "a", "b")))
     with pytest.raises(ValueError, match="planar or floating"):
         oc.RobotScene([robot]).displacements(np.zeros((1, 3)), np.zeros((1, 3)))
 
