@@ -20,30 +20,22 @@ from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
-from distances import box, segment, squared_distance
 from error_bounds import (
     Moved,
     Record,
-    Vector,
     check_flips,
     check_ratios,
-    corners,
-    difference,
-    dot,
-    exact,
     extents,
     flips,
-    norm,
     normals,
     observed_at_flip,
-    root,
-    taxicab,
 )
-from oracle import Box
+from exact_vectors import Box, Vector, corners, dot, exact, minus, norm, root, taxicab
+from hull_distances import squared_distance
 from support import row_of
 
 import obb_collision as oc
-from obb_collision import Boxes, Capsules, Verdict, cast_rays, points_inside
+from obb_collision import Capsules, Verdict, cast_rays, points_inside
 from obb_collision.numerics.constants import CAREFUL_BOUND
 from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.points import INSIDE_BOUND, contains
@@ -75,7 +67,7 @@ def test_containment(record_property: Record) -> None:
 
     def quantity(n: int, distance: float) -> Fraction:
         stored = row_of(boxes, n)
-        offset = difference(exact(stored[0] + distance * moved.directions[n]), exact(stored[0]))
+        offset = minus(exact(stored[0] + distance * moved.directions[n]), exact(stored[0]))
         columns, ratios = [exact(column) for column in stored[1].T], []
         for normal, column, half in zip(normals(columns), columns, exact(stored[2]), strict=True):
             excess = abs(dot(normal, offset)) - abs(dot(normal, column)) * half
@@ -92,19 +84,15 @@ def test_points_within_a_margin(record_property: Record) -> None:
 
     def outside(distances: Floats) -> np.ndarray:
         points = boxes.centers + distances[:, None] * moved.directions
-        each = (
-            Boxes.trusted(*(part[None] for part in row_of(boxes, n))) for n in range(len(boxes))
-        )
-        counts = [
-            points_inside(one, points[n : n + 1], margin).counts[0] for n, one in enumerate(each)
-        ]
+        rows = [slice(n, n + 1) for n in range(len(boxes))]
+        counts = [points_inside(boxes[n], points[n], margin).counts[0] for n in rows]
         return np.array(counts) == 0
 
     def quantity(n: int, distance: float) -> Fraction:
         stored = row_of(boxes, n)
         point = stored[0] + distance * moved.directions[n]
-        gap = root(squared_distance(segment(point, point), box(stored))) - Fraction(margin)
-        size = taxicab(difference(exact(point), exact(stored[0]))) + extents(stored)
+        gap = root(squared_distance([exact(point)], corners(stored))) - Fraction(margin)
+        size = taxicab(minus(exact(point), exact(stored[0]))) + extents(stored)
         return gap / (Fraction(INSIDE_BOUND) * (size + Fraction(margin)))
 
     check_flips(record_property, outside, quantity, moved.farthest + 2.0)
@@ -141,19 +129,19 @@ def check_capsules(record_property: Record, verdict: Verdict, limit: float, pair
     def quantity(n: int, distance: float) -> Fraction:
         one = moving.at(np.full(len(moving.radii), distance))
         start, end = exact(one.starts[n]), exact(one.ends[n])
-        core, radii = segment(one.starts[n], one.ends[n]), Fraction(one.radii[n])
+        radii = Fraction(one.radii[n])
         if pair:
             p, q = exact(moving.other.starts[n]), exact(moving.other.ends[n])
-            other = segment(moving.other.starts[n], moving.other.ends[n])
-            size = taxicab(difference(p, start)) + taxicab(difference(q, p))
-            size += taxicab(difference(end, start)) + 2 * radii
+            other = [p, q]
+            size = taxicab(minus(p, start)) + taxicab(minus(q, p))
+            size += taxicab(minus(end, start)) + 2 * radii
             radii *= 2
         else:
             stored = row_of(moving.moved.a, n)
-            other, center = box(stored), exact(stored[0])
-            size = taxicab(difference(start, center)) + taxicab(difference(end, center))
+            other, center = corners(stored), exact(stored[0])
+            size = taxicab(minus(start, center)) + taxicab(minus(end, center))
             size += extents(stored) + radii
-        gap = root(squared_distance(core, other)) - radii
+        gap = root(squared_distance([start, end], other)) - radii
         return sign * gap / (Fraction(limit) * size)
 
     low, high = flips(decide, moving.moved.farthest + 4.0)
@@ -194,8 +182,8 @@ def test_planes(record_property: Record) -> None:
     ratios = []
     for n in range(len(boxes)):
         stored, normal = row_of(boxes, n), exact(moved.directions[n])
-        offset = difference(exact(stored[0]), exact(points[n]))
-        heights = [dot(normal, difference(c, exact(points[n]))) for c in corners(stored)]
+        offset = minus(exact(stored[0]), exact(points[n]))
+        heights = [dot(normal, minus(c, exact(points[n]))) for c in corners(stored)]
         bound = Fraction(CAREFUL_BOUND) * (norm(offset) + extents(stored)) + Fraction(2) ** -1060
         for value, height in ((low[n], min(heights)), (-high[n], max(heights))):
             ratios.append(abs(Fraction(value) - height / norm(normal)) / bound)
@@ -207,7 +195,7 @@ def least_growth(stored: Box, origin: Vector, direction: Vector) -> Fraction:
     columns, lines = [exact(column) for column in stored[1].T], []
     for normal, column, half in zip(normals(columns), columns, exact(stored[2]), strict=True):
         scale = dot(normal, column)
-        place = dot(normal, difference(origin, exact(stored[0]))) / scale
+        place = dot(normal, minus(origin, exact(stored[0]))) / scale
         speed = dot(normal, direction) / scale
         lines += [(place - half, speed), (-place - half, -speed)]
     times = [Fraction(0)]
@@ -230,18 +218,13 @@ def test_rays_that_miss(record_property: Record) -> None:
 
     def misses(distances: Floats) -> np.ndarray:
         starts = origins(distances)
-        each = (
-            Boxes.trusted(*(part[None] for part in row_of(boxes, n))) for n in range(len(boxes))
-        )
-        hits = [
-            cast_rays(one, starts[n : n + 1], along[n : n + 1]).boxes[0]
-            for n, one in enumerate(each)
-        ]
+        rows = [slice(n, n + 1) for n in range(len(boxes))]
+        hits = [cast_rays(boxes[n], starts[n], along[n]).boxes[0] for n in rows]
         return np.array(hits) < 0
 
     def quantity(n: int, distance: float) -> Fraction:
         stored, origin = row_of(boxes, n), exact(origins(np.full(len(boxes), distance))[n])
-        size = taxicab(difference(origin, exact(stored[0]))) + extents(stored)
+        size = taxicab(minus(origin, exact(stored[0]))) + extents(stored)
         growth = least_growth(stored, origin, exact(along[n]))
         return growth / (Fraction(HIT_BOUND) * size)
 
@@ -258,10 +241,10 @@ def test_rays_moved_ahead(record_property: Record) -> None:
         found, ahead, bound = moved_ahead(ray, vector(center), 0.5)
         if ahead <= 0.0:
             continue
-        offset, line = difference(exact(start[0]), exact(center)), exact(direction)
-        rest = difference(exact(found), offset)
+        offset, line = minus(exact(start[0]), exact(center)), exact(direction)
+        rest = minus(exact(found), offset)
         share = dot(rest, line) / dot(line, line)
-        ratios.append(norm(difference(rest, [share * x for x in line])) / Fraction(bound))
+        ratios.append(norm(minus(rest, [share * x for x in line])) / Fraction(bound))
     assert len(ratios) > 50
     check_ratios(record_property, ratios)
 

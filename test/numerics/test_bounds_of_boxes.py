@@ -19,28 +19,15 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-import any_doubles
 import numpy as np
 import pytest
-from distances import box, squared_distance
-from error_bounds import (
-    Moved,
-    Record,
-    check_ratios,
-    corners,
-    difference,
-    dot,
-    exact,
-    exact_gaps,
-    extents,
-    norm,
-    root,
-    taxicab,
-)
+from error_bounds import Moved, Record, check_ratios, exact_gaps, extents
+from exact_vectors import Box, Point, corners, dot, exact, minus, norm, root, taxicab
+from hull_distances import squared_distance
 from hypothesis import given, settings
-from oracle import Box
 from overlap_oracle import overlap_volume
-from support import family, joined, row_of, witnesses
+from support import extents as any_extents
+from support import family, joined, quaternions, row_of, vectors, witnesses
 
 from obb_collision import Boxes, Verdict, clearances, contacts, overlap_volumes, verdicts
 from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
@@ -67,8 +54,8 @@ from tools.cases.families import FAMILIES
 PAIRS = 8
 
 
-def offset(a: Box, b: Box) -> list[Fraction]:
-    return difference(exact(b[0]), exact(a[0]))
+def offset(a: Box, b: Box) -> Point:
+    return minus(exact(b[0]), exact(a[0]))
 
 
 def fast_bound(a: Box, b: Box) -> Fraction:
@@ -166,7 +153,7 @@ def test_overlap_volumes(record_property: Record) -> None:
             smaller = a if a.volumes[k] < b.volumes[k] else b
             x, y, z = exact(smaller.half_extents[k])
             surface = 8 * (x * y + y * z + z * x)
-            size = taxicab(difference(exact(sides[1][0]), exact(sides[0][0])))
+            size = taxicab(minus(exact(sides[1][0]), exact(sides[0][0])))
             size += extents(*sides)
             error = abs(Fraction(volumes[k]) - overlap_volume(*sides))
             ratios.append(error / (Fraction(VOLUME_BOUND) * size * surface))
@@ -205,7 +192,7 @@ def test_witnesses(record_property: Record) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=200)
-@given(*2 * [any_doubles.vectors, any_doubles.quaternions, any_doubles.extents])
+@given(*2 * [vectors, quaternions, any_extents])
 def test_witnesses_of_any_doubles(
     center: Any, one: Any, half: Any, place: Any, other: Any, other_half: Any
 ) -> None:
@@ -246,7 +233,7 @@ def test_clearances(record_property: Record) -> None:
     ratios = []
     for n, distance in enumerate(found.tolist()):
         row = row_of(a, n), row_of(b, n)
-        expected = root(squared_distance(box(row[0]), box(row[1])))
+        expected = root(squared_distance(corners(row[0]), corners(row[1])))
         size = taxicab(offset(*row)) + extents(*row)
         ratios.append(abs(Fraction(distance) - expected) / (Fraction(PROVEN) * size))
     check_ratios(record_property, ratios)

@@ -21,22 +21,8 @@ from fractions import Fraction
 import numpy as np
 from convex_bodies import corners_of, family
 from each import each
-from error_bounds import (
-    Moved,
-    Record,
-    Vector,
-    check_flips,
-    check_ratios,
-    cross,
-    difference,
-    dot,
-    exact,
-    exact_gaps,
-    norm,
-    normals,
-    root,
-    taxicab,
-)
+from error_bounds import Moved, Record, Rows, check_flips, check_ratios, exact_gaps, normals
+from exact_vectors import Vector, cross, dot, exact, minus, norm, taxicab
 from hull_distances import placed
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
@@ -81,7 +67,7 @@ RNG = np.random.default_rng(10)
 COUNT = 60
 
 
-def solved(columns: list[Vector], v: Vector) -> Vector:
+def solved(columns: Rows, v: Vector) -> list[Fraction]:
     """Return the coordinates of a vector along columns (3), exactly (Cramer)."""
     return [dot(n, v) / dot(n, column) for n, column in zip(normals(columns), columns, strict=True)]
 
@@ -103,7 +89,7 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
                 zip(*columns_b, strict=True), exact(centers[0]), exact(centers[1]), strict=True
             )
         ]
-        error = max(map(abs, difference(exact(found), solved(columns_a, place))))
+        error = max(map(abs, minus(exact(found), solved(columns_a, place))))
         ratios.append(error / (Fraction(POINT_BOUND) * Fraction(pose.size)))
     check_ratios(record_property, ratios)
 
@@ -130,8 +116,8 @@ def test_distances_of_meshes(record_property: Record) -> None:
             ]
             for r, corner, center in zip(rotations[i : i + 2], corners, centers, strict=True)
         ]
-        true = root(sum((x * x for x in difference(*places)), Fraction(0)))
-        size = Fraction(taxicab(difference(*map(exact, centers)))) + sum(map(Fraction, trees.radii))
+        true = norm(minus(*places))
+        size = Fraction(taxicab(minus(*map(exact, centers)))) + sum(map(Fraction, trees.radii))
         bound = Fraction(DISTANCE_BOUND) * size
         error = abs(Fraction(found.distances[0]) + bound - true)
         ratios.append(max(error, abs(Fraction(found.upper[0]) - bound - true)) / bound)
@@ -191,7 +177,7 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
     def quantity(n: int, distance: float) -> Fraction:
         rows = [exact(row) for row in rotations[n]]
         p = [[dot(row, exact(corner)) for row in rows] for corner in triangles[n].reshape(3, 3)]
-        u, v = difference(p[1], p[0]), difference(p[2], p[0])
+        u, v = minus(p[1], p[0]), minus(p[2], p[0])
         axis = cross(u, v)
         gap = abs(dot(axis, exact(place(n, distance)))) / max(map(abs, axis))
         largest = max(np.abs(triangles[n]).max(), 1e-300)
@@ -253,7 +239,7 @@ def test_points_outside_boxes_of_trees(record_property: Record) -> None:
         return np.array([outside_box(nodes, n, p, 0.0) for n, p in enumerate(points)])
 
     def quantity(n: int, distance: float) -> Fraction:
-        offset = difference(exact(point(n, distance)), exact(boxes.centers[n]))
+        offset = minus(exact(point(n, distance)), exact(boxes.centers[n]))
         along = solved([exact(column) for column in boxes.rotations[n].T], offset)
         excess = max(abs(x) - h for x, h in zip(along, exact(boxes.half_extents[n]), strict=True))
         return excess / (Fraction(SLAB_SLACK) * taxicab(offset)) if any(offset) else Fraction(0)
@@ -300,7 +286,7 @@ def test_convex_distances(record_property: Record) -> None:
         length = norm(normal)
         ends = [[dot(normal, list(corner)) for corner in side] for side in sides]
         gap = (min(ends[1]) - max(ends[0])) / length
-        size = taxicab(difference(exact(b.centers[n]), exact(a.centers[n])))
+        size = taxicab(minus(exact(b.centers[n]), exact(a.centers[n])))
         size += Fraction(float(a.hulls.radii[a.rows[n]] + b.sizes[n].sum()))
         slack = Fraction(CONVEX_ROUNDING) * size
         ratios.append(abs(gap - slack - Fraction(float(found.lower[n]))) / slack)
@@ -315,8 +301,8 @@ def test_boxes_of_leaves(record_property: Record) -> None:
         for node in np.flatnonzero(tree.children < 0)[:20]:
             row, corners = tree.nodes[node], tree.triangles[tree.starts[node, 0]].reshape(3, 3)
             columns = [exact(column) for column in row[3:12].reshape(3, 3).T]
-            along = [solved(columns, difference(exact(c), exact(row[:3]))) for c in corners]
-            steps = [taxicab(difference(exact(c), exact(corners[0]))) for c in corners]
+            along = [solved(columns, minus(exact(c), exact(row[:3]))) for c in corners]
+            steps = [taxicab(minus(exact(c), exact(corners[0]))) for c in corners]
             slack = Fraction(WIDENING) * (max(steps) + max(map(abs, exact(row[:3]))))
             for k in range(3):
                 reach = max(abs(place[k]) for place in along)
@@ -338,7 +324,7 @@ def test_boxes_of_points(record_property: Record) -> None:
         skew = [[abs(dot(u, v) - (u is v)) for v in columns] for u in columns]
         for k in range(3):
             doubtful = points[near[:, k] >= near[:, k].max() - 1e-14][:60]
-            reach = max(abs(solved(columns, difference(exact(p), middle))[k]) for p in doubtful)
+            reach = max(abs(solved(columns, minus(exact(p), middle))[k]) for p in doubtful)
             bound = Fraction(COORDINATE_BOUND) * Fraction(size[k])
             bound += dot(skew[k], exact(near.max(axis=0)))
             ratios.append(abs(Fraction(half[k]) - reach - bound) / bound)

@@ -16,26 +16,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
-from error_bounds import (
-    Moved,
-    Record,
-    Rows,
-    Vector,
-    check_flips,
-    check_ratios,
-    difference,
-    dot,
-    exact,
-    exact_gaps,
-    norm,
-    root,
-    rounded,
-    turn,
-)
+from error_bounds import Moved, Record, Rows, check_flips, check_ratios, exact_gaps, rounded, turn
+from exact_vectors import Vector, along, corners, dot, exact, minus, norm
+from kinematics_oracle import OracleJoint, written
+from small_robots import link, urdf
 from support import joined, row_of, sweep
 from sweep_oracle import ExactMotion
 
@@ -63,7 +51,6 @@ from obb_collision.robots.checks.arrays import (
     slack_of,
 )
 from obb_collision.robots.checks.model import Model
-from obb_collision.typing import Floats
 
 RNG = np.random.default_rng(9)
 COUNT = 60
@@ -110,11 +97,10 @@ def test_offsets(record_property: Record) -> None:
     ratios = []
     for starts, velocities in RNG.normal(size=(COUNT, 2, 2, 3)) * [[[[1e6]], [[3.0]]]]:
         _, last, way = offset_and_way(starts, velocities, 0.7, 0, 1)
-        first = difference(exact(starts[1]), exact(starts[0]))
-        rate = difference(exact(velocities[1]), exact(velocities[0]))
-        expected = [p + Fraction(0.7) * v for p, v in zip(first, rate, strict=True)]
+        first = minus(exact(starts[1]), exact(starts[0]))
+        rate = minus(exact(velocities[1]), exact(velocities[0]))
         bound = Fraction(POSITION) * (norm(first) + norm(exact(way)))
-        ratios.append(norm(difference(exact(last), expected)) / bound)
+        ratios.append(norm(minus(exact(last), along(first, Fraction(0.7), rate))) / bound)
     check_ratios(record_property, ratios)
 
 
@@ -140,7 +126,7 @@ def test_rotations_at_a_time(record_property: Record) -> None:
         found = rotated(columns(rotation), vector(way), time)
         bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(way)) * Fraction(time)
         for column, expected in zip(found, exactly_turned(rotation, way, time), strict=True):
-            ratios.append(norm(difference(exact(column), expected)) / bound)
+            ratios.append(norm(minus(exact(column), expected)) / bound)
     check_ratios(record_property, ratios)
 
 
@@ -156,7 +142,7 @@ def test_corners_of_turned_boxes(record_property: Record) -> None:
         for n in range(8):
             sides = [h if n >> k & 1 else -h for k, h in enumerate(exact(half))]
             expected = [dot(sides, row) for row in zip(*expected_columns, strict=True)]
-            ratios.append(norm(difference(exact(corners[1 + n]), expected)) / (bound * reach))
+            ratios.append(norm(minus(exact(corners[1 + n]), expected)) / (bound * reach))
     check_ratios(record_property, ratios)
 
 
@@ -190,7 +176,7 @@ def test_free_slices(record_property: Record) -> None:
         sides = [[h * x for x in column] for h, column in zip(half, axes, strict=True)]
         ends = [[x + i * y + j * z for x, y, z in zip(*sides, strict=True)] for i, j in SIGNS]
         # about the axis that is taken where nothing turns: z
-        radius = max(abs(end[2]) for end in ends) + max(norm(end[:2]) for end in ends)
+        radius = max(abs(end[2]) for end in ends) + max(norm((end[0], end[1], 0)) for end in ends)
         return gap / (Fraction(SLICE_SLACK) * (2 * norm(place) + 2 * radius))
 
     check_flips(record_property, free, quantity, 10.0 * boxes.half_extents.max(axis=1))
@@ -236,68 +222,43 @@ def test_gaps_of_turning_boxes(record_property: Record) -> None:
 
 
 BOX = (0.2, 0.1, 0.3)
+END = '<box size="{} {} {}"/>'.format(*BOX)
+CORNERS = corners((np.zeros(3), np.eye(3), 0.5 * np.array(BOX)))
 
 
 def product(a: Rows, b: Rows) -> Rows:
     return [[rounded(dot(row, column)) for column in zip(*b, strict=True)] for row in a]
 
 
-def applied(a: Rows, p: Vector) -> Vector:
+def applied(a: Iterable[Vector], p: Vector) -> Vector:
     return [rounded(dot(row, p)) for row in a]
 
 
-class Joint(NamedTuple):
-    """A joint as its URDF has it."""
-
-    kind: str
-    xyz: Floats
-    rpy: Floats
-    axis: Floats
-
-
-def chain(rng: np.random.Generator, count: int, size: float) -> tuple[str, list[Joint]]:
-    """Return the URDF of a chain of joints with a box at its end, and the joints as numbers."""
-    joints: list[Joint] = []
-    parts = ['<robot name="chain"><link name="l0"/>']
+def chain(rng: np.random.Generator, count: int, size: float) -> list[OracleJoint]:
+    """Return a chain of random joints."""
+    joints = []
     for n in range(count):
         kind = "prismatic" if rng.random() < 0.2 else "continuous"
-        joint = Joint(kind, rng.normal(0, size, 3), rng.uniform(-3, 3, 3), rng.normal(size=3))
-        joints.append(joint)
-        box = '<collision><geometry><box size="{} {} {}"/></geometry></collision>'.format(*BOX)
-        xyz, rpy, axis = (" ".join(map(repr, each.tolist())) for each in joint[1:])
-        parts.append(
-            f'<link name="l{n + 1}">{box if n == count - 1 else ""}</link>'
-            f'<joint name="j{n}" type="{kind}"><parent link="l{n}"/><child link="l{n + 1}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
-            f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-        )
-    return "".join([*parts, "</robot>"]), joints
+        numbers = rng.normal(0, size, 3), rng.uniform(-3, 3, 3), rng.normal(size=3)
+        xyz, rpy, axis = (tuple(each.tolist()) for each in numbers)
+        joints.append(OracleJoint(f"j{n}", kind, f"l{n}", f"l{n + 1}", xyz, rpy, axis))
+    return joints
 
 
-def exact_corners(joints: list[Joint], state: list[float]) -> list[Vector]:
+def exact_corners(joints: list[OracleJoint], state: list[float]) -> list[Vector]:
     """Return the corners of the box at the end."""
-    units = [[Fraction(int(i == j)) for j in range(3)] for i in range(3)]
-    place, rows = [Fraction(0)] * 3, units
+    units: Rows = [exact(unit) for unit in np.eye(3)]
+    place, rows = exact(np.zeros(3)), units
     for joint, value in zip(joints, state, strict=True):
         xyz, axis = exact(joint.xyz), exact(joint.axis)
-        place = [p + step for p, step in zip(place, applied(rows, xyz), strict=True)]
-        for angle, unit in zip(joint.rpy[::-1].tolist(), reversed(units), strict=True):
+        place = along(place, 1, applied(rows, xyz))
+        for angle, unit in zip(joint.rpy[::-1], reversed(units), strict=True):
             rows = product(rows, turn(unit, Fraction(angle)))
         if joint.kind == "prismatic":
-            way = [Fraction(value) * each / norm(axis) for each in axis]
-            place = [p + step for p, step in zip(place, applied(rows, way), strict=True)]
+            place = along(place, Fraction(value) / norm(axis), applied(rows, axis))
         else:
             rows = product(rows, turn(axis, Fraction(value)))
-    return [
-        [p + step for p, step in zip(place, applied(rows, corner), strict=True)]
-        for corner in corners_of_box()
-    ]
-
-
-def corners_of_box() -> list[Vector]:
-    half = [Fraction(size) / 2 for size in BOX]
-    signs = [(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
-    return [[s * h for s, h in zip(each, half, strict=True)] for each in signs]
+    return [along(place, 1, applied(rows, corner)) for corner in CORNERS]
 
 
 def test_bodies_of_robots(record_property: Record) -> None:
@@ -306,8 +267,9 @@ def test_bodies_of_robots(record_property: Record) -> None:
     ratios = []
     for count in (1, 2, 7, 30, 100):
         for size in (0.0, 1e-3, 0.3, 1e3) if count < 30 else (0.3,):
-            text, joints = chain(rng, count, size)
-            robot = oc.Robot.from_urdf(text)
+            joints = chain(rng, count, size)
+            links = [link(f"l{n}") for n in range(count)] + [link(f"l{count}", END)]
+            robot = oc.Robot.from_urdf(urdf(*links, *map(written, joints)))
             model = Model([robot], [None], np.array([[0.0, 0, 0, 0, 0, 0, 1]]))
             arrays = model.prepared(oc.Scene()).checked
             state = np.where([j.kind == "prismatic" for j in joints],
@@ -317,10 +279,8 @@ def test_bodies_of_robots(record_property: Record) -> None:
             box = placed_box(arrays.bodies, placed, 0)
             center, axes = exact(box.center), [exact(axis) for axis in box.axes]
             bound = Fraction(slack_of(arrays.bodies, 0, vector_at(placed.centers, 0)))
-            assert bound >= Fraction(LINK_PLACING) * root(dot(center, center))
-            for corner, true in zip(corners_of_box(), exact_corners(joints, state.tolist()),
-                                    strict=True):  # fmt: skip
-                found = [c + sum((h * axis[k] for h, axis in zip(corner, axes, strict=True)),
-                                 Fraction(0)) for k, c in enumerate(center)]  # fmt: skip
-                ratios.append(norm(difference(found, true)) / bound)
+            assert bound >= Fraction(LINK_PLACING) * norm(center)
+            found = [along(center, 1, applied(zip(*axes, strict=True), x)) for x in CORNERS]
+            for ours, true in zip(found, exact_corners(joints, state.tolist()), strict=True):
+                ratios.append(norm(minus(ours, true)) / bound)
     check_ratios(record_property, ratios)

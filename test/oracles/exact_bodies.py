@@ -23,11 +23,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from itertools import product
-from typing import Any
 
 import numpy as np
 from convex_bodies import Pair, corners_of
+from exact_vectors import Box, Vector, along, cross, determinant, dot, exact, minus, whole
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.queries.convex.support import (
@@ -41,61 +40,35 @@ from obb_collision.queries.convex.support import (
 )
 from obb_collision.typing import Floats, Mask
 
-Box = tuple[Floats, Floats, Floats]
-Point = Sequence[Fraction]
 
-
-def fractions(values: Iterable[float]) -> list[Fraction]:
-    """Doubles as fractions."""
-    return [Fraction(float(value)) for value in values]
-
-
-def determinant(a: Point, b: Point, c: Point) -> Fraction:
-    """Return the determinant of the matrix with columns a, b, c."""
-    return (
-        a[0] * (b[1] * c[2] - b[2] * c[1])
-        - a[1] * (b[0] * c[2] - b[2] * c[0])
-        + a[2] * (b[0] * c[1] - b[1] * c[0])
-    )
-
-
-def _minus(u: Point, v: Point) -> list[Fraction]:
-    return [x - y for x, y in zip(u, v, strict=True)]
-
-
-def _dot(u: Point, v: Point) -> Fraction:
-    return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
-
-
-def _cross(u: Point, v: Point) -> list[Fraction]:
-    return [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
-
-
-def outside(box: Box, points: Iterable[Point]) -> list[Fraction]:
+def outside(box: Box, points: Iterable[Vector]) -> list[Fraction]:
     """How far each point is outside along the worst axis (metres, <= 0 inside), exactly."""
     center, rotation, half = box
-    c, h = fractions(center), fractions(half)
-    a, b, d = (fractions(column) for column in rotation.T)
+    c, h = exact(center), exact(half)
+    a, b, d = (exact(column) for column in rotation.T)
     volume = determinant(a, b, d)
     found = []
     for point in points:
-        v = _minus(point, c)
+        v = minus(point, c)
         y = (determinant(v, b, d), determinant(a, v, d), determinant(a, b, v))
         found.append(max(abs(y_i / volume) - h_i for y_i, h_i in zip(y, h, strict=True)))
     return found
 
 
-def whole(values: Floats) -> tuple[Any, int]:
-    """Return doubles as integers of any size (an array), and the exponent of two of their unit."""
-    mantissas, exponents = np.frexp(values)
-    exponents = np.where(mantissas == 0.0, 0, exponents - 53)
-    least = int(exponents.min(initial=0))
-    integers = (mantissas * 2.0**53).astype(np.int64).astype(object)
-    return integers << (exponents - least).astype(object), least
-
-
 def inside(box: Box, points: Floats) -> Mask:
-    """Which of points (n, 3) the box contains, exactly: as ``outside``, in integers."""
+    """Which of points (n, 3) the box contains, exactly: by doubles where rounding can't matter."""
+    center, rotation, half = box
+    with np.errstate(all="ignore"):
+        size = np.abs(points).sum(axis=1) + np.abs(center).sum() + half.sum()
+        gaps = (np.abs((points - center) @ rotation) - half).max(axis=1)
+        certain = (np.abs(gaps) > 1e-12 * size) & (size > 1e-100) & (size < 1e100)
+    found = np.asarray(gaps < 0.0)
+    found[~certain] = _inside(box, points[~certain])
+    return found
+
+
+def _inside(box: Box, points: Floats) -> Mask:
+    """Decide as ``outside``, in integers."""
     lengths, _ = whole(np.vstack([box[0], box[2], points]))
     axes, exponent = whole(box[1])
     normals = np.cross(axes.T[[1, 2, 0]], axes.T[[2, 0, 1]])
@@ -107,23 +80,6 @@ def inside(box: Box, points: Floats) -> Mask:
 def holds(box: Box, points: Floats) -> bool:
     """Whether the box contains all points (n, 3), exactly."""
     return bool(inside(box, points).all())
-
-
-def corners(box: Box) -> list[list[Fraction]]:
-    """Return the eight corners, exactly."""
-    center, rotation, half = box
-    c, h = fractions(center), fractions(half)
-    axes = [fractions(column) for column in rotation.T]
-    return [
-        [c[k] + sum(s * h[i] * axes[i][k] for i, s in enumerate(signs)) for k in range(3)]
-        for signs in product((-1, 1), repeat=3)
-    ]
-
-
-def moved(points: Iterable[Point], matrix: Floats) -> list[list[Fraction]]:
-    """Return the points under a matrix (4, 4), exactly."""
-    rows = [fractions(row) for row in matrix.tolist()]
-    return [[sum(row[i] * p[i] for i in range(3)) + row[3] for row in rows[:3]] for p in points]
 
 
 def assert_proper(box: Box) -> None:
@@ -141,36 +97,31 @@ def assert_proper(box: Box) -> None:
     assert axes[:, 0] @ np.cross(axes.T[[1]], axes.T[[2]])[0] > 0
 
 
-def first_hit(origin: Point, direction: Point, triangle: Sequence[Point]) -> Fraction | None:
+def first_hit(origin: Vector, direction: Vector, triangle: Sequence[Vector]) -> Fraction | None:
     """Return the least t >= 0 at which origin + t direction is in the triangle, None if never."""
-    u, v = _minus(triangle[1], triangle[0]), _minus(triangle[2], triangle[0])
-    w = _minus(origin, triangle[0])
+    u, v = minus(triangle[1], triangle[0]), minus(triangle[2], triangle[0])
+    w = minus(origin, triangle[0])
     whole = determinant(u, v, direction)
     if whole == 0:
-        times = [_on_edge(origin, direction, triangle[k], triangle[(k + 1) % 3]) for k in range(3)]
+        times = [_on_edge(origin, direction, triangle[k - 1], triangle[k]) for k in range(3)]
         return min((t for t in times if t is not None), default=None)
-    r = determinant(w, v, direction) / whole
-    s = determinant(u, w, direction) / whole
-    t = -determinant(u, v, w) / whole
+    r, s, t = (determinant(*m) / whole for m in ((w, v, direction), (u, w, direction), (v, u, w)))
     return t if min(r, s, 1 - r - s, t) >= 0 else None
 
 
-def _on_edge(origin: Point, direction: Point, start: Point, end: Point) -> Fraction | None:
+def _on_edge(origin: Vector, direction: Vector, start: Vector, end: Vector) -> Fraction | None:
     """Return when a ray first hits an edge, if it does so and is not parallel to it.
 
     Where it is parallel, or begins on the edge, other edges are hit as early.
     """
-    edge, way = _minus(end, start), _minus(start, origin)
-    across = _cross(direction, edge)
-    square = sum(x * x for x in across)
+    edge, way = minus(end, start), minus(start, origin)
+    across = cross(direction, edge)
+    square = dot(across, across)
     if square == 0:
         return None
-    t = _dot(_cross(way, edge), across) / square
-    s = _dot(_cross(way, direction), across) / square
-    if t < 0 or not 0 <= s <= 1:
-        return None
-    rest = [w + s * e - t * d for w, e, d in zip(way, edge, direction, strict=True)]
-    return t if not any(rest) else None
+    t, s = (determinant(way, x, across) / square for x in (edge, direction))
+    hit = t >= 0 and 0 <= s <= 1 and along(origin, t, direction) == along(start, s, edge)
+    return t if hit else None
 
 
 #: Triangles with less height than this times their longest side get an exact normal.
@@ -197,8 +148,8 @@ def least_depth(corners: Floats, points: ArrayLike) -> float:
 
 
 def _exact_normal(triangle: Floats) -> list[float]:
-    a, b, c = map(fractions, triangle)
-    normal = _cross(_minus(b, a), _minus(c, a))
+    a, b, c = map(exact, triangle)
+    normal = cross(minus(b, a), minus(c, a))
     largest = max(abs(x) for x in normal)
     assert largest > 0, "a triangle without area has no plane"
     parts = [float(x / largest) for x in normal]

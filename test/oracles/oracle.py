@@ -43,75 +43,35 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from exact_vectors import Box, Vector, cross, dot, exact, whole
+from exact_vectors import corners as corners
 
 SEPARATE, TOUCHING, OVERLAP = 0, 1, 2
 
-Box = tuple[Any, Any, Any]
-Vector = tuple[int, int, int]
-
 _SIGNS = list(product((-1, 1), repeat=3))
-_MANTISSA_BITS = 53
-
-
-def _integers(values: Sequence[float]) -> tuple[list[int], int]:
-    """Write doubles as ``n_i * 2**e`` with one exponent ``e`` for all."""
-    parts = [math.frexp(v) for v in values]
-    exponent = min((e for m, e in parts if m), default=0)
-    scaled = [int(m * 2.0**_MANTISSA_BITS) << (e - exponent) if m else 0 for m, e in parts]
-    return scaled, exponent - _MANTISSA_BITS
-
-
-def _dot(u: Vector, v: Vector) -> int:
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-
-
-def _cross(u: Vector, v: Vector) -> Vector:
-    return (
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    )
-
-
-def _flat(box: Box) -> tuple[list[float], list[float], list[float]]:
-    """Centre, the axes one after the other (columns of the rotation), half extents."""
-    center, rotation, half_extents = box
-    return (
-        np.asarray(center, dtype=np.float64).tolist(),
-        np.asarray(rotation, dtype=np.float64).T.ravel().tolist(),
-        np.asarray(half_extents, dtype=np.float64).tolist(),
-    )
 
 
 class ExactPair:
     """Two boxes in integers: lengths in units of ``2**exponent`` metres, origin at centre a."""
 
     def __init__(self, a: Box, b: Box) -> None:
-        center_a, axes_a, half_a = _flat(a)
-        center_b, axes_b, half_b = _flat(b)
-        lengths, length_exponent = _integers(center_a + center_b + half_a + half_b)
-        axes, axis_exponent = _integers(axes_a + axes_b)
-        columns: list[Vector] = [
-            (axes[k], axes[k + 1], axes[k + 2]) for k in range(0, len(axes), 3)
-        ]
-        self.axes_a, self.axes_b = columns[:3], columns[3:]
-        # Axis components are at most about 1, so their common exponent is negative and
-        # centres can be brought to the unit of the products half extent * axis by a shift.
-        shift = -axis_exponent
-        offset = [(q - p) << shift for p, q in zip(lengths[0:3], lengths[3:6], strict=True)]
-        self.exponent = length_exponent + axis_exponent
-        self.size = sum(lengths[6:12]) << shift
-        self.corners_a = _corners((0, 0, 0), self.axes_a, lengths[6:9])
-        self.corners_b = _corners((offset[0], offset[1], offset[2]), self.axes_b, lengths[9:12])
+        lengths, unit = whole(np.array([a[0], b[0], a[2], b[2]], float))
+        # of about one at most, so that a shift brings centres to the unit of lengths times axes
+        axes, fine = whole(np.array([np.transpose(a[1]), np.transpose(b[1])], float))
+        places = np.array(_SIGNS, object) @ (lengths[2:, :, None] * axes)
+        places[1] += (lengths[1] - lengths[0]) << -fine
+        self.exponent, self.size = unit + fine, lengths[2:].sum() << -fine
+        self.axes_a, self.axes_b = axes.tolist()
+        self.corners_a, self.corners_b = places.tolist()
 
     def candidate_axes(self) -> Iterator[Vector]:
         """Yield the 15 exact candidate axes, not normalised; parallel edges give none."""
         for axes in (self.axes_a, self.axes_b):
             for i in range(3):
-                yield _cross(axes[(i + 1) % 3], axes[(i + 2) % 3])
+                yield cross(axes[(i + 1) % 3], axes[(i + 2) % 3])
         for u in self.axes_a:
             for v in self.axes_b:
-                axis = _cross(u, v)
+                axis = cross(u, v)
                 if axis != (0, 0, 0):
                     yield axis
 
@@ -147,7 +107,7 @@ class ExactPair:
 
     def _largest_gap(self, unit: int) -> tuple[float, int]:
         """Largest gap / (axis length * unit), as a mantissa and an exponent of two."""
-        gaps = [(self.gap(axis), _dot(axis, axis) * unit * unit) for axis in self.candidate_axes()]
+        gaps = [(self.gap(axis), dot(axis, axis) * unit * unit) for axis in self.candidate_axes()]
         positive = [_root(gap, squared) for gap, squared in gaps if gap > 0]
         if positive:
             return max(positive, key=lambda r: (r[1], r[0]))
@@ -167,25 +127,9 @@ def _root(gap: int, squared: int) -> tuple[float, int]:
     return mantissa, exponent + shift // 2
 
 
-def _corners(center: Vector, axes: Sequence[Vector], half: Sequence[int]) -> list[Vector]:
-    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = (
-        (h * x, h * y, h * z) for h, (x, y, z) in zip(half, axes, strict=True)
-    )
-    cx, cy, cz = center
-    return [
-        (
-            cx + i * ux + j * vx + k * wx,
-            cy + i * uy + j * vy + k * wy,
-            cz + i * uz + j * vz + k * wz,
-        )
-        for i, j, k in _SIGNS
-    ]
-
-
-def _interval(axis: Vector, corners: Iterable[Vector]) -> tuple[int, int]:
-    nx, ny, nz = axis
-    projections = [nx * x + ny * y + nz * z for x, y, z in corners]
-    return min(projections), max(projections)
+def _interval(axis: Vector, corners: Sequence[Vector]) -> tuple[int, int]:
+    along = [dot(axis, corner) for corner in corners]
+    return min(along), max(along)
 
 
 def verdict(a: Box, b: Box) -> int:
@@ -243,38 +187,13 @@ def separations(a: Sequence[Any], b: Sequence[Any]) -> np.ndarray:
     return np.array([ExactPair(r[:3], r[3:]).separation() for r in rows])
 
 
-def exact_vector(values: Iterable[float]) -> tuple[Fraction, ...]:
-    """Doubles as fractions."""
-    return tuple(Fraction(float(v)) for v in values)
-
-
-def corners(box: Box) -> list[tuple[Fraction, ...]]:
-    """Return the eight corners as exact fractions (in no promised order)."""
-    center, axes, half = _fractions(box)
-    return [
-        tuple(
-            center[k] + sum(s * h * a[k] for s, h, a in zip(signs, half, axes, strict=True))
-            for k in range(3)
-        )
-        for signs in _SIGNS
-    ]
-
-
-def _fractions(box: Box) -> tuple[tuple[Fraction, ...], list[tuple[Fraction, ...]], Any]:
-    center, rotation, half = box
-    axes = [exact_vector(column) for column in np.asarray(rotation, dtype=np.float64).T]
-    return exact_vector(center), axes, exact_vector(half)
-
-
 def gap_along(a: Box, b: Box, axis: Iterable[float]) -> Fraction:
     """Exact ``min(b . axis) - max(a . axis)`` for a double vector, times the vector's length.
 
     Positive: the plane normal to ``axis`` has all of a on one side and all of b on the other,
     and the axis points from a to b.
     """
-    n = exact_vector(axis)
+    n = exact(axis)
 
-    def project(box: Box) -> list[Fraction]:
-        return [sum((x * y for x, y in zip(n, p, strict=True)), Fraction(0)) for p in corners(box)]
-
-    return min(project(b)) - max(project(a))
+    first, second = ([dot(n, p) for p in corners(box)] for box in (a, b))
+    return Fraction(min(second) - max(first))

@@ -15,141 +15,74 @@
 """The volume that two boxes share, exactly: corners of all planes, in whole and rational numbers.
 
 Nothing is clipped: every three of the twelve planes that meet in a point within both boxes give a
-corner; the corners on each plane are ordered as a polygon, and polygons make tetrahedra with a
-corner. Boxes are the parallelepipeds of the doubles as stored.
+corner; the corners on two planes are ends of an edge, and edges make tetrahedra with a corner of
+one of their planes and a corner of all. Boxes are the parallelepipeds of the doubles as stored.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
-from math import gcd, lcm
-from typing import Any
+from math import gcd
 
-from obb_collision.typing import Floats
+from exact_vectors import Box, Point, cross, determinant, dot, exact, minus
+from hull_distances import whole_numbers
 
-Point = tuple[Fraction, Fraction, Fraction]
-Whole = tuple[int, int, int]
-Vector = Point | Whole
 #: Outward normal and offset: inside is n . x <= d.
-Plane = tuple[int, int, int, int]
-Box = tuple[Floats, Floats, Floats]
+Plane = tuple[Point, int]
 
 
 def overlap_volume(a: Box, b: Box) -> Fraction:
-    """Return the volume common to two boxes (centre, rotation, half extents)."""
-    if not (all(a[2].tolist()) and all(b[2].tolist())):
+    """Return the volume common to two boxes."""
+    if not (a[2].all() and b[2].all()):
         return Fraction(0)
-    numbers = [x for box in (a, b) for v in (_point(box[0].tolist()), *_edges(box)) for x in v]
-    scale = lcm(*(x.denominator for x in numbers))  # all are whole in this unit
-    planes = list(dict.fromkeys([*_planes(a, scale), *_planes(b, scale)]))
-    corners: set[Point] = set()
-    for three in combinations(planes, 3):
-        met = _meet(*three)
-        if met is not None and _is_within(planes, *met):
-            corners.add(_point([Fraction(x, met[1]) for x in met[0]]))
+    first, second, unit = whole_numbers(_center_and_edges(a), _center_and_edges(b))
+    planes = list(dict.fromkeys([*_planes(*first), *_planes(*second)]))
+    corners = _corners(planes)
     if not corners:
         return Fraction(0)
     apex = min(corners)
     volume = Fraction(0)
     for plane in planes:
-        face = _ordered([p for p in corners if _gap(plane, p) == 0], plane)
-        for k in range(1, len(face) - 1):
-            edges = [_minus(p, apex) for p in (face[0], face[k], face[k + 1])]
-            volume += abs(_dot(edges[0], _cross(edges[1], edges[2])))
-    return volume / (6 * scale**3)
+        face = [p for p in corners if _on(plane, p)]
+        lines = [[p for p in face if _on(other, p)] for other in planes if other != plane]
+        for ends in {(min(line), max(line)) for line in lines if line}:
+            volume += abs(determinant(*(minus(p, apex) for p in (*ends, face[0]))))
+    return volume / (6 * unit**3)
 
 
-def _edges(box: Box) -> list[Point]:
-    """Return the half edges of a box."""
-    _, rotation, half_extents = box
-    columns = rotation.T.tolist()
-    return [
-        _point([Fraction(x) * Fraction(h) for x in column])
-        for column, h in zip(columns, half_extents.tolist(), strict=True)
-    ]
+def _center_and_edges(box: Box) -> list[Point]:
+    """Return the centre and the half edges of a box."""
+    center, rotation, half = box
+    axes = zip(exact(half), map(exact, rotation.T), strict=True)
+    return [exact(center), *((h * x, h * y, h * z) for h, (x, y, z) in axes)]
 
 
-def _planes(box: Box, scale: int) -> list[Plane]:
+def _planes(center: Point, *edges: Point) -> list[Plane]:
     """Return the six planes of a box, divided by what their numbers share: equal ones are equal."""
-    center, *edges = (
-        _whole([int(x * scale) for x in v]) for v in (_point(box[0].tolist()), *_edges(box))
-    )
     planes = []
     for k in range(3):
-        normal = _cross(edges[(k + 1) % 3], edges[(k + 2) % 3])
-        reach = abs(_dot(normal, edges[k]))
-        for side in (normal, _whole([-x for x in normal])):
-            numbers = [*side, _dot(side, center) + reach]
-            shared = gcd(*numbers)
-            nx, ny, nz, offset = (number // shared for number in numbers)
-            planes.append((nx, ny, nz, offset))
+        normal = cross(edges[k - 2], edges[k - 1])
+        reach = abs(dot(normal, edges[k]))
+        for x, y, z in (normal, minus((0, 0, 0), normal)):
+            offset = dot((x, y, z), center) + reach
+            shared = gcd(x, y, z, offset)
+            planes.append(((x // shared, y // shared, z // shared), offset // shared))
     return planes
 
 
-def _meet(p: Plane, q: Plane, r: Plane) -> tuple[Whole, int] | None:
-    """Return the point of three planes and what divides it; None without a single one (Cramer)."""
-    qr, rp, pq = (_cross(_normal(u), _normal(v)) for u, v in ((q, r), (r, p), (p, q)))
-    determinant = _dot(_normal(p), qr)
-    if determinant == 0:
-        return None
-    sign = 1 if determinant > 0 else -1
-    top = (p[3] * x + q[3] * y + r[3] * z for x, y, z in zip(qr, rp, pq, strict=True))
-    return _whole([sign * x for x in top]), sign * determinant
+def _corners(planes: list[Plane]) -> set[Point]:
+    """Return the points of three planes each that are outside of none (Cramer)."""
+    found = set()
+    for (n, d), (m, e), (o, f) in combinations(planes, 3):
+        sides = cross(m, o), cross(o, n), cross(n, m)
+        low = dot(n, sides[0])
+        sign = -1 if low < 0 else 1
+        x, y, z = (sign * dot((d, e, f), column) for column in zip(*sides, strict=True))
+        if low and all(dot(normal, (x, y, z)) <= offset * abs(low) for normal, offset in planes):
+            found.add((Fraction(x, abs(low)), Fraction(y, abs(low)), Fraction(z, abs(low))))
+    return found
 
 
-def _is_within(planes: list[Plane], point: Whole, divisor: int) -> bool:
-    """Return whether a point, divided by a positive number, is outside of no plane."""
-    return all(_dot(_normal(plane), point) <= plane[3] * divisor for plane in planes)
-
-
-def _ordered(points: list[Point], plane: Plane) -> list[Point]:
-    """Return the points of a convex polygon in a plane in order (Andrew's monotone chain)."""
-    drop = max(range(3), key=lambda k: abs(plane[k]))
-    flat = sorted(points, key=lambda p: [x for k, x in enumerate(p) if k != drop])
-    i, j = (k for k in range(3) if k != drop)
-    halves = []
-    for some in (flat, flat[::-1]):
-        half: list[Point] = []
-        for p in some:
-            while len(half) > 1 and (half[-1][i] - half[-2][i]) * (p[j] - half[-2][j]) <= (
-                half[-1][j] - half[-2][j]
-            ) * (p[i] - half[-2][i]):
-                half.pop()
-            half.append(p)
-        halves.append(half[:-1])
-    return halves[0] + halves[1]
-
-
-def _point(numbers: list[float] | list[Fraction]) -> Point:
-    x, y, z = (Fraction(x) for x in numbers)
-    return x, y, z
-
-
-def _whole(numbers: list[int]) -> Whole:
-    x, y, z = numbers
-    return x, y, z
-
-
-def _normal(plane: Plane) -> Whole:
-    return plane[0], plane[1], plane[2]
-
-
-def _gap(plane: Plane, point: Point) -> Fraction:
-    return _dot(_normal(plane), point) - plane[3]
-
-
-def _minus(p: Point, q: Point) -> Point:
-    return p[0] - q[0], p[1] - q[1], p[2] - q[2]
-
-
-def _dot(p: Vector, q: Vector) -> Any:
-    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-
-
-def _cross(p: Vector, q: Vector) -> Any:
-    return (
-        p[1] * q[2] - p[2] * q[1],
-        p[2] * q[0] - p[0] * q[2],
-        p[0] * q[1] - p[1] * q[0],
-    )
+def _on(plane: Plane, point: Point) -> bool:
+    return bool(dot(plane[0], point) == plane[1])

@@ -23,16 +23,16 @@ of the package: quaternions and separating axes in extended precision.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+from exact_vectors import dot, norm
 from oracle import ExactPair
 from scipy.spatial.transform import Rotation
 from support import witnesses
-from sweep_motions import CORNER_SIGNS, places_at
+from sweep_motions import CORNER_SIGNS, places_at, turned_by
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep import TOLERANCE, BodyMotion, Sweeps
@@ -64,8 +64,7 @@ class ExactMotion:
         for axis in first.candidate_axes():
             edges = [*_sides(first, axis), *_sides(last, axis)]
             values = [x * u for x, u in zip(edges, 2 * [unit_first] + 2 * [unit_last], strict=True)]
-            norm = Fraction(math.isqrt(sum(k * k for k in axis) << 128), 1 << 64)
-            spans.append((values[0], values[1], values[2], values[3], norm))
+            spans.append((values[0], values[1], values[2], values[3], norm(axis)))
         size = float(sum(np.abs(p[1][0] - p[0][0]).sum() for p in (start, end)))
         size += float(start[0][2].sum() + start[1][2].sum())
         return cls(spans, size)
@@ -90,8 +89,8 @@ class ExactMotion:
         The less it is, the more of a rounding shows in the time.
         """
         entered = [
-            x / norm
-            for low_0, high_0, low_1, high_1, norm in self.spans
+            x / length
+            for low_0, high_0, low_1, high_1, length in self.spans
             for x, y in ((low_0, low_1), (-high_0, -high_1))
             if x > 0 and x / (x - y) == contact
         ]
@@ -101,37 +100,25 @@ class ExactMotion:
         """Largest gap over the 15 unit axes at a time, relative to `size`."""
         t = Fraction(time)
         gaps = []
-        for low_0, high_0, low_1, high_1, norm in self.spans:
+        for low_0, high_0, low_1, high_1, length in self.spans:
             low = low_0 + t * (low_1 - low_0)
             high = high_0 + t * (high_1 - high_0)
-            gaps.append(max(low, -high) / norm)
+            gaps.append(max(low, -high) / length)
         return float(max(gaps) / Fraction(self.size)) if self.size else float(max(gaps))
 
 
 def _sides(pair: ExactPair, axis: Any) -> tuple[int, int]:
     """Least and greatest of (point of b) - (point of a) along the axis."""
-    a, b = ([sum(n * x for n, x in zip(axis, p, strict=True)) for p in side]
-            for side in (pair.corners_a, pair.corners_b))  # fmt: skip
+    a, b = ([dot(axis, p) for p in side] for side in (pair.corners_a, pair.corners_b))
     return min(b) - max(a), max(b) - min(a)
-
-
-class Course(Protocol):
-    """A motion of many boxes: where each pair is at a time, in a frame that goes with the first."""
-
-    @property
-    def half_extents(self) -> Rows:
-        """(n, 3) of the boxes."""
-
-    def pair_at(self, rows: Rows, times: Rows) -> tuple[Boxes, Boxes]:
-        """Both boxes of pairs (m, 2) at times (m,)."""
-
-    def window(self, rows: Rows) -> tuple[Rows, Rows]:
-        """(m,), (m,) times between which boxes may meet; the first is later if never."""
 
 
 @dataclass(frozen=True)
 class PoseCourse:
-    """From poses at time 0 to poses at time 1: linear centre, shortest turn at constant speed."""
+    """From poses at time 0 to poses at time 1: linear centre, shortest turn at constant speed.
+
+    As all courses, it says where pairs are at a time, in a frame that goes with the first one.
+    """
 
     start: Boxes
     end: Boxes
@@ -177,7 +164,7 @@ class TwistCourse:
         wide = times.astype(np.longdouble)[:, None]
         centers, speeds = (x.astype(np.longdouble) for x in (self.boxes.centers, self.twists))
         offset = centers[j] - centers[i] + (speeds[j, :3] - speeds[i, :3]) * wide
-        turns = [_turn(speeds[k, 3:] * wide) for k in (i, j)]
+        turns = [turned_by(speeds[k, 3:] * wide) for k in (i, j)]
         arms = centers - self.origins.astype(np.longdouble)
         for sign, k, turn in ((-1, i, turns[0]), (1, j, turns[1])):
             offset += sign * (np.einsum("nij,nj->ni", turn, arms[k]) - arms[k])
@@ -203,15 +190,7 @@ class TwistCourse:
         return first * self.horizon, last * self.horizon
 
 
-def _turn(vectors: Any) -> Any:
-    """Rotation matrices (n, 3, 3) of rotation vectors, in their precision (Rodrigues)."""
-    angles = np.sqrt((vectors * vectors).sum(axis=1))
-    x, y, z = (vectors / np.where(angles > 0, angles, 1)[:, None]).T
-    zero = 0 * x
-    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    sine, bend = np.sin(angles), 2 * np.sin(angles / 2) ** 2
-    square = np.einsum("nij,njk->nik", cross, cross)
-    return np.eye(3) + sine[:, None, None] * cross + bend[:, None, None] * square
+Course = PoseCourse | TwistCourse
 
 
 def poses_at(start: Boxes, end: Boxes, rows: np.ndarray, times: np.ndarray) -> Boxes:
@@ -259,7 +238,7 @@ def first_sampled_contact(course: Course, rows: Rows, samples: int = 160) -> np.
 
 
 def check_promises(
-    course: PoseCourse | TwistCourse,
+    course: Course,
     found: Sweeps,
     rows: Rows,
     samples: int = 160,

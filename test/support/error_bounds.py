@@ -22,26 +22,21 @@ bound by the error. Both give a ratio of observed error to bound. Above 1 a deci
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from itertools import product
 
 import numpy as np
-from oracle import Box, ExactPair
+from exact_vectors import Box, Vector, cross, exact, norm, taxicab
+from oracle import ExactPair
 from support import family, loosened, row_of, stored
 
 from obb_collision import Boxes
 from obb_collision.typing import Floats, Mask
 from tools.cases.families import FAMILIES
 
-U = Fraction(1, 2**53)
-Vector = list[Fraction]
-Rows = list[Vector]
+Rows = Sequence[Vector]
 #: Bits that are kept of fractions.
 BITS = 200
-
-
 #: The fixture ``record_property``.
 Record = Callable[[str, object], None]
 
@@ -91,49 +86,9 @@ def check_flips(
     check_ratios(record_property, ratios)
 
 
-def root(square: Fraction) -> Fraction:
-    """Return the square root to more than 100 bits."""
-    if square == 0:
-        return Fraction(0)
-    shift = 2 * max(0, 110 - (square.numerator.bit_length() - square.denominator.bit_length()) // 2)
-    return Fraction(math.isqrt((square.numerator << shift) // square.denominator)) / 2 ** (
-        shift // 2
-    )
-
-
-def exact(values: Iterable[float]) -> Vector:
-    """Return doubles as fractions."""
-    return [Fraction(float(value)) for value in values]
-
-
-def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
-    """Return the scalar product."""
-    return sum((x * y for x, y in zip(a, b, strict=True)), Fraction(0))
-
-
-def difference(a: Iterable[Fraction], b: Iterable[Fraction]) -> Vector:
-    """Return a - b."""
-    return [x - y for x, y in zip(a, b, strict=True)]
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
-    return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
-
-
-def normals(columns: list[Vector]) -> list[Vector]:
+def normals(columns: Rows) -> Rows:
     """Return the vector products (3) of columns (3): of the second and the third one first."""
     return [cross(columns[k - 2], columns[k - 1]) for k in range(3)]
-
-
-def norm(a: Vector) -> Fraction:
-    """Return the Euclidean length."""
-    return root(dot(a, a))
-
-
-def taxicab(a: Iterable[Fraction]) -> Fraction:
-    """Return the sum of the magnitudes."""
-    return sum((abs(x) for x in a), Fraction(0))
 
 
 def extents(*boxes: Box) -> Fraction:
@@ -145,10 +100,7 @@ def exact_gaps(a: Box, b: Box) -> list[Fraction]:
     """Return the gaps along the unit axes in metres, parallel edges left out: 15 without any."""
     pair = ExactPair(a, b)
     unit = Fraction(2) ** pair.exponent
-    return [
-        pair.gap(axis) * unit / root(Fraction(sum(x * x for x in axis)))
-        for axis in pair.candidate_axes()
-    ]
+    return [pair.gap(axis) * unit / norm(axis) for axis in pair.candidate_axes()]
 
 
 def rounded(value: Fraction) -> Fraction:
@@ -229,15 +181,3 @@ class Moved:
 def join(boxes: list[Boxes]) -> Boxes:
     """Return boxes one after the other, as copies."""
     return Boxes.trusted(*(np.concatenate(part) for part in zip(*map(stored, boxes), strict=True)))
-
-
-def corners(box: Box) -> list[Vector]:
-    """Return the eight corners exactly."""
-    center, columns, half = exact(box[0]), [exact(column) for column in box[1].T], exact(box[2])
-    return [
-        [
-            c + sum((s * h * x for s, h, x in zip(signs, half, row, strict=True)), Fraction(0))
-            for c, row in zip(center, zip(*columns, strict=True), strict=True)
-        ]
-        for signs in product((-1, 1), repeat=3)
-    ]

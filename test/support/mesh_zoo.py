@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 from functools import cache
 from typing import Any
 
 import numpy as np
 import trimesh
+from exact_vectors import Point
+from hull_distances import placed
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
@@ -168,21 +169,12 @@ def bodies_of(
     return sides[0], sides[1]
 
 
-def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[list[Fraction]]]:
+def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[Point]]:
     """Return the placed corners of the triangles of a body."""
-    trees, mesh = bodies.trees, bodies.meshes[row]
-    root = trees.roots[mesh]
-    first, last = trees.starts[root]
-    axes = [[Fraction(x) for x in r] for r in bodies.rotations[row].tolist()]
-    center = [Fraction(x) for x in bodies.centers[row].tolist()]
-    return [
-        [
-            [c + sum(x * y for x, y in zip(r, map(Fraction, v), strict=True))
-             for c, r in zip(center, axes, strict=True)]
-            for v in corners
-        ]
-        for corners in trees.triangles[first:last].reshape(-1, 3, 3).tolist()
-    ]  # fmt: skip
+    trees = bodies.trees
+    first, last = trees.starts[trees.roots[bodies.meshes[row]]]
+    triangles = trees.triangles[first:last].reshape(-1, 3, 3)
+    return [placed(corners, bodies.centers[row], bodies.rotations[row]) for corners in triangles]
 
 
 def trees_of(*names: str, solid: bool | None = None) -> MeshTrees:

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 import obb_collision as oc
@@ -36,6 +37,12 @@ from tools.cases.families import generate
 
 Arrays = tuple[Floats, Floats, Floats]
 Answer = TypeVar("Answer")
+
+#: Of boxes of any doubles that are accepted, from subnormal to 1e300, for hypothesis.
+numbers = st.floats(-1e300, 1e300)
+vectors = st.tuples(numbers, numbers, numbers)
+extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
+quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
 
 #: Pairs made, judged and thrown away at a time: a million pairs need no more memory than this.
 CHUNK = 20_000

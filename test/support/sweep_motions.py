@@ -404,21 +404,26 @@ def motion_of_boxes(given: Twisting) -> BodyMotion:
 
 
 def places_at(motion: BodyMotion, rows: Integers, times: Floats) -> tuple[Long, Long]:
-    """Return the origins (m, 3) and rotations (m, 3, 3) of bodies at a time each.
-
-    By quaternions, where the library has Rodrigues' formula.
-    """
+    """Return the origins (m, 3) and rotations (m, 3, 3) of bodies at a time each."""
     time = times.astype(np.longdouble)[:, None]
-    turn = motion.turns[rows].astype(np.longdouble) * time
-    angle = np.sqrt((turn * turn).sum(axis=1))[:, None]
-    axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0)
-    x, y, z = (axis * np.sin(angle / 2)).T
-    w = np.cos(angle / 2)[:, 0]
-    matrix = np.empty((len(rows), 3, 3), np.longdouble)
-    matrix[:, 0] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
-    matrix[:, 1] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
-    matrix[:, 2] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
+    matrix = turned_by(motion.turns[rows] * time)
     arms = np.einsum("nij,nj->ni", matrix, motion.arms[rows].astype(np.longdouble))
     pivots = motion.starts[rows] + motion.ends[rows].astype(np.longdouble) * time
     rotations = np.einsum("nij,njk->nik", matrix, motion.rotations[rows].astype(np.longdouble))
     return pivots + arms, rotations
+
+
+def turned_by(vectors: Long) -> Long:
+    """Return the matrices (m, 3, 3) of rotation vectors, in their precision.
+
+    By quaternions, where the library has Rodrigues' formula.
+    """
+    angle = np.sqrt((vectors * vectors).sum(axis=1))[:, None]
+    axis = np.divide(vectors, angle, out=np.zeros_like(vectors), where=angle > 0)
+    x, y, z = (axis * np.sin(angle / 2)).T
+    w = np.cos(angle / 2)[:, 0]
+    matrix = np.empty((len(vectors), 3, 3), vectors.dtype)
+    matrix[:, 0] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
+    matrix[:, 1] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
+    matrix[:, 2] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
+    return matrix

@@ -21,11 +21,12 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import distances
 import numpy as np
 import oracle
 import pytest
 from each import each
+from exact_vectors import corners, root
+from hull_distances import squared_distance
 from support import family, stored
 
 import obb_collision as oc
@@ -151,7 +152,7 @@ def test_the_distances_of_boxes_are_exact(name: str) -> None:
     verdict = oracle.verdict(a, b)
     if distance > 0.0:
         assert verdict == oc.Verdict.SEPARATE
-        gap = distances.root(distances.squared_distance(distances.box(a), distances.box(b)))
+        gap = float(root(squared_distance(corners(a), corners(b))))
         assert gap == pytest.approx(distance, rel=1e-12)
     else:
         assert verdict == oc.Verdict.OVERLAP

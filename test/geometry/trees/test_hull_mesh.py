@@ -22,10 +22,12 @@ from itertools import product
 
 import numpy as np
 import pytest
+from convex_bodies import round_bodies, some
 from each import each
-from exact_bodies import holds, least_depth
-from hull_distances import Vector, placed, squared_distance
-from mesh_zoo import Arrays, zoo
+from exact_bodies import exact_reach, holds, least_depth
+from exact_vectors import exact
+from hull_distances import squared_distance
+from mesh_zoo import standing, zoo
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
@@ -48,48 +50,32 @@ from obb_collision.typing import Floats
 ZOO = zoo()
 
 
-def surface(shape: Shape, count: int) -> Floats:
-    """Return points on a shape with round faces, before scaling."""
-    rng = np.random.default_rng(count)
-    units = rng.normal(size=(count, 3))
-    units /= np.linalg.norm(units, axis=1)[:, None]
-    if isinstance(shape, Sphere):
-        return shape.radius * units
-    if isinstance(shape, Ellipsoid):
-        return np.array(shape.radii) * units
-    assert isinstance(shape, (Capsule, Cylinder, Cone))
-    half = 0.5 * shape.length
-    if isinstance(shape, Capsule):
-        heights = np.where(rng.random(count) < 0.5, half, -half)
-        return shape.radius * units + np.array([0.0, 0.0, 1.0]) * heights[:, None]
-    angles, heights = rng.uniform(0.0, 2.0 * np.pi, count), rng.choice([-half, half, 0.1], count)
-    radii = np.full(count, shape.radius)
-    if isinstance(shape, Cone):
-        radii *= (half - heights) / shape.length
-    return np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
-
-
 def excess(points: Floats, corners: Floats, faces: NDArray[np.int64]) -> float:
     """Return how far points stick out of a convex mesh with outward faces; negative: within."""
     return -least_depth(corners[faces], points)
 
 
 @each(
-    "shape, volume",
+    "kind, sizes, shape, volume",
     [
-        (Sphere(0.5), np.pi / 6.0),
-        (Sphere(0.5, scale=[1.0, 2.0, 3.0]), np.pi),
-        (Ellipsoid([0.01, 0.5, 30.0]), np.pi * 4.0 / 3.0 * 0.15),
-        (Cylinder(0.3, 2.0), np.pi * 0.18),
-        (Cone(0.3, 1.0, scale=[1.0, 1.0, 2.0]), np.pi * 0.06),
-        (Capsule(0.2, 1.0), np.pi * (0.04 + 0.032 / 3.0)),
+        ("ellipsoid", [0.5, 0.5, 0.5, 0.0], Sphere(0.5), np.pi / 6.0),
+        ("ellipsoid", [0.5, 1.0, 1.5, 0.0], Sphere(0.5, scale=[1.0, 2.0, 3.0]), np.pi),
+        ("ellipsoid", [0.01, 0.5, 30.0, 0.0], Ellipsoid([0.01, 0.5, 30.0]), np.pi * 0.2),
+        ("cylinder", [0.3, 0.3, 0.0, 1.0], Cylinder(0.3, 2.0), np.pi * 0.18),
+        ("cone", [0.3, 0.3, 0.0, 1.0], Cone(0.3, 1.0, scale=[1.0, 1.0, 2.0]), np.pi * 0.06),
+        ("capsule", [0.0, 0.0, 0.0, 0.5], Capsule(0.2, 1.0), np.pi * (0.04 + 0.032 / 3.0)),
     ],
 )
-def test_round_shapes_are_held_closely(shape: Shape, volume: float) -> None:
-    corners, faces = hull_mesh(shape)
-    points = surface(shape, 5000) * np.array(shape.scale)
-    assert excess(points, corners, faces) < 0.0
-    mesh = Trimesh(corners, faces, process=False)
+def test_round_shapes_are_held_closely(
+    kind: str, sizes: list[float], shape: Shape, volume: float
+) -> None:
+    """No body reaches any plane of its hull."""
+    mesh = Trimesh(*hull_mesh(shape), process=False)
+    normals = mesh.face_normals
+    body = round_bodies(kind, standing(hull_tree(shape)), 0.2 * (kind == "capsule"), sizes)
+    rows = np.zeros(len(normals), np.int64)
+    reaches = exact_reach(some(body, rows), normals.astype(np.longdouble))
+    assert (reaches < np.einsum("ij,ij->i", normals, mesh.triangles[:, 0])).all()
     assert mesh.is_watertight
     assert volume < mesh.volume < 1.08 * volume
 
@@ -158,9 +144,8 @@ def test_simpler_hulls_have_no_corner_far_from_the_points(size: float) -> None:
 def distance_of_hull(points: Floats, place: Floats) -> float:
     """Return how far a place is from the hull of points, by non-negative least squares."""
     order = np.linalg.norm(points - place, axis=1).argsort()
-    near = (
-        points[np.concatenate([order[:200], np.arange(-8, 0)])] - place
-    )  # an upper bound is enough
+    chosen = np.concatenate([order[:200], np.arange(-8, 0)])  # an upper bound is enough
+    near = points[chosen] - place
     weights = np.concatenate([near.T, np.full((1, len(near)), 1e3)])
     return float(nnls(weights, np.array([0.0, 0.0, 0.0, 1e3]))[1])
 
@@ -178,15 +163,12 @@ def test_flat_hulls_hold_their_points_by_fractions_and_little_more(corners: int,
         points = (turned + offset * rng.uniform(-1.0, 1.0, 3)) * size
         ours, faces = hull_mesh(Hull(points, fit=fit))
         assert Trimesh(ours / size, faces, process=False).is_watertight
-        inner, outer = exactly(points), exactly(ours)
+        inner, outer = list(map(exact, points)), list(map(exact, ours))
         assert all(squared_distance([point], outer) == 0 for point in inner)
+        if not offset:
+            assert least_depth(ours[faces], points) > 0.99 * HULL_MARGIN * np.abs(points).max()
         apart = math.sqrt(max(squared_distance([corner], inner) for corner in outer[::5]))
         assert apart <= 8.0 * HULL_MARGIN * np.abs(points).max()
-
-
-def exactly(points: Floats) -> list[Vector]:
-    """Return points as fractions."""
-    return placed(points, np.zeros(3), np.eye(3))
 
 
 def test_hulls_of_many_points_are_simple_and_hold_them() -> None:
@@ -213,6 +195,7 @@ def test_pools_hold_what_joining_gives() -> None:
         for ours, theirs in zip(part.arrays, joined.arrays, strict=True):
             assert ours.dtype == theirs.dtype
             assert (ours == theirs).all()
+    assert all(joined.boxes(row, 2) == tree.boxes(0, 2) for row, tree in enumerate(trees))
     for row, name in enumerate(names):
         first, last = hulls.all.starts[row : row + 2]
         corners = hull_mesh(Mesh(*ZOO[name]))[0]
@@ -249,25 +232,6 @@ def test_hulls_hold_their_meshes_with_a_margin_and_no_more(size: float) -> None:
         assert np.abs(tree.triangles).max() < loose * np.abs(points).max(), name
 
 
-@each(
-    "points",
-    [
-        [[1.0, 2.0, 3.0]],
-        [[0.0, 0, 0], [1, 2, 3]],
-        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]],
-        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1e-12]],
-    ],
-)
-def test_flat_shapes_get_a_solid(points: list[list[float]]) -> None:
-    tree = hull_tree(Hull(points))
-    assert tree.solid[0]
-    assert len(tree.faces) <= 12
-    largest = np.abs(points).max()
-    for first in range(3):  # whichever corner a face begins with
-        corners = np.roll(tree.triangles.reshape(-1, 3, 3), first, axis=1)
-        assert least_depth(corners, points) > 0.99 * HULL_MARGIN * largest
-
-
 def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
     # As files of single triangles have them; flat faces with fine rims give Qhull's facets of
     # no area, above all where it joggles: from a thousand corners on.
@@ -297,10 +261,6 @@ def test_scales_and_boxes() -> None:
         mesh_tree(Mesh(vertices, []))
 
 
-def _moved(arrays: Arrays, scale: float, offset: float) -> Arrays:
-    return arrays[0] * scale + offset * scale, arrays[1]
-
-
 @each(
     "name, place",
     [
@@ -309,7 +269,8 @@ def _moved(arrays: Arrays, scale: float, offset: float) -> Arrays:
     ],
 )
 def test_every_box_contains_its_triangles_exactly(name: str, place: tuple[float, float]) -> None:
-    tree = MeshTrees.build(*_moved(ZOO[name], *place))
+    (vertices, faces), (scale, offset) = ZOO[name], place
+    tree = MeshTrees.build(vertices * scale + offset * scale, faces)
     for node, (first, last) in enumerate(tree.starts):
         row = tree.nodes[node]
         corners = tree.triangles[first:last].reshape(-1, 3)
@@ -344,20 +305,6 @@ def test_a_depth_gives_at_most_two_to_its_power_boxes_that_get_tighter() -> None
         volumes.append(float(np.prod(2.0 * boxes.half_extents, axis=1).sum()))
     assert len(tree.boxes(0, 3)) == 8
     assert volumes[7] < 0.5 * volumes[0]
-
-
-def test_trees_joined_are_the_trees_one_by_one() -> None:
-    single = [MeshTrees.build(*ZOO[name]) for name in ("box0", "crumbs0", "sheet0")]
-    joined = MeshTrees.join([MeshTrees.join(single[:2]), single[2]])
-    assert len(joined) == 3
-    for k, tree in enumerate(single):
-        for depth in (0, 2):
-            assert (joined.boxes(k, depth).centers == tree.boxes(0, depth).centers).all()
-        first, last = joined.starts[joined.roots[k]]
-        assert (joined.triangles[first:last] == tree.triangles).all()
-        pieces = joined.pieces[joined.piece_starts[k] : joined.piece_starts[k + 1]]
-        assert (pieces == tree.pieces).all()
-    assert joined.solid.tolist() == [True, True, False]
 
 
 def test_box_trees_are_closed_boxes() -> None:

@@ -12,91 +12,69 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clearance against all features tried in extended precision, and exact certificates."""
+"""Clearance of boxes, and capsules, spheres and half-spaces, against exact arithmetic."""
 
 from __future__ import annotations
 
 import zlib
 from fractions import Fraction
-from itertools import product
 from typing import Any
 
 import numpy as np
-import oracle
 import pytest
-from any_doubles import extents, quaternions, vectors
-from distances import box, root, squared_distance
 from each import each
 from exact_bodies import outside
+from exact_vectors import corners, dot, exact, minus, norm, root
+from hull_distances import squared_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import clearances, family, joined, refused, row_of, sizes, stored, witnesses
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+from support import (
+    clearances,
+    extents,
+    family,
+    joined,
+    quaternions,
+    refused,
+    row_of,
+    sizes,
+    stored,
+    vectors,
+    witnesses,
+)
 
 import obb_collision as oc
-from obb_collision import Boxes, Verdict, verdicts
+from obb_collision import Boxes, Capsules, HalfSpaces, Verdict, verdicts
 from obb_collision.queries.clearance import Clearances
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform, place, random_rotations, turns
 
-#: Where longdouble is no wider than a double (Windows, some ARM) there is no such truth.
-EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 #: Promised, relative to the sum of all half extents or the distance, whichever is larger.
 ACCURACY = 1e-12
 Sides = tuple[Boxes, Boxes]
 
-KINDS = (
-    "random",
-    "parallel faces",
-    "parallel edges",
-    "vertex against face",
-    "edge against edge",
-    "nearly touching",
-    "nearly parallel",
-    "flat",
-    "needles",
-    "huge, tiny and far",
-    "coaxial",
-)
+#: Parallel edges and faces at any angle about them.
+PARALLEL = "turned about an axis"
 
 
-def apart(kind: str, n: int) -> Sides:
-    """``n`` pairs that are SEPARATE, most of them; gaps from 1e-9 to thrice the size."""
-    rng = np.random.default_rng(zlib.crc32(kind.encode()))
-    rot_a, rot_b = random_rotations(rng, n), random_rotations(rng, n)
-    half_a, half_b = rng.uniform(0.05, 1.0, (2, n, 3))
-    index = rng.integers(0, 15, n)
-    total = half_a.sum(axis=1) + half_b.sum(axis=1)
-    gaps, spread = log_uniform(rng, -6.0, 0.5, n) * total, 3.0
-    if kind == "parallel faces":
-        rot_b = rot_a @ turns(np.tile([0.0, 0.0, 1.0], (n, 1)), rng.uniform(0.0, 3.0, n))
-        index = np.full(n, 2)
-    elif kind == "parallel edges":
-        rot_b = rot_a @ turns(np.tile([0.0, 0.0, 1.0], (n, 1)), rng.uniform(0.0, 3.0, n))
-        index = rng.choice([0, 1, 3, 4], n)
-    elif kind == "vertex against face":
-        index, spread = rng.integers(0, 6, n), 0.9
-    elif kind == "edge against edge":
-        index, spread = rng.integers(6, 15, n), 0.9
-    elif kind == "nearly touching":
-        gaps, spread = 1e-9 * total, 0.999
-    elif kind == "nearly parallel":
-        rot_b = turns(rng.normal(size=(n, 3)), log_uniform(rng, -17.0, -3.0, n)) @ rot_a
-    elif kind == "flat":
-        half_a[:, 0] = 0.0
-        half_b[np.arange(3) < rng.integers(0, 4, (n, 1))] = 0.0
-    elif kind == "needles":
-        half_a[:, :2] *= log_uniform(rng, -6.0, -2.0, (n, 2))
-        half_b[:, :2] *= log_uniform(rng, -6.0, -2.0, (n, 2))
-    elif kind == "huge, tiny and far":
-        half_a, half_b = half_a * log_uniform(rng, -9.0, 9.0, (n, 1)), half_b * 1e3
-        gaps = gaps + log_uniform(rng, -3.0, 9.0, n)
-    elif kind == "coaxial":
-        rot_b, index, spread = rot_a, rng.integers(0, 3, n), 0.0
-    a, b = place(rng, rot_a, half_a, rot_b, half_b, index=index, gaps=gaps, spread=spread)
-    sides = Boxes(*a), Boxes(*b)
-    rows = np.flatnonzero(verdicts(*sides) == Verdict.SEPARATE)
-    assert len(rows) > 0.8 * n
-    return sides[0][rows], sides[1][rows]
+def apart(name: str, n: int) -> Sides:
+    """Return pairs that are SEPARATE, of every other one the gap up to thrice the size."""
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    if name == PARALLEL:
+        half, rotations = rng.uniform(0.05, 1.0, (2, n, 3)), random_rotations(rng, n)
+        turned = rotations @ turns(np.tile([0.0, 0.0, 1.0], (n, 1)), rng.uniform(0.0, 3.0, n))
+        index = rng.integers(0, 6, n)
+        a, b = (Boxes(*x) for x in place(rng, rotations, half[0], turned, half[1], index=index))
+    else:
+        a, b = family(name, n, seed=3)
+    depths, axes = witnesses(a, b)
+    away = sizes(a, b) * log_uniform(rng, -9.0, 0.5, n) - depths
+    away *= rng.integers(0, 2, n)
+    b = Boxes(b.centers + away[:, None] * axes, b.rotations, b.half_extents)
+    rows = np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE)
+    assert len(rows) > 0.4 * n
+    return a[rows], b[rows]
 
 
 def between(a: Boxes, b: Boxes) -> Clearances:
@@ -108,57 +86,15 @@ def scale(a: Boxes, b: Boxes, found: Clearances) -> np.ndarray:
     return np.maximum(sizes(a, b), np.abs(found.distances))
 
 
-@pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
-@each("kind", KINDS)
-def test_distance_is_that_of_all_features_tried(kind: str, pairs: int) -> None:
-    """11 kinds of 1,000 pairs as a rule."""
-    a, b = apart(kind, max(pairs // 4, 100))
+@each("name", [*FAMILIES, PARALLEL])
+def test_distance_is_the_exact_one(name: str, pairs: int) -> None:
+    a, b = apart(name, max(pairs // 4, 100))
     found = between(a, b)
-    error = np.abs(found.distances - distances(stored(a), stored(b))) / scale(a, b, found)
+    sides = ([corners(row_of(side, n)) for n in range(len(side))] for side in (a, b))
+    truth = np.array([root(squared_distance(*pair)) for pair in zip(*sides, strict=True)], float)
+    error = np.abs(found.distances - truth) / scale(a, b, found)
     assert error.max() <= ACCURACY
-    print(f"{kind}: {len(a)} pairs, largest error {error.max():.1e} of the size")  # noqa: T201
-
-
-@pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
-@each("name", FAMILIES)
-def test_hard_families_too(name: str, pairs: int) -> None:
-    a, b = family(name, max(pairs // 5, 60), seed=3)
-    apart = np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE)
-    a, b = a[apart], b[apart]
-    found = between(a, b)
-    error = np.abs(found.distances - distances(stored(a), stored(b))) / scale(a, b, found)
-    assert error.max() <= ACCURACY
-
-
-@each("kind", sorted(set(KINDS) - {"nearly touching", "nearly parallel"}))
-def test_normal_and_points_prove_the_distance(kind: str) -> None:
-    """Exact fractions: no points are closer than the gap along the normal, ours hardly farther."""
-    a, b = apart(kind, 30)
-    found = between(a, b)
-    for row in range(len(a)):
-        n = found.normals[row]
-        gap = oracle.gap_along(row_of(a, row), row_of(b, row), n)
-        length = np.sqrt(float(sum(Fraction(x) ** 2 for x in n.tolist())))
-        offset = [
-            Fraction(y) - Fraction(x)
-            for x, y in zip(
-                found.positions_a[row].tolist(), found.positions_b[row].tolist(), strict=True
-            )
-        ]
-        upper = np.sqrt(float(sum(x * x for x in offset)))
-        coordinates = np.abs([a.centers[row], b.centers[row]]).max()
-        allowed = ACCURACY * max(sizes(a, b)[row], coordinates)
-        assert upper - float(gap) / length <= allowed
-        assert abs(upper - found.distances[row]) <= allowed
-
-
-@each("kind", KINDS)
-def test_distance_is_the_exact_least_square(kind: str) -> None:
-    """The convex quadratic programme over both boxes, solved by fractions: too slow for more."""
-    a, b = (side[:1] for side in apart(kind, 20))
-    found = between(a, b)
-    truth = root(squared_distance(box(row_of(a, 0)), box(row_of(b, 0))))
-    assert abs(found.distances[0] - truth) <= ACCURACY * scale(a, b, found)[0]
+    print(f"{name}: {len(a)} pairs, largest error {error.max():.1e} of the size")  # noqa: T201
 
 
 @each("name", FAMILIES)
@@ -179,8 +115,7 @@ def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None
     room = scale(a, b, found) + np.abs(a.centers).max(axis=1) + np.abs(b.centers).max(axis=1)
     for side, points in ((a, found.positions_a), (b, found.positions_b)):
         for row in range(0, len(a), 50):
-            exact = [[Fraction(x) for x in points[row].tolist()]]
-            assert outside(row_of(side, row), exact)[0] <= 1e-15 * room[row]
+            assert outside(row_of(side, row), [exact(points[row])])[0] <= 1e-15 * room[row]
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=0.0, atol=1e-15)
     offset = found.positions_b - found.positions_a
     along = (offset * found.normals).sum(axis=1)
@@ -205,7 +140,7 @@ def test_swapped_boxes_give_the_same_bits(name: str) -> None:
 
 
 def test_only_the_offset_counts() -> None:
-    a, b = apart("random", 300)
+    a, b = apart("ordinary scene", 300)
     grid = 2.0**-30
     centers = [np.round(x.centers / grid) * grid for x in (a, b)]
     moved = np.array([2.0**20, -3.0 * 2.0**19, 2.0**18])
@@ -220,7 +155,7 @@ def test_only_the_offset_counts() -> None:
 
 def test_mirrored_boxes_are_as_far_apart() -> None:
     """Where faces are parallel, also vertices beside edges decide, in every octant."""
-    a, b = apart("parallel faces", 5000)
+    a, b = apart(PARALLEL, 5000)
     found = between(a, b)
     for mirror in 1.0 - 2.0 * np.eye(3):
         sides = [
@@ -266,65 +201,216 @@ def test_bad_input_is_refused_by_name() -> None:
         refused("max_distance", oc.clearances, boxes, boxes, [(0, 1)], max_distance=limit)
 
 
-# The distance by trying all features, with nothing of the library: the closest points of two
-# disjoint boxes lie on a vertex of one and anywhere on the other, or on two edges. 8 + 8 vertices
-# and 144 pairs of edges are tried in ``numpy.longdouble``, in world axes about the centre of a.
-Wide = Any  # arrays of longdouble
-
-SIGNS = (-1, 1)
-
-
-def dot(u: Wide, v: Wide) -> Wide:
-    """Row by row."""
-    return (u * v).sum(axis=-1)
+SEPARATE, TOUCHING, OVERLAP = Verdict
+#: What isn't told from touching is this near to it, relative to the size of the pair.
+DOUBT = 2.0**-44
+#: Lengths of a scene, and those whose squares leave the range of doubles.
+SCALES = (1.0, 1e-170, 1e-30, 1e6, 1e200)
 
 
-def distances(a: Any, b: Any) -> Wide:
-    """(n,) distances; a and b are (centers, rotations, half extents) of disjoint boxes."""
-    (center_a, axes_a, half_a), (center_b, axes_b, half_b) = (
-        tuple(np.asarray(part, np.longdouble) for part in box) for box in (a, b)
+def scene(n: int, seed: int) -> tuple[Boxes, np.ndarray, np.ndarray]:
+    """Boxes, plain and flat, and segments of which many lie along edges, on faces, in corners."""
+    rng = np.random.default_rng(seed)
+    rotations = Rotation.random(n, random_state=rng).as_matrix()
+    rotations[: n // 4] = np.eye(3)
+    half = rng.uniform(0.1, 1.0, (n, 3)) * rng.choice([0.0, 1e-9, 1.0], (n, 3), p=[0.1, 0.1, 0.8])
+    boxes = Boxes(rng.choice([0.0, 1.0, 1e4], (n, 1)) * rng.uniform(-1, 1, (n, 3)), rotations, half)
+    local = rng.uniform(-2.5, 2.5, (2, n, 3))
+    corner = rng.choice([-1.0, 1.0], (n, 3)) * half
+    kind = rng.integers(0, 6, n)
+    local[1, kind == 1] = local[0, kind == 1]  # a sphere
+    turned = kind == 2  # parallel to a face or an edge, up to rounding
+    local[1, turned] = np.where(
+        rng.random((n, 3)) < 0.5, local[0], local[1] + rng.choice([0.0, 1e-9], (n, 1))
+    )[turned]
+    local[0, kind == 3] = 1.7 * corner[kind == 3]  # towards a corner
+    local[0, kind == 4] = (corner * rng.choice([1.0, 1.5], (n, 3)))[kind == 4]
+    ends = boxes.centers + np.einsum("nij,snj->sni", rotations, local)
+    return boxes, ends[0], ends[1]
+
+
+def near_radii(separations: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Radii that make pairs touch, nearly touch or overlap, given distances without a radius."""
+    noise = rng.choice([0.0, 1e-16, 1e-14, 1e-9, 0.3], len(separations))
+    factors = 1.0 + noise * rng.choice([-1.0, 1.0], len(separations))
+    return np.maximum(separations, 0.0) * factors * (rng.random(len(separations)) < 0.9)
+
+
+def check(verdict: int, separation: float, square: Fraction, radius: Fraction, size: float) -> None:
+    """Hold verdict and separation to the exact squared distance of the cores, and the radii."""
+    excess = square - radius * radius
+    if verdict == SEPARATE:
+        assert excess > 0
+    elif verdict == OVERLAP:
+        assert excess < 0 or square == 0
+    else:
+        assert abs(root(square) - float(radius)) <= DOUBT * size
+    if square > 0:
+        assert abs(separation - (root(square) - float(radius))) <= DOUBT * size
+    else:
+        assert separation <= DOUBT * size - float(radius)
+
+
+@each("scale", SCALES)
+def test_capsules_against_boxes(scale: float) -> None:
+    boxes, p, q = scene(30, 1)
+    boxes = Boxes(boxes.centers * scale, boxes.rotations, boxes.half_extents * scale)
+    p, q = p * scale, q * scale
+    bare = oc.separations(Capsules(p, q, np.zeros(len(p))), boxes).separations
+    radii = near_radii(bare, np.random.default_rng(2))
+    found = oc.separations(Capsules(p, q, radii), boxes)
+    assert set(found.verdicts) == {SEPARATE, TOUCHING, OVERLAP}
+    size = np.abs(p - boxes.centers).sum(axis=1) + np.abs(q - boxes.centers).sum(axis=1)
+    size += boxes.half_extents.sum(axis=1) + radii
+    for n in range(len(boxes)):
+        square = squared_distance([exact(p[n]), exact(q[n])], corners(row_of(boxes, n)))
+        check(found.verdicts[n], found.separations[n], square, Fraction(radii[n]), size[n])
+
+
+@each("scale", SCALES)
+def test_capsules_against_capsules(scale: float) -> None:
+    rng = np.random.default_rng(3)
+    n = 300
+    ends = rng.uniform(-1.0, 1.0, (4, n, 3)) * scale
+    ends[1, :40] = ends[0, :40]  # spheres
+    ends[3, 20:60] = ends[2, 20:60]
+    way = (ends[1] - ends[0]) * rng.uniform(0.1, 2.0, (n, 1))
+    lean = rng.choice([0.0, 1e-16, 1e-12, 1e-8, 1e-4], (n, 1)) * scale
+    ends[3, 60:200] = (ends[2] + way + lean * rng.uniform(-1, 1, (n, 3)))[60:200]
+    ends[2, 200:220] = 0.5 * ends[0, 200:220] + 0.5 * ends[1, 200:220]  # they cross, or nearly
+    bare = oc.separations(
+        Capsules(ends[0], ends[1], np.zeros(n)), Capsules(ends[2], ends[3], np.zeros(n))
     )
-    offset = center_b - center_a
-    one, other = (np.zeros_like(offset), axes_a, half_a), (offset, axes_b, half_b)
-    best = np.full(len(offset), np.inf, np.longdouble)
-    for signs in product(SIGNS, repeat=3):
-        best = np.minimum(best, point_to_box(corner(other, signs), one))
-        best = np.minimum(best, point_to_box(corner(one, signs), other))
-    for i, j in product(range(3), repeat=2):
-        for p, q in product(product(SIGNS, repeat=2), repeat=2):
-            start = corner(one, (*p[:i], 0, *p[i:])), corner(other, (*q[:j], 0, *q[j:]))
-            edges = (axes_a[:, :, i], half_a[:, i]), (axes_b[:, :, j], half_b[:, j])
-            best = np.minimum(best, edge_to_edge(*start, *edges))
-    return best
+    share = rng.uniform(0.0, 1.0, n)
+    radii = near_radii(bare.separations, rng)
+    a = Capsules(ends[0], ends[1], share * radii)
+    b = Capsules(ends[2], ends[3], (1.0 - share) * radii)
+    found = oc.separations(a, b)
+    assert set(found.verdicts) == {SEPARATE, TOUCHING, OVERLAP}
+    np.testing.assert_array_equal(found.verdicts, oc.verdicts(b, a))
+    for k in range(0, n, 3):
+        one, other = ([exact(end[k]) for end in pair] for pair in (ends[:2], ends[2:]))
+        square = squared_distance(one, other)
+        radius = Fraction(a.radii[k]) + Fraction(b.radii[k])
+        check(found.verdicts[k], found.separations[k], square, radius, 6.0 * scale)
 
 
-def corner(box: Any, signs: tuple[int, ...]) -> Wide:
-    """Return center + sum of signs * half extents * axes: corners, centres of edges (a 0)."""
-    center, axes, half = box
-    return center + (axes * (half * np.array(signs, np.longdouble))[:, None, :]).sum(axis=2)
+def test_depth_of_a_segment_in_a_box_is_the_least_way_out() -> None:
+    rng = np.random.default_rng(4)
+    boxes, p, q = scene(400, 5)
+    solid = boxes.half_extents.min(axis=1) > 1e-3
+    boxes, p, q = boxes[solid], p[solid], q[solid]
+    p = boxes.centers + 0.3 * (p - boxes.centers)
+    radii = rng.uniform(0.0, 0.3, len(p))
+    found = oc.separations(Capsules(p, q, radii), boxes)
+    inside = np.flatnonzero((found.separations + radii < -1e-6) & (p != q).any(axis=1))
+    assert len(inside) > 50
+    for n in inside:
+        box = np.array(corners(row_of(boxes, n)), float)
+        hull = ConvexHull(np.concatenate([box - p[n], box - q[n]]), qhull_options="QJ")
+        depth = -hull.equations[:, 3].max()
+        assert found.separations[n] + radii[n] == pytest.approx(-depth, abs=1e-7)
 
 
-def point_to_box(point: Wide, box: Any) -> Wide:
-    """Coordinates one after another, again and again: axes are orthonormal to rounding only."""
-    center, axes, half = box
-    t = np.zeros_like(half)
-    rest = point - center
-    for _ in range(4):
-        for i in range(3):
-            axis = axes[:, :, i]
-            moved = np.clip(t[:, i] + dot(rest, axis) / dot(axis, axis), -half[:, i], half[:, i])
-            rest = rest - (moved - t[:, i])[:, None] * axis
-            t[:, i] = moved
-    return np.sqrt(dot(rest, rest))
+def test_points_and_normals() -> None:
+    boxes, p, q = scene(400, 6)
+    radii = np.random.default_rng(7).uniform(0.0, 0.5, len(p))
+    capsules = Capsules(p, q, radii)
+    for other in (boxes, capsules[np.arange(len(p))[::-1]]):
+        found = oc.clearances(capsules, other)
+        reach = 1e-12 * (1.0 + np.abs(boxes.centers).max())
+        np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-14)
+        step = found.distances[:, None] * found.normals
+        np.testing.assert_allclose(found.positions_a + step, found.positions_b, atol=reach)
+        core = found.positions_a - radii[:, None] * found.normals
+        np.testing.assert_allclose(_from_segments(core, p, q), 0.0, atol=reach)
+        if isinstance(other, Boxes):
+            y = np.einsum("nij,ni->nj", boxes.rotations, found.positions_b - boxes.centers)
+            depth = (np.abs(y) - boxes.half_extents).max(axis=1)
+            np.testing.assert_allclose(depth, 0.0, atol=reach)  # on the surface
 
 
-def edge_to_edge(p: Wide, q: Wide, first: Any, second: Any) -> Wide:
-    """Where the lines are closest, by Cramer's rule; then the closest point of the second edge."""
-    (u, long_u), (v, long_v) = first, second
-    between, normal = q - p, np.cross(u, v)
-    square = dot(normal, normal)
-    crossing = dot(np.cross(between, v), normal) / np.where(square > 0, square, 1)
-    s = np.clip(np.where(square > 0, crossing, 0), -long_u, long_u)
-    t = np.clip(dot(s[:, None] * u - between, v) / dot(v, v), -long_v, long_v)
-    rest = between + t[:, None] * v - s[:, None] * u
-    return np.sqrt(dot(rest, rest))
+def test_a_push_by_the_separation_along_the_normal_parts_them_by_no_less() -> None:
+    # Above all where the cores touch or nearly do: flat boxes pierced, ends at corners, crossings.
+    boxes, p, q = scene(2000, 10)
+    rng = np.random.default_rng(11)
+    n = len(p)
+    place = rng.choice([-1.0, 1.0, 0.4], (n, 3)) * boxes.half_extents
+    place = boxes.centers + np.einsum("nij,nj->ni", boxes.rotations, place)
+    place += rng.normal(size=(n, 3)) * rng.choice([0.0, 1e-16, 1e-13, 1e-9, 1e-5], (n, 1))
+    share = rng.choice([0.0, 0.3, 1.0], (n, 1)) * (q - p)
+    capsules = Capsules(place - share, place + (q - p) - share, rng.choice([0.0, 0.2], n))
+    size = np.abs(q - p).sum(axis=1) + np.abs(boxes.centers).sum(axis=1) + 3.0
+    axes = boxes.rotations * boxes.half_extents[:, None]
+    turned = Capsules(place + 0.3 * axes[:, :, 0], place - 0.7 * axes[:, :, 0], capsules.radii)
+    for other in (boxes, turned):
+        found = oc.separations(capsules, other)
+        top = _reach(capsules, found.normals)
+        if isinstance(other, Boxes):
+            across = np.abs(np.einsum("nij,ni->nj", axes, found.normals)).sum(axis=1)
+            bottom = (found.normals * boxes.centers).sum(axis=1) - across
+        else:
+            bottom = -_reach(other, -found.normals)
+        assert (bottom - top - found.separations >= -DOUBT * size).all()
+
+
+def _reach(capsules: Capsules, normals: np.ndarray) -> np.ndarray:
+    ends = np.stack([capsules.starts, capsules.ends])
+    reach: np.ndarray = (ends * normals).sum(axis=2).max(axis=0) + capsules.radii
+    return reach
+
+
+def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    way = q - p
+    square = np.maximum((way * way).sum(axis=1), 1e-300)
+    t = np.clip(((points - p) * way).sum(axis=1) / square, 0.0, 1.0)
+    return np.linalg.norm(points - p - t[:, None] * way, axis=1)
+
+
+#: What isn't told from touching is this near to it, relative to the size of the pair.
+DOUBT_PLANES = 1e-14
+
+
+@each("name", ["ordinary scene", "far away, 1e6 to 1e9 m", "zero extents"])
+def test_planes(name: str) -> None:
+    boxes, _ = family(name, 100)
+    rng = np.random.default_rng(10)
+    n = len(boxes)
+    normals = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-9, 9, (n, 1))
+    normals[: n // 2] = boxes.rotations[: n // 2, :, 0]  # a face lies on the plane
+    reach = np.abs(np.einsum("nk,nki->ni", normals, boxes.rotations)) * boxes.half_extents
+    squares = (normals * normals).sum(axis=1, keepdims=True)
+    shift = rng.choice([-1.0, -0.5, 0.0, 1.0, 1.0 + 1e-15, 1.5], (n, 1))
+    points = boxes.centers + shift * normals * reach.sum(axis=1, keepdims=True) / squares
+    below, above = HalfSpaces(points, normals), HalfSpaces(points, -normals)
+    found, turned = oc.separations(boxes, below), oc.separations(boxes, above)
+    for k in range(n):
+        m, at = exact(normals[k]), exact(points[k])
+        ends = [dot(m, minus(corner, at)) for corner in corners(row_of(boxes, k))]
+        low, high, length = min(ends), max(ends), norm(m)
+        size = np.abs(points[k] - boxes.centers[k]).sum() + boxes.half_extents[k].sum()
+        assert abs(low / length - found.separations[k]) <= DOUBT_PLANES * size
+        assert abs(high / length + turned.separations[k]) <= DOUBT_PLANES * size
+        for answer, gap in ((found, low), (turned, -high)):
+            truth = SEPARATE if gap > 0 else OVERLAP if gap < 0 else TOUCHING
+            near = abs(gap) <= DOUBT_PLANES * size * length
+            assert answer.verdicts[k] in (truth, TOUCHING if near else truth)
+            unit = normals[k] / float(length) * (-1 if answer is found else 1)
+            np.testing.assert_allclose(answer.normals[k], unit, atol=1e-15)
+            lowest = answer.positions[k] - 0.5 * answer.separations[k] * answer.normals[k]
+            height = np.dot(lowest - points[k], -answer.normals[k])
+            rounding = 1e-9 * size + 1e-15 * np.abs(points[k]).max()
+            assert abs(height - answer.separations[k]) <= rounding
+            assert boxes[k].padded(rounding).contains(lowest)
+
+
+def test_bad_input() -> None:
+    box, zero = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]]), [[0, 0, 0]]
+    bad = [[0.0, 0, 0], [0, np.nan, 0]]
+    refused(r"starts must be finite in row 1", Capsules, bad, np.zeros((2, 3)), [1, 1])
+    refused(r"radii must not be negative in row 0", Capsules.spheres, zero, [-1])
+    refused("same length", Capsules, zero, zero * 2, [1])
+    refused("same length", Capsules.spheres, zero, [1, 2])
+    refused("same length", oc.verdicts, Capsules.spheres(zero * 2, [1, 1]), box)
+    refused("normals must not be zero in row 0", HalfSpaces, zero, zero)
+    refused("same length", oc.verdicts, box, HalfSpaces(zero * 2, [[1, 0, 0]] * 2))

@@ -20,7 +20,6 @@ from fractions import Fraction
 from functools import cache
 
 import convex_bodies
-import hull_distances
 import numpy as np
 import pytest
 from convex_bodies import (
@@ -43,13 +42,13 @@ from convex_bodies import (
     some,
     world_rounding,
 )
-from distances import root
 from each import each
 from exact_bodies import beyond, exact_gap
+from exact_vectors import exact, root
+from hull_distances import at_most, placed, squared_distance
 from mesh_zoo import bodies_of, exact_corners, trees_of, zoo
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from triangle_distances import squared_distance_of_point
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes
@@ -70,12 +69,20 @@ THIN = ["flat", "plates", "needles", "flat and parallel"]
 CURVED = [("cylinder", "cone"), ("ellipsoid", "hull"), ("capsule", "box"), ("capsule", "capsule")]
 
 
+def found_of(pair: Pair) -> ConvexDistances:
+    rows = np.arange(len(pair[0]))
+    return convex_distances(*pair, rows, rows)[0]
+
+
+def contacts_of(a: ConvexBodies, b: ConvexBodies, most: int) -> Contacts:
+    rows, distances = np.arange(len(a)), found_of((a, b))
+    return convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, most, distances)
+
+
 def overlapping(kinds: tuple[str, str], count: int) -> tuple[Pair, Floats]:
     """Return pairs that overlap, and their depths as found."""
-    pair = family("random", kinds, 8 * count, 5)
-    a, b = pair
-    rows = np.arange(len(a))
-    found = convex_distances(a, b, rows, rows)[0]
+    a, b = family("random", kinds, 8 * count, 5)
+    found = found_of((a, b))
     deep = np.flatnonzero(found.lower < -1e-3)[:count]
     assert len(deep) > count // 4
     return (some(a, deep), some(b, deep)), -found.lower[deep]
@@ -102,7 +109,7 @@ def test_a_translation_by_the_depth_parts_bodies_and_a_shorter_one_does_not(
 ) -> None:
     (a, b), depths = overlapping(kinds, max(100, pairs // 10))
     rows = np.arange(len(a))
-    normals = convex_distances(a, b, rows, rows)[0].normals
+    normals = found_of((a, b)).normals
     for more, collide in ((1e-9, False), (-1e-8, True)):
         there = moved(b, centers=b.centers + (depths + more)[:, None] * normals)
         assert (convex_may_collide(a, there, rows, rows) == collide).all()
@@ -113,9 +120,7 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
     kinds: tuple[str, str], pairs: int
 ) -> None:
     (a, b), depths = overlapping(kinds, max(100, pairs // 10))
-    rows = np.arange(len(a))
-    distances, _ = convex_distances(a, b, rows, rows)
-    found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 4, distances)
+    found = contacts_of(a, b, 4)
     assert found.depths.tolist() == depths.tolist()
     assert (found.counts >= 1).all()
     assert (found.counts > 1).any() or "capsule" in kinds or "ellipsoid" in kinds
@@ -123,8 +128,7 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
         there = np.flatnonzero(found.counts > k)
         for body in (a, b):
             spot = point_bodies(found.positions[there, k])
-            few = np.arange(len(there))
-            apart = convex_distances(some(body, there), spot, few, few)[0].upper
+            apart = found_of((some(body, there), spot)).upper
             assert (apart <= 0.5 * depths[there] + 1e-9).all()
 
 
@@ -134,9 +138,7 @@ def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
     name: str, kinds: tuple[str, str], pairs: int
 ) -> None:
     a, b = family(name, kinds, max(300, pairs // 10), 5)
-    rows = np.arange(len(a))
-    distances, _ = convex_distances(a, b, rows, rows)
-    found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 8, distances)
+    found = contacts_of(a, b, 8)
     assert (found.counts > 0).sum() > len(a) // 10
     check_nearness(a, b, found)
 
@@ -164,9 +166,7 @@ def test_contacts_of_tips_lie_on_both(on: str, thin: float, pairs: int) -> None:
     b = ConvexBodies(corners if on == "tip" else boxes, sizes, none, pool.all, count + rows, below,
                      turn.as_matrix())  # fmt: skip
     for one, other in ((a, b), (b, a)):
-        distances, _ = convex_distances(one, other, rows, rows)
-        pairs_of = np.stack([rows, rows], axis=1)
-        found = convex_contacts(one, other, pairs_of, rows, rows, 8, distances)
+        found = contacts_of(one, other, 8)
         ends = found.positions[found.counts > 1]
         assert len(ends) > count // 4
         check_nearness(one, other, found)
@@ -181,8 +181,7 @@ def check_nearness(a: ConvexBodies, b: ConvexBodies, found: Contacts) -> None:
     for k in range(8):
         there = np.flatnonzero(found.counts > k)
         for body in (a, b):
-            spot, few = point_bodies(found.positions[there, k]), np.arange(len(there))
-            apart = convex_distances(some(body, there), spot, few, few)[0].upper
+            apart = found_of((some(body, there), point_bodies(found.positions[there, k]))).upper
             most = 0.5 * found.depths[there] + 1e-9 * size[there]
             assert (apart <= most + 1e-15).all()  # rounding of world coordinates
 
@@ -211,11 +210,10 @@ def test_the_contact_of_two_edges_is_theirs_where_a_face_within_has_their_normal
         )
         for x, n in zip(pair_of(("box", "box"), 1, 0), numbers, strict=True)
     )
-    row = np.zeros(1, np.int64)
-    distances, _ = convex_distances(a, b, row, row)
+    distances = found_of((a, b))
     apart = np.linalg.norm(distances.positions_b - distances.positions_a)
     assert apart == pytest.approx(-distances.lower[0], abs=1e-12)
-    found = convex_contacts(a, b, np.stack([row, row], axis=1), row, row, 4, distances)
+    found = contacts_of(a, b, 4)
     assert found.counts.tolist() == [1]
     for body in (a, b):
         local = (found.positions[0, 0] - body.centers[0]) @ body.rotations[0]
@@ -238,9 +236,8 @@ def test_the_depth_of_a_ball_in_a_box_is_that_to_the_nearest_face(thin: float, p
     at = rng.uniform(-1.0, 1.0, (count, 3)) * half
     centers = box.centers + np.einsum("nij,nj->ni", box.rotations, at)
     sizes = np.concatenate([half, np.zeros((count, 1))], axis=1)
-    rows = np.arange(count)
     ball = moved(ball, sizes=0.0 * ball.sizes, centers=centers)
-    found = convex_distances(moved(box, sizes=sizes), ball, rows, rows)[0]
+    found = found_of((moved(box, sizes=sizes), ball))
     truth = (half - np.abs(at)).min(axis=1) + ball.radii
     assert (-found.lower >= truth - 1e-13).all()
     np.testing.assert_allclose(-found.lower, truth, atol=1e-9)
@@ -267,11 +264,6 @@ def test_contacts_of_a_deep_ball_of_many_corners_lie_all_around(corners: int) ->
     assert np.linalg.norm(around, axis=1).max() > 0.9
 
 
-def found_of(pair: Pair) -> ConvexDistances:
-    rows = np.arange(len(pair[0]))
-    return convex_distances(*pair, rows, rows)[0]
-
-
 @each("name", FAMILIES)
 @each("kinds", POLYTOPES)
 def test_distances_of_polytopes_are_those_of_fractions(
@@ -280,13 +272,11 @@ def test_distances_of_polytopes_are_those_of_fractions(
     a, b = family(name, kinds, max(6, pairs // 1000), 1)
     found = found_of((a, b))
     for n in range(len(a)):
-        sides = [
-            hull_distances.placed(corners_of(x, n), x.centers[n], x.rotations[n]) for x in (a, b)
-        ]
-        square = hull_distances.squared_distance(*sides)
+        sides = [placed(corners_of(x, n), x.centers[n], x.rotations[n]) for x in (a, b)]
+        square = squared_distance(*sides)
         radius = float(a.radii[n] + b.radii[n])
-        truth = root(square)
-        assert hull_distances.at_most(found.lower[n], square, radius)
+        truth = float(root(square))
+        assert at_most(found.lower[n], square, radius)
         size = max(truth, float(reach_of(a)[n] + reach_of(b)[n]))
         if truth > radius:
             assert found.lower[n] >= truth - radius - CLOSE * size
@@ -336,9 +326,9 @@ def test_bounds_of_triangles_are_proved_by_the_normal_and_attained_by_the_points
     slack = 1e-13 * size + world_rounding(pair)
     assert (beyond(pair[1], found.positions_b)[apart] <= slack[apart]).all()
     for n in np.flatnonzero(apart)[:20].tolist():
-        point = [Fraction(x) for x in found.positions_a[n].tolist()]
         (triangle,) = exact_corners(meshes, n)
-        assert squared_distance_of_point(point, triangle) <= Fraction(slack[n]) ** 2
+        point = exact(found.positions_a[n])
+        assert squared_distance([point], triangle) <= Fraction(slack[n]) ** 2
 
 
 @each("name", FAMILIES)
@@ -349,7 +339,7 @@ def test_convex_meshes_are_as_far_as_their_hulls(name: str, kind: str, pairs: in
     faces = [outward_faces(corners) for corners in hulls(np.ones(3))[1]]
     meshes, rows = as_meshes(pair[0], name, faces), np.arange(len(pair[0]))
     found = mesh_body_distances(meshes, np.zeros(len(rows)), pair[1], rows, rows)[0]
-    truth, room = convex_distances(*pair, rows, rows)[0], CLOSE * size_with(meshes, pair[1])
+    truth, room = found_of(pair), CLOSE * size_with(meshes, pair[1])
     assert (found.lower <= truth.upper + room + world_rounding(pair)).all()
     assert (found.upper >= truth.lower - world_rounding(pair)).all()
     assert (found.upper - found.lower <= room).all()

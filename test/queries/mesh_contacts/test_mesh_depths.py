@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Depths of meshes, and of meshes and convex bodies: pushes that part them, and short ones."""
+"""Depths of meshes and bodies: pushes that part them, and short ones; contacts on both surfaces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 import convex_bodies
@@ -34,25 +35,31 @@ from convex_bodies import (
 from convex_bodies import moved as with_columns
 from each import each
 from exact_bodies import exact_gap
+from exact_vectors import Point, along, exact
+from hull_distances import squared_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_zoo import as_drawn, bodies_of, exact_corners, standing, trees_of, zoo
-from triangle_distances import squared_distance
+from mesh_zoo import as_drawn, bodies_of, exact_corners, place, standing, trees_of, zoo
 from triangle_pairs import FAMILIES as TRIANGLES
 from triangle_pairs import SHARE, Maker
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.convex import ConvexDistances, convex_distances, mesh_body_distances
-from obb_collision.queries.mesh_contacts import hulls_of, within_bodies
+from obb_collision.queries.convex import (
+    ConvexDistances,
+    FlatFrame,
+    convex_distances,
+    frame_of,
+    mesh_body_distances,
+)
+from obb_collision.queries.mesh_contacts import hulls_of, way_out, within_bodies
+from obb_collision.queries.meshes.triangles import triangle_at
 from obb_collision.queries.verdict import Separations
 from obb_collision.typing import Floats
 
 TREES = trees_of()
-CONVEX = MeshTrees.join(
-    [MeshTrees.build(*zoo()[f"{name}{n}"]) for name in ("hull", "box", "sphere") for n in range(3)]
-)
+CONVEX = trees_of(*(f"{name}{n}" for name in ("hull", "box", "sphere") for n in range(3)))
 
 
 def sizes_of(a: PlacedMeshes, b: PlacedMeshes) -> Floats:
@@ -73,13 +80,19 @@ def parted(b: PlacedMeshes, found: Separations, share: Floats | float = 1.0) -> 
 
 def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
     """Assert what is promised of all pairs."""
+    found = check_depths(a, b)
+    assert (oc.verdicts(a, parted(b, found), exact=True) == Verdict.SEPARATE).all()
+    return found
+
+
+def check_depths(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
+    """Assert signs, and that no depth is more than that of the hulls."""
     found, outer, size = oc.separations(a, b), depths_of_hulls(a, b), sizes_of(a, b)
     collide = oc.verdicts(a, b) != Verdict.SEPARATE
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
     assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
-    assert (oc.verdicts(a, parted(b, found), exact=True) == Verdict.SEPARATE).all()
     return found
 
 
@@ -132,12 +145,10 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
     deep = np.flatnonzero(found.separations < 0.0)
     assert len(deep) >= 6
     for n in deep[:6].tolist():
-        way = [Fraction(x) * Fraction(-found.separations[n]) for x in found.normals[n].tolist()]
-        second = [[[x + y for x, y in zip(v, way, strict=True)] for v in t]
-                  for t in exact_corners(b, n)]  # fmt: skip
+        depth, normal = Fraction(-found.separations[n]), exact(found.normals[n])
+        second = [[along(v, depth, normal) for v in t] for t in exact_corners(b, n)]
         first = exact_corners(a, n)
-        floats = [np.array([[[float(x) for x in v] for v in t] for t in side])
-                  for side in (first, second)]  # fmt: skip
+        floats = [np.array(side, float) for side in (first, second)]
         low, high = [c.min(axis=1) for c in floats], [c.max(axis=1) for c in floats]
         (p, r), (q, s) = zip(low, high, strict=True)
         gaps = np.maximum(p[:, None] - s, q - r[:, None]).max(axis=2)
@@ -148,19 +159,13 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
 @each("make", TRIANGLES)
 def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(12)
-    drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]
-    a, b = as_drawn(drawn)
-    found, size = oc.separations(a, b), sizes_of(a, b)
+    a, b = as_drawn([make(rng) for _ in range(max(pairs // SHARE, 8))])
+    found, outer = check_depths(a, b), depths_of_hulls(a, b)
     collide = oc.verdicts(a, b) != Verdict.SEPARATE
-    assert (found.separations <= 0.0)[collide].all()
-    assert (found.separations >= 0.0)[~collide].all()
-    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
-    outer = depths_of_hulls(a, b)
-    assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
     for n in np.flatnonzero(collide).tolist():
-        way = [Fraction(x) * Fraction(-found.separations[n]) for x in found.normals[n].tolist()]
+        depth, normal = Fraction(-found.separations[n]), exact(found.normals[n])
         (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
-        moved = [[x + y for x, y in zip(v, way, strict=True)] for v in q]
+        moved = [along(v, depth, normal) for v in q]
         assert squared_distance(p, moved) > 0 or found.separations[n] == outer.lower[n]
 
 
@@ -222,8 +227,8 @@ def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
     room = MeshTrees.build(corners, np.concatenate([floor[1], wall[1] + len(floor[0])]))
     crate = MeshTrees.build(BOX_CORNERS, BOX_FACES)
     a = standing(room)
-    for place, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
-        b = standing(crate, place)
+    for there, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
+        b = standing(crate, there)
         assert -oc.separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
         assert -depths_of_hulls(a, b).lower[0] > 0.5
     b = standing(crate, [-3.02, 0, 0.98])  # in both
@@ -311,3 +316,153 @@ def test_a_depth_parts_meshes_and_bodies_and_is_the_shortest_along_its_normal(
             short = int((then.upper[deep] > 0.0).sum())
     assert short <= 0.1 * deep.sum()  # within solids
     assert np.isfinite(found.positions).all()
+
+
+#: How far a point may be from either surface, relative to the size of a pair.
+ON_SURFACE = Fraction(1, 10**12)
+
+
+def distance_square(point: Floats, triangles: list[list[Point]]) -> Fraction:
+    """Return the squared distance of a point from the nearest of triangles that are near it."""
+    corners, reach = np.array(triangles, float), 1e-6
+    near = (corners.min(axis=1) <= point + reach) & (point - reach <= corners.max(axis=1))
+    rows = np.flatnonzero(near.all(axis=1)).tolist()
+    squares = (squared_distance([exact(point)], triangles[row]) for row in rows)
+    return min(squares, default=Fraction(10**9))
+
+
+@each("make", TRIANGLES)
+def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> None:
+    rng = np.random.default_rng(21)
+    a, b = as_drawn([make(rng) for _ in range(max(pairs // SHARE, 8))])
+    checked = 0
+    found = oc.contacts(a, b, max_points=8)
+    collide = oc.verdicts(a, b) != Verdict.SEPARATE
+    assert (found.counts[collide] >= 1).all()
+    for n in np.flatnonzero(collide).tolist():
+        (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
+        size = Fraction(a.trees.radii[a.meshes[n]]) + Fraction(b.trees.radii[b.meshes[n]])
+        for point in found.positions[n, : found.counts[n]]:
+            for triangle in (p, q):
+                assert squared_distance([exact(point)], triangle) <= (ON_SURFACE * size) ** 2
+            checked += 1
+    assert checked > 0 or not collide.any()
+
+
+def test_points_of_meshes_are_on_both_exactly() -> None:
+    trees = trees_of("box0", "star0", "cone1", "triangle", "open_sphere0")
+    a, b = bodies_of(trees, 16, 0.3, 4)
+    found, checked = oc.contacts(a, b), 0
+    crossing = np.unique(oc.triangle_pairs(a, b).pairs)
+    for n in crossing[:8].tolist():
+        for bodies in (a, b):
+            corners = exact_corners(bodies, n)
+            for point in found.positions[n, : found.counts[n]]:
+                assert distance_square(point, corners) <= (3 * ON_SURFACE) ** 2
+                checked += 1
+    assert checked > 30
+
+
+@each("max_points", [4, 8])
+def test_tables_are_as_promised(max_points: int) -> None:
+    a, b = bodies_of(TREES, 80, 0.6, 14)
+    found, apart = oc.contacts(a, b, max_points=max_points), oc.separations(a, b)
+    assert found.depths.tolist() == np.maximum(-apart.separations, 0.0).tolist()
+    assert found.normals.tolist() == apart.normals.tolist()
+    assert ((found.counts > 0) == (apart.separations <= 0.0)).all()
+    assert found.counts.max() == max_points
+    assert (found.axes == -1).all()
+    there = np.arange(max_points) < found.counts[:, None]
+    assert np.isfinite(found.positions[there]).all()
+    assert np.isnan(found.positions[~there]).all()
+    assert np.isnan(found.position_depths[~there]).all()
+    deepest = found.position_depths[:, :1]
+    ordered = np.where(there, found.position_depths, -1.0)
+    assert (ordered <= deepest + 1e-6)[found.counts > 0].all()
+    assert (ordered <= found.depths[:, None]).all()
+    assert (found.position_depths[there] >= 0.0).all()
+
+
+def test_a_crate_on_a_shelf_has_its_four_corners() -> None:
+    a = place(4.0 * BOX_CORNERS, BOX_FACES)
+    for height in (4.99, 5.0):  # sunk in, and resting: then edges lie in the plane
+        b = place(BOX_CORNERS, BOX_FACES, [0.3, 0.2, height])
+        found = oc.contacts(a, b)
+        assert found.counts[0] == 4
+        flat = found.positions[0] - [0.3, 0.2, 4.0]
+        np.testing.assert_allclose(np.abs(flat[:, 2]), 0.0, atol=1e-12)
+        assert len(np.unique(np.sign(flat[:, :2]), axis=0)) == 4
+        np.testing.assert_allclose(np.abs(flat[:, :2]), 1.0, atol=1e-12)
+        assert found.depths[0] == pytest.approx(5.0 - height, abs=1e-8)
+
+
+def test_one_point_where_no_surfaces_cross() -> None:
+    tree = MeshTrees.join([MeshTrees.build(s * BOX_CORNERS, BOX_FACES) for s in (2.0, 0.25)])
+    outer, inner = standing(tree), standing(tree, [0.0, 0.0, 1.5], mesh=1)
+    found = oc.contacts(outer, inner)
+    assert found.counts.tolist() == [1]
+    assert 1.25 <= found.positions[0, 0, 2] <= 2.0  # between the lowest of the one and the wall
+    beside = standing(tree, [0.0, 0.0, 2.5], mesh=1)
+    found = oc.contacts(outer, beside, radii_a=0.5)
+    assert found.counts.tolist() == [1]
+    assert found.depths[0] == pytest.approx(0.25, abs=1e-8)
+
+
+#: Rounding of places, relative to the coordinates.
+TOLERANCE = 1e-9
+
+
+#: Where what decides may be a point wide.
+HARD_TO_PART = ("sliver", "degenerate", "small_grid", "different_sizes")
+
+
+def out_of(p: Floats, q: Floats, frame: FlatFrame, least: float) -> float:
+    first, second = (triangle_at(x.reshape(1, 9), 0) for x in (p, q))
+    return way_out(first, second, frame, least)
+
+
+def any_frame(rng: np.random.Generator) -> FlatFrame:
+    n = rng.normal(size=3)
+    x, y, z = (n / np.linalg.norm(n)).tolist()
+    return frame_of((x, y, z))
+
+
+def are_apart(p: Floats, q: Floats, n: Sequence[float], times: Sequence[float]) -> bool:
+    """Return whether a triangle p and q + t n have no common point for t between two times."""
+    ways = [along(exact(corner), Fraction(t), exact(n)) for t in times for corner in q]
+    return squared_distance([exact(corner) for corner in p], ways) > 0
+
+
+@each("make", TRIANGLES)
+def test_never_too_short(make: Maker, pairs: int) -> None:
+    """After the way out of all, the triangles are apart, exactly, however far they are moved on."""
+    rng = np.random.default_rng(5)
+    seen = 0
+    for _ in range(max(pairs // 200, 20)):
+        p, q = make(rng)
+        size = max(np.abs(p).max(), np.abs(q).max())
+        if not 1e-3 < size < 1e9:  # kernels scale triangles to about one
+            p, q = p / size, q / size
+        size, frame = max(np.abs(p).max(), np.abs(q).max()), any_frame(rng)
+        found, far = out_of(p, q, frame, -np.inf), 9.0 * size
+        if not are_apart(p, q, frame.n, (max(found, -far) + TOLERANCE * size, far)):
+            assert make.__name__.strip("_") in HARD_TO_PART
+        seen += not are_apart(p, q, frame.n, (-far, far))
+    assert seen > 2 or make.__name__ == "extreme_sizes"
+
+
+def test_ordinary_triangles_exactly() -> None:
+    rng = np.random.default_rng(6)
+    seen = 0
+    for _ in range(100):
+        p, q = rng.normal(size=(2, 3, 3))
+        frame = any_frame(rng)
+        found = out_of(p, q, frame, -np.inf)
+        if are_apart(p, q, frame.n, (-99.0, 99.0)):
+            assert found == -np.inf
+        else:
+            assert are_apart(p, q, frame.n, (found + 1e-10, 99.0))
+            assert not are_apart(p, q, frame.n, (found - 1e-10, found))
+            seen += 1
+            assert out_of(p, q, frame, 99.0) == -np.inf
+    assert seen > 15

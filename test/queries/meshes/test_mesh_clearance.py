@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
+from exact_vectors import exact, minus, taxicab
+from hull_distances import placed, squared_distance
 from mesh_zoo import (
     TRIANGLE,
     as_drawn,
@@ -37,10 +39,8 @@ from mesh_zoo import (
     zoo,
 )
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 from support import by_threads, refused
-from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker
 from trimesh import Trimesh, creation
 
@@ -60,24 +60,18 @@ CLOSE = Fraction(1, 10**9)
 def exact_square(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int, near: float) -> Fraction:
     """Return the squared distance of two surfaces that is certainly at most ``near``."""
     first, second = exact_corners(a, i), exact_corners(b, j)
-    corners = [np.array(side, float) for side in (first, second)]
-    middles = [c.mean(axis=1) for c in corners]
-    ways = (c - m[:, None] for c, m in zip(corners, middles, strict=True))
-    radii = [np.linalg.norm(way, axis=2).max(axis=1) for way in ways]
-    gaps = np.linalg.norm(middles[0][:, None] - middles[1], axis=2)
-    gaps -= radii[0][:, None] + radii[1]
-    (low, high), (start, end) = ((c.min(axis=1), c.max(axis=1)) for c in corners)
-    apart = np.maximum(low[:, None] - end, start - high[:, None])
-    gaps = np.maximum(gaps, np.linalg.norm(np.maximum(apart, 0.0), axis=2))
-    rows = np.argwhere(gaps <= near * (1.0 + 1e-9) + 1e-9 * (radii[0].max() + radii[1].max()))
+    (low, high), (start, end) = (
+        (corners.min(axis=1), corners.max(axis=1))
+        for corners in (np.array(side, float) for side in (first, second))
+    )
+    apart = np.maximum(np.maximum(low[:, None] - end, start - high[:, None]), 0.0)
+    rows = np.argwhere(np.linalg.norm(apart, axis=2) <= near * (1.0 + 1e-9) + 1e-9)
     return min(squared_distance(first[s], second[t]) for s, t in rows)
 
 
 def size_of(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Fraction:
-    offset = sum(
-        abs(Fraction(x) - Fraction(y)) for x, y in zip(a.centers[i], b.centers[j], strict=True)
-    )
-    return offset + Fraction(a.trees.radii[a.meshes[i]]) + Fraction(b.trees.radii[b.meshes[j]])
+    offset = taxicab(minus(exact(a.centers[i]), exact(b.centers[j])))
+    return Fraction(offset + sum(Fraction(x.trees.radii[x.meshes[k]]) for x, k in ((a, i), (b, j))))
 
 
 def check(found: MeshClearances, row: int, square: Fraction, size: Fraction) -> None:
@@ -93,29 +87,20 @@ def check(found: MeshClearances, row: int, square: Fraction, size: Fraction) -> 
         assert abs(np.linalg.norm(found.normals[row]) - 1.0) < 1e-12
 
 
-def single(triangles: list[Floats], rng: np.random.Generator) -> PlacedMeshes:
-    trees = MeshTrees.join([MeshTrees.build(t, TRIANGLE) for t in triangles])
-    count = len(triangles)
-    size = np.array([[np.abs(t).max()] for t in triangles])
-    centers = np.where(rng.random((count, 1)) < 0.5, 0.0, size * rng.normal(size=(count, 3)))
-    still = rng.random(count) < 0.5
-    rotations = Rotation.random(count, random_state=rng).as_matrix()
-    rotations[still] = np.eye(3)
-    return PlacedMeshes(trees, np.arange(count), centers, rotations)
-
-
 @each("make", FAMILIES)
 def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(11)
     count = max(pairs // SHARE, 4)
-    drawn = [make(rng) for _ in range(count)]
-    a, b = single([p for p, _ in drawn], rng), single([q for _, q in drawn], rng)
     half = np.arange(count) < count // 2  # as drawn: the others are moved apart or into each other
-    bodies = [
-        PlacedMeshes(x.trees, x.meshes, np.where(half[:, None], a.centers, x.centers),
-                     np.where(half[:, None, None], a.rotations, x.rotations))
-        for x in (a, b)
-    ]  # fmt: skip
+    bodies: list[PlacedMeshes] = []
+    for side in as_drawn([make(rng) for _ in range(count)]):
+        size = np.abs(side.trees.triangles).max(axis=1, keepdims=True)
+        centers = size * rng.normal(size=(count, 3)) * rng.integers(0, 2, (count, 1))
+        rotations = Rotation.random(count, random_state=rng).as_matrix()
+        rotations[rng.random(count) < 0.5] = np.eye(3)
+        for first in bodies:
+            centers[half], rotations[half] = first.centers[half], first.rotations[half]
+        bodies.append(PlacedMeshes(side.trees, side.meshes, centers, rotations))
     found = oc.clearances(bodies[0], bodies[1])
     verdicts = oc.verdicts(bodies[0], bodies[1])
     back = oc.clearances(bodies[1], bodies[0])
@@ -368,19 +353,16 @@ def test_hulls_meet_where_their_surfaces_do_or_one_holds_the_other() -> None:
 
 
 def test_separate_means_that_a_plane_exists() -> None:
-    """Against linear programming, on a few hundred pairs that are near."""
-    names = list(ZOO)[:20]
+    """By fractions, on a few hundred pairs that are near."""
+    names = [name for name in ZOO if len(ZOO[name][0]) < 40]
     corners = [Hull(ZOO[name][0]).points for name in names]
     hulls = pool(corners)
     a, b = (random_bodies(300, len(names), 0.5, seed) for seed in (3, 4))
     rows = np.arange(300)
     met = hulls_may_collide(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
     for n in rows:
-        p, q = (corners[side[0][n]] @ side[2][n].T + side[1][n] for side in (a, b))
-        # w.p >= d + 1 and w.q <= d - 1 for some w, d
-        table = np.block([[-p, np.ones((len(p), 1))], [q, -np.ones((len(q), 1))]])
-        plane = linprog(np.zeros(4), table, -np.ones(len(table)), bounds=(None, None))
-        assert met[n] == (not plane.success)
+        sides = [placed(corners[kind[n]], center[n], turn[n]) for kind, center, turn in (a, b)]
+        assert met[n] == (squared_distance(*sides) == 0)
 
 
 @each("scale", [2.0**-500, 2.0**-60, 1.0, 2.0**60, 2.0**500])

@@ -16,14 +16,14 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from itertools import combinations
-from math import lcm
 from typing import Any
 
 import numpy as np
 import pytest
 from each import each
+from exact_vectors import cross, dot, exact, minus
+from hull_distances import squared_distance, whole_numbers
 from mesh_zoo import NAMES, PAIRS, bodies_of, collisions, place, verdict_of, zoo
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -34,6 +34,7 @@ import obb_collision as oc
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, Verdict, verdicts
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
 from obb_collision.queries.meshes.triangles import exact_triangle_verdict
+from obb_collision.typing import Floats
 
 ZOO = zoo()
 
@@ -230,7 +231,7 @@ def _pairs(maker: Maker, count: int) -> Pair:
 
 
 @each("maker", FAMILIES)
-def test_against_exact_linear_programming(maker: Maker) -> None:
+def test_against_exact_arithmetic(maker: Maker) -> None:
     """In either order, whichever corner is the first, and of a quarter of the size."""
     a, b = _pairs(maker, SEVERAL)
     truth = np.array([triangle_verdict(x, y) for x, y in zip(a, b, strict=True)])
@@ -308,71 +309,20 @@ def near_touching(a: PlacedMeshes, b: PlacedMeshes, n: int, distance: float) -> 
     )
 
 
-# The truth about two triangles by linear programming, with nothing of the library: a common point
-# is sum l_i p_i = sum m_j q_j with weights >= 0 that sum to one on either side: five equations in
-# six unknowns. The vertices of that polytope of weights have linearly independent columns, so
-# solving for every subset of columns in whole numbers finds them all.
-SUBSETS = [s for size in range(2, 6) for s in combinations(range(6), size)]
+def triangle_verdict(a: Floats, b: Floats) -> Verdict:
+    """Return the verdict of corners (3, 3) and (3, 3), exactly, by their differences.
 
-
-def triangle_verdict(a: Any, b: Any) -> int:
-    """0 separate, 1 touching or 2 overlap of corners (3, 3) and (3, 3), exactly.
-
-    OVERLAP: the relative interiors meet (some common point has all six weights positive) and the
-    edges span space, so that every small move leaves a common point.
+    OVERLAP: each small move leaves a common point, so the origin is amid the hull of differences.
+    Else a plane through it has all of them on one side, and, where they span space, one that goes
+    through two of them has, too.
     """
-    p = [[Fraction(float(x)) for x in row] for row in np.asarray(a)]
-    q = [[Fraction(float(x)) for x in row] for row in np.asarray(b)]
-    scale = lcm(*(x.denominator for v in (*p, *q) for x in v))  # changes no weight
-    columns = [[*(int(x * scale) for x in v), 1, 0] for v in p]
-    columns += [[*(int(-x * scale) for x in v), 0, 1] for v in q]
-    used: set[int] = set()
-    for subset in SUBSETS:
-        weights = _solve([columns[k] for k in subset])
-        if weights is not None and min(weights) >= 0:
-            used |= {k for k, w in zip(subset, weights, strict=True) if w > 0}
-    if not used:
-        return 0
-    edges = [[x - y for x, y in zip(t[i], t[0], strict=True)] for t in (p, q) for i in (1, 2)]
-    return 2 if len(used) == 6 and _rank(edges) == 3 else 1
-
-
-def _solve(columns: list[list[int]]) -> list[int] | None:
-    """Weights with sum of w_k column_k = (0, 0, 0, 1, 1); None if there are none or many.
-
-    They are all multiplied by the same positive number: elimination without fractions (Bareiss
-    1968), in which every division leaves no remainder.
-    """
-    target = [0, 0, 0, 1, 1]
-    rows = [[c[i] for c in columns] + [target[i]] for i in range(5)]
-    count, last = len(columns), 1
-    for k in range(count):
-        pivot = next((r for r in range(k, 5) if rows[r][k] != 0), None)
-        if pivot is None:
-            return None
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        lead, row = rows[k][k], rows[k]
-        for r in range(5):
-            if r != k:
-                factor = rows[r][k]
-                rows[r] = [
-                    (lead * x - factor * y) // last for x, y in zip(rows[r], row, strict=True)
-                ]
-        last = lead
-    if any(rows[r][count] != 0 for r in range(count, 5)):
-        return None
-    return [rows[k][count] if last > 0 else -rows[k][count] for k in range(count)]
-
-
-def _rank(vectors: list[list[Fraction]]) -> int:
-    rows, rank = [list(v) for v in vectors], 0
-    for k in range(3):
-        pivot = next((r for r in range(rank, len(rows)) if rows[r][k] != 0), None)
-        if pivot is None:
-            continue
-        rows[rank], rows[pivot] = rows[pivot], rows[rank]
-        for r in range(rank + 1, len(rows)):
-            factor = rows[r][k] / rows[rank][k]
-            rows[r] = [x - factor * y for x, y in zip(rows[r], rows[rank], strict=True)]
-        rank += 1
-    return rank
+    first, second = ([exact(corner) for corner in side] for side in (a, b))
+    if squared_distance(first, second) > 0:
+        return Verdict.SEPARATE
+    p, q, _ = whole_numbers(first, second)
+    differences = [minus(x, y) for x in p for y in q]
+    normals = [cross(u, v) for u, v in combinations(differences, 2)]
+    heights = [[dot(normal, x) for x in differences] for normal in normals if any(normal)]
+    spanned = any(any(row) for row in heights)
+    amid = all(min(row) < 0 < max(row) for row in heights)
+    return Verdict.OVERLAP if spanned and amid else Verdict.TOUCHING

@@ -22,6 +22,8 @@ import numpy as np
 from convex_bodies import KINDS, around, bodies, corners_of, moved, some
 from each import each
 from exact_bodies import beyond
+from exact_vectors import exact, taxicab
+from hull_distances import squared_distance
 from mesh_zoo import (
     bodies_of,
     exact_corners,
@@ -34,7 +36,6 @@ from mesh_zoo import (
 )
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from triangle_distances import squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Maker
 
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, points_inside
@@ -115,8 +116,7 @@ def test_margins_against_fractions(name: str) -> None:
         away = (margin + excess) * normal / np.linalg.norm(normal)
         point = rng.dirichlet([1.0, 1.0, 1.0]) @ face + away
         held = points_inside(body, point[None], margin).counts[0] == 1
-        p = [Fraction(x) for x in point.tolist()]
-        square = min(squared_distance_of_point(p, t) for t in triangles)
+        square = min(squared_distance([exact(point)], t) for t in triangles)
         if square <= Fraction(margin) ** 2:
             assert held, n
         elif held:
@@ -125,22 +125,6 @@ def test_margins_against_fractions(name: str) -> None:
         else:
             decided += 1
     assert 0 < decided < 40
-
-
-def tetrahedron_holds(point: list[Fraction], corners: list[list[Fraction]]) -> bool:
-    """Return whether a point is in a tetrahedron that is not flat, closed; exactly."""
-    sides = []
-    for k in range(4):
-        a, b, c = (corners[(k + n) % 4] for n in (1, 2, 3))
-        signs = [orientation(a, b, c, p) for p in (corners[k], point)]
-        sides.append(signs[0] * signs[1] >= 0)
-    return all(sides)
-
-
-def orientation(a: list[Fraction], b: list[Fraction], c: list[Fraction], p: list[Fraction]) -> int:
-    u, v, w = ([x - y for x, y in zip(q, p, strict=True)] for q in (a, b, c))
-    total = sum(u[k] * (v[k - 2] * w[k - 1] - v[k - 1] * w[k - 2]) for k in range(3))
-    return (total > 0) - (total < 0)
 
 
 def least_height(triangles: Floats) -> float:
@@ -170,23 +154,15 @@ def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> N
         body = PlacedMeshes(MeshTrees.build(corners, faces), [0], center[None], turn[None])
         points = weights @ corners @ turn.T + center
         points *= 1.0 + rng.choice([0.0, 1e-16, 1e-13, 1e-9]) * rng.normal(size=points.shape)
-        triangles = exact_corners(body, 0)
-        # one after another: corners of the tetrahedron are among those of its faces
-        whole = list({tuple(v): v for t in triangles for v in t}.values())
-        flat = len(whole) < 4 or orientation(*whole) == 0
+        whole = [corner for triangle in exact_corners(body, 0) for corner in triangle]
         held = [points_inside(body, p[None], margin).counts[0] == 1 for p in points]
-        size = Fraction(body.trees.radii[0]) + max(abs(Fraction(x)) for x in center)
-        for point, inside in zip(points.tolist(), held, strict=True):
-            p = [Fraction(x) for x in point]
-            if not flat and tetrahedron_holds(p, whole):
-                assert inside
-                continue
-            square = min(squared_distance_of_point(p, t) for t in triangles)
-            reach = size + sum(abs(x) for x in p)
+        size = Fraction(body.trees.radii[0]) + Fraction(np.abs(center).max())
+        for point, inside in zip(map(exact, points), held, strict=True):
+            square = squared_distance([point], whole)
             if square <= Fraction(margin) ** 2:
                 assert inside
             elif inside:
-                assert square <= (Fraction(margin) + doubt * reach) ** 2
+                assert square <= (Fraction(margin) + doubt * (size + taxicab(point))) ** 2
         held_ones += sum(held)
     assert held_ones > 5
 

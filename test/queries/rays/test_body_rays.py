@@ -26,6 +26,8 @@ from convex_bodies import KINDS, around, moved, some
 from convex_bodies import bodies as random_bodies
 from each import each
 from exact_bodies import beyond, first_hit
+from exact_vectors import along, dot, exact
+from hull_distances import squared_distance
 from mesh_zoo import (
     TRIANGLE,
     bodies_of,
@@ -37,7 +39,6 @@ from mesh_zoo import (
     zoo,
 )
 from scipy.spatial.transform import Rotation
-from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker
 from trimesh.triangles import closest_point
 
@@ -52,14 +53,10 @@ from obb_collision.typing import Floats
 DOUBT = Fraction(1, 10**12)
 
 
-def fractions(v: Floats) -> list[Fraction]:
-    return [Fraction(x) for x in v.tolist()]
-
-
 def check(bodies: PlacedMeshes, origin: Floats, way: Floats, found: RayHits, n: int) -> None:
     """Assert that a hit is not missed and not late, and that one that is none is a near miss."""
-    o, d = fractions(origin), fractions(way)
-    square = sum(x * x for x in d)
+    o, d = exact(origin), exact(way)
+    square = dot(d, d)
     triangles = [t for row in range(len(bodies)) for t in exact_corners(bodies, row)]
     times = [first_hit(o, d, t) for t in triangles]
     first = min((t for t in times if t is not None), default=None)
@@ -71,9 +68,15 @@ def check(bodies: PlacedMeshes, origin: Floats, way: Floats, found: RayHits, n: 
         size = Fraction(np.abs(corners).max()) + sum(abs(x) for x in o)
         size += Fraction(np.abs(bodies.centers).max())
         reach = 4 * size / max(map(abs, d))
-        end = [x + reach * y for x, y in zip(o, d, strict=True)]
-        near = min(squared_distance([o, end, end], t) for t in triangles)
+        near = min(squared_distance([o, along(o, reach, d)], t) for t in triangles)
         assert near <= (DOUBT * size) ** 2
+
+
+def thrown(corners: Floats, n: int, rng: np.random.Generator) -> PlacedMeshes:
+    """Return a triangle, every other one turned, half of them moved."""
+    turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
+    center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
+    return PlacedMeshes(MeshTrees.build(corners, TRIANGLE), [0], center[None], turn[None])
 
 
 def aimed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -97,51 +100,40 @@ def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
     hits = 0
     for n in range(max(pairs // SHARE, 12)):
-        corners = make(rng)[0]
-        tree = MeshTrees.build(corners, TRIANGLE)
-        turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
-        center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
-        bodies = PlacedMeshes(tree, [0], center[None], turn[None])
-        origin, way = aimed(corners @ bodies.rotations[0].T + center, rng)
+        bodies = thrown(make(rng)[0], n, rng)
+        origin, way = aimed(placed_corners(bodies, 0)[0], rng)
         found = cast_rays(bodies, origin[None], way[None])
         check(bodies, origin, way, found, 0)
         hits += int(found.hits[0])
     assert hits > 2
 
 
-def test_meshes_against_fractions() -> None:
+def rays_among_meshes(spread: float) -> tuple[PlacedMeshes, Floats, Floats, Floats]:
+    """Return 12 surfaces, origins and ways of 40 rays, and radii of the surfaces."""
     trees = trees_of("box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0", solid=False)
-    bodies = bodies_of(trees, 12, 1.2, 31)[0]
     rng = np.random.default_rng(32)
-    origins = rng.uniform(-3.0, 3.0, (40, 3))
+    radii, origins = rng.uniform(0.0, 0.1, 12), rng.uniform(-3.0, 3.0, (40, 3))
     ways = rng.uniform(-1.0, 1.0, (40, 3)) - origins
+    return bodies_of(trees, 12, spread, 31)[0], origins, ways, radii
+
+
+def test_meshes_against_fractions() -> None:
+    bodies, origins, ways, _ = rays_among_meshes(1.2)
     found = cast_rays(bodies, origins, ways)
     assert 10 < found.hits.sum() < 40
     for n in range(0, 40, 8):
-        o, d = fractions(origins[n]), fractions(ways[n])
-        length = np.linalg.norm(ways[n])
-        times = {}
-        for row in range(len(bodies)):
-            for face, triangle in zip(
-                faces_of(bodies, row), exact_corners(bodies, row), strict=True
-            ):
-                time = first_hit(o, d, triangle)
-                if time is not None:
-                    times[float(time) * length] = row, face
-        if not times:
-            assert found.boxes[n] == -1
-            assert found.faces is not None
+        check(bodies, origins[n], ways[n], found, n)
+        assert found.faces is not None
+        if not found.hits[n]:
             assert found.faces[n] == -1
             assert np.isnan(found.positions[n]).all()
             continue
-        first = min(times)
-        assert found.distances[n] == pytest.approx(first, abs=1e-11)
-        assert found.faces is not None
-        assert (found.boxes[n], found.faces[n]) == times[first]
+        row = found.boxes[n]
+        triangle = exact_corners(bodies, row)[faces_of(bodies, row).index(found.faces[n])]
+        first = float(first_hit(exact(origins[n]), exact(ways[n]), triangle) or np.nan)
+        assert found.distances[n] == pytest.approx(first * np.linalg.norm(ways[n]), abs=1e-11)
         assert found.normals[n] @ ways[n] < 0.0
-        np.testing.assert_allclose(
-            found.positions[n], origins[n] + ways[n] / length * first, atol=1e-11
-        )
+        np.testing.assert_allclose(found.positions[n], origins[n] + ways[n] * first, atol=1e-11)
 
 
 def faces_of(bodies: PlacedMeshes, row: int) -> list[int]:
@@ -225,7 +217,7 @@ def check_padded(
     bodies: PlacedMeshes, radii: Floats, origin: Floats, way: Floats, found: RayHits, n: int
 ) -> None:
     """Assert that a hit is not missed, not late, and hardly early; in fractions."""
-    o, d, length = fractions(origin), fractions(way), Fraction(math.hypot(*way))
+    o, d, length = exact(origin), exact(way), Fraction(math.hypot(*way))
     triangles = [
         (t, Fraction(radii[k])) for k in range(len(bodies)) for t in exact_corners(bodies, k)
     ]
@@ -233,13 +225,13 @@ def check_padded(
     hit = found.boxes[n] >= 0
     reach = 8 * (Fraction(corners) + sum(map(abs, o)))
     time = (Fraction(found.distances[n]) if hit else reach) / length
-    end = [x + time * (1 - ROUNDED) * y for x, y in zip(o, d, strict=True)]
+    end = along(o, time * (1 - ROUNDED), d)
     if time > 0:
         for triangle, radius in triangles:  # up to there, it is in none
-            assert squared_distance([o, end, end], triangle) >= radius**2
+            assert squared_distance([o, end], triangle) >= radius**2
     if hit:
         near = min(
-            squared_distance([end, end, end], triangle) / (radius + EARLY * reach) ** 2
+            squared_distance([end], triangle) / (radius + EARLY * reach) ** 2
             for triangle, radius in triangles
         )
         assert near <= 1
@@ -253,10 +245,8 @@ def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
         corners = make(rng)[0]
         size = np.abs(corners).max() + np.ptp(corners, axis=0).max() + 1e-300
         radius = np.array([size * rng.choice([1e-6, 0.05, 0.5, 3.0])])
-        turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
-        center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
-        bodies = PlacedMeshes(MeshTrees.build(corners, TRIANGLE), [0], center[None], turn[None])
-        origin, way = aimed(corners @ bodies.rotations[0].T + center, rng)
+        bodies = thrown(corners, n, rng)
+        origin, way = aimed(placed_corners(bodies, 0)[0], rng)
         if n % 3 == 0:  # past the edge of what is round
             origin = origin + radius * np.cross(way / math.hypot(*way), rng.normal(size=3))
         found = cast_at_padded(bodies, radius, as_rays(origin[None], way[None], np.inf))
@@ -267,12 +257,7 @@ def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
 
 
 def test_rounded_meshes_against_fractions() -> None:
-    trees = trees_of("box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0", solid=False)
-    bodies = bodies_of(trees, 12, 1.6, 31)[0]
-    rng = np.random.default_rng(32)
-    radii = rng.uniform(0.0, 0.1, 12)
-    origins = rng.uniform(-3.0, 3.0, (40, 3))
-    ways = rng.uniform(-1.0, 1.0, (40, 3)) - origins
+    bodies, origins, ways, radii = rays_among_meshes(1.6)
     found = cast_at_padded(bodies, radii, as_rays(origins, ways, np.inf))
     assert 10 < found.hits.sum() < 40
     for n in range(0, 40, 15):

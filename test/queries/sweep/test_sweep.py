@@ -22,12 +22,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from any_doubles import extents, quaternions, vectors
 from each import each
 from hypothesis import given, settings
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
-from support import family, joined, refused, row_of, sizes, sweep, sweep_twists
+from support import (
+    extents,
+    family,
+    joined,
+    quaternions,
+    refused,
+    row_of,
+    sizes,
+    sweep,
+    sweep_twists,
+    vectors,
+)
 from sweep_motions import CORNER_SIGNS, Twisting, drills, motion_of_boxes, pair_rows
 from sweep_oracle import ExactMotion, certain_overlap
 

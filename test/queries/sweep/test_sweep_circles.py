@@ -28,7 +28,7 @@ from sweep_motions import TURNING, about_pi, pair_rows
 from sweep_oracle import PoseCourse, TwistCourse, check_promises, first_sampled_contact, gaps_at
 
 from obb_collision import Boxes
-from obb_collision.queries.sweep import TOLERANCE
+from obb_collision.queries.sweep import TOLERANCE, Sweeps
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.rigid import FLOOR
 
@@ -79,6 +79,10 @@ def test_a_point_on_a_circle_meets_a_plate_on_time(
     assert float(truth - np.longdouble(found.times[0])) <= early
 
 
+def is_free(found: Sweeps) -> bool:
+    return not found.hits[0] and not found.undecided[0] and bool(found.free_until[0] == np.inf)
+
+
 def fan_beside_wall(gap: float) -> Boxes:
     reach = np.hypot(0.5, 0.02)
     return Boxes(
@@ -93,10 +97,7 @@ def test_a_fan_beside_a_wall_is_free_for_any_number_of_turns(gap: float, turns: 
     along, lean = [0, 1.0, 0.3, 0, 0, 2.0 * np.pi * turns], [0, 0, 0, 0.1, 0, 0.1 * gap]
     for fan, wall in ((spin, STILL), (along, STILL), (along, lean)):
         for rows in ([[0, 1]], [[1, 0]]):
-            found = sweep_twists(fan_beside_wall(gap), [fan, wall], rows, 1.0)
-            assert not found.hits[0]
-            assert not found.undecided[0]
-            assert found.free_until[0] == np.inf
+            assert is_free(sweep_twists(fan_beside_wall(gap), [fan, wall], rows, 1.0))
 
 
 @each("turns", [1, 10, 200, 1e4])
@@ -113,14 +114,9 @@ def test_a_post_in_the_middle_of_a_ring_is_free(turns: float) -> None:
     """No plane separates it from what the arm sweeps: but one turn is like any other."""
     boxes = Boxes([[2.0, 0, 0], [0.3, 0, 0]], [EYE] * 2, [[0.05] * 3, [0.1] * 3])
     spin = [0, 0, 0, 0, 0, 2.0 * np.pi * turns]
-    origins = np.zeros((2, 3))
-    found = sweep_twists(boxes, [spin, STILL], [[0, 1]], 1.0, origins=origins)
-    assert not found.hits[0]
-    assert not found.undecided[0]
-    both = sweep_twists(boxes, [[5.0, 1.0, 0, *spin[3:]], [5.0, 1.0, 0, 0, 0, 0]], [[0, 1]], 1.0,
-                        origins=origins)  # fmt: skip
-    assert not both.hits[0]
-    assert not both.undecided[0]
+    flying = [[5.0, 1.0, 0, *spin[3:]], [5.0, 1.0, 0, 0, 0, 0]]
+    for twists in ([spin, STILL], flying):
+        assert is_free(sweep_twists(boxes, twists, [[0, 1]], 1.0, origins=np.zeros((2, 3))))
 
 
 @each("turns", [1e3, 1e5])

@@ -20,11 +20,10 @@ import zlib
 from typing import Any
 
 import numpy as np
-import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import refused, sizes, sweep, sweep_twists
+from support import numbers, refused, sizes, sweep, sweep_twists
 from sweep_motions import (
     CORNER_SIGNS,
     TURNING,
@@ -156,9 +155,6 @@ def test_any_number_of_steps_is_enough_for_free_until() -> None:
         assert (verdicts(a, b) != Verdict.OVERLAP).all()
 
 
-numbers = st.floats(-1e300, 1e300)
-
-
 @settings(max_examples=60)
 @given(
     st.tuples(*12 * [numbers]), st.tuples(*12 * [numbers]), st.tuples(*6 * [st.floats(0, 1e300)]),
@@ -181,7 +177,7 @@ def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float)
         assert found.undecided[0] == np.isnan(found.times[0])
         assert found.free_until[0] >= 0.0
         assert np.isfinite(found.positions).all() == found.hits[0]
-        start = verdicts(boxes[np.array([0])], boxes[np.array([1])])[0]
+        start = verdicts(boxes[0 : 0 + 1], boxes[1 : 1 + 1])[0]
         if start == Verdict.OVERLAP:
             assert found.free_until[0] == 0.0
 
@@ -203,21 +199,6 @@ def test_an_origin_at_the_centre_is_the_default() -> None:
     given_ = sweep_twists(motion.boxes, motion.twists, rows, 1.0, origins=motion.boxes.centers)
     default = sweep_twists(motion.boxes, motion.twists, rows, 1.0)
     assert given_.times.tolist() == default.times.tolist()
-
-
-def test_poses_and_twists_agree_where_both_can_say_it() -> None:
-    motion = TWISTING["rods that both spin"](np.random.default_rng(5), 60)
-    twists = motion.twists * [1, 1, 1, 0.02, 0.02, 0.02]
-    course = TwistCourse(motion.boxes, twists, motion.boxes.centers, 1.0)
-    rows = pair_rows(60)
-    a, b = course.pair_at(rows, np.ones(60))
-    moved = np.stack([a.rotations, b.rotations], axis=1).reshape(-1, 3, 3)
-    end = Boxes(motion.boxes.centers + twists[:, :3], moved, motion.boxes.half_extents)
-    one, other = sweep(motion.boxes, end, rows), sweep_twists(motion.boxes, twists, rows, 1.0)
-    assert one.hits.tolist() == other.hits.tolist()
-    both = one.hits
-    np.testing.assert_allclose(one.times[both], other.times[both], rtol=0.0, atol=1e-3)
-    assert not one.undecided.any()
 
 
 TIMES = np.linspace(0.0, 1.0, 41)
@@ -329,7 +310,5 @@ def test_other_boxes_are_refused() -> None:
     boxes = Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
     grown = Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, [[1.0] * 3, [2.0] * 3])
     for question in (swept_bounds, sweep_needed):
-        with pytest.raises(ValueError, match="row 1"):
-            question(boxes, grown)
-        with pytest.raises(ValueError, match="same length"):
-            question(boxes, boxes[np.array([0])])
+        refused("row 1", question, boxes, grown)
+        refused("same length", question, boxes, boxes[0 : 0 + 1])

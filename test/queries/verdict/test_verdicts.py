@@ -12,25 +12,50 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Verdicts: exact, certified, the same alone and in blocks."""
+"""Verdicts and their witnesses: exact, certified, symmetric, the same alone and in blocks."""
 
 from __future__ import annotations
 
 import json
+import os
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import oracle
 import pytest
-from any_doubles import extents, quaternions, vectors
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import chunks, family, loosened, row_of, stored, witnesses
+from processes import run_python
+from support import (
+    by_threads,
+    chunks,
+    extents,
+    family,
+    loosened,
+    quaternions,
+    row_of,
+    sizes,
+    stored,
+    vectors,
+    witnesses,
+)
 
-from obb_collision import Boxes, Verdict, verdicts
+import obb_collision as oc
+from obb_collision import OBB, Boxes, Verdict, verdicts
+from obb_collision.queries.verdict import UNDECIDED, careful_verdict, fast_verdict
+from obb_collision.queries.verdict import verdict as verdict_module
+from obb_collision.queries.verdict.blocks import BLOCK
+from obb_collision.queries.verdict.sat import AXES, box_of, pair_of
+from obb_collision.queries.verdict.witness import box_witness, careful_gap, gap_bounds
+from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES
+from tools.cases.placement import random_rotations, turns
 
 #: Promised width of what doubles leave undecided, relative to the sum of all half extents.
 UNDECIDED_WIDTH = 1e-14
@@ -148,19 +173,14 @@ def test_shared_pairs(case: dict[str, Any]) -> None:
 SWEEP = 10.0 ** -np.linspace(3.0, 17.0, 43)
 
 
-def turned_about(axis: int, angles: np.ndarray) -> np.ndarray:
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    rotations = np.tile(np.eye(3), (len(angles), 1, 1))
-    rotations[:, i, i] = rotations[:, j, j] = np.cos(angles)
-    rotations[:, j, i] = np.sin(angles)
-    rotations[:, i, j] = -np.sin(angles)
-    return rotations
-
-
 def sweep(offset: np.ndarray, axis: int, half: np.ndarray) -> tuple[Boxes, Boxes]:
     n = len(SWEEP)
     a = Boxes(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.tile(half, (n, 1)))
-    b = Boxes(np.tile(offset, (n, 1)), turned_about(axis, SWEEP), np.tile(half, (n, 1)))
+    b = Boxes(
+        np.tile(offset, (n, 1)),
+        turns(np.tile(np.eye(3)[axis], (n, 1)), SWEEP),
+        np.tile(half, (n, 1)),
+    )
     return a, b
 
 
@@ -177,3 +197,277 @@ def test_no_flicker_in_a_sweep_of_angles(axis: int, other: int, gap: float) -> N
     check_against_truth(a, b)
     if other == 0 and abs(gap) >= 1e-13:
         assert len(set(verdicts(a, b).tolist())) == 1
+
+
+ROWS = 300
+SOME = np.arange(20)
+names = st.sampled_from(sorted(FAMILIES))
+seeds = st.integers(0, 3)
+relabellings = st.tuples(
+    st.sampled_from(list(permutations(range(3)))),
+    st.sampled_from(list(product((-1.0, 1.0), repeat=3))),
+)
+cached_family = cache(family)
+Relabelling = tuple[tuple[int, ...], tuple[float, ...]]
+
+
+def check_same(
+    first: tuple[Boxes, Boxes], second: tuple[Boxes, Boxes], factor: float = 1.0
+) -> None:
+    """Verdicts, gaps and axes agree bit for bit, gaps times a power of two.
+
+    Axes may differ in sign where the centres agree along them: there the sign says nothing.
+    """
+    check_verdicts(first, second)
+    gaps, axes = witnesses(*first)
+    other_gaps, other_axes = witnesses(*second)
+    np.testing.assert_array_equal(gaps * factor, other_gaps)
+    np.testing.assert_array_equal(np.abs(axes), np.abs(other_axes))
+    signed = centers_differ_along(axes, *first)
+    np.testing.assert_array_equal(axes[signed], other_axes[signed])
+
+
+def check_verdicts(first: tuple[Boxes, Boxes], second: tuple[Boxes, Boxes]) -> None:
+    """Default verdicts of all rows, exact ones of a few."""
+    np.testing.assert_array_equal(verdicts(*first), verdicts(*second))
+    few, same_few = ((a[SOME], b[SOME]) for a, b in (first, second))
+    np.testing.assert_array_equal(verdicts(*few, exact=True), verdicts(*same_few, exact=True))
+
+
+def centers_differ_along(axes: np.ndarray, a: Boxes, b: Boxes) -> np.ndarray:
+    """(n,) mask of the pairs whose centres differ along the axis by more than a rounding."""
+    offset = b.centers - a.centers
+    along = np.abs(np.einsum("ni,ni->n", axes, offset))
+    mask: np.ndarray = along > 1e-15 * np.abs(offset).sum(axis=1)
+    return mask
+
+
+@settings(max_examples=40)
+@given(names, seeds)
+def test_swapping_the_boxes_reverses_the_axis(name: str, seed: int) -> None:
+    a, b = cached_family(name, ROWS, seed)
+    check_verdicts((a, b), (b, a))
+    gaps, axes = witnesses(a, b)
+    swapped_gaps, swapped_axes = witnesses(b, a)
+    np.testing.assert_array_equal(gaps, swapped_gaps)
+    np.testing.assert_array_equal(np.abs(axes), np.abs(swapped_axes))
+    signed = centers_differ_along(axes, a, b)
+    np.testing.assert_array_equal(axes[signed], -swapped_axes[signed])
+
+
+def relabelled(boxes: Boxes, how: Relabelling) -> Boxes:
+    order, signs = list(how[0]), np.array(how[1])
+    return Boxes(boxes.centers, boxes.rotations[:, :, order] * signs, boxes.half_extents[:, order])
+
+
+@settings(max_examples=50)
+@given(names, seeds, relabellings, relabellings)
+def test_relabelling_and_flipping_axes_changes_nothing(
+    name: str, seed: int, how_a: Relabelling, how_b: Relabelling
+) -> None:
+    a, b = cached_family(name, ROWS, seed)
+    check_same((a, b), (relabelled(a, how_a), relabelled(b, how_b)))
+
+
+@settings(max_examples=40)
+@given(names.filter(lambda name: not name.startswith("sizes")), seeds, st.integers(-400, 400))
+def test_scaling_by_a_power_of_two_scales_the_gap(name: str, seed: int, power: int) -> None:
+    a, b = cached_family(name, ROWS, seed)
+    factor = 2.0**power
+    check_same((a, b), (scaled(a, factor), scaled(b, factor)), factor)
+
+
+def scaled(boxes: Boxes, factor: float) -> Boxes:
+    return Boxes(boxes.centers * factor, boxes.rotations, boxes.half_extents * factor)
+
+
+@settings(max_examples=40)
+@given(names, seeds, st.lists(st.integers(-(2**40), 2**40), min_size=3, max_size=3))
+def test_moving_both_by_the_same_offset_changes_nothing(
+    name: str, seed: int, offset: list[int]
+) -> None:
+    """Centres on a grid of 2^-10 m, so that the moved ones are representable."""
+    a, b = (on_grid(boxes) for boxes in cached_family(name, ROWS, seed))
+    move = np.array(offset) / 1024.0
+    moved = [Boxes(boxes.centers + move, boxes.rotations, boxes.half_extents) for boxes in (a, b)]
+    for boxes, there in zip((a, b), moved, strict=True):
+        np.testing.assert_array_equal(there.centers - move, boxes.centers)
+    check_same((a, b), (moved[0], moved[1]))
+
+
+def on_grid(boxes: Boxes) -> Boxes:
+    centers = np.clip(np.round(boxes.centers * 1024.0), -(2**40), 2**40) / 1024.0
+    return Boxes(centers, boxes.rotations, boxes.half_extents)
+
+
+@each("name", FAMILIES)
+def test_the_two_stages_never_contradict_each_other(name: str) -> None:
+    """What the fast stage decides, the careful one decides too: hence the symmetries hold."""
+    a, b = cached_family(name, 500, 0)
+    decided = 0
+    for row in range(len(a)):
+        first, second = box_of(*row_of(a, row)), box_of(*row_of(b, row))
+        fast = fast_verdict(*pair_of(first, second))
+        if fast != UNDECIDED:
+            assert fast == careful_verdict(first, second)
+            decided += 1
+    assert decided > 50
+
+
+@each("name", FAMILIES)
+def test_batches_of_any_length_agree(name: str) -> None:
+    """Also those of blocks, one more, one fewer, and of each pair alone."""
+    a, b = cached_family(name, 2 * BLOCK + 1, 0)
+    whole = verdicts(a, b)
+    for size in (1, 7, BLOCK - 1, BLOCK, BLOCK + 1):
+        starts = range(0, len(a), size)
+        parts = [verdicts(a[k : k + size], b[k : k + size]) for k in starts]
+        np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_any_number_of_threads_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("FEWEST_PAIRS", "FEWEST_WITNESSES"):
+        monkeypatch.setattr(verdict_module, name, 10)
+    a, b = family("ordinary scene", 500)
+
+    def ask() -> tuple[bytes, ...]:
+        found = oc.separations(a, b)
+        assert (found.verdicts == verdicts(a, b)).all()
+        columns = found.verdicts, found.separations, found.normals, found.positions
+        return tuple(column.tobytes() for column in columns)
+
+    assert len(set(by_threads(ask, 1, 2, 3, 5))) == 1
+
+
+def test_several_threads_at_once_agree_with_one() -> None:
+    jobs = [cached_family(name, ROWS, seed) for name in FAMILIES for seed in range(4)]
+
+    def answer(job: tuple[Boxes, Boxes]) -> list[np.ndarray]:
+        return [verdicts(*job), *witnesses(*job)]
+
+    alone = [answer(job) for job in jobs]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(answer, jobs))
+    for first, second in zip(alone, together, strict=True):
+        for x, y in zip(first, second, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+WITHOUT_JIT = """
+import sys
+import numpy as np
+from numba.core import config
+from obb_collision import verdicts
+from support import family, witnesses
+assert config.DISABLE_JIT
+out = {}
+for k, name in enumerate(sys.argv[3:]):
+    a, b = family(name, int(sys.argv[2]))
+    out[f"verdicts{k}"] = verdicts(a, b)
+    out[f"gaps{k}"], out[f"axes{k}"] = witnesses(a, b)
+np.savez(sys.argv[1], **out)
+"""
+
+
+def test_the_compiler_changes_no_bit(tmp_path: Path) -> None:
+    """The same functions run by the Python interpreter, in a process of their own."""
+    rows, file = 6, tmp_path / "interpreted.npz"
+    more = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    run_python("-c", WITHOUT_JIT, str(file), str(rows), *FAMILIES, **more)
+    interpreted = np.load(file)
+    for k, name in enumerate(FAMILIES):
+        a, b = family(name, rows)
+        np.testing.assert_array_equal(verdicts(a, b), interpreted[f"verdicts{k}"])
+        gaps, axes = witnesses(a, b)
+        np.testing.assert_array_equal(gaps, interpreted[f"gaps{k}"])
+        np.testing.assert_array_equal(axes, interpreted[f"axes{k}"])
+
+
+#: Promised accuracy of gap and depth, relative to the sum of all half extents.
+DEPTH_ACCURACY = 1e-12
+#: A unit vector of doubles is this close to length 1.
+UNIT_ACCURACY = 1e-15
+
+
+@each("name", FAMILIES)
+def test_axis_of_separate_pairs_proves_it(name: str, pairs: int) -> None:
+    """All of a lies on one side of a plane normal to the axis, all of b beyond: exactly."""
+    a, b = family(name, max(pairs // 15, 50))
+    _, axes = witnesses(a, b)
+    for row in np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE):
+        assert oracle.gap_along(row_of(a, row), row_of(b, row), axes[row]) > 0
+
+
+@each("name", FAMILIES)
+def test_gap_is_the_largest_and_depth_the_least_over_15_axes(name: str, pairs: int) -> None:
+    a, b = family(name, max(pairs // 3, 100))
+    gaps, axes = witnesses(a, b)
+    truth = oracle.separations(stored(a), stored(b))
+    scale = np.maximum(sizes(a, b), np.abs(truth))
+    assert (np.abs(gaps - truth) <= DEPTH_ACCURACY * scale).all()
+    assert np.isfinite(axes).all()
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0, rtol=0, atol=UNIT_ACCURACY)
+    verdict = verdicts(a, b)
+    assert (gaps[verdict == Verdict.SEPARATE] > 0.0).all()
+    assert (gaps[verdict == Verdict.OVERLAP] < 0.0).all()
+
+
+@each("name", FAMILIES)
+def test_moving_by_the_depth_ends_the_overlap(name: str) -> None:
+    """The axis points from a to b: b pushed along it by the depth, and a little, is free."""
+    a, b = family(name, 200)
+    rows = np.flatnonzero(verdicts(a, b) == Verdict.OVERLAP)
+    a, b = a[rows], b[rows]
+    gaps, axes = witnesses(a, b)
+    coordinates = np.abs(b.centers).max(axis=1) + np.abs(a.centers).max(axis=1)
+    little = 1e-9 * sizes(a, b) + 8.0 * np.finfo(float).eps * coordinates
+    free = Boxes(b.centers + (little - gaps)[:, None] * axes, b.rotations, b.half_extents)
+    assert (verdicts(a, free) == Verdict.SEPARATE).all()
+    kept = Boxes(b.centers - (little + gaps)[:, None] * axes, b.rotations, b.half_extents)
+    assert (verdicts(a, kept)[-gaps > 2.0 * little] == Verdict.OVERLAP).all()
+
+
+def with_equal_axes(rotations: Floats) -> tuple[Boxes, Boxes]:
+    """Return pairs of boxes that have the same axes, and many equal gaps."""
+    rng, count = np.random.default_rng(3), len(rotations)
+    centers = rng.integers(-3, 4, (2, count, 3)) * 0.5
+    extents = rng.integers(0, 3, (2, count, 3)) * 0.5
+    a, b = (Boxes(c, rotations, h) for c, h in zip(centers, extents, strict=True))
+    return a, b
+
+
+@each("name", [*FAMILIES, "aligned", "turned alike"])
+def test_the_witness_is_that_of_all_15_axes(name: str) -> None:
+    """Those left out by a rough look could not have won; of equal axes only three are tried."""
+    if name == "aligned":
+        a, b = with_equal_axes(np.tile(np.eye(3), (100, 1, 1)))
+    elif name == "turned alike":
+        a, b = with_equal_axes(random_rotations(np.random.default_rng(3), 100))
+    else:
+        a, b = cached_family(name, 100, 0)
+    for row in range(len(a)):
+        boxes = box_of(*row_of(a, row)), box_of(*row_of(b, row))
+        (gap, axis, number), _ = box_witness(*boxes)
+        every = [careful_gap(*boxes, k) for k in range(AXES)]
+        _, most = gap_bounds(*pair_of(*boxes))
+        assert gap == max(found[0] for found in every) == every[number][0]
+        assert all(found[0] <= bound for found, bound in zip(every, sum(most, ()), strict=True))
+        if name in FAMILIES:
+            assert every[number][1] == axis
+        else:
+            assert number == int(np.argmax([one for one, _ in every]))
+            assert axis in [n for one, n in every if one == gap]
+
+
+@given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 39))
+def test_single_boxes_answer_as_batches_do(name: str, row: int) -> None:
+    a, b = cached_family(name, 40)
+    one, other = OBB(*row_of(a, row)), OBB(*row_of(b, row))
+    gaps, axes = witnesses(a, b)
+    result = one.separation(other)
+    assert result.gap == gaps[row]
+    np.testing.assert_array_equal(result.axis, axes[row])
+    assert result.verdict == verdicts(a, b)[row]
+    assert one.intersects(other) == (result.verdict != Verdict.SEPARATE)
+    exact = verdicts(a, b, exact=True)[row] != Verdict.SEPARATE
+    assert one.intersects(other, exact=True) == exact
