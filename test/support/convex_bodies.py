@@ -130,10 +130,21 @@ def round_bodies(
 
 def as_meshes(body: ConvexBodies, name: str, faces: list[Any] | None = None) -> PlacedMeshes:
     """Return hulls of a family as meshes of faces (n, 3) of their corners, or of one triangle."""
+    trees = _triangles(CORNERS_EACH, name) if faces is None else _trees_of(name, faces)
+    return PlacedMeshes(trees, body.rows, body.centers, body.rotations)
+
+
+def _trees_of(name: str, faces: list[Any]) -> MeshTrees:
     corners = hulls(np.array(FAMILIES[name][0]))[1]
-    faces = faces or [[[0, 1, 2]]] * HULLS
-    trees = [MeshTrees.build(x, f, solid=len(f) > 1) for x, f in zip(corners, faces, strict=True)]
-    return PlacedMeshes(MeshTrees.join(trees), body.rows, body.centers, body.rotations)
+    solid = len(faces[0]) > 1
+    pairs = zip(corners, faces, strict=True)
+    return MeshTrees.join([MeshTrees.build(x, f, solid=solid) for x, f in pairs])
+
+
+@cache
+def _triangles(count: int, name: str) -> MeshTrees:
+    """Return hulls as one triangle each; count: CORNERS_EACH, which a test may set."""
+    return _trees_of(name, [[[0, 1, 2]]] * HULLS)
 
 
 def size_with(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:

@@ -150,7 +150,7 @@ Faces = NDArray[np.int64]
 ZOO = zoo()
 NAMES = list(ZOO)
 #: Pairs of bodies in the tests over all meshes.
-PAIRS = 40_000
+PAIRS = 20_000
 TRIANGLE = np.array([[0, 1, 2]])
 
 
@@ -177,6 +177,7 @@ def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[Point]]:
     return [placed(corners, bodies.centers[row], bodies.rotations[row]) for corners in triangles]
 
 
+@cache
 def trees_of(*names: str, solid: bool | None = None) -> MeshTrees:
     """Return trees of meshes of the zoo, of all of them without names."""
     return MeshTrees.join([MeshTrees.build(*ZOO[name], solid=solid) for name in names or NAMES])

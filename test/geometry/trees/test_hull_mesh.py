@@ -88,15 +88,15 @@ def many_points() -> dict[str, tuple[Floats, float]]:
     angles = np.linspace(0.0, 2.0 * np.pi, 700)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     cylinder = np.concatenate([np.c_[ring, np.full(700, z)] for z in (-1.0, 1.0)])
-    box = rng.uniform(-1.0, 1.0, (9000, 3))
-    box[np.arange(9000), rng.integers(0, 3, 9000)] = rng.choice([-1.0, 1.0], 9000)
+    box = rng.uniform(-1.0, 1.0, (5000, 3))
+    box[np.arange(5000), rng.integers(0, 3, 5000)] = rng.choice([-1.0, 1.0], 5000)
     return {
         "ball": (ball, 1.01),
         "long ball": (ball * [1.0, 1.0, 40.0], 1.015),
-        "many on a ball": (directions(6000, rng), 1.01),
+        "many on a ball": (directions(3000, rng), 1.01),
         "cylinder": (cylinder @ turn, 1.0002),
         "box": (box @ turn, 1.0001),
-        "gauss": (rng.normal(size=(9000, 3)), 1.0 + 1e-8),
+        "gauss": (rng.normal(size=(5000, 3)), 1.0 + 1e-8),
     }
 
 
@@ -123,7 +123,7 @@ def test_hulls_of_up_to_a_thousand_corners_are_exact() -> None:
 def test_simpler_hulls_have_no_corner_far_from_the_points(size: float) -> None:
     # Needles and spikes among them, whose tips planes that are almost parallel would move far.
     rng = np.random.default_rng(9)
-    ball = directions(3000, rng)
+    ball = directions(2000, rng)
     spikes = 1.2 * directions(8, rng)
     for name, points, limit in (
         ("ball", ball, 0.0115),

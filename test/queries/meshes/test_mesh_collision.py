@@ -24,7 +24,7 @@ import pytest
 from each import each
 from exact_vectors import cross, dot, exact, minus
 from hull_distances import squared_distance, whole_numbers
-from mesh_zoo import NAMES, PAIRS, bodies_of, collisions, place, verdict_of, zoo
+from mesh_zoo import NAMES, PAIRS, bodies_of, collisions, place, trees_of, verdict_of, zoo
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from support import refused
@@ -39,18 +39,11 @@ from obb_collision.typing import Floats
 ZOO = zoo()
 
 
-@pytest.fixture(scope="module")
-def trees() -> MeshTrees:
-    return MeshTrees.join([MeshTrees.build(*ZOO[name]) for name in NAMES])
-
-
 @each("spread, seed", [(0.25, 1), (0.9, 3)])
-def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(
-    trees: MeshTrees, spread: float, seed: int
-) -> None:
+def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(spread: float, seed: int) -> None:
     """Containment included: small meshes come to lie within solids."""
     assert len(NAMES) >= 60
-    small = MeshTrees.join([trees, MeshTrees.join(shrunk(0.15))])
+    small = MeshTrees.join([trees_of(), MeshTrees.join(shrunk(0.15))])
     a, b = bodies_of(small, PAIRS, spread, seed)
     mesh = collisions(a, b)
     assert 0.02 < mesh.mean() < 0.98
@@ -270,7 +263,7 @@ def test_a_gap_below_rounding_is_seen() -> None:
 def test_surfaces_agree_with_fcl() -> None:
     """On every pair but those where a nudge of 1e-9 m changes our own verdict."""
     fcl = pytest.importorskip("fcl")
-    surfaces = MeshTrees.join([MeshTrees.build(*ZOO[name], solid=False) for name in NAMES])
+    surfaces = trees_of(solid=False)
     a, b = bodies_of(surfaces, PAIRS, 0.5, 4)
     ours = collisions(a, b)
     theirs = fcl_hits(fcl, a, b)

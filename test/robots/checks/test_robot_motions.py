@@ -360,9 +360,12 @@ STEP = 1e-6
 NEAR = 2.0
 
 
-def distances_by_pair(checker: oc.RobotScene, state: np.ndarray) -> dict[object, float]:
-    found = checker.distances(state, max_distance=NEAR, all_pairs=True)
-    return dict(zip(found.pairs, found.distances.tolist(), strict=True))
+def distances_by_pair(checker: oc.RobotScene, states: np.ndarray) -> list[dict[object, float]]:
+    found = checker.distances(states, max_distance=NEAR, all_pairs=True)
+    every: list[dict[object, float]] = [{} for _ in states]
+    for state, pair, distance in zip(found.states, found.pairs, found.distances, strict=True):
+        every[state][pair] = float(distance)
+    return every
 
 
 @each("accuracy", ["obb", "hull", "mesh"])
@@ -379,16 +382,15 @@ def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) 
     every = checker.distances(states, max_distance=NEAR, all_pairs=True, jacobian=True)
     assert every.jacobians is not None
     errors: list[float] = []
-    for n, state in enumerate(states):
-        ends = [
-            [distances_by_pair(checker, state + way * step) for way in (1.0, -1.0)]
-            for step in STEP * np.eye(joints)
-        ]
-        for row in np.flatnonzero((every.states == n) & (every.distances > 1e-3)):
-            pair = every.pairs[row]
-            if all(pair in end for both in ends for end in both):
-                slopes = [(after[pair] - before[pair]) / (2.0 * STEP) for after, before in ends]
-                errors.append(np.abs(every.jacobians[row] - slopes).max())
+    steps = STEP * np.concatenate([np.eye(joints), -np.eye(joints)])
+    ends = distances_by_pair(checker, (states[:, None] + steps).reshape(-1, joints))
+    for row in np.flatnonzero(every.distances > 1e-3):
+        first, pair = 2 * joints * every.states[row], every.pairs[row]
+        around = ends[first : first + 2 * joints]
+        if all(pair in end for end in around):
+            there = np.array([end[pair] for end in around]).reshape(2, joints)
+            slopes = (there[0] - there[1]) / (2.0 * STEP)
+            errors.append(np.abs(every.jacobians[row] - slopes).max())
     assert len(errors) >= 40
     assert np.mean(np.array(errors) < 1e-7) >= 0.9  # others are where the closest features change
     assert np.abs(every.jacobians[every.distances > 1e-3]).max() > 0.01
