@@ -44,7 +44,8 @@ SPEED, REACH = 0.37, 1.0
 class Thing:
     """An object: what was said of it, and what of that could be used.
 
-    awaited: the size that is being built; shaped: whether it has one; seen: by a cycle.
+    awaited: the size that is being built; shaped: whether it has one; seen: by a cycle; serial:
+    of the node's, when it was last looked at.
     """
 
     size: float
@@ -66,6 +67,7 @@ class Thing:
     awaited: float | None = None
     shaped: bool = True
     seen: bool = False
+    serial: int = -1
 
     @property
     def is_building(self) -> bool:
@@ -91,7 +93,6 @@ class Joint:
     overdue: float = inf
 
     def after(self, x: float, stamp: float, now: float, fault: str, frame: str = "map") -> Joint:
-        """Return it after another state."""
         late = 0 < stamp < self.stamp and now - self.at <= REORDERED
         if fault or (isnan(x) and not late):
             return replace(self, bad=True)
@@ -195,6 +196,9 @@ class Model:
     ) -> None:  # fmt: skip
         thing = self.things.get(name)
         expiry = self.now + life if life else inf
+        if thing is not None and thing.of_set:
+            thing.bad_shape |= not fault  # a good one would have been another shape
+            return
         if fault:
             self.refuse(name, fault, expiry)
             return
@@ -235,7 +239,8 @@ class Model:
                 self.unknown.pop(name, None)
             if not self.is_of_set(name):
                 self.things.pop(name, None)
-                self.newcomers.pop(name, None)
+            if not self.newcomers.get(name, (True,))[0]:
+                del self.newcomers[name]
         if gone:
             self.declare()
 
@@ -296,11 +301,15 @@ class Model:
                 del self.things[name]
         now, self.now = self.now, received
         for name, x, size, fault in rows:
+            if name in self.things and not self.things[name].of_set:
+                self.newcomers[name] = True, inf
+                continue
             if fault:
                 self.refuse(name, fault, of_set=True)
                 continue
             thing = self.things.setdefault(name, Thing(size, True))
             thing.size, thing.bad_shape = size, False
+            self.newcomers.pop(name, None)
             self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp)
         self.now = now
         self.declare()
@@ -346,6 +355,7 @@ class Model:
             self.update(given)
         if not self.failed:
             self.pairs = self.colliding(given)
+        self.unknown = {name: at for name, at in self.unknown.items() if name not in self.things}
 
     def fail(self, topic: str) -> None:
         """Take note of an error that came of a message."""
@@ -522,6 +532,5 @@ class Model:
 
 
 def last(entries: Sequence[str], name: str) -> str | None:
-    """Return the value of the last entry that matches a name."""
     values = [entry.split(": ")[1] for entry in entries if fnmatch(name, entry.split(": ")[0])]
     return values[-1] if values else None

@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from math import nan
 from typing import Any, ClassVar
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import hypothesis.strategies as st
 import numpy as np
@@ -31,7 +31,7 @@ import pytest
 from each import each
 from evidence_model import ARM, EDGE, OFFSET, ORDER, REACH, SPEED, WAIT, Model, Robot
 from geometry_msgs.msg import Point, TransformStamped
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -47,7 +47,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.inputs import MarkerUpdate
-from obb_collision.node.messages.conversions import stamp_to_ros, states_to_ros, transform_to_ros
+from obb_collision.node.messages.conversions import (
+    duration_to_ros,
+    name_from_key,
+    stamp_to_ros,
+    states_to_ros,
+    transform_to_ros,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.scene.building.builder import Outcome
@@ -55,6 +61,7 @@ from obb_collision.scene.building.jobs import BuildError
 from obb_collision.shapes import Box
 
 SECOND = 1_000_000_000
+FAIL = Mock(side_effect=ZeroDivisionError)
 START = 1000.0
 
 
@@ -147,7 +154,6 @@ class World:
 
 @pytest.fixture(autouse=True, scope="module")
 def nodes() -> Iterator[None]:
-    """End the nodes after the last example."""
     yield
     for world in World.made.values():
         world.node.destroy_node()
@@ -155,7 +161,7 @@ def nodes() -> Iterator[None]:
     World.made.clear()
 
 
-NAMES = st.sampled_from(["a/0", "a/1", "b/0"])
+NAMES = st.sampled_from(["a/0", "a/1", "b/0", "boxes/0"])
 ANY = st.sampled_from(["a/0", "a/1", "b/0", "boxes/0", "boxes/1", "a/7", "z/0"])
 PLACES = st.integers(0, 5).map(lambda k: 0.7 * k)
 SIZES = st.sampled_from([1.0, 2.0])
@@ -253,6 +259,8 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.node.run_cycle()
         self.model.cycle(self.given, fails, waited)
         self.compare()
+        if not fails:
+            self.compare_objects()
         assert bool(self.node.evidence.not_known()) == bool(self.model.codes(self.given))
 
     def compare(self, *more: str) -> None:
@@ -265,6 +273,27 @@ class EvidenceMachine(RuleBasedStateMachine):
         assert published[0] == bytes([level])
         answer = self.node.status.answer
         assert answer.pairs == len(pairs), (answer.message, self.model.things)
+
+    def compare_objects(self) -> None:
+        """Compare what there is: by whom it came, its place, its size, and that it is the same."""
+        objects, things = self.node.objects, self.model.things
+        table, scene = objects.table, objects.scene
+        owners = {
+            name_from_key(key): bool(table.of_set[slot])
+            for key, slot in table.slots.items()
+            if not table.of_robot[slot]
+        }
+        assert owners == {name: thing.of_set for name, thing in things.items()}
+        for name, thing in things.items():
+            if thing.x is None or not thing.shaped:
+                continue
+            slot = scene.index(name)
+            serial, thing.serial = thing.serial, int(scene.objects.store.born[slot])
+            assert serial in (-1, thing.serial), "another object"
+            growth = self.model.growth(name, thing, self.given)
+            box = scene.objects.store.boxes(np.array([slot]))
+            assert box.centers[0] == pytest.approx([thing.x, 0.0, 0.0])
+            assert box.half_extents[0] == pytest.approx(0.5 * thing.size + growth)
 
     @invariant()
     def known_to_collide(self) -> None:
@@ -294,7 +323,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             "robots": (node.robots, "apply"),
         }[what if has_robot else what.replace("robots", "check")]
         self.world.advance(0.0503)
-        with patch.object(owner, name, fail):
+        with patch.object(owner, name, FAIL):
             self.cycle(what if has_robot else what.replace("robots", "check"))
         self.heal(clears and what in ("sets", "robots"))
 
@@ -304,17 +333,17 @@ class EvidenceMachine(RuleBasedStateMachine):
         node, names = self.node, sorted(self.model.things)
         self.apply()
         if what == "clear":
-            with patch.object(node.objects, "clear", fail):
+            with patch.object(node.objects, "clear", FAIL):
                 self.clear(fails=True)
         elif what == "marker":
-            with patch.object(MarkerUpdate, "run", fail):
+            with patch.object(MarkerUpdate, "run", FAIL):
                 self.send("objects", MarkerArray(markers=[cube(("b", 0))]))
                 node.inputs.markers.apply()
             self.model.fail("objects")
         elif names:
             message = TransformStamped(header=Header(frame_id="map"), child_frame_id=names[0])
             message.transform = transform_to_ros(pose(0.0))
-            with patch.object(node.objects.states, "store", fail):
+            with patch.object(node.objects.states, "store", FAIL):
                 self.send("object_transform", message)
             self.model.fail("object_transform")
         self.heal(clears)
@@ -325,7 +354,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         markers, fails = self.node.inputs.markers, fails and by < 0.0
         self.apply()  # a stamp that waits would order those that come after it
         self.node.now()
-        with patch.object(markers, "clock_jumped", fail if fails else markers.clock_jumped):
+        with patch.object(markers, "clock_jumped", FAIL if fails else markers.clock_jumped):
             self.world.advance(by, 0.0)
             self.node.now()
         if by < 0.0:
@@ -423,7 +452,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         for name in names:
             marker = cube(key(name), (x, 0, 0), [0.0 if fault == "scale" else size] * 3)
             marker.header, marker.action = header, 7 if fault == "action" else Marker.ADD
-            marker.lifetime = duration(life)
+            marker.lifetime = duration_to_ros(life)
             if fault == "pose":
                 marker.pose.position.x = nan
             sent.append(marker)
@@ -437,15 +466,10 @@ class EvidenceMachine(RuleBasedStateMachine):
     def delete(self, names: list[str]) -> None:
         sent = [cube(key(name), action=Marker.DELETE) for name in names]
         self.send("objects", MarkerArray(markers=sent))
-        self.model.delete(
-            *[
-                name
-                for name in names
-                if name not in self.model.things or not self.model.is_of_set(name)
-            ]
-        )
+        things, is_of_set = self.model.things, self.model.is_of_set
+        self.model.delete(*(n for n in names if n not in things or not is_of_set(n)))
 
-    @rule(namespace=st.sampled_from(["", "a", "b"]))
+    @rule(namespace=st.sampled_from(["", "a", "b", "boxes"]))
     def delete_all(self, namespace: str) -> None:
         if self.model.deleting or not all(thing.seen for thing in self.model.things.values()):
             self.apply()  # else nobody remembers what came and went at once
@@ -536,7 +560,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         life = life if ahead == 0.0 else 0.0
         corners = [Point(), Point(x=size), Point(y=size)]
         marker = cube(key(name), (x, 0, 0), type=Marker.TRIANGLE_LIST, points=corners)
-        marker.header, marker.lifetime = header, duration(life)
+        marker.header, marker.lifetime = header, duration_to_ros(life)
         self.apply()
         self.send("objects", MarkerArray(markers=[marker]))
         self.apply()
@@ -612,10 +636,6 @@ def key(name: str) -> tuple[str, int]:
     return namespace, int(number)
 
 
-def fail(*_: Any) -> None:
-    raise ZeroDivisionError
-
-
 def urdf(edge: float) -> str:
     """Return a robot of two links that two joints move apart along x."""
     text = "<robot name='arm'>"
@@ -626,12 +646,6 @@ def urdf(edge: float) -> str:
         text += f"<joint name='j{k}' type='prismatic'><parent link='{parent}'/><axis xyz='1 0 0'/>"
         text += f"<child link='{child}'/><limit lower='-9' upper='9'/></joint>"
     return f"{text}</robot>"
-
-
-def duration(seconds: float) -> Any:
-    from builtin_interfaces.msg import Duration
-
-    return Duration(sec=int(seconds), nanosec=round(seconds % 1 * SECOND))
 
 
 TestEvidenceMachine = EvidenceMachine.TestCase
@@ -693,12 +707,9 @@ FOUND: dict[str, list[tuple[str, dict[str, Any]]]] = {
 """Sequences after which the node claimed something else, and what is rare of robots."""
 
 
-@each("what", FOUND)
-def test_what_the_machine_found(what: str) -> None:
-    has_robot = what.startswith("robot")
-    if has_robot:
-        pytest.importorskip("lxml")
-    machine, steps = EvidenceMachine(), FOUND[what]
+def run(steps: list[tuple[str, dict[str, Any]]], has_robot: bool = False) -> None:
+    """Let the machine go through some steps."""
+    machine = EvidenceMachine()
     machine.begin(PLAIN, has_robot=has_robot, scene=[])
     try:
         for name, given in steps:
@@ -706,3 +717,39 @@ def test_what_the_machine_found(what: str) -> None:
         machine.tick(0.0503)
     finally:
         machine.teardown()
+
+
+@each("what", FOUND)
+def test_what_the_machine_found(what: str) -> None:
+    has_robot = what.startswith("robot")
+    if has_robot:
+        pytest.importorskip("lxml")
+    run(FOUND[what], has_robot)
+
+
+def some(name: str, given: dict[str, Any], **drawn: Any) -> Any:
+    """Return steps of one kind, some of whose arguments are drawn."""
+    arguments = st.fixed_dictionaries({key: st.just(one) for key, one in given.items()} | drawn)
+    return st.tuples(st.just(name), arguments)
+
+
+FAULTS = st.sampled_from(["", "", "scale"])
+ROWS = st.lists(st.sampled_from([(0.0, 1.0, ""), (0.7, 2.0, ""), (1.4, 1.0, "scale")]), max_size=2)
+SHARED = st.sampled_from([["boxes/0"], ["boxes/1"], ["a/0", "boxes/0"]])
+BOX_STEPS = st.one_of(
+    some("boxes", SET, rows=ROWS, first=st.integers(0, 1)),
+    some("boxes", SET, rows=ROWS, first=st.integers(0, 1)),
+    some("markers", MARKER, names=SHARED, x=PLACES, size=SIZES, fault=FAULTS),
+    some("poses", BULK, names=SHARED, x=PLACES),
+    some("delete", {}, names=SHARED),
+    some("delete_all", {}, namespace=st.sampled_from(["", "a", "boxes"])),
+)
+
+
+@settings(max_examples=150)
+@given(st.lists(BOX_STEPS, min_size=3, max_size=10))
+def test_sets_of_boxes_beside_markers_of_the_same_names(
+    steps: list[tuple[str, dict[str, Any]]],
+) -> None:
+    said = ("markers", {**MARKER, "names": ["boxes/9"]})  # the name that sets have a number of
+    run([step for one in (said, *steps) for step in (one, ("tick", {"step": 0.0503}))])
