@@ -746,7 +746,7 @@ BOX_STEPS = st.one_of(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(st.lists(BOX_STEPS, min_size=3, max_size=10))
 def test_sets_of_boxes_beside_markers_of_the_same_names(
     steps: list[tuple[str, dict[str, Any]]],

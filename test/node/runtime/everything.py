@@ -43,6 +43,7 @@ from obb_collision import Accuracy, _jit, _kernel_cache
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.runtime.running import Garbage
+from obb_collision.node.topics.topics import TOPICS
 
 RATE = 200.0
 MANY = 70
@@ -50,17 +51,12 @@ MANY = 70
 BUILT = (Marker.TRIANGLE_LIST, Marker.CUBE_LIST, Marker.LINE_LIST)
 CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 FACES = (0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
-EFFECTS = {
-    "contacts": "contacts",
-    "clearance": "clearances",
-    "sweep": "predicted_collisions",
-    "points": "points_inside",
-    "text": "collisions_text",
-    "markers": "obb_collision/markers",
-    "diagnostics": "/diagnostics",
-}
 SHOWN = ("text", "markers", "diagnostics")
 """Effects without kernels, whose messages take longer than all else."""
+EFFECTS = {
+    name: TOPICS[name].name.replace("~", "obb_collision")
+    for name in ("contacts", "clearance", "sweep", "points", *SHOWN)
+}
 CHANGES: tuple[dict[str, Any], ...] = (
     {"time_budget": 0.005},
     {"accuracy": "mesh"},
@@ -97,10 +93,6 @@ class Everything(Rig):
             add(*args)
 
         monitor.add = noted
-
-    def kernels(self) -> set[str]:
-        """Return the kernels that this process has, with their signatures."""
-        return _jit.loaded_kernels()
 
     def stage(self) -> dict[str, float]:
         """Return how long it took since this was last called, and the longest gap of cycles."""
@@ -147,14 +139,9 @@ def objects() -> list[Marker]:
     return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
 
 
-def waiting_effects(rig: Everything) -> set[str]:
-    """Return the effects that wait for kernels of a level."""
-    effects = rig.node.effects
-    return effects.on_boxes.keys() & effects.of_cycle()
-
-
 def switch_everything(rig: Everything) -> Iterator[str]:
     """Ask for one thing after the other; yields what it was once it is answered."""
+    effects = rig.node.effects
     rig.send(cube(("alone", 1))).answer()
     yield "one object"
     rig.send(*objects())
@@ -175,7 +162,7 @@ def switch_everything(rig: Everything) -> Iterator[str]:
         rig.set(accuracy=level)
         rig.cycles(5)
         rig.until(lambda: not rig.node.settings.waiting, level)
-        rig.until(lambda: not waiting_effects(rig), f"effects on {level}")
+        rig.until(lambda: not effects.on_boxes.keys() & effects.of_cycle(), f"effects on {level}")
         yield f"accuracy {level}"
         rig.move()
         yield f"accuracy {level}, moved"
@@ -249,10 +236,9 @@ def all_of_a_node(stages: int | None) -> dict[str, Any]:
     rig = Everything()
     Garbage.settle()  # as the executable does
     with rig:
-        before, compiled = rig.kernels(), len(_kernel_cache.compiled.names)
-        asked = islice(switch_everything(rig), stages)
-        found = [(stage, rig.stage()) for stage in asked]
-        new = sorted(rig.kernels() - before - loaded.keys())
+        before, compiled = _jit.loaded_kernels(), len(_kernel_cache.compiled.names)
+        stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
+        new = sorted(_jit.loaded_kernels() - before - loaded)
     names = _kernel_cache.compiled.names[compiled:]
     threads = sorted({loaded[kernel] for kernel in loaded.keys() - before})
     return {"new": new, "threads": threads, "compiled": names, "stages": found}

@@ -25,9 +25,10 @@ from pathlib import Path
 from threading import Event, Thread
 from time import monotonic
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
-from built_markers import RING, levels, ring
+from built_markers import RING, crate, levels, ring
 from node_process import cached, environment, running
 from processes import PATIENCE, output_until, run_python
 from rig import Rig, cube, sync
@@ -38,14 +39,12 @@ from obb_collision.node.runtime import warm_up
 from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
 
-SEPARATIONS = "effect separations"
-
 
 class Cache:
-    """A cache that has some steps; the others can be compiled, unless they fail."""
+    """A cache that has what every cycle needs; the rest can be compiled, unless it fails."""
 
-    def __init__(self, *kept: str) -> None:
-        self.kept = set(kept)
+    def __init__(self) -> None:
+        self.kept = {BOXES, MESSAGES, "effect separations"}
         self.compiled: list[str] = []
         self.here: list[str] = []
         self.failures: dict[str, str] = {}
@@ -56,7 +55,6 @@ class Cache:
         self.asked = Event()
 
     def run(self, step: str) -> None:
-        """Stand in for ``steps.run``."""
         if step in self.kept:
             return
         if _kernel_cache.only_loads():
@@ -64,7 +62,6 @@ class Cache:
         self.here.append(step)
 
     def compile_steps(self, wanted: list[str], **options: Any) -> processes.CompileProgress:
-        """Stand in for ``compile_steps``."""
         self.asked.set()
         progress, limit = processes.CompileProgress(tuple(wanted)), monotonic() + PATIENCE
         while not self.may_go_on.wait(0.01):
@@ -90,7 +87,6 @@ class Log:
 
 
 def wait_for(reached: Callable[[], bool]) -> None:
-    """Wait until something is reached."""
     done, limit = Event(), monotonic() + PATIENCE
     while not reached():
         assert monotonic() < limit, "not reached"
@@ -137,7 +133,6 @@ def test_what_is_compiled_already_does_not_wait_for_what_is_being_compiled(
 
 
 def test_what_is_asked_for_later_is_compiled_once_beside_the_cycles(cache: Cache, log: Log) -> None:
-    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
     log.warm.start([])
     for thing in ("sweep", Accuracy.HULL, "sweep"):
         wait_for(lambda thing=thing: log.warm.is_ready(thing))  # type: ignore[misc]
@@ -149,7 +144,6 @@ def test_what_is_asked_for_later_is_compiled_once_beside_the_cycles(cache: Cache
 def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_again(
     cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
     cache.failures["effect sweep"] = "no folder takes kernels"
     log.warm.start([])
     assert not log.warm.is_ready("sweep")
@@ -170,12 +164,8 @@ def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_agai
 def test_a_thread_or_process_that_does_not_start_is_tried_again(
     cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
     log.warm.start([])
-
-    def fails(*_: object, **__: object) -> None:
-        raise RuntimeError("can't start new thread")
-
+    fails = Mock(side_effect=RuntimeError("can't start new thread"))
     for number, (what, name) in enumerate(((Thread, "start"), (warm_up, "compile_steps")), 1):
         with monkeypatch.context() as patch:
             patch.setattr(what, name, fails)
@@ -191,6 +181,7 @@ def test_a_thread_or_process_that_does_not_start_is_tried_again(
 def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_before_the_start(
     cache: Cache, log: Log
 ) -> None:
+    cache.kept = set()
     cache.failures = dict.fromkeys(STEPS, "no folder takes kernels")
     log.warm.start([])
     assert cache.here == list(NODE_STEPS)
@@ -203,7 +194,7 @@ def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
 ) -> None:
     monkeypatch.setattr(_kernel_cache, "private_place", lambda: tmp_path / "private")
     monkeypatch.setattr(_kernel_cache, "places", [tmp_path / "cache"])
-    cache.unsaved = ["a kernel"]
+    cache.kept, cache.unsaved = set(), ["a kernel"]
     log.warm.start([])
     cache.unsaved = []
     for thing in ("sweep", "points"):
@@ -228,14 +219,15 @@ def test_a_start_that_is_given_up_compiles_nothing_more(
         return processes.CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", stopped)
-    warm = warm_up.WarmUp(lambda text: None, lambda text: None, lambda: True)
+    cache.kept = set()
+    warm = warm_up.WarmUp(print, print, lambda: True)
     warm.start([])
     assert cache.here == []
     warm.close()
 
 
 def test_closing_waits_until_nothing_is_compiled_any_more(
-    cache: Cache, monkeypatch: pytest.MonkeyPatch
+    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun, ended = Event(), Event()
 
@@ -246,35 +238,38 @@ def test_closing_waits_until_nothing_is_compiled_any_more(
         return processes.CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", compile_until_stopped)
-    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
     monkeypatch.setattr(warm_up, "ENDING", 3600.0)
-    warm = warm_up.WarmUp(lambda text: None, lambda text: None)
-    warm.start([])
-    assert not warm.is_ready("sweep")
+    log.warm.start([])
+    assert not log.warm.is_ready("sweep")
     assert begun.wait(PATIENCE)
-    warm.close()
+    log.warm.close()
     assert ended.is_set()
 
 
 @pytest.fixture
 def late_cache(cache: Cache) -> Cache:
-    """Return a cache that has what every cycle needs, and lets nothing be compiled yet."""
-    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    """Return a cache that lets nothing be compiled yet."""
     cache.may_go_on.clear()
     return cache
 
 
-def test_pairs_stay_on_obb_and_cycles_go_on_until_an_accuracy_is_ready(late_cache: Cache) -> None:
+def test_cycles_go_on_with_pairs_on_obb_and_without_an_effect_until_these_are_ready(
+    late_cache: Cache,
+) -> None:
     with Rig() as rig:
-        rig.send(ring(), cube(("box", 1), size=(0.5, 0.5, 0.5)))
+        rig.send(ring(), crate())
         rig.built(RING)
         assert sync(rig) == {("mesh/1", "box/1")}
         rig.set(accuracy="mesh")
+        rig.listen("/diagnostics", "contacts")
         rig.until(late_cache.asked.is_set, "thread")
         rig.cycles(5)
         assert levels(rig) == ["obb"]
+        assert "contacts" not in rig.last
+        assert rig.status(": cycle")["effect contacts"] == "auto, kernels being compiled"
         late_cache.may_go_on.set()
         rig.until(lambda: levels(rig) == [], "mesh")
+        rig.until(lambda: "contacts" in rig.last, "contacts")
 
 
 def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
@@ -282,7 +277,7 @@ def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
 ) -> None:
     late_cache.kept.add("accuracy mesh")
     with Rig(accuracy="mesh") as rig:
-        rig.send(ring(), cube(("box", 1), size=(0.5, 0.5, 0.5)))  # in the hole of the ring
+        rig.send(ring(), crate())  # in the hole of the ring
         rig.built(RING)
         rig.send(cube(("near", 1), (20.0, 0.0, 0.0)), cube(("near", 2), (21.2, 0.0, 0.0)))
         rig.until(lambda: levels(rig) == [], "mesh")
@@ -292,17 +287,6 @@ def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
         assert rig.pairs() == set()
         late_cache.may_go_on.set()
         rig.until(lambda: rig.pairs() == {("near/1", "near/2")}, "spheres")
-
-
-def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:
-    with Rig() as rig:
-        rig.listen("/diagnostics", "contacts")
-        rig.until(late_cache.asked.is_set, "thread")
-        rig.cycles(5)
-        assert "contacts" not in rig.last
-        assert rig.status(": cycle")["effect contacts"] == "auto, kernels being compiled"
-        late_cache.may_go_on.set()
-        rig.until(lambda: "contacts" in rig.last, "contacts")
 
 
 def test_an_effect_is_on_boxes_until_it_is_ready_on_the_level_of_its_pairs(
@@ -381,7 +365,6 @@ def test_cycles_go_on_while_an_effect_is_compiled(tmp_path: Path) -> None:
 
 
 def copy_kernels(folder: Path) -> None:
-    """Copy the kernels to another cache."""
     for source in _kernel_cache.places[0].iterdir():
         if source.is_dir():
             shutil.copytree(source, folder / "obb_collision" / source.name)
