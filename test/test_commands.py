@@ -194,7 +194,7 @@ def bad_arguments(main: Callable[[list[str]], int]) -> Iterator[list[str]]:
     for action in found[0]._actions:
         option = action.option_strings[-1:]
         if option and action.nargs in (None, "+"):
-            yield option
+            yield [*option]
         names = [getattr(action.type, "__qualname__", "").partition(".")[0], *option]
         values = ["none such", "", "\ud800"] if action.choices else []
         values += [bad for name in names for bad in BAD.get(name, [])]

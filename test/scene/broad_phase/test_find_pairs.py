@@ -164,8 +164,8 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
     assert pairs.dtype == np.int64
     np.testing.assert_array_equal(pairs, brute_force(boxes).reshape(-1, 2))
     if n == 1000:  # enough for several threads, too many for tables
-        for found in by_threads(search, 2, 3, 5):
-            assert [part.tobytes() for part in found] == [pairs.tobytes(), near.tobytes()]
+        for again in by_threads(search, 2, 3, 5):
+            assert [part.tobytes() for part in again] == [pairs.tobytes(), near.tobytes()]
         return
     balls = oc.find_pairs(boxes, accuracy="sphere")
     # each pair once, in order; all that certainly are near and none that certainly are not
