@@ -181,13 +181,11 @@ def test_witnesses(record_property: Record) -> None:
     a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
     gaps, _ = witnesses(a, b)
     pairs = [(row_of(a, n), row_of(b, n)) for n in range(len(a))]
-    check_ratios(
-        record_property,
-        [
-            abs(Fraction(gap) - max(exact_gaps(*pair))) / careful_bound(*pair)
-            for gap, pair in zip(gaps.tolist(), pairs, strict=True)
-        ],
-    )
+    errors = [
+        abs(Fraction(gap) - max(exact_gaps(*pair))) / careful_bound(*pair)
+        for gap, pair in zip(gaps.tolist(), pairs, strict=True)
+    ]
+    check_ratios(record_property, errors)
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")

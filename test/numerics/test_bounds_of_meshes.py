@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from support import row_of
 
 import obb_collision as oc
-from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision import Boxes, MeshTrees, PlacedMeshes
 from obb_collision.geometry.fitting import COORDINATE_BOUND, enclose_points
 from obb_collision.geometry.trees import WIDENING, HullPool, Hulls
 from obb_collision.numerics.vec3 import vector
@@ -82,14 +82,10 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
         first, second = (place_at(centers, rotations[i : i + 2], k) for k in (0, 1))
         pose = relative_pose(first, second, float(np.linalg.norm(corner)))
         found = moved(pose, vector(corner))
-        columns_a, columns_b = ([exact(c) for c in rotations[k].T] for k in (i, i + 1))
-        place = [
-            dot(row, exact(corner)) + q - p
-            for row, p, q in zip(
-                zip(*columns_b, strict=True), exact(centers[0]), exact(centers[1]), strict=True
-            )
-        ]
-        error = max(map(abs, minus(exact(found), solved(columns_a, place))))
+        columns = [exact(column) for column in rotations[i].T]
+        (place,) = placed(corner[None], centers[1], rotations[i + 1])
+        place = minus(place, exact(centers[0]))
+        error = max(map(abs, minus(exact(found), solved(columns, place))))
         ratios.append(error / (Fraction(POINT_BOUND) * Fraction(pose.size)))
     check_ratios(record_property, ratios)
 
@@ -102,20 +98,13 @@ def test_distances_of_meshes(record_property: Record) -> None:
     for i in range(0, len(rotations) - 1, 2):
         centers, corners = RNG.normal(size=(2, 3)), RNG.normal(size=(2, 3))
         trees = MeshTrees.join([MeshTrees.build([c] * 3, triangle) for c in corners])
-        a, b = (PlacedMeshes(trees, [k], centers[[k]], rotations[[i + k]]) for k in (0, 1))
         # as stored: rotations that are loose are made orthonormal on the way in
         bodies = [
-            PlacedMeshes.trusted(trees, x.meshes, x.centers, rotations[[i + k]])
-            for k, x in enumerate((a, b))
+            PlacedMeshes.trusted(trees, np.array([k]), centers[[k]], rotations[[i + k]])
+            for k in (0, 1)
         ]
         found = oc.clearances(bodies[0], bodies[1])
-        places = [
-            [
-                dot(row, exact(corner)) + c
-                for row, c in zip(map(exact, r), exact(center), strict=True)
-            ]
-            for r, corner, center in zip(rotations[i : i + 2], corners, centers, strict=True)
-        ]
+        places = [placed(corners[[k]], centers[k], rotations[i + k])[0] for k in (0, 1)]
         true = norm(minus(*places))
         size = Fraction(taxicab(minus(*map(exact, centers)))) + sum(map(Fraction, trees.radii))
         bound = Fraction(DISTANCE_BOUND) * size
@@ -187,6 +176,12 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
     check_flips(record_property, apart, quantity, np.full(COUNT, 1e-10))
 
 
+def nodes_of(boxes: Boxes) -> Floats:
+    """Return boxes as nodes of a tree."""
+    filler = np.zeros((len(boxes), 1))
+    return np.hstack([boxes.centers, boxes.rotations.reshape(-1, 9), boxes.half_extents, filler])
+
+
 @each("which", ["all axes", "faces, b moved", "faces, a moved"])
 def test_boxes_of_trees(which: str, record_property: Record) -> None:
     boxes = Moved(6, ("ordinary scene", "edge against edge", "thin plates and rods"), loose=True)
@@ -194,13 +189,7 @@ def test_boxes_of_trees(which: str, record_property: Record) -> None:
     pose = relative_pose(here, here, 4.0 * float(boxes.farthest.max()))
 
     def rows(distances: Floats) -> list[Floats]:
-        return [
-            np.concatenate(
-                [b.centers, b.rotations.reshape(-1, 9), b.half_extents, np.zeros((len(b), 1))],
-                axis=1,
-            )
-            for b in boxes.at(distances)
-        ]
+        return [nodes_of(side) for side in boxes.at(distances)]
 
     def apart(distances: Floats) -> np.ndarray:
         a, b = rows(distances)
@@ -227,8 +216,7 @@ def test_boxes_of_trees(which: str, record_property: Record) -> None:
 def test_points_outside_boxes_of_trees(record_property: Record) -> None:
     moved = Moved(6)
     boxes = moved.a
-    filler = np.zeros((len(boxes), 1))
-    nodes = np.hstack([boxes.centers, boxes.rotations.reshape(-1, 9), boxes.half_extents, filler])
+    nodes = nodes_of(boxes)
 
     def point(n: int, distance: float) -> Floats:
         result: Floats = boxes.centers[n] + distance * moved.directions[n]

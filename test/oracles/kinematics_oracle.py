@@ -62,11 +62,8 @@ def joint_trees(
         if single and kind in SINGLE and draw(st.booleans()):
             mimic = (draw(st.sampled_from(single)), draw(number), draw(number))
         parent = str(draw(st.integers(max(0, child - back), child - 1)))
-        found.append(
-            OracleJoint(
-                f"j{child}", kind, parent, str(child), draw(triple), draw(triple), draw(axis), mimic
-            )
-        )
+        numbers = draw(triple), draw(triple), draw(axis)
+        found.append(OracleJoint(f"j{child}", kind, parent, str(child), *numbers, mimic))
     return found
 
 

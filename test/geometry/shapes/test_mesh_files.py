@@ -121,18 +121,13 @@ def test_materials_and_textures_of_an_obj_are_not_opened(
 
 def gltf(buffer_uri: str) -> str:
     """Return one triangle, its buffer anywhere."""
-    return json.dumps(
-        {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-            "bufferViews": [{"buffer": 0, "byteLength": 36}],
-            "buffers": [{"uri": buffer_uri, "byteLength": 36}],
-        }
-    )
+    return json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"uri": buffer_uri, "byteLength": 36}],
+    })  # fmt: skip
 
 
 def test_buffers_of_a_gltf_are_read_only_where_they_are_inside(tmp_path: Path, pipe: Path) -> None:
@@ -313,16 +308,11 @@ def test_files_outside_are_refused_however_they_are_named(chosen: Path, tmp_path
     (chosen / "up").symlink_to("..")
     (chosen / "loop").symlink_to("loop")
     hostile = [
-        outside,
-        chosen / ".." / "outside.stl",
-        chosen / "link.stl",
-        chosen / "up" / "outside.stl",
-        resolve_path(f"file://{chosen}/%2e%2e/outside.stl"),
-        resolve_path(f"file://{chosen}/..%2Foutside.stl"),
-        Path(f"{chosen}2/a.stl"),
-        Path("/etc/passwd"),
+        outside, chosen / ".." / "outside.stl", chosen / "link.stl", chosen / "up" / "outside.stl",
+        resolve_path(f"file://{chosen}/%2e%2e/outside.stl"), Path("/etc/passwd"),
+        resolve_path(f"file://{chosen}/..%2Foutside.stl"), Path(f"{chosen}2/a.stl"),
         Path("outside.stl"),
-    ]
+    ]  # fmt: skip
     for path in hostile:
         refused(REFUSED, allowed_path, path, [chosen])
     refused(f"it leads to {outside}, which is in", allowed_path, chosen / "link.stl", [chosen])

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from support import row_of
+from support import refused, row_of
 from trimesh import Trimesh, creation
 
 from obb_collision import MeshTrees
@@ -257,8 +257,7 @@ def test_scales_and_boxes() -> None:
     half_extents = np.array([1.0, 0.0, 2.0])
     assert np.abs(box_tree(half_extents).triangles).max() == 2.0
     assert np.abs(box_corners(half_extents)).max() - 2.0 == 2.0 * HULL_MARGIN
-    with pytest.raises(ValueError, match="faces must not be empty"):
-        mesh_tree(Mesh(vertices, []))
+    refused("faces must not be empty", mesh_tree, Mesh(vertices, []))
 
 
 @each(

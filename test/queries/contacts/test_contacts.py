@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import oracle
@@ -26,7 +27,6 @@ from exact_bodies import outside
 from exact_vectors import exact
 from numpy.typing import ArrayLike
 from support import contacts, family, joined, refused, row_of, sizes, stored
-from triangle_pairs import CUBE, assert_same_places, between, colliding, one, turned
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts import FEATURE_TIE, Contacts
@@ -37,6 +37,42 @@ from tools.cases.placement import turns
 #: Promised accuracy of depth and normal, and of points, relative to the sum of half extents.
 DEPTH_ACCURACY = 1e-12
 POINT_ACCURACY = 1e-9
+
+
+def colliding(name: str, n: int) -> tuple[Boxes, Boxes]:
+    """Return the pairs of a family that are not separate."""
+    a, b = family(name, n)
+    rows = np.flatnonzero(verdicts(a, b) != Verdict.SEPARATE)
+    return a[rows], b[rows]
+
+
+def between(a: Boxes, b: Boxes, limit: int = 4) -> Contacts:
+    """Return the contacts of each row of a with the same row of b."""
+    boxes, pairs = joined(a, b)
+    return contacts(boxes, pairs, limit)
+
+
+def one(a: Any, b: Any, limit: int = 4) -> tuple[Floats, Floats, float]:
+    """Return points, normal and depth of one pair of (centre, rotation, half extents)."""
+    boxes = Boxes(*([x, y] for x, y in zip(a, b, strict=True)))
+    found = contacts(boxes, [[0, 1]], limit)
+    return found.positions[0, : found.counts[0]], found.normals[0], float(found.depths[0])
+
+
+def assert_same_places(found: Floats, wanted: Any, tolerance: float = 1e-12) -> None:
+    """Assert that two sets of points (n, 3) are the same in any order."""
+    wanted = np.asarray(wanted, float)
+    assert found.shape == wanted.shape
+    distances = np.linalg.norm(found[:, None] - wanted[None], axis=2)
+    assert distances.min(axis=1).max() <= tolerance
+    assert distances.min(axis=0).max() <= tolerance
+
+
+def turned(axis: list[float], degrees: float) -> Floats:
+    return turns(np.array([axis]), np.radians([degrees]))[0]
+
+
+CUBE = ([0.0, 0.0, 0.0], np.eye(3), [1.0, 1.0, 1.0])
 
 
 def test_depth_and_normal_are_the_exact_least_penetration(pairs: int) -> None:

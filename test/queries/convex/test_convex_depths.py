@@ -202,14 +202,10 @@ def test_the_contact_of_two_edges_is_theirs_where_a_face_within_has_their_normal
     """The polytope has the direction of least depth long before it has the face."""
     numbers = np.array(EDGES.split(), float).reshape(2, 15)
     a, b = (
-        moved(
-            x,
-            sizes=np.append(n[:3], 0.0)[None],
-            centers=n[None, 3:6],
-            rotations=n[6:].reshape(1, 3, 3),
-        )
+        moved(x, sizes=np.append(n[None, :3], 0.0)[None], centers=n[None, 3:6],
+              rotations=n[6:].reshape(1, 3, 3))
         for x, n in zip(pair_of(("box", "box"), 1, 0), numbers, strict=True)
-    )
+    )  # fmt: skip
     distances = found_of((a, b))
     apart = np.linalg.norm(distances.positions_b - distances.positions_a)
     assert apart == pytest.approx(-distances.lower[0], abs=1e-12)

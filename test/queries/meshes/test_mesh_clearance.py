@@ -365,45 +365,33 @@ def test_separate_means_that_a_plane_exists() -> None:
         assert met[n] == (squared_distance(*sides) == 0)
 
 
+def met_by(hulls: Hulls, rows: Any, others: Any, here: Floats, there: Floats) -> list[bool]:
+    """Return which hulls at places collide with others at other places, none of them turned."""
+    count, still = len(there), np.tile(np.eye(3), (len(there), 1, 1))
+    a, b = PlacedHulls(hulls, rows, here, still), PlacedHulls(hulls, others, there, still)
+    return list(hulls_may_collide(a, b, np.arange(count), np.arange(count)).tolist())
+
+
 @each("scale", [2.0**-500, 2.0**-60, 1.0, 2.0**60, 2.0**500])
 @each("far", [0.0, 2.0**20])
 def test_any_size_and_any_place(scale: float, far: float) -> None:
-    cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    hulls = pool([scale * cube])
-    offsets = np.array(
-        [
-            [1.5, 0, 0],
-            [2.0, 0, 0],
-            [2.0 + 2.0**-12, 0, 0],
-            [2, 2, 2],
-            [2.0 + 2.0**-9, 2.0 + 2.0**-9, 0],
-        ]
-    )
-    count = len(offsets)
-    rows, still = np.zeros(count, np.int64), np.tile(np.eye(3), (count, 1, 1))
-    here = np.full((count, 3), far * scale)
-    a, b = (
-        PlacedHulls(hulls, rows, here, still),
-        PlacedHulls(hulls, rows, here + scale * offsets, still),
-    )
-    met = hulls_may_collide(a, b, np.arange(count), np.arange(count))
-    assert met.tolist() == [True, True, False, True, False]
+    past, rows = 2.0 + 2.0**-9, np.zeros(5, np.int64)
+    offsets = np.array([[1.5, 0, 0], [2, 0, 0], [2 + 2.0**-12, 0, 0], [2, 2, 2], [past, past, 0]])
+    here = np.full((5, 3), far * scale)
+    met = met_by(pool([scale * BOX_CORNERS]), rows, rows, here, here + scale * offsets)
+    assert met == [True, True, False, True, False]
 
 
 def test_flat_and_single_points() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     hulls = pool([square, square[:2], square[:1]])
-    rows = np.array([0, 0, 1, 1, 2, 2, 0, 1])
-    others = np.array([0, 0, 1, 0, 2, 2, 2, 2])
+    rows, others = np.array([0, 0, 1, 1, 2, 2, 0, 1]), np.array([0, 0, 1, 0, 2, 2, 2, 2])
     offsets = np.array(
         [[0.5, 0, 0], [0, 0, 1e-6], [0, 1e-6, 0], [0, 0, 0], [0, 0, 0], [1e-6, 0, 0],
          [0.5, 0.5, 0], [0.5, 1e-6, 0]]
     )  # fmt: skip
-    still = np.tile(np.eye(3), (8, 1, 1))
-    a = PlacedHulls(hulls, rows, np.zeros((8, 3)), still)
-    b = PlacedHulls(hulls, others, offsets, still)
-    met = hulls_may_collide(a, b, np.arange(8), np.arange(8))
-    assert met.tolist() == [True, False, False, True, True, False, True, False]
+    met = met_by(hulls, rows, others, np.zeros((8, 3)), offsets)
+    assert met == [True, False, False, True, True, False, True, False]
 
 
 BODIES = 3000

@@ -48,6 +48,7 @@ from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points import points_in_bodies
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
 from obb_collision.typing import Floats
+from tools.cases.placement import random_rotations
 
 #: By how much a ray may pass what it is said to hit, relative to the size of ray and mesh.
 DOUBT = Fraction(1, 10**12)
@@ -145,10 +146,7 @@ def faces_of(bodies: PlacedMeshes, row: int) -> list[int]:
 def test_a_box_and_its_mesh_are_hit_alike() -> None:
     rng = np.random.default_rng(33)
     half_extents = rng.uniform(0.1, 1.0, (20, 3))
-    centers, turns = (
-        rng.uniform(-4.0, 4.0, (20, 3)),
-        Rotation.random(20, random_state=rng).as_matrix(),
-    )
+    centers, turns = rng.uniform(-4.0, 4.0, (20, 3)), random_rotations(rng, 20)
     boxes = Boxes(centers, turns, half_extents)
     meshes = PlacedMeshes(MeshTrees.from_half_extents(half_extents), range(20), centers, turns)
     origins, ends = rng.uniform(-5.0, 5.0, (2, 600, 3))

@@ -164,12 +164,9 @@ def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float)
     """Whatever is accepted gets one of three answers, whole."""
     boxes = Boxes([one[:3], two[:3]], [EYE] * 2, [half[:3], half[3:]])
     for scale in (1.0, 1e-150, 1e-300):
-        twists, origins = (
-            scale * np.array([one[6:], two[6:]]),
-            scale * np.array([one[3:6], two[3:6]]),
-        )
+        moves = scale * np.array([one, two])
         try:
-            found = sweep_twists(boxes, twists, [[0, 1]], horizon, origins=origins)
+            found = sweep_twists(boxes, moves[:, 6:], [[0, 1]], horizon, origins=moves[:, 3:6])
         except ValueError as error:
             assert "must not exceed" in str(error)  # noqa: PT017 - the others must pass
             continue
@@ -177,7 +174,7 @@ def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float)
         assert found.undecided[0] == np.isnan(found.times[0])
         assert found.free_until[0] >= 0.0
         assert np.isfinite(found.positions).all() == found.hits[0]
-        start = verdicts(boxes[0 : 0 + 1], boxes[1 : 1 + 1])[0]
+        start = verdicts(boxes[:1], boxes[1:])[0]
         if start == Verdict.OVERLAP:
             assert found.free_until[0] == 0.0
 
@@ -311,4 +308,4 @@ def test_other_boxes_are_refused() -> None:
     grown = Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, [[1.0] * 3, [2.0] * 3])
     for question in (swept_bounds, sweep_needed):
         refused("row 1", question, boxes, grown)
-        refused("same length", question, boxes, boxes[0 : 0 + 1])
+        refused("same length", question, boxes, boxes[:1])

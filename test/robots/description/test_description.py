@@ -291,103 +291,88 @@ def test_the_arm_that_comes_with_the_package_is_read() -> None:
 
 
 A, B, C = map(link, "abc")
-FIXED = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
+MIMIC, NEEDS_FILE = '<mimic joint="k"/>', "needs the URDF's file"
+
+
+def fixed(name: str, parent: str, child: str) -> str:
+    return joint(name, "fixed", parent, child, "")
 
 
 def bad_joint(inner: str, kind: str = "revolute") -> str:
     return urdf(A, B, joint("j", kind, "a", "b", inner))
 
 
-BAD = {
-    "root": ("<sdf/>", 1, "sdf", "the root of a URDF is <robot>"),
-    "no name": ("<robot><link name='a'/></robot>", 1, "robot", "its name is missing"),
-    "no links": (urdf(), 1, "robot 'r'", "there are no links"),
-    "link twice": (urdf(A, B, A), 4, "link 'a'", "another link"),
-    "link without name": (urdf("<link/>"), 2, "link of robot 'r'", "its name is missing"),
-    "line break in name": (urdf(A, '<link name="a&#10;b"/>'), 3, "link", "U\\+000A"),
-    "joint twice": (
-        urdf(A, B, C, FIXED.format("j", "a", "b"), FIXED.format("j", "b", "c")), 6, "joint 'j'",
-        "another joint",
-    ),
-    "parent": (urdf(A, FIXED.format("j", "x", "a")), 3, "joint 'j'", "its parent 'x' is no link"),
-    "child": (urdf(A, FIXED.format("j", "a", "x")), 3, "joint 'j'", "its child 'x' is no link"),
-    "no child": (urdf(A, '<joint name="j" type="fixed"><parent link="a"/></joint>'), 3,
-                 "joint 'j'", "<child> is missing"),
-    "kind": (bad_joint("", "hinge"), 4, "joint 'j'", "its type must be one of fixed, .*'hinge'"),
-    "two parents": (
-        urdf(A, B, C, FIXED.format("j", "a", "c"), FIXED.format("k", "b", "c")), 6, "joint 'k'",
-        "joint 'j' has the same child 'c'",
-    ),
-    "two roots": (urdf(A, B), 1, "robot 'r'", "there are 2 roots: 'a', 'b'"),
-    "loop": (urdf(A, B, FIXED.format("j", "a", "b"), FIXED.format("k", "b", "a")), 1, "robot 'r'",
-             "the joints form a loop"),
-    "loop beside": (
-        urdf(A, B, C, FIXED.format("j", "c", "b"), FIXED.format("k", "b", "c")), 5, "joint 'j'",
-        "part of a loop",
-    ),
-    "to itself": (urdf(A, B, FIXED.format("j", "b", "b")), 4, "joint 'j'", "part of a loop"),
-    "zero axis": (bad_joint('<axis xyz="0 0 0"/>' + LIMIT), 4, "axis of joint 'j'", "zero"),
-    "no limit": (bad_joint(""), 4, "joint 'j'", "<limit> is missing"),
-    "limits": (bad_joint('<limit lower="2" upper="1"/>'), 4, "limit of joint 'j'",
-               "its lower 2.0 exceeds its upper 1.0"),
-    "velocity": (bad_joint('<limit velocity="-1"/>'), 4, "limit of joint 'j'", "not be negative"),
-    "nan": (bad_joint('<limit lower="nan" upper="1"/>'), 4, "limit of joint 'j'",
-            "its lower must be of finite numbers"),
-    "infinite": (bad_joint('<origin xyz="0 inf 0"/>' + LIMIT), 4, "origin of joint 'j'", "finite"),
-    "too large": (bad_joint('<origin xyz="0 1e301 0"/>' + LIMIT), 4, "origin of joint 'j'",
-                  "up to 1e\\+300"),
-    "two numbers": (bad_joint('<origin xyz="0 1"/>' + LIMIT), 4, "origin", "3 numbers, got '0 1'"),
-    "words": (bad_joint('<origin rpy="0 pi 0"/>' + LIMIT), 4, "origin", "finite numbers.*'pi'"),
-    "python's numbers": (bad_joint('<origin rpy="0 1_0 0"/>' + LIMIT), 4, "origin", "'1_0'"),
-    "zero quaternion": (bad_joint('<origin quat_xyzw="0 0 0 0"/>' + LIMIT), 4, "origin", "zero"),
-    "two origins": (bad_joint("<origin/><origin/>" + LIMIT), 4, "origin of joint 'j'", "are 2"),
-    "mimics itself": (bad_joint('<mimic joint="j"/>' + LIMIT), 4, "joint 'j'", "mimics itself"),
-    "mimics a fixed one": (
-        urdf(A, B, C, FIXED.format("k", "a", "b"),
-             joint("j", "revolute", "b", "c", '<mimic joint="k"/>' + LIMIT)), 6, "joint 'j'",
-        "it mimics the fixed joint 'k'",
-    ),
-    "a planar one mimics": (bad_joint('<mimic joint="k"/>', "planar"), 4, "mimic of joint 'j'",
-                            "a planar joint can't mimic"),
-    "no geometry": (urdf('<link name="a"><collision/></link>'), 2, "collision of link 'a'",
-                    "<geometry> is missing"),
-    "empty geometry": (urdf(link("a", "")), 2, "geometry of collision", "got none"),
-    "two geometries": (
-        urdf(link("a", '<sphere radius="1"/><sphere radius="1"/>')), 2, "geometry", "got 2"
-    ),
-    "radius": (urdf(link("a", '<sphere radius="0"/>')), 2, "sphere", "radius must be positive"),
-    "no radius": (urdf(link("a", "<sphere/>")), 2, "sphere", "its radius is missing"),
-    "size": (urdf(link("a", '<box size="1 -1 1"/>')), 2, "box", "size must not be negative"),
-    "no size": (urdf(link("a", "<box/>")), 2, "box", "its size is missing"),
-    "huge": (urdf(link("a", '<capsule radius="1e300" length="1e300"/>')), 2, "capsule", "exceed"),
-    "mesh without file": (urdf(link("a", "<mesh/>")), 2, "mesh", "its filename is missing"),
-    "flat mesh": (urdf(link("a", '<mesh filename="a.stl" scale="1 0 1"/>')), 2, "mesh", "zero"),
-    "no folder": (urdf(link("a", '<mesh filename="a.stl"/>')), 2, "mesh", "needs the URDF's file"),
-    "http": (urdf(link("a", '<mesh filename="http://a/b.stl"/>')), 2, "mesh", "only paths, file://"),
-    "package": (urdf(link("a", '<mesh filename="package://nix/b.stl"/>')), 2, "mesh",
-                "package 'nix' is in none of package_dirs"),
-    "device": (urdf(link("a", '<mesh filename="file:///dev/zero"/>')), 2, "mesh", "no folder from"),
-    "xacro": ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:macro/></robot>',
-              2, "", "run xacro"),
-    "no XML": (urdf("<link"), 3, "", "no XML"),
-    "nothing": ("<", 1, "", "no XML"),
-}  # fmt: skip
+#: A URDF, the line and the element that are named, and why.
+BAD = [
+    ("<sdf/>", 1, "sdf", "the root of a URDF is <robot>"),
+    ("<robot><link name='a'/></robot>", 1, "robot", "its name is missing"),
+    (urdf(), 1, "robot 'r'", "there are no links"),
+    (urdf(A, B, A), 4, "link 'a'", "another link"),
+    (urdf("<link/>"), 2, "link of robot 'r'", "its name is missing"),
+    (urdf(A, '<link name="a&#10;b"/>'), 3, "link", "U\\+000A"),
+    (urdf(A, B, C, fixed("j", "a", "b"), fixed("j", "b", "c")), 6, "joint 'j'", "another joint"),
+    (urdf(A, fixed("j", "x", "a")), 3, "joint 'j'", "its parent 'x' is no link"),
+    (urdf(A, fixed("j", "a", "x")), 3, "joint 'j'", "its child 'x' is no link"),
+    (urdf(A, '<joint name="j" type="fixed"><parent link="a"/></joint>'), 3, "joint", "<child>"),
+    (bad_joint("", "hinge"), 4, "joint 'j'", "its type must be one of fixed, .*'hinge'"),
+    (urdf(A, B, C, fixed("j", "a", "c"), fixed("k", "b", "c")), 6, "joint 'k'",
+     "joint 'j' has the same child 'c'"),
+    (urdf(A, B), 1, "robot 'r'", "there are 2 roots: 'a', 'b'"),
+    (urdf(A, B, fixed("j", "a", "b"), fixed("k", "b", "a")), 1, "robot 'r'", "joints form a loop"),
+    (urdf(A, B, C, fixed("j", "c", "b"), fixed("k", "b", "c")), 5, "joint 'j'", "part of a loop"),
+    (urdf(A, B, fixed("j", "b", "b")), 4, "joint 'j'", "part of a loop"),
+    (bad_joint('<axis xyz="0 0 0"/>' + LIMIT), 4, "axis of joint 'j'", "zero"),
+    (bad_joint(""), 4, "joint 'j'", "<limit> is missing"),
+    (bad_joint('<limit lower="2" upper="1"/>'), 4, "limit of joint 'j'", "exceeds its upper 1.0"),
+    (bad_joint('<limit velocity="-1"/>'), 4, "limit of joint 'j'", "not be negative"),
+    (bad_joint('<limit lower="nan"/>'), 4, "limit of joint 'j'", "its lower must be of finite num"),
+    (bad_joint('<origin xyz="0 inf 0"/>' + LIMIT), 4, "origin of joint 'j'", "finite"),
+    (bad_joint('<origin xyz="0 1e301 0"/>' + LIMIT), 4, "origin of joint 'j'", "up to 1e\\+300"),
+    (bad_joint('<origin xyz="0 1"/>' + LIMIT), 4, "origin", "3 numbers, got '0 1'"),
+    (bad_joint('<origin rpy="0 pi 0"/>' + LIMIT), 4, "origin", "finite numbers.*'pi'"),
+    (bad_joint('<origin rpy="0 1_0 0"/>' + LIMIT), 4, "origin", "'1_0'"),  # python's numbers
+    (bad_joint('<origin quat_xyzw="0 0 0 0"/>' + LIMIT), 4, "origin", "zero"),
+    (bad_joint("<origin/><origin/>" + LIMIT), 4, "origin of joint 'j'", "are 2"),
+    (bad_joint('<mimic joint="j"/>' + LIMIT), 4, "joint 'j'", "mimics itself"),
+    (urdf(A, B, C, fixed("k", "a", "b"), joint("j", "revolute", "b", "c", MIMIC + LIMIT)), 6,
+     "joint 'j'", "it mimics the fixed joint 'k'"),
+    (bad_joint(MIMIC, "planar"), 4, "mimic of joint 'j'", "a planar joint can't mimic"),
+    (urdf('<link name="a"><collision/></link>'), 2, "collision of link 'a'", "<geometry> is miss"),
+    (urdf(link("a", "")), 2, "geometry of collision", "got none"),
+    (urdf(link("a", '<sphere radius="1"/><sphere radius="1"/>')), 2, "geometry", "got 2"),
+    (urdf(link("a", '<sphere radius="0"/>')), 2, "sphere", "radius must be positive"),
+    (urdf(link("a", "<sphere/>")), 2, "sphere", "its radius is missing"),
+    (urdf(link("a", '<box size="1 -1 1"/>')), 2, "box", "size must not be negative"),
+    (urdf(link("a", "<box/>")), 2, "box", "its size is missing"),
+    (urdf(link("a", '<capsule radius="1e300" length="1e300"/>')), 2, "capsule", "exceed"),
+    (urdf(link("a", "<mesh/>")), 2, "mesh", "its filename is missing"),
+    (urdf(link("a", '<mesh filename="a.stl" scale="1 0 1"/>')), 2, "mesh", "zero"),
+    (urdf(link("a", '<mesh filename="a.stl"/>')), 2, "mesh", NEEDS_FILE),
+    (urdf(link("a", '<mesh filename="http://a/b.stl"/>')), 2, "mesh", "only paths, file://"),
+    (urdf(link("a", '<mesh filename="package://nix/b.stl"/>')), 2, "mesh",
+     "package 'nix' is in none of package_dirs"),
+    (urdf(link("a", '<mesh filename="file:///dev/zero"/>')), 2, "mesh", "no folder from"),
+    ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:macro/></robot>', 2, "",
+     "run xacro"),
+    (urdf("<link"), 3, "", "no XML"),
+    ("<", 1, "", "no XML"),
+]  # fmt: skip
 
 
 def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
     file = tmp_path / "r.urdf"
-    for name, (text, line, element, reason) in BAD.items():
+    for text, line, element, reason in BAD:
         with pytest.raises(RobotError, match=reason) as caught:
             oc.Robot.from_urdf(text)
         error = caught.value
-        assert (error.file, error.line) == ("urdf", line), name
-        assert error.element.startswith(element), name
-        assert str(error).startswith(f"urdf:{line}: "), name
+        assert (error.file, error.line) == ("urdf", line), reason
+        assert error.element.startswith(element), reason
+        assert str(error).startswith(f"urdf:{line}: "), reason
         file.write_text(text)
-        if name != "no folder":
+        if reason != NEEDS_FILE:
             with pytest.raises(RobotError, match=reason) as caught:
                 oc.Robot.from_urdf(file)
-            assert str(caught.value).startswith(f"{file}:{line}: "), name
+            assert str(caught.value).startswith(f"{file}:{line}: "), reason
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
@@ -398,7 +383,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 
 def test_a_joint_that_mimics_nothing_moves_by_itself_and_is_named() -> None:
-    robot = oc.Robot.from_urdf(bad_joint('<mimic joint="k"/>' + LIMIT))
+    robot = oc.Robot.from_urdf(bad_joint(MIMIC + LIMIT))
     assert robot.joint_names == ("j",)
     assert robot.doubts == (
         "urdf:4: joint 'j': it mimics 'k', which is no joint: it moves by itself",

@@ -117,18 +117,14 @@ def test_no_state_of_the_arm_contradicts_its_srdf() -> None:
     assert oc.RobotScene([robot]).check(states).valid.all()
 
 
-def line_of(*places: float, kind: str = "revolute", inner: str = "") -> oc.Robot:
+def line_of(*places: float, kind: str = "revolute") -> oc.Robot:
     """Return balls in a row along x, joints between them that turn about z."""
     names = "abcdefgh"[: len(places) + 1]
     lines = [link(name, BALL) for name in names]
     for (one, other), place in zip(pairwise(names), places, strict=True):
-        lines.append(
-            joint(
-                one + other, kind, one, other,
-                f'<origin xyz="{place} 0 0"/><axis xyz="0 0 1"/>'
-                f'<limit lower="-0.5" upper="0.5" velocity="1" effort="1"/>{inner}',
-            )
-        )  # fmt: skip
+        inner = f'<origin xyz="{place} 0 0"/><axis xyz="0 0 1"/>'
+        limit = '<limit lower="-0.5" upper="0.5" velocity="1" effort="1"/>'
+        lines.append(joint(one + other, kind, one, other, inner + limit))
     return oc.Robot.from_urdf(urdf(*lines))
 
 
