@@ -88,7 +88,7 @@ def scale(a: Boxes, b: Boxes, found: Clearances) -> np.ndarray:
 
 @each("name", [*FAMILIES, PARALLEL])
 def test_distance_is_the_exact_one(name: str, pairs: int) -> None:
-    a, b = apart(name, max(pairs // 4, 100))
+    a, b = apart(name, max(pairs // 5, 60))
     found = between(a, b)
     sides = ([corners(row_of(side, n)) for n in range(len(side))] for side in (a, b))
     truth = np.array([root(squared_distance(*pair)) for pair in zip(*sides, strict=True)], float)

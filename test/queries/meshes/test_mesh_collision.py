@@ -94,8 +94,9 @@ def test_trees_lose_no_pair_of_triangles() -> None:
 @each("exact", [False, True])
 def test_resting_contact(exact: bool) -> None:
     trees, least = MeshTrees.from_half_extents([[0.5, 0.5, 0.5]]), 2.0**-52
-    offsets = [[1, 0, 0], [1 + least, 0, 0], [1 - least / 2, 0.25, 0.25], [1, 1, 1], [0, 0, 0]]
-    a, b = standing(trees, *np.zeros((5, 3))), standing(trees, *offsets)
+    past, short = [1 + least, 0.0, 0.0], [1 - least / 2, 0.25, 0.25]
+    b = standing(trees, [1, 0, 0], past, short, [1, 1, 1], [0, 0, 0])
+    a = standing(trees, *np.zeros((5, 3)))
     result = oc.verdicts(a, b, exact=exact)
     assert (result != Verdict.SEPARATE).tolist() == [True, False, True, True, True]
 
