@@ -12,27 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Objects without ROS around them: a clock, frames and stamps that a test sets."""
+"""Objects without ROS around them, and markers whose shapes are built beside the cycles."""
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import Point
+from rig import PATIENCE, FakeFrames, Rig, cube
+from visualization_msgs.msg import Marker
 
+from obb_collision import Accuracy
+from obb_collision.node import collisions_from_ros
 from obb_collision.node.diagnostics.answer import Answer, objects_answer
 from obb_collision.node.messages.conversions import Key
-from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects import Objects
-from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
 from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.scene.building.jobs import Task, perform
+from obb_collision.scene.building.process import Limits
 from obb_collision.scene.store import Overrides
 from obb_collision.shapes import Box
-from obb_collision.typing import Floats
 
 MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND
@@ -40,31 +46,11 @@ START = 1000 * SECOND
 """Time of the clock at the start of a test (ns)."""
 
 
-class KnownUntil:
-    """Frames that are known from one stamp to another, and stand still at the origin."""
-
-    waits = True
-    description = "a test"
-
-    def __init__(self) -> None:
-        self.spans: dict[str, tuple[int, int]] = {}
-        self.asked: list[tuple[str, int]] = []
-
-    def lookup(self, frame: str, stamp: int) -> Floats:
-        self.asked.append((frame, stamp))
-        if frame not in self.spans:
-            raise RefusedError(UNKNOWN_FRAME, frame)
-        first, last = self.spans[frame]
-        if stamp and not first <= stamp <= last:
-            raise RefusedError(EXTRAPOLATION, f"{stamp} is not between {first} and {last}")
-        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-
-
 class ObjectsRig:
     """Objects with boxes that slide along x, as far as their stamp says: 1 m per second."""
 
     def __init__(self, *keys: Key, timeout: float = 0.2, object_timeout: float = 0.0) -> None:
-        self.frames = KnownUntil()
+        self.frames = FakeFrames()
         self._noted: dict[bool, Counter[tuple[str, str]]] = {True: Counter(), False: Counter()}
         self.errors: list[str] = []
         self.objects = Objects("map", self.frames, Guard(self.errors.append, lambda: True))
@@ -122,3 +108,80 @@ class ObjectsRig:
 def place(stamp: int) -> float:
     """Where an object is at a stamp (m)."""
     return (stamp - START) / SECOND
+
+
+class Gate:
+    """Holds up what is built by a node until it is opened; counts the jobs.
+
+    They are done by the thread that waits for them elsewhere: no process is started.
+    """
+
+    def __init__(self, rig: Rig, trees: bool = False) -> None:
+        """Hold up shapes, or with ``trees`` the trees and hulls of shapes."""
+        self.opened = threading.Event()
+        self.jobs: list[str] = []
+        objects = rig.node.objects
+        builder = objects._tree_builder if trees else objects.shapes.builder
+        builder.process.run = self.run  # type: ignore[method-assign]
+
+    def run(self, task: Task, limits: Limits) -> object:
+        assert self.opened.wait(PATIENCE)
+        self.jobs.append(task[0].__name__)
+        return perform(task)
+
+    def open(self) -> None:
+        self.opened.set()
+
+
+BOX, BODY, OTHER = ("box", 1), ("body", 1), ("body", 2)
+PAIR = {("box/1", "body/1")}
+
+
+def named(pairs: set[tuple[str, str]]) -> set[frozenset[str]]:
+    """Pairs whatever their order."""
+    return {frozenset(pair) for pair in pairs}
+
+
+def triangle(
+    key: tuple[str, int] = BODY, size: float = 1.0, x: float = 0.0, **fields: Any
+) -> Marker:
+    """Return a TRIANGLE_LIST marker: one triangle, from the origin along x and y."""
+    corners = ((0.0, 0.0), (size, 0.0), (0.0, size))
+    points = [Point(x=u, y=v, z=0.0) for u, v in corners]
+    return cube(key, (x, 0.0, 0.0), type=Marker.TRIANGLE_LIST, points=points, **fields)
+
+
+def mesh_marker(path: Path | str, key: tuple[str, int] = BODY, **fields: Any) -> Marker:
+    uri = path if isinstance(path, str) else path.as_uri()
+    return cube(key, type=Marker.MESH_RESOURCE, mesh_resource=uri, **fields)
+
+
+RING, ROD, CRATE = ("mesh", 1), ("mesh", 2), ("box", 1)
+SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+"""Corners of a frame, around whose middle nothing is."""
+
+
+def frame_points(half: float = 1.0, width: float = 0.25) -> list[Point]:
+    """Triangles of a flat square frame: what is in its middle is in its box, and meets no part."""
+    points = []
+    for (x, y), (u, v) in zip(SQUARE, (*SQUARE[1:], SQUARE[0]), strict=True):
+        inner = 1.0 - width / half
+        quad = [(x, y), (u, v), (inner * u, inner * v), (inner * x, inner * y)]
+        for corner in (0, 1, 2, 0, 2, 3):
+            a, b = quad[corner]
+            points.append(Point(x=half * a, y=half * b, z=0.0))
+    return points
+
+
+def ring(key: tuple[str, int] = RING) -> Marker:
+    return cube(key, type=Marker.TRIANGLE_LIST, points=frame_points())
+
+
+def crate(key: tuple[str, int] = CRATE, x: float = 0.0) -> Marker:
+    return cube(key, (x, 0.0, 0.0), (0.5, 0.5, 0.5))
+
+
+def levels(rig: Rig) -> list[str]:
+    """Names of the levels of the pairs in the next message."""
+    rows = collisions_from_ros(rig.next("collisions"))
+    return [Accuracy(level).name.lower() for level in rows["accuracy"].tolist()]

@@ -69,7 +69,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
-from obb_collision.node.objects.frames import FixedFrameOnly
+from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME, FixedFrameOnly
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 from obb_collision.scene.building.process import WorkerProcess
 
@@ -529,17 +529,21 @@ def color(marker: Marker) -> Any:
 
 
 class FakeFrames:
-    """Frames that a test moves about."""
+    """Frames that a test moves about: the poses of some, and of some between which stamps."""
 
     waits = True
     description = "a test"
 
     def __init__(self) -> None:
         self.known: dict[str, list[float]] = {}
+        self.spans: dict[str, tuple[int, int]] = {}
         self.asked: list[tuple[str, int]] = []
 
     def lookup(self, frame: str, stamp: int) -> Any:
         self.asked.append((frame, stamp))
-        if frame not in self.known:
-            raise RefusedError("unknown frame", frame)
-        return np.array(self.known[frame])
+        if frame not in self.known.keys() | self.spans.keys():
+            raise RefusedError(UNKNOWN_FRAME, frame)
+        first, last = self.spans.get(frame, (stamp, stamp))
+        if stamp and not first <= stamp <= last:
+            raise RefusedError(EXTRAPOLATION, f"{stamp} is not between {first} and {last}")
+        return np.array(self.known.get(frame, pose(0.0)))

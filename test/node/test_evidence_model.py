@@ -39,7 +39,7 @@ from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
-from rig import DOMAIN, NAMESPACE, cube, pose
+from rig import DOMAIN, NAMESPACE, FakeFrames, cube, pose
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
@@ -54,7 +54,6 @@ from obb_collision.node.messages.conversions import (
     states_to_ros,
     transform_to_ros,
 )
-from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.scene.building.builder import Outcome
 from obb_collision.scene.building.jobs import BuildError
@@ -63,19 +62,6 @@ from obb_collision.shapes import Box
 SECOND = 1_000_000_000
 FAIL = Mock(side_effect=ZeroDivisionError)
 START = 1000.0
-
-
-class Frames:
-    """odom is known up to a time, and nothing else."""
-
-    waits, description, until = True, "a test", 0
-
-    def lookup(self, frame: str, stamp: int) -> Any:
-        if frame != "odom":
-            raise RefusedError("unknown frame", frame)
-        if stamp > self.until:
-            raise RefusedError("extrapolation", frame)
-        return np.array([OFFSET, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
 class Builder:
@@ -115,7 +101,8 @@ class World:
     made: ClassVar[dict[bool, World]] = {}
 
     def __init__(self, has_robot: bool) -> None:
-        self.now, self.steady, self.frames, self.context = START, START, Frames(), Context()
+        self.now, self.steady, self.frames, self.context = START, START, FakeFrames(), Context()
+        self.frames.known["odom"] = pose(OFFSET)
         self.context.init(domain_id=DOMAIN)
         options: dict[str, Any] = {"use_sim_time": True, "autostart": False, "marker_rate": 0.0}
         options |= {"stale_speed": SPEED, "stale_reach": REACH, "transform_timeout": WAIT}
@@ -214,7 +201,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         shapes.builder = shapes.requests._builder = self.builder
         self.take = self.node.subscribed._callbacks
         self.world.advance(100.0)
-        self.world.frames.until = round(self.world.now * SECOND)
+        self.world.frames.spans["odom"] = 0, round(self.world.now * SECOND)
         self.node.trigger_activate()
         self.is_started = True
         robot = Robot() if self.has_robot else None
@@ -406,7 +393,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def transforms(self, step: float, known: bool) -> None:
         """Let odom be known up to now; a cycle long enough after that looks at all states."""
         self.model.until = self.world.now + (1.0 if known else -0.1)
-        self.world.frames.until = round(self.model.until * SECOND)
+        self.world.frames.spans["odom"] = 0, round(self.model.until * SECOND)
         self.tick(0.7117)
 
     def send(self, topic: str, message: Any, cut: bool = False, end: int | None = None) -> bool:

@@ -22,9 +22,9 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from built_markers import Gate, triangle
 from each import each
 from lifecycle_msgs.msg import Transition
+from objects_rig import Gate, triangle
 from rclpy.executors import SingleThreadedExecutor
 from rig import LATCHED, NAMESPACE, STATUS, Rig, cube, own_context, pose, spy, sync
 from std_msgs.msg import Bool

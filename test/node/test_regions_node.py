@@ -18,8 +18,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -27,10 +26,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from node_process import environment
 from processes import PATIENCE, started
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rig import DOMAIN, LATCHED, NAMESPACE, OUTPUTS, Client, client_apart
+from rig import LATCHED, NAMESPACE, OUTPUTS, Rig, client_apart
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node import namespace_number
@@ -69,18 +66,15 @@ class Firsts(dict[str, Any]):
             super().__setitem__(topic, message)
 
 
-class Shared(Client):
-    """A client of one whole node, of one node per region, and of the merger of these."""
+class Shared(Rig):
+    """A rig of a whole node, with one node per region, and the merger of these."""
 
     def __init__(self) -> None:
-        self.context = Context()
-        self.context.init(domain_id=DOMAIN)
-        super().__init__(self.context, SingleThreadedExecutor(context=self.context))
+        super().__init__(deaf=True, given=TRIGGER)
         self.patience = PATIENCE
         self.last, self.merged = Firsts(), Firsts()
         self.random = np.random.default_rng(3)
         self.nodes: dict[str, Any] = {}
-        self.start("")
         for region in REGIONS:
             self.start(region)
         given = {"regions": list(REGIONS), "timeout": TIMEOUT}
@@ -106,15 +100,13 @@ class Shared(Client):
             )
 
     def start(self, region: str) -> None:
-        """Start the node of a region, with outputs of its own and shared inputs, or a whole one."""
-        given: dict[str, Any] = dict(TRIGGER)
-        if region:
-            parts = split_regions([0.0] * 3, [SIDE] * 3, (2, 1, 1))
-            part = text_from_region(parts[REGIONS.index(region)])
-            given |= {"region": part, "region_halo": 0.5}
+        """Start the node of a region, with outputs of its own and shared inputs."""
+        parts = split_regions([0.0] * 3, [SIDE] * 3, (2, 1, 1))
+        part = text_from_region(parts[REGIONS.index(region)])
+        given: dict[str, Any] = TRIGGER | {"region": part, "region_halo": 0.5}
         self.nodes[region] = CollisionNode(
             context=self.context,
-            namespace=f"{NAMESPACE}/{region}".rstrip("/"),
+            namespace=f"{NAMESPACE}/{region}",
             parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
             cli_args=remapped({topic: f"{NAMESPACE}/{topic}" for topic in SHARED}),
             frames=FixedFrameOnly("map"),
@@ -127,11 +119,12 @@ class Shared(Client):
         self.executor.remove_node(node)
         node.destroy_node()
 
-    def close(self) -> None:
+    def __exit__(self, *given: object) -> None:
+        """Take all nodes down."""
         self.executor.shutdown()
-        for node in (self.client, *self.nodes.values()):
+        for node in self.nodes.values():
             node.destroy_node()
-        self.context.try_shutdown()
+        super().__exit__(*given)
 
     def step(self) -> None:
         """Send the next frame: all boxes, some of which cross borders, with twists."""
@@ -199,22 +192,13 @@ class Shared(Client):
             self.executor.spin_once(timeout_sec=0.02)
 
 
-@contextmanager
-def shared() -> Iterator[Shared]:
-    made = Shared()
-    try:
-        yield made
-    finally:
-        made.close()
-
-
 def remapped(names: dict[str, str]) -> list[str]:
     """Return arguments that give topics other names."""
     return ["--ros-args", *(word for old, new in names.items() for word in ("-r", f"{old}:={new}"))]
 
 
 def test_two_regions_find_what_one_node_finds_also_while_one_restarts() -> None:
-    with shared() as client:
+    with Shared() as client:
         client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all topics of all regions")
         client.check_frames(4)
         assert client.level() == ERROR

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from built_markers import BOX, levels, mesh_marker, triangle
 from each import each
 from geometry_msgs.msg import Twist
+from objects_rig import BOX, levels, mesh_marker, triangle
 from rig import POSES, Rig, cube, pose, sync
 from robot_rig import URDF, RobotRig
 from visualization_msgs.msg import Marker

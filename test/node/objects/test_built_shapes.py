@@ -26,9 +26,9 @@ from unittest.mock import Mock
 
 import pytest
 import trimesh
-from built_markers import BODY, BOX, OTHER, PAIR, Gate, mesh_marker, named, triangle
 from each import each
 from geometry_msgs.msg import Point
+from objects_rig import BODY, BOX, OTHER, PAIR, Gate, mesh_marker, named, triangle
 from rig import Rig, cube, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker

@@ -28,11 +28,11 @@ from each import each
 from geometry_msgs.msg import TransformStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, place
+from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
-from rig import FRAME, POSES, Rig, color, cube, pose
+from rig import FRAME, POSES, FakeFrames, Rig, color, cube, pose
 from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
@@ -428,7 +428,7 @@ def test_states_that_wait_are_bounded_and_reach_back_as_far_as_before() -> None:
 
 
 def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
-    frames = KnownUntil()
+    frames = FakeFrames()
     with Rig(frames, transform_timeout=30.0) as rig:
         rig.send(cube(A1))
         rig.listen("points_inside")
@@ -446,7 +446,7 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
 
 
 def test_clouds_that_wait_are_bounded() -> None:
-    with Rig(KnownUntil(), transform_timeout=30.0) as rig:
+    with Rig(FakeFrames(), transform_timeout=30.0) as rig:
         obstacles = rig.node.obstacles
         rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
         for number in range(100):

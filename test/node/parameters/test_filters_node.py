@@ -20,8 +20,8 @@ import math
 from typing import Any
 
 import pytest
-from built_markers import RING, crate, levels, ring
 from each import each
+from objects_rig import RING, crate, levels, ring
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically

@@ -27,9 +27,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import trimesh
-from built_markers import Gate
 from each import each
-from objects_rig import ObjectsRig
+from objects_rig import Gate, ObjectsRig
 from rig import LATCHED, STATUS, FakeFrames, Rig, cube, pose
 from robot_rig import CRATE, EDGES, HAND, HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
 from std_msgs.msg import String

@@ -28,8 +28,8 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from built_markers import RING, crate, levels, ring
 from node_process import cached, environment, running
+from objects_rig import RING, crate, levels, ring
 from processes import PATIENCE, output_until, run_python
 from rig import Rig, cube, sync
 from visualization_msgs.msg import Marker
