@@ -251,59 +251,53 @@ def bytes_of(some: Sequence[Seen], stamp: int = 1, frame: str = FRAME) -> bytes:
     return serialised(Detections(Header(stamp=stamp_to_ros(stamp), frame_id=frame), seen))
 
 
-class DetectionRig(Rig):
-    """A node with the topic, its type being another one: messages go as bytes."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.seen = self.client.create_publisher(PointCloud2, SEEN, 10)
-        self.pubs[SEEN] = self.seen
-        self.wait_inputs()
-
-    def see(self, *some: Seen, frame: str = FRAME) -> None:
-        self.header()
-        self.seen.publish(bytes_of(some, self.stamp, frame))
-
-
 @pytest.fixture
-def seeing(monkeypatch: pytest.MonkeyPatch) -> Iterator[DetectionRig]:
+def seeing(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
+    """Yield a node with the topic, its type being another one: messages go as bytes."""
     monkeypatch.setattr(detections, "INPUTS", {SEEN: Input(PointCloud2, 10)})
-    with DetectionRig() as made:
+    with Rig() as made:
+        made.pubs[SEEN] = made.client.create_publisher(PointCloud2, SEEN, 10)
+        made.wait_inputs()
         yield made
 
 
-def test_each_message_is_the_complete_set(seeing: DetectionRig) -> None:
+def see(rig: Rig, *some: Seen, frame: str = FRAME) -> None:
+    rig.header()
+    rig.pubs[SEEN].publish(bytes_of(some, rig.stamp, frame))
+
+
+def test_each_message_is_the_complete_set(seeing: Rig) -> None:
     cup = [("cup", 0.9), ("bottle", 0.1)]
-    seeing.see(Seen(pose(0), ident="4", results=cup), Seen(pose(0.9), ident="7"))
+    see(seeing, Seen(pose(0), ident="4", results=cup), Seen(pose(0.9), ident="7"))
     assert seeing.pairs() == {("detections/4", "detections/7")}
-    seeing.see(Seen(pose(0.9), ident="7"), Seen(pose(5), (2, 2, 2), ident="9"), Seen(pose(6.4)))
+    see(seeing, Seen(pose(0.9), ident="7"), Seen(pose(5), (2, 2, 2), ident="9"), Seen(pose(6.4)))
     assert seeing.pairs() == {("detections/0", "detections/9")}
     assert keys(seeing) == {("detections", number) for number in (0, 7, 9)}
-    seeing.see()
+    see(seeing)
     seeing.until(lambda: not keys(seeing), "an empty set")
     assert seeing.refused(SEEN) == {}
 
 
-def test_sets_of_boxes_and_markers_are_others(seeing: DetectionRig) -> None:
+def test_sets_of_boxes_and_markers_are_others(seeing: Rig) -> None:
     seeing.send(cube(("wall", 1)))
     seeing.send_boxes([1], [pose(0.9)])
-    seeing.see(Seen(pose(1.8), ident="1"))
+    see(seeing, Seen(pose(1.8), ident="1"))
     assert seeing.pairs() == {("boxes/1", "wall/1"), ("boxes/1", "detections/1")}
-    seeing.see()
+    see(seeing)
     seeing.until(lambda: keys(seeing) == {("wall", 1), ("boxes", 1)}, "markers and boxes")
     seeing.send_boxes([], np.empty((0, 7)))
     seeing.until(lambda: keys(seeing) == {("wall", 1)}, "the marker alone")
-    seeing.see(Seen(pose(3.0), ident="1"))
+    see(seeing, Seen(pose(3.0), ident="1"))
     seeing.answer()
     seeing.send(cube(("detections", 1)))
     seeing.refuses("objects", {"object of another input": 1})
 
 
 @each("frame", ["", FRAME])
-def test_the_frame_of_all_is_that_of_the_message(seeing: DetectionRig, frame: str) -> None:
-    seeing.see(Seen(pose(0.0), frame=""), Seen(pose(0.9), frame=FRAME), frame=frame)
+def test_the_frame_of_all_is_that_of_the_message(seeing: Rig, frame: str) -> None:
+    see(seeing, Seen(pose(0.0), frame=""), Seen(pose(0.9), frame=FRAME), frame=frame)
     assert seeing.pairs() == {("detections/0", "detections/1")}
-    seeing.see(Seen(pose(0.0), frame="camera"), frame=FRAME)
+    see(seeing, Seen(pose(0.0), frame="camera"), frame=FRAME)
     seeing.refuses(SEEN, {"several frames": 1})
     assert seeing.node.objects.table.has(BAD_POSE).any()  # what there is may have moved
 

@@ -340,7 +340,6 @@ class ServiceRig(AskingRig):
         self.semantics.publish(String(data=SRDF.replace("</robot>", GROUPS + "</robot>")))
         self.start_robot()
         self.until(lambda: self.robot.links.robot.groups, "the SRDF")
-        put(self, cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
         monitor = self.monitor("arm/states_to_check")
         self.service = validity.StateService(self.ends.checked, monitor, contact)
 
