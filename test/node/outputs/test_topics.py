@@ -27,7 +27,6 @@ from sensor_msgs.msg import PointCloud2
 from obb_collision import Verdict
 from obb_collision.node import collisions_from_ros, named_points_inside, namespace_number
 from obb_collision.node.inputs import clouds as obstacles
-from obb_collision.node.messages.conversions import namespace_table
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
@@ -135,27 +134,6 @@ def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
     assert collisions_from_ros(rig.answer())["verdict"].tolist() == [Verdict.OVERLAP]
 
 
-def test_latched_topics_reach_late_subscribers(rig: Rig) -> None:
-    rig.send(cube(A1), cube(A2)).answer()
-    rig.last.pop("namespaces")
-    rig.listen("namespaces")
-    message = rig.until(lambda: rig.last.get("namespaces"), "latched table")
-    assert namespace_table(message) == {namespace_number("a"): "a"}
-
-
-def test_a_moving_cube_meets_what_the_oracle_says(rig: Rig) -> None:
-    rng = np.random.default_rng(3)
-    boxes = np.hstack((rng.uniform(0, 4, (25, 3)), rng.uniform(0.2, 1.5, (25, 3))))
-    rig.send(*(cube(("c", i), box[:3], box[3:]) for i, box in enumerate(boxes)))
-    for _ in range(15):
-        mover = int(rng.integers(25))
-        boxes[mover, :3] = rng.uniform(0, 4, 3)
-        rig.send_transform(f"c/{mover}", pose(*boxes[mover, :3]))
-        distances = 2.0 * np.abs(boxes[:, None, :3] - boxes[:, :3])
-        meet = (distances <= boxes[:, None, 3:] + boxes[:, 3:]).all(axis=2)
-        assert rig.pairs() == {(f"c/{i}", f"c/{j}") for i, j in np.argwhere(np.triu(meet, 1))}
-
-
 def test_more_pairs_than_a_message_holds_are_said_and_all_objects_marked() -> None:
     with Rig(max_pairs=5) as rig:
         rig.listen("collisions_text", "collision_status", "/diagnostics")
@@ -199,20 +177,13 @@ def test_the_latest_cloud_counts_and_an_empty_one_has_no_points(rig: Rig) -> Non
     rig.until(lambda: rig.next("points_inside").width == 0, "moved away from the points")
     rig.send_points([[9.0, 0, 0], [9.1, 0, 0]])
     assert inside(rig) == [("a/1", 2)]
+    rig.set(**{"effects.points_margin": 0.25})
+    rig.send_points([[9.75, 0, 0], [9.8, 0, 0]])
+    assert inside(rig) == [("a/1", 1)], "near the box"
+    rig.set(**{"effects.points_margin": 0.5})
+    rig.until(lambda: inside(rig) == [("a/1", 2)], "with another margin")
     rig.send_points(np.empty((0, 3)))
     assert inside(rig) == []
-
-
-def test_a_margin_counts_points_near_a_box() -> None:
-    with Rig(given={"effects.points_margin": 0.25}) as rig:
-        rig.hear("points_inside")
-        rig.send(cube(("a", 1))).answer()
-        rig.send_points([[0.75, 0, 0], [0.8, 0, 0]])
-        assert inside(rig) == [("a/1", 1)]
-        rig.set(**{"effects.points_margin": 0.5})
-        rig.until(
-            lambda: [p.points for p in named_points_inside(rig.next("points_inside"), ["a"])] == [2]
-        )
 
 
 def test_points_of_other_frames_are_placed_in_doubles() -> None:
