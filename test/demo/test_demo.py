@@ -22,7 +22,6 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, nullcontext
-from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -44,7 +43,6 @@ from obb_collision.demo.scene import DemoScene, random_scene
 from obb_collision.demo.snapshot import FREE
 from obb_collision.demo.status import Status
 from obb_collision.demo.view import NOTES, WAITING, BrowserView, LiveView, banner
-from obb_collision.geometry.poses import as_poses
 from obb_collision.node import namespace_number
 from obb_collision.node.messages.box_markers import COLORS, Markers
 from obb_collision.node.messages.clouds import cloud_to_ros
@@ -85,20 +83,12 @@ def test_a_random_scene_has_all_states() -> None:
 
 def brute_force(scene: DemoScene, time: float) -> set[tuple[str, ...]]:
     """All pairs of the scene as published, each judged for itself, names sorted in a pair."""
-    positions, rotations = as_poses(scene.states(time)[0])
-    shapes = [shape_from_ros(shape_to_ros(shape)) for shape in scene.shapes.values()]
-    centers, axes, half_extents = (
-        np.array(part) for part in zip(*(s.local_box for s in shapes), strict=True)
-    )
-    boxes = oc.Boxes(
-        positions + np.einsum("nij,nj->ni", rotations, centers), rotations @ axes, half_extents
-    )
-    i, j = np.array(list(combinations(range(len(shapes)), 2))).T
-    colliding = oc.verdicts(boxes[i], boxes[j]) != oc.Verdict.SEPARATE
-    names = scene.names
-    return {
-        tuple(sorted((names[a], names[b]))) for a, b in zip(i[colliding], j[colliding], strict=True)
-    }
+    made = oc.Scene()
+    for (name, shape), pose in zip(scene.shapes.items(), scene.states(time)[0], strict=True):
+        made.add(name, shape_from_ros(shape_to_ros(shape)), pose)
+    pairs = np.stack(np.triu_indices(len(made), 1), axis=1)
+    colliding = oc.verdicts(made.boxes, made.boxes, pairs) != oc.Verdict.SEPARATE
+    return {tuple(sorted((scene.names[a], scene.names[b]))) for a, b in pairs[colliding]}
 
 
 def pairs_of(demo: Demo) -> set[tuple[str, ...]]:

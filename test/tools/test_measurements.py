@@ -36,7 +36,7 @@ from obb_collision.benchmarks.corpora import Corpus, generated_corpus
 from obb_collision.benchmarks.effects import measure_effects
 from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.scene_files import find_scene
-from tools import robots
+from tools import latency, robots
 from tools.cases.placement import rotations_of
 from tools.fuzz.process import Usage
 from tools.peers import effects
@@ -78,7 +78,7 @@ def failing(self: object) -> Iterator[goals.Goal]:
     raise RuntimeError("no such thing")
 
 
-def test_a_goal_of_the_node_needs_an_answer_to_every_frame() -> None:
+def test_a_goal_of_the_node_is_measured_and_needs_an_answer_to_every_frame() -> None:
     rows = [
         {"way": way, "objects": objects, "median": 0.5, "95 %": 0.6, "99 %": 5.0, "longest": 9.0}
         for way, objects, *_ in goals.NODE
@@ -87,17 +87,11 @@ def test_a_goal_of_the_node_needs_an_answer_to_every_frame() -> None:
     rows[0]["99 %"] = 2.0
     del rows[3]["median"]
     assert [goal.met for goal in goals.node_goals(rows)] == [True] * 3 + [False] + [True] * 2
+    assert {way for way, *_ in goals.NODE} <= {*latency.WAYS}
+    assert {objects for _, objects, *_ in goals.NODE} <= {*latency.SIZES, latency.OTHERS}
     table = goals.node_table(rows)
     assert table[1] == ["object_poses", "1,000", "0.500", "0.600", "2.00", "9.00"]
     assert table[4][2] == "no answer"
-
-
-def test_the_node_is_measured_in_all_ways_that_have_a_goal() -> None:
-    from tools import latency
-
-    for way, objects, *_ in goals.NODE:
-        assert way in latency.WAYS
-        assert objects in (*latency.SIZES, latency.OTHERS)
 
 
 def test_what_is_near_is_a_part_and_nothing_is_near_to_what_is_far() -> None:
