@@ -37,8 +37,6 @@ from obb_collision.words import MAX_NAME, MAX_SHOWN, check_name, printable, show
 ERRORS = (ValueError, TypeError, KeyError)
 CALLS = public_calls()
 pytestmark = pytest.mark.filterwarnings("ignore:.*far from unit length", "ignore:time_budget")
-#: What is no boxes (or the like) at all has no attributes of them.
-OBJECTS = ("a", "b", "boxes", "start", "end")
 HOSTILE: list[Any] = [
     *(0, -1, -2, 1, 2, 3, 4, 7, 8, 63, 64, 65, 255, 256, 2**31 - 1, 2**31, 2**32, 2**62, 2**63),
     *(2**64, -(2**31), -(2**63), 10**400, 0.5, 1.0, -0.5, 1e300, 1e308, 5e-324, float("nan")),
@@ -137,9 +135,8 @@ def test_whatever_is_given_is_answered_or_refused_by_name(step: int) -> None:
                     with warnings.catch_warnings():
                         warnings.simplefilter("ignore")
                         function(**{**good, name: wrong})
-                except (*ERRORS, AttributeError, IndexError) as error:
-                    if name not in OBJECTS or not isinstance(error, AttributeError):
-                        check_refusal(error, label, name)
+                except (*ERRORS, IndexError) as error:
+                    check_refusal(error, label, name)
             number += 1
 
 
@@ -334,9 +331,10 @@ KINDS: dict[str, Callable[[np.ndarray, Path], Any]] = {
 }
 
 
+GIVEN = {**CALLS, "Boxes[rows]": Call(lambda rows: BOXES[rows], {"rows": [1, 0]})}
 ARRAYS = [
     (label, name)
-    for label, call in CALLS.items()
+    for label, call in GIVEN.items()
     for name, value in call.good.items()
     if call.works and is_numeric(value) and np.ndim(value) and np.size(value)
 ]
@@ -363,7 +361,9 @@ def bits(value: Any, levels: int = 3) -> Any:
 def test_arrays_of_every_kind_are_read_as_what_they_hold(
     label: str, name: str, kind: str, tmp_path: Path
 ) -> None:
-    function, good = CALLS[label]
+    function, good = GIVEN[label]
+    if label == "Boxes[rows]" and kind in ("a list", "wrapped"):
+        return  # numpy's own rules of indexing
     given = KINDS[kind](np.array(good[name]), tmp_path)
     assert bits(function(**{**good, name: given})) == bits(function(**good))
 
@@ -371,7 +371,7 @@ def test_arrays_of_every_kind_are_read_as_what_they_hold(
 @each("label, name", ARRAYS)
 def test_what_is_given_is_not_kept(label: str, name: str) -> None:
     """What was given can be written afterwards: nothing refers to it."""
-    function, good = CALLS[label]
+    function, good = GIVEN[label]
     given = np.array(good[name])
     found = function(**{**good, name: given})
     given[...] = FAR

@@ -339,8 +339,13 @@ def test_the_tree_of_a_body_is_built_once(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_body_is_checked_as_an_object_is() -> None:
     scene = random_scene(8, 3)
-    with pytest.raises(ValueError, match="zero quaternion"):
-        scene.query(Sphere(1.0), [0] * 7)
+    for arguments, match in (
+        ({"shape": 3}, "shape"), ({"pose": [1]}, "pose"), ({"padding": -1.0}, "padding"),
+        ({"accuracy": "x"}, "accuracy"), ({"ignore": [3]}, "ignore"),
+        ({"pose": [0] * 7}, "zero quaternion"),
+    ):  # fmt: skip
+        with pytest.raises((ValueError, TypeError), match=match):
+            scene.query(**{"shape": Sphere(1.0), **arguments})  # type: ignore[arg-type]
     assert len(scene) == 3
     scene.set_enabled("0", False)
     assert scene.query(Box([9, 9, 9])) == ["1", "2"]

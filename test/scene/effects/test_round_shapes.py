@@ -228,6 +228,8 @@ def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.Mon
         scene.obstacle_points = np.zeros((count, 3))
         assert scene.check().points_inside.counts.tolist() == [count]
     assert calls == [4, 2]
+    with pytest.raises(ValueError, match="points must"):
+        scene.obstacle_points = np.zeros((3, 2))
 
 
 def mixed(padding: float = 0.0, accuracy: str = "obb") -> oc.Scene:
