@@ -19,7 +19,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from convex_bodies import corners_of, family
+from convex_bodies import CORNER_SIGNS, corners_of, family
 from each import each
 from error_bounds import Moved, Record, Rows, check_flips, check_ratios, exact_gaps, normals
 from exact_vectors import Vector, cross, dot, exact, minus, norm, taxicab
@@ -237,9 +237,8 @@ def test_points_outside_boxes_of_trees(record_property: Record) -> None:
 
 def test_hulls(record_property: Record) -> None:
     """Two cubes of one rotation, one beyond a face of the other: the distance is the gap."""
-    cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
     pool = HullPool()
-    pool.append(Hulls.of(cube))
+    pool.append(Hulls.of(CORNER_SIGNS))
     rotations = Rotation.random(COUNT, RNG).as_matrix()
     first, rows = np.zeros((COUNT, 3)), np.arange(COUNT)
     kind = np.zeros(COUNT, np.int64)

@@ -28,11 +28,12 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from convex_bodies import CORNER_SIGNS
 from exact_vectors import dot, norm
 from oracle import ExactPair
 from scipy.spatial.transform import Rotation
 from support import witnesses
-from sweep_motions import CORNER_SIGNS, places_at, turned_by
+from sweep_motions import places_at, turned_by
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep import TOLERANCE, BodyMotion, Sweeps

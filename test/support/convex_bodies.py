@@ -56,7 +56,8 @@ KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
 POLYTOPES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
 #: Promised: how close bounds of distances are, relative to the size or the distance of a pair.
 CLOSE = 1e-9
-BOX_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
+#: Of the corners of a box.
+CORNER_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 Pair = tuple[ConvexBodies, ConvexBodies]
 
 
@@ -175,7 +176,7 @@ def _distinct(points: bytes) -> Floats:
 def corners_of(body: ConvexBodies, i: int) -> Floats:
     """Return the corners (n, 3) of body i in its own frame: of a hull, a box or a segment."""
     if body.kinds[i] == BOX:
-        return BOX_SIGNS * body.sizes[i, :3]
+        return CORNER_SIGNS * body.sizes[i, :3]
     if body.kinds[i] == CORNERS:
         row = body.rows[i]
         blocks = body.hulls.blocks[body.hulls.starts[row] : body.hulls.starts[row + 1]]

@@ -145,8 +145,6 @@ def _moebius(n: int = 48) -> Arrays:
     return np.concatenate(rows), np.concatenate(faces)
 
 
-Faces = NDArray[np.int64]
-
 ZOO = zoo()
 NAMES = list(ZOO)
 #: Pairs of bodies in the tests over all meshes.

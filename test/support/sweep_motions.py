@@ -21,11 +21,10 @@ rows 2 k and 2 k + 1. ``TURNING`` are those in which something turns.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from convex_bodies import Pair, corners_of, family
+from convex_bodies import CORNER_SIGNS, Pair, corners_of, family
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -38,8 +37,6 @@ from tools.cases.placement import log_uniform, random_rotations, turns
 Rng = np.random.Generator
 Array = np.ndarray
 Motion = tuple[Boxes, Boxes]
-#: Of the corners of a box.
-CORNER_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def pair_rows(n: int) -> Array:

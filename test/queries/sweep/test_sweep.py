@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from convex_bodies import CORNER_SIGNS
 from each import each
 from hypothesis import given, settings
 from mesh_zoo import zoo
@@ -38,7 +39,7 @@ from support import (
     sweep_twists,
     vectors,
 )
-from sweep_motions import CORNER_SIGNS, Twisting, drills, motion_of_boxes, pair_rows
+from sweep_motions import Twisting, drills, motion_of_boxes, pair_rows
 from sweep_oracle import ExactMotion, certain_overlap
 
 import obb_collision as oc

@@ -20,12 +20,12 @@ import zlib
 from typing import Any
 
 import numpy as np
+from convex_bodies import CORNER_SIGNS
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import numbers, refused, sizes, sweep, sweep_twists
 from sweep_motions import (
-    CORNER_SIGNS,
     TURNING,
     TWISTING,
     Motion,
@@ -230,11 +230,10 @@ def test_swept_bounds_are_tight_for_small_turns_and_none() -> None:
 def test_no_corner_moves_farther_than_the_bound() -> None:
     start, end = TURNING["ordinary"](np.random.default_rng(3), 200)
     bounds, rows = motion_bounds(start, end), np.arange(len(start))
-    signs = np.array(np.meshgrid(*3 * [[-1.0, 1.0]])).reshape(3, 8).T
     way, before = np.zeros((len(start), 8)), None
     for time in TIMES:
         boxes = poses_at(start, end, rows, np.full(len(start), time))
-        local = boxes.half_extents[:, None] * signs
+        local = boxes.half_extents[:, None] * CORNER_SIGNS
         corners = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, local)
         if before is not None:
             way += np.linalg.norm(corners - before, axis=2)
