@@ -175,25 +175,20 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
     assert held() == first
 
 
-def test_parameters_of_an_unconfigured_node_count_once_it_is_configured() -> None:
-    with managed() as rig:
-        assert all(r.successful for r in rig.set(padding=0.5, unknown_is_collision=False))
-        rig.says(UNKNOWN, flag=False)
-        rig.go_through(CONFIGURE, ACTIVATE)
-        rig.send(cube(A1), cube(A2, (2.0, 0, 0)))
-        assert rig.pairs() == NAMED
-
-
-def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
+def test_parameters_of_an_unconfigured_node_count_once_it_is_configured_without_waiting(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with managed(expect_empty=True) as rig:
         # the thread that loads and compiles
         monkeypatch.setattr(rig.node.warm, "_work", lambda: None)
-        rig.set(accuracy="mesh")
+        given: dict[str, Any] = {"padding": 0.5, "unknown_is_collision": False, "accuracy": "mesh"}
+        assert all(result.successful for result in rig.set(**given))
+        rig.says(UNKNOWN, flag=False)
         rig.go_through(CONFIGURE, ACTIVATE)
-        assert rig.node.settings.waiting, "pairs are on obb meanwhile"
+        assert rig.node.settings.waiting, "pairs are on obb meanwhile: kernels are missing"
         rig.says(FREE, "free", False)
+        rig.send(cube(A1), cube(A2, (2.0, 0, 0)))
+        assert rig.pairs() == NAMED
 
 
 @each("way", [*WAYS])

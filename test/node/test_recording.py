@@ -143,8 +143,7 @@ def test_names_of_a_file_become_keys(names: list[str], keys: list[Any]) -> None:
 
 
 def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
-    found = SceneFile(load_scene(scene_file))
-    values = found.parameters()
+    values = SceneFile(load_scene(scene_file)).parameters()
     assert values["accuracy_overrides"] == ["part/*: aabb", "lid/0: sphere", "lid/0: aabb"]
     assert values["effects.contacts_objects"] == ["part/*", "lid/0"]
 

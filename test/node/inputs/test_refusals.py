@@ -151,9 +151,10 @@ def test_shapes_beyond_the_limits_are_refused(
     assert limited.pairs() == {("a/1", "box/1")}
 
 
-def test_clouds_beyond_the_limit_are_refused_whole(limited: Rig) -> None:
-    limited.send(cube(A), cube(B))
-    limited.pairs()
+def test_names_beyond_the_limit_are_refused_and_clouds_whole(limited: Rig) -> None:
+    limited.send(cube(A), cube(("123456", 1)), cube(("12345", 1)), cube(("\u00e9\u00e9\u00e9", 1)))
+    assert limited.pairs() == {("12345/1", "a/1")}
+    assert limited.refused("objects") == {"bad name": 2}
     limited.listen("points_inside")
     one = np.array([pose(9.0)])
     limited.send_points(np.zeros((3, 3)))
@@ -161,15 +162,9 @@ def test_clouds_beyond_the_limit_are_refused_whole(limited: Rig) -> None:
     limited.send_boxes([1, 2, 3], np.repeat(one, 3, axis=0))
     for topic in ("points", "object_poses", "object_boxes"):
         limited.refuses(topic, {"too many points": 1})
-    assert sync(limited) == {("a/1", "b/1")}
+    assert sync(limited) == {("12345/1", "a/1")}
     limited.send_boxes([1, 2], np.array([pose(0.1), pose(9.0)]))
     limited.until(lambda: len(limited.node.objects.table) == 5, "a set within the limit")
-
-
-def test_names_beyond_the_limit_are_refused(limited: Rig) -> None:
-    limited.send(cube(A), cube(("123456", 1)), cube(("12345", 1)), cube(("\u00e9\u00e9\u00e9", 1)))
-    assert limited.pairs() == {("12345/1", "a/1")}
-    assert limited.refused("objects") == {"bad name": 2}
 
 
 def test_packages_that_are_not_installed_are_found_for_all_that_name_files(tmp_path: Path) -> None:

@@ -154,7 +154,9 @@ def set_transform(
     frames.buffer.set_transform(transform, "test")
 
 
-def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
+def test_with_tf2_poses_are_placed_at_their_stamp_or_else_by_the_latest_transform(
+    tf2_ros: Any,
+) -> None:
     with Rig(tf2=True) as rig:
         assert rig.node.frames.description == "tf2"
         set_transform(rig, 2.0, rig.stamp)
@@ -162,6 +164,14 @@ def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
         rig.send(cube(A2, (0.5, 0, 0), frame="robot"), cube(A1, (3, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
         assert rig.pose_of(A2)[0] == 3.5
+        set_transform(rig, 3.0, rig.stamp + 5_000_000)
+        rig.send(cube(B1, (0.5, 0, 0), frame="robot"), stamped=False)
+        rig.until(lambda: B1 in rig.node.objects.table.slots, "an object")
+        rig.cycles(1)
+        assert rig.pose_of(B1)[0] == 3.5
+        set_transform(rig, 7.0, rig.stamp + 10_000_000)
+        rig.cycles(2)
+        assert rig.pose_of(B1)[0] == 3.5, "not locked: stays where it was placed"
 
 
 def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_own(
@@ -175,19 +185,6 @@ def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_ow
         set_transform(rig, 0.0, rig.stamp + 1_000_000, "b", "a")
         rig.send_poses([1], [pose(1.0)], frame="b")
         rig.refuses("object_poses", {"no transform": 1})
-
-
-def test_with_tf2_a_state_without_a_stamp_is_placed_by_the_latest_transform(tf2_ros: Any) -> None:
-    with Rig(tf2=True) as rig:
-        for number, x in enumerate((1.0, 2.0, 3.0)):
-            set_transform(rig, x, rig.stamp + number)
-        rig.send(cube(A2, (0.5, 0, 0), frame="robot"), stamped=False)
-        rig.until(lambda: A2 in rig.node.objects.table.slots, "an object")
-        rig.cycles(1)
-        assert rig.pose_of(A2)[0] == 3.5
-        set_transform(rig, 7.0, rig.stamp + 10)
-        rig.cycles(2)
-        assert rig.pose_of(A2)[0] == 3.5, "not locked: stays where it was placed"
 
 
 def test_with_tf2_frame_locked_objects_follow_in_every_cycle(tf2_ros: Any) -> None:

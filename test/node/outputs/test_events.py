@@ -198,21 +198,16 @@ def test_the_greatest_depth_and_the_last_place_are_told() -> None:
     assert len(pairs.lasting(5 * SECOND)) == 0
 
 
-def test_an_unknown_depth_counts_as_deep() -> None:
-    pairs = PairEvents(EVENTS.dtype)
-    pairs.update(0, rows_of({}), EventLimits(), nothing_parts)
+def test_an_unknown_depth_counts_as_deep_and_no_begin_is_lost_where_parting_fails() -> None:
+    pairs, limits = PairEvents(EVENTS.dtype), EventLimits(begin_distance=0.5)
+    pairs.update(0, rows_of({}), limits, nothing_parts)
     rows = rows_of({0: SHALLOW, 1: SHALLOW})
     rows["depth"][0] = np.nan
-    events = pairs.update(SECOND, rows, EventLimits(begin_distance=0.5), nothing_parts)
-    assert [number(row) for row in events] == [number(rows[0])]
-
-
-def test_no_begin_is_lost_where_parting_fails() -> None:
-    pairs = PairEvents(EVENTS.dtype)
-    pairs.update(0, rows_of({0: DEEP}), EventLimits(), nothing_parts)
+    events = pairs.update(SECOND, rows, limits, nothing_parts)
+    assert [number(row) for row in events] == [number(rows[0])] == [0]
     with pytest.raises(RuntimeError):
-        pairs.update(SECOND, rows_of({1: DEEP}), EventLimits(), Mock(side_effect=RuntimeError))
-    events = pairs.update(2 * SECOND, rows_of({1: DEEP}), EventLimits(), nothing_parts)
+        pairs.update(2 * SECOND, rows_of({1: DEEP}), limits, Mock(side_effect=RuntimeError))
+    events = pairs.update(3 * SECOND, rows_of({1: DEEP}), limits, nothing_parts)
     assert {number(row): row["event"] for row in events} == {0: END, 1: BEGIN}
 
 
@@ -328,13 +323,10 @@ def test_an_end_says_why(rig: Rig) -> None:
     events.until(expected)
 
 
-def test_an_object_that_is_replaced_at_once_ends_nothing(rig: Rig, events: Listener) -> None:
+def test_neither_replacing_an_object_at_once_nor_a_pause_of_the_checks_ends_anything(
+    rig: Rig, events: Listener
+) -> None:
     rig.send(Marker(ns="a", id=2, action=Marker.DELETE), cube(A2, (0.75, 0, 0))).answer()
-    rig.send(cube(A2, (5.0, 0, 0)))
-    events.until([BEGUN, PARTED])
-
-
-def test_a_pause_of_the_checks_begins_and_ends_nothing(rig: Rig, events: Listener) -> None:
     name = f"{rig.node.get_fully_qualified_name()}/enable"
     rig.call(SetBool, name, SetBool.Request(data=False))
     rig.send(cube(A2, (5.0, 0, 0)))

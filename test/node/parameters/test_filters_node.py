@@ -127,15 +127,12 @@ def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together
     until_pairs(rig, 10)
 
 
-def test_groups_are_limited_with_all_that_they_stand_for() -> None:
+def test_groups_are_limited_with_all_they_stand_for_and_words_with_spaces_are_in_quotes() -> None:
     many = [group_from_text("many: " + " ".join(f"a/{k}" for k in range(50)))]
     assert len(Groups(many).meant("many")) == 50
     names = [("many", tuple(f"a/{k}" for k in range(20001)))]
     with pytest.raises(ValueError, match="more than 20000 members"):
         Groups(names)
-
-
-def test_words_with_spaces_are_in_quotes() -> None:
     assert pair_from_text("'my arm/*' table/1") == ("my arm/*", "table/1")
     assert group_from_text("my group: 'my arm/*' b/1") == ("my group", ("my arm/*", "b/1"))
 

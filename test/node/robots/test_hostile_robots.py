@@ -200,14 +200,6 @@ def test_states_that_cannot_be_read_are_never_valid(arm: AskingRig) -> None:
         assert_well(arm)
 
 
-def test_trajectories_with_too_many_points_are_refused_before_they_are_read(arm: AskingRig) -> None:
-    for count, names in ((5001, BOTH), (20_000, ())):
-        text = f"refused: too many pieces: {count} points, 5000 is the limit"
-        assert arm.go([(0.0, [0.0] * len(names))] * count, names)[0].message == text
-    assert arm.go([(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])])[0].message == "forwarded"
-    assert arm.node.guard.total == 0
-
-
 def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown() -> None:
     frames = FakeFrames()
     frames.known["stand"] = pose(0.0)

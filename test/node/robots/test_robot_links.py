@@ -29,7 +29,7 @@ import pytest
 import trimesh
 from each import each
 from objects_rig import Gate, ObjectsRig
-from rig import LATCHED, STATUS, FakeFrames, Rig, cube, pose
+from rig import LATCHED, OUTPUTS, STATUS, FakeFrames, Rig, cube, pose
 from robot_rig import CRATE, EDGES, HAND, HERE, SRDF, URDF, AskingRig, RobotRig, box, joint
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -165,19 +165,19 @@ def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
     np.testing.assert_array_equal(arm.pose_of(HAND), before)
 
 
-def test_a_robot_without_joints_stands_where_its_base_is(arm: AskingRig) -> None:
+def test_a_new_description_takes_the_place_of_the_one_before_also_without_joints(
+    arm: AskingRig,
+) -> None:
     arm.read(f'<robot name="rock"><link name="rock">{box(1.0)}</link></robot>')
     arm.send(cube(CRATE, (0.9, 0, 0)))
-    assert pairs(arm) == {("arm/rock/0", "crate/1")}
-
-
-def test_a_new_description_takes_the_place_of_the_one_before(arm: AskingRig) -> None:
+    assert pairs(arm) == {("arm/rock/0", "crate/1")}, "it stands where its base is"
+    arm.put((9.0, 9.0, 9.0))
     other = f'<robot name="b"><link name="a">{box(1)}</link><link name="c">{box(1)}</link>'
     arm.read(other + joint("slide", "prismatic", "a", "c", "3 0 0") + "</robot>")
     arm.known("joint_unknown", "joints without a state: slide")
     arm.send_joints(slide=0.0)
     arm.known()
-    assert set(arm.node.objects.table.slots) == {("arm/a", 0), ("arm/c", 0)}
+    assert set(arm.node.objects.table.slots) == {("arm/a", 0), ("arm/c", 0), CRATE}
 
 
 def test_several_robots_are_obstacles_to_each_other() -> None:
@@ -247,12 +247,8 @@ PAST = 60 * NANOSECONDS
 def statuses(rig: RobotRig) -> list[Any]:
     """Return the list that all levels of the status are added to from now on."""
     levels: list[Any] = []
-    rig.listen(STATUS)
     rig.client.create_subscription(
-        type(rig.until(lambda: rig.last.get(STATUS), STATUS)),
-        STATUS,
-        lambda message: levels.append(message.status[0].level),  # type: ignore[attr-defined]
-        50,
+        OUTPUTS[STATUS].message, STATUS, lambda said: levels.append(said.status[0].level), 50
     )
     return levels
 

@@ -235,6 +235,11 @@ def test_the_scale_falls_with_the_distance(speed: Speed) -> None:
     for lift, turn, expected in ((0.0, 0.0, 0.5), (0.25, 0.0, 0.25), (0.52, 0.0, 0.0), (0, 3, 1)):
         speed.rig.send_joints(lift=lift, turn=turn)
         assert speed.scale() == pytest.approx(expected, abs=1e-6 * (0.0 < expected < 1.0))
+    (result,) = speed.rig.set(speed_stop_distance=2.0)
+    assert not result.successful
+    assert "must exceed" in result.reason, "slow is beyond stop"
+    speed.rig.start_robot(URDF.replace("</link>", f"{box(0.9)}</link>", 1), lift=-0.5)
+    assert speed.scale() == 0.0, "links collide"
 
 
 def test_the_scale_falls_with_speeds(speed: Speed) -> None:
@@ -293,17 +298,6 @@ def test_of_some_joints_of_unknown_velocity_no_two_cancel_out(speed: Speed) -> N
     for axis in ("0 0 1", "0 0 -1"):
         speed.rig.read(urdf.replace('xyz="0 0 1"', f'xyz="{axis}"', 1))
         assert 0.0 < speed.of(0.0, NAN, NAN) <= (0.6 - 0.1 - 0.1 * 2 * 1.1) / 2.0
-
-
-def test_the_scale_is_zero_where_links_collide(speed: Speed) -> None:
-    speed.rig.start_robot(URDF.replace("</link>", f"{box(0.9)}</link>", 1), lift=-0.5)
-    assert speed.scale() == 0.0
-
-
-def test_slow_is_beyond_stop(speed: Speed) -> None:
-    (result,) = speed.rig.set(speed_stop_distance=2.0)
-    assert not result.successful
-    assert "must exceed" in result.reason
 
 
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)

@@ -168,12 +168,15 @@ def test_joints_that_are_not_named_stay_where_they_are(rig: AskingRig) -> None:
         (QUARTER, ("lift", "lift"), "repeated joint"),
         ([(0.0, [0.0, 0.0], [0.0, 0.0]), (9.0, [0.0, 0.0], [0.0, 1e9])], BOTH, "too many pieces"),
         ([(1.0, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], BOTH, "is not at time 0"),
+        ([(0.0, NONE)] * 5001, BOTH, "refused: too many pieces: 5001 points, 5000 is the limit"),
+        ([(0.0, [])] * 20_000, (), "refused: too many pieces: 20000 points, 5000 is the limit"),
     ],
 )
 def test_what_makes_no_sense_is_refused(
     points: Any, names: Any, reason: str, rig: AskingRig
 ) -> None:
     rig.refused_for(reason, points, names)
+    assert rig.node.guard.total == 0
 
 
 def stamped(rig: AskingRig, seconds: float) -> Header:
