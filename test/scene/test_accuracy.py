@@ -142,16 +142,7 @@ def test_a_pair_is_decided_on_the_lower_level_of_its_objects() -> None:
     assert levels(scene) == [oc.Accuracy.OBB]
 
 
-def test_padded_meshes_are_decided_by_their_distance_and_others_by_their_hulls() -> None:
-    scene = ring_and_rod()
-    scene.set_effect("clearance", accuracy="mesh", max_distance=1.0)
-    gap = float(scene.check("clearance").clearances.distances[0])
-    assert 0.25 < gap < 0.3
-    for padding, expected in ((0.49 * gap, []), (0.51 * gap, [oc.Accuracy.MESH])):
-        scene.accuracy, scene.padding = "mesh", padding
-        assert levels(scene) == expected
-    scene.accuracy = "hull"
-    assert levels(scene) == [oc.Accuracy.HULL]
+def test_padded_shapes_without_a_mesh_are_decided_by_their_hulls() -> None:
     scene = oc.Scene(accuracy="mesh", padding=0.01)
     scene.add("ball", Sphere(0.5))
     for shape in (Cylinder(0.2, 0.5), Hull(ZOO["hull1"][0])):

@@ -146,6 +146,9 @@ def same_markers(read: cdr.Items, message: MarkerArray) -> None:
             ("file", marker.mesh_file.filename),
         ):
             assert read.text(field, row).partition(b"\0")[0].decode(errors="replace") == text
+        for field in ("ns", "frame") if row else ():
+            is_as_before = read.text(field, row) == read.text(field, row - 1)
+            assert read.of(field)[row, 2] == is_as_before
         points = [(point.x, point.y, point.z) for point in marker.points]
         np.testing.assert_array_equal(read.points("points", row), np.array(points).reshape(-1, 3))
         assert read.text("content", row) == bytes(marker.mesh_file.data)
@@ -158,19 +161,6 @@ def read_markers(data: bytes) -> cdr.Items:
         at, count, _ = read.of(field).T
         assert ((at >= 0) & (count >= 0) & (at + count * size <= len(data))).all()
     return read
-
-
-@settings(max_examples=40)
-@given(messages(MarkerArray))
-def test_a_marker_has_the_namespace_and_frame_of_the_one_before_or_others(
-    message: MarkerArray,
-) -> None:
-    data = serialize_message(message)
-    found, read = cdr.markers_from_bytes(data), message.markers
-    for row in range(1, len(read)):
-        assert found.of("ns")[row, 2] == (read[row].ns == read[row - 1].ns)
-        frames = read[row].header.frame_id, read[row - 1].header.frame_id
-        assert found.of("frame")[row, 2] == (frames[0] == frames[1])
 
 
 def test_other_encodings_go_by_way_of_rclpy(monkeypatch: pytest.MonkeyPatch) -> None:
