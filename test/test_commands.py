@@ -39,7 +39,7 @@ import rig  # noqa: F401 - of this machine only
 
 import obb_collision
 from obb_collision import commands
-from obb_collision.cli import Progress, interruptible, real, whole
+from obb_collision.cli import Progress, real, whole
 from obb_collision.node.runtime import environment
 
 
@@ -182,6 +182,11 @@ BAD = {
     "--family": ["none such"],
 }
 ENDINGS = {"--picture", "--plot", "--markdown"}
+#: Those that an interrupt ends as any other end does.
+END_OTHERWISE = {
+    *("obb_collision_node", "obb_collision_merge", "obb_collision_demo", "obb_collision view"),
+    *("obb_collision status", "python -m tools.soak"),
+}
 SAME = {"obb_collision", "obb_collision node", "obb_collision merge", "obb_collision demo"}
 
 
@@ -264,12 +269,17 @@ def test_progress_is_a_line_that_changes_on_a_terminal_and_else_one_per_topic() 
     assert written == " a 1/2\n b\n"
 
 
-def test_an_interrupt_is_one_line_and_exit_code_130(capsys: pytest.CaptureFixture[str]) -> None:
-    def interrupted() -> int:
+@each("script", sorted(set(PROGRAMS) - SAME - END_OTHERWISE))
+def test_an_interrupt_is_one_line_and_exit_code_130(
+    script: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    assert interruptible("a program", "; half done")(interrupted)() == 130
-    assert capsys.readouterr().err == "\na program: interrupted; half done\n"
+    monkeypatch.setattr(ArgumentParser, "parse_known_args", interrupted)
+    assert function_of(script)([]) == 130
+    name = script.removeprefix("python -m tools.peers.")  # one has its own name only
+    assert re.search(rf"^\n[\w. -]*{name}: interrupted(; .*)?\n$", capsys.readouterr().err)
 
 
 def test_a_signal_ends_a_program_that_runs() -> None:

@@ -60,32 +60,14 @@ from tools.fuzz.robot import ROBOT, RobotMessages
 from tools.fuzz.session import Result, faults, find_answer
 
 
-def run(*arguments: str) -> int:
-    return command.main([*arguments, "--bound", "20", "--seed", "4"])
-
-
-def test_an_interrupt_is_no_finding(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command.Attack, "run", interrupted)
-    assert run() == 130
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert output.err == "python -m tools.fuzz: interrupted\n"
-
-
 def test_a_part_is_run_again_and_a_wrong_answer_is_found_with_what_reproduces_it(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     right = [probes.right_pairs]  # of the first probe
-    monkeypatch.setattr(
-        probes, "right_pairs", lambda *boxes: right.pop()(*boxes) if right else set()
-    )
+    answer = lambda *boxes: right.pop()(*boxes) if right else set()  # noqa: E731
+    monkeypatch.setattr(probes, "right_pairs", answer)
     monkeypatch.setattr(command, "BATCH", 2)
-    assert run("--only", "raw:17-21") == 1
+    assert command.main(["--only", "raw:17-21", "--bound", "20", "--seed", "4"]) == 1
     output = capfd.readouterr().out
     assert "sent: 4 (" in output
     assert "probes answered right: 2 (" in output  # by boxes, and the points in them
