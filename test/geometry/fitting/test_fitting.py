@@ -98,14 +98,17 @@ SMALL_SETS = st.lists(
 )
 
 
-@settings(max_examples=60)
-@given(SMALL_SETS, st.integers(0, 2**32 - 1), st.sampled_from(sorted(FITS)), st.integers(1, 2))
-def test_flat_sets_are_contained_and_thin(
-    points: list[tuple[float, ...]], seed: int, fit: str, dimensions: int
+@settings(max_examples=120)
+@given(
+    SMALL_SETS, st.integers(0, 2**32 - 1), st.sampled_from(sorted(FITS)), st.integers(1, 3),
+    st.one_of(st.just(0), st.integers(-520, 490)),
+)  # fmt: skip
+def test_any_sets_are_contained_and_flat_ones_thin(
+    points: list[tuple[float, ...]], seed: int, fit: str, dimensions: int, exponent: int
 ) -> None:
-    array = np.array(points, dtype=np.float64)
+    array = np.ldexp(np.array(points, dtype=np.float64), exponent)
     array[:, dimensions:] = 0.0
-    turned = array @ Rotation.random(random_state=seed).as_matrix()
+    turned = array @ Rotation.random(random_state=seed).as_matrix() if seed % 2 else array
     _, _, half = fitted(turned, fit)
     size = float(np.ptp(turned, axis=0).max(initial=0.0))
     thin = np.sort(half)[: 3 - dimensions]
