@@ -25,6 +25,8 @@ import pytest
 from each import each
 from exact_bodies import outside
 from exact_vectors import exact
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 from support import contacts, family, joined, refused, row_of, sizes, stored
 
@@ -32,7 +34,7 @@ from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts import FEATURE_TIE, Contacts
 from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES
-from tools.cases.placement import turns
+from tools.cases.placement import random_rotations, turns
 
 #: Promised accuracy of depth and normal, and of points, relative to the sum of half extents.
 DEPTH_ACCURACY = 1e-12
@@ -149,6 +151,21 @@ def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> 
     apart[:, np.arange(limit), np.arange(limit)] = np.inf
     grain = 4.0 * np.spacing(np.nanmax(np.abs(found.positions[hit]), axis=(1, 2)))
     assert (np.nanmin(apart[hit], axis=(1, 2)) >= 0.5 * FEATURE_TIE * size - grain).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-9, 1e-3, 1.0]))
+def test_deep_flat_and_needle_boxes_have_points_too(seed: int, thin: float) -> None:
+    rng = np.random.default_rng(seed)
+    half = rng.uniform(0.1, 1.0, (2, 20, 3)) * rng.choice([1.0, thin], (2, 20, 3))
+    centers = rng.uniform(-0.1, 0.1, (2, 20, 3)) * rng.choice([0.0, 1.0, 10.0], (2, 20, 1))
+    a, b = (Boxes(centers[k], random_rotations(rng, 20), half[k]) for k in range(2))
+    found = between(a, b, 8)
+    assert ((found.counts > 0) == (verdicts(a, b) != Verdict.SEPARATE)).all()
+    for box in (a, b):
+        local = np.einsum("nlk,nki->nli", found.positions - box.centers[:, None], box.rotations)
+        beyond = (np.abs(local) - box.half_extents[:, None]).max(axis=2)
+        allowed = POINT_ACCURACY * np.maximum(sizes(a, b), 1e-6)[:, None]
+        assert not (beyond > allowed).any()  # NaN past the count
 
 
 def test_bad_input_is_refused_by_name() -> None:
