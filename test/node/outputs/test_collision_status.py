@@ -133,9 +133,11 @@ def test_before_the_first_check_nothing_is_known_and_that_kernels_are_compiled_i
     flags: list[Any] = []
     qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     kind = OUTPUTS[STATUS].message
-    rig.client.create_subscription(
-        kind, f"/cell/{STATUS}", lambda message: said.append(message.status[0]), qos
-    )
+
+    def take(message: Any) -> None:
+        said.append(message.status[0])
+
+    rig.client.create_subscription(kind, f"/cell/{STATUS}", take, qos)
     rig.client.create_subscription(Bool, "/cell/in_collision", flags.append, qos)
     start, reason = warm_up.WarmUp.start, "starting, compiling: 3 kernels"
 

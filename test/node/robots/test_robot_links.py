@@ -38,7 +38,7 @@ from visualization_msgs.msg import Marker
 import obb_collision as oc
 from obb_collision import Accuracy, Robot
 from obb_collision.node import named_clearances, named_predictions
-from obb_collision.node.diagnostics.answer import COLLIDING
+from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.robots import AttachedObjects, LinkObjects
 from obb_collision.node.runtime import warm_up
@@ -247,9 +247,11 @@ PAST = 60 * NANOSECONDS
 def statuses(rig: RobotRig) -> list[Any]:
     """Return the list that all levels of the status are added to from now on."""
     levels: list[Any] = []
-    rig.client.create_subscription(
-        OUTPUTS[STATUS].message, STATUS, lambda said: levels.append(said.status[0].level), 50
-    )
+
+    def take(message: Any) -> None:
+        levels.append(message.status[0].level)
+
+    rig.client.create_subscription(OUTPUTS[STATUS].message, STATUS, take, 50)
     return levels
 
 
@@ -279,6 +281,7 @@ def test_links_whose_hulls_are_being_built_are_unknown_and_collide_with_nothing(
         rig.send(cube(("crate", 2), (9.0, 0.0, 0.0)), cube(("crate", 3), (9.0, 0.0, 0.0)))
         rig.until(lambda: COLLIDING in levels, "a pair of others")
         rig.send(cube(("crate", 2), (9.0, 9.0, 9.0)))
+        rig.until(lambda: levels[-1] == UNKNOWN, "no pair any more")
         rig.known("shape_building", "arm/hand/1")
         levels.clear()
         gate.open()

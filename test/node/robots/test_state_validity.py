@@ -44,7 +44,7 @@ from robot_rig import (
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
-from test_attached_objects import TOOL, held, put
+from test_attached_and_hostile import TOOL, held, put
 from visualization_msgs.msg import Marker
 
 import obb_collision as oc
