@@ -24,7 +24,6 @@ import pkgutil
 import re
 import sys
 import typing
-from collections.abc import Callable
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -169,13 +168,6 @@ ARRAYS = re.compile(r"Floats|Integers|Rows|Mask|Radii|NDArray")
 OTHERS = ("obb_collision.node", "obb_collision.demo", "obb_collision.benchmarks")
 
 
-def load_all() -> None:
-    """Import every module of the library, so that all kernels are defined."""
-    for module in pkgutil.walk_packages(obb_collision.__path__, "obb_collision."):
-        if not module.name.startswith(OTHERS) and not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
-
-
 def holds_arrays(kind: Any) -> bool:
     """Return whether a type, a tuple or NamedTuple with all that is in it, holds arrays."""
     fields = getattr(kind, "__annotations__", {}) if hasattr(kind, "_fields") else {}
@@ -185,15 +177,13 @@ def holds_arrays(kind: Any) -> bool:
     return "ndarray" in str(kind) or any(map(holds_arrays, within))
 
 
-def returns_arrays(function: Callable[..., Any]) -> bool:
-    """Return whether a function is declared to return arrays."""
-    return holds_arrays(typing.get_type_hints(function)["return"])
-
-
 def test_what_counts_references_takes_no_arrays_from_what_does_not() -> None:
-    load_all()
+    for module in pkgutil.walk_packages(obb_collision.__path__, "obb_collision."):
+        if not module.name.startswith(OTHERS) and not module.name.endswith("__main__"):
+            importlib.import_module(module.name)  # so that all kernels are defined
     counts = {kernel: "_nrt" not in kernel.targetoptions for kernel in _jit.kernels}
-    lends = {k for k in counts if not counts[k] and returns_arrays(function_of(k))}
+    given = {kernel: typing.get_type_hints(function_of(kernel))["return"] for kernel in counts}
+    lends = {kernel for kernel in counts if not counts[kernel] and holds_arrays(given[kernel])}
     assert {function_of(kernel).__name__ for kernel in lends} >= {"borrowed_core"}
     wrong = [
         (function.__name__, function_of(kernel).__name__)
@@ -312,20 +302,13 @@ def test_examples_run(name: str) -> None:
     known: dict[str, Any] = {"oc": oc, "np": np}
     said: list[str] = []
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    for example in examples_of(name):
+    text, owner = inspect.getdoc(DOCUMENTED[name]) or "", name.rpartition(".")[0]
+    goes_on = f"as in the example of ``{owner}``" in text  # that of its class
+    for example in [inspect.getdoc(OBJECTS[owner]) or "", text] if goes_on else [text]:
         found = doctest.DocTestParser().get_doctest(example, known, name, None, 0)
         runner.run(found, out=said.append, clear_globs=False)
         known = found.globs
     assert runner.failures == 0, "".join(said)
-
-
-def examples_of(name: str) -> list[str]:
-    """Return the docstring of a name, after that of its class where it goes on with its example."""
-    text = inspect.getdoc(DOCUMENTED[name]) or ""
-    owner = name.rpartition(".")[0]
-    if f"as in the example of ``{owner}``" not in text:
-        return [text]
-    return [inspect.getdoc(OBJECTS[owner]) or "", text]
 
 
 #: What a user gets and does not make.

@@ -128,22 +128,13 @@ def check_ros2(words: list[str]) -> None:
         check_parameter(words[4])
 
 
-def check_paths(words: list[str]) -> None:
-    for word in words:
-        if re.match(r"(\.ci|config|docs|launch|obb_collision|test)/[\w.]", word):
-            assert (ROOT / word).exists(), word
-
-
-def check_extras(words: list[str]) -> None:
-    for names in re.findall(r"\.\[([\w,]+)\]", " ".join(words)):
-        assert set(names.split(",")) <= EXTRAS
-
-
 @each("page", [page_name(page) for page in PAGES])
 def test_commands_can_be_given(page: str) -> None:
     for words in (w for name, line in commands() if name == page for w in split_chain(line)):
         program = words[0]
-        check_paths([word for word in words if not word.startswith("--")])
+        for word in words:
+            if re.match(r"(\.ci|config|docs|launch|obb_collision|test)/[\w.]", word):
+                assert (ROOT / word).exists(), word
         if program.startswith("obb_collision") or program_of(words)[0] in PROGRAMS:
             check_script(words)
         elif program in ("python", "python3") and words[1] == "-m":
@@ -151,7 +142,8 @@ def test_commands_can_be_given(page: str) -> None:
         elif program in ("python", "bash"):
             assert (ROOT / words[1]).exists(), words
         elif program == "pip":
-            check_extras(words)
+            for names in re.findall(r"\.\[([\w,]+)\]", " ".join(words)):
+                assert set(names.split(",")) <= EXTRAS
         elif program == "ros2":
             check_ros2(words)
         else:
@@ -198,11 +190,6 @@ def test_the_programs_are_found() -> None:
     assert sum(map(len, PAGE_PROGRAMS.values())) == fenced
 
 
-def parameter_blocks(name: str) -> list[str]:
-    """Return the parameters that a page has for all nodes."""
-    return [block for block in code_blocks(ROOT / name, "yaml") if block.startswith("/**:")]
-
-
 @contextmanager
 def node_beside(parameters: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Run a node with a file of parameters in a thread, in the domain of programs from outside."""
@@ -246,7 +233,8 @@ def test_the_blocks_run_and_print_what_they_say(
     clean.mkdir()
     monkeypatch.chdir(clean)
     parameters = tmp_path / "parameters.yaml"
-    parameters.write_text("".join(parameter_blocks(name)))
+    blocks = [block for block in code_blocks(ROOT / name, "yaml") if block.startswith("/**:")]
+    parameters.write_text("".join(blocks))
     variables: dict[str, object] = {"__name__": Path(name).stem}
     for code in PAGE_PROGRAMS[name]:
         beside: AbstractContextManager[None] = nullcontext()

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
-from geometry_msgs.msg import Point, Transform, TransformStamped, Twist, Vector3
+from geometry_msgs.msg import Point, Transform, TransformStamped, Twist
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy._rclpy_pybind11 import RMWError
@@ -70,10 +70,6 @@ def seven(transform: Transform) -> list[float]:
     return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
 
 
-def six(first: Vector3, second: Vector3) -> list[float]:
-    return [first.x, first.y, first.z, second.x, second.y, second.z]
-
-
 def head(header: Any) -> tuple[int, int, str]:
     return header.stamp.sec, header.stamp.nanosec, header.frame_id.partition("\0")[0]
 
@@ -89,7 +85,8 @@ def same_states(read: cdr.NamedStates, message: MultiDOFJointState) -> None:
     assert [name.partition("\0")[0] for name in read.names] == list(message.joint_names)
     given = np.array([seven(transform) for transform in message.transforms]).reshape(-1, 7)
     np.testing.assert_array_equal(read.poses, given)
-    given = np.array([six(one.linear, one.angular) for one in message.twist]).reshape(-1, 6)
+    both = [vector for twist in message.twist for vector in (twist.linear, twist.angular)]
+    given = np.array([(v.x, v.y, v.z) for v in both]).reshape(-1, 6)
     np.testing.assert_array_equal(read.twists, given)
 
 
