@@ -247,7 +247,7 @@ class WorldState:
 def _key(scene: Scene) -> tuple[object, ...]:
     """Return what changes with the names, shapes and rules of a scene."""
     store = scene.objects.store
-    return store, store.version, store.revision, scene.rules.version
+    return store, store.version, store.revision
 
 
 def _counted(store: ObjectStore, left_out: Collection[str]) -> Rows:

@@ -167,14 +167,13 @@ class PairRules:
     [('cup', 'table', True)]
     """
 
-    __slots__ = ("_changing", "_made", "_only", "_rules", "_table", "_within", "version")
+    __slots__ = ("_changing", "_made", "_only", "_rules", "_table", "_within")
 
     def __init__(self, changing: Callable[[], object] = lambda: None) -> None:
         self._changing = changing
         self._rules: dict[tuple[Patterns, ...], tuple[Patterns, Patterns, bool]] = {}
         self._only: list[tuple[Patterns, Patterns]] = []
         self._within: Patterns = ()
-        self.version = 0  # changes with the filters
         self._table: PairTable | None = None
         self._made: tuple[int, PairFilter | None] | None = None
 
@@ -196,7 +195,6 @@ class PairRules:
     def _renew(self) -> None:
         """Forget what the filters before made; first, for interrupts."""
         self._changing()
-        self.version += 1
         self._table = self._made = None
 
     def _may_be_allowed(self, a: Patterns, b: Patterns) -> bool:
