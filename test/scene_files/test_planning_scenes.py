@@ -439,7 +439,8 @@ def test_a_mesh_read_in_another_process_is_the_same_within_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: Any, reason: str
 ) -> None:
     monkeypatch.setattr(mesh_files, "WorkerProcess", SharedWorker)  # to start takes long
-    trimesh.creation.box().export(tmp_path / "part.stl")
+    part = trimesh.creation.icosphere(5) if "too long" in reason else trimesh.creation.box()
+    part.export(tmp_path / "part.stl")
     file = naming(tmp_path / "scene.yaml", "part.stl")
     with closing(mesh_files.MeshReading(NO_FOLDERS, *limits)) as reading:
         if reason:
