@@ -48,7 +48,6 @@ SIDE = 6.0
 COUNT = 40
 TIMEOUT = 1.0
 """Seconds of silence after which a region is missing; tests must not depend on a loaded machine."""
-OK, ERROR = (int(level[0]) for level in (DiagnosticStatus.OK, DiagnosticStatus.ERROR))
 CLOUDS = ("collisions", "contacts", "clearances", "predicted_collisions")
 TRIGGER = {"trigger": "arrival", "min_period": 0.0, "rate": 5.0}
 SHARED = ("objects", "object_transform", "object_states", "object_poses", "object_boxes", "points")
@@ -164,16 +163,12 @@ class Shared(Rig):
             self.check_same("a frame", *CLOUDS)
         assert self.merger._merger.repeated == repeated
 
-    def level(self) -> int:
-        message = self.merged.get("collision_status")
-        return -1 if message is None else int(message.status[0].level[0])
-
-    def message(self) -> str:
-        return str(self.merged["collision_status"].status[0].message)
+    def merged_status(self) -> Any:
+        return self.merged["collision_status"].status[0]
 
     def is_missing(self, region: str) -> bool:
         """Return whether the merged status says that a region is silent."""
-        values = values_of(self.merged["collision_status"].status[0])
+        values = values_of(self.merged_status())
         return "region_silent" in values["reasons"].split() and region in values["who"]
 
     def apart(self) -> None:
@@ -201,7 +196,8 @@ def test_two_regions_find_what_one_node_finds_also_while_one_restarts() -> None:
     with Shared() as client:
         client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all topics of all regions")
         client.check_frames(4)
-        assert client.level() == ERROR
+        status = client.merged_status
+        assert status().level == COLLIDING
 
         client.end("east")
         for topic in CLOUDS:
@@ -209,8 +205,8 @@ def test_two_regions_find_what_one_node_finds_also_while_one_restarts() -> None:
         client.frames_until(lambda: client.is_missing("east"), "the missing region")
         assert not client.merged.keys() & {*CLOUDS}
         client.apart()
-        client.until(lambda: client.message().startswith("at least 1 pair"), "what east said last")
-        assert client.level() == ERROR
+        client.until(lambda: status().message.startswith("at least 1 pair"), "what east said last")
+        assert status().level == COLLIDING
         assert client.is_missing("east")
         assert client.merged["in_collision"].data
 
@@ -218,9 +214,9 @@ def test_two_regions_find_what_one_node_finds_also_while_one_restarts() -> None:
         client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all regions again")
         client.check_frames(2)
         client.apart()
-        client.until(lambda: client.level() == OK, "free")
+        client.until(lambda: status().level == FREE, "free")
         client.until(lambda: not client.merged["in_collision"].data, "the flag")
-        assert client.message() == "free"
+        assert status().message == "free"
 
 
 STATUS = TOPICS["collision_status"]

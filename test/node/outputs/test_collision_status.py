@@ -31,7 +31,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rig import FRAME, OUTPUTS, STATUS, FakeFrames, Rig, cube, pose
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import Marker
@@ -40,7 +40,6 @@ from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, Reason
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import Input
-from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
@@ -183,18 +182,6 @@ def test_a_scene_file_says_what_there_is_even_if_that_is_nothing(tmp_path: Path)
             rig.known()
 
 
-def no_name(full: PointCloud2) -> PointCloud2:
-    """Return a cloud with an id that no object can have."""
-    rows = cloud_from_ros(full, [field.name for field in full.fields])
-    kinds = [
-        (name, "<f8" if kind.kind == "f" else "<u4")
-        for name, (kind, *_) in (rows.dtype.fields or {}).items()
-    ]
-    rows = rows.astype(kinds)
-    rows["id"] = 0xFFFFFFFF
-    return cloud_to_ros(rows, full.header)
-
-
 Step = Callable[[Rig], Any]
 TABLE: dict[str, tuple[dict[str, Any], Step, tuple[str, str], Step]] = {
     "required objects": (
@@ -266,7 +253,8 @@ def test_what_cannot_be_read_marks_its_input_until_that_is_read_again(
     # bytes are read as what they are, whatever type is said of the topic: vision_msgs are rare
     monkeypatch.setattr(detections, "INPUTS", {"detections": Input(PointCloud2, 10)})
     header, many = Header(frame_id=FRAME), list(range(MOST + 1))
-    boxes = boxes_to_ros([7], [pose(9)], np.ones((1, 3)), None, header)
+    boxes, nobody = (boxes_to_ros([n], [pose(9)], np.ones((1, 3)), None, header) for n in (7, -1))
+    nobody.fields[-1].datatype = PointField.UINT32  # an id that no object can have
     none_detected = serialize_message(header) + bytes(4)
     good = {
         "object_poses": poses_to_ros([1, 2], [pose(0), pose(3)], [A, A], header),
@@ -276,7 +264,7 @@ def test_what_cannot_be_read_marks_its_input_until_that_is_read_again(
     broken: list[tuple[str, Any]] = [
         ("object_poses", poses_to_ros(many, [pose(0)] * len(many), None, header)),
         ("object_boxes", boxes_to_ros(many, [pose(0)] * len(many), np.ones((len(many), 3)))),
-        ("object_boxes", no_name(boxes)),
+        ("object_boxes", nobody),
         *(("detections", none_detected[:end]) for end in (7, -4, -1)),
         ("detections", none_detected[:-4] + (MOST + 1).to_bytes(4, "little")),
     ]

@@ -22,10 +22,8 @@ from typing import Any
 import pytest
 from each import each
 from objects_rig import RING, crate, levels, ring
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParametersAtomically
 from rig import Rig, cube, pose, sync
+from test_parameters import ask_for_all, message
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import collisions_from_ros
@@ -54,14 +52,8 @@ def until_pairs(rig: Rig, count: int) -> set[tuple[str, str]]:
 
 def set_atomically(rig: Rig, **values: list[str]) -> Any:
     """Set lists of texts as another node does, all or none; returns the result."""
-    kind = ParameterType.PARAMETER_STRING_ARRAY
-    parameters = [
-        ParameterMessage(name=name, value=ParameterValue(type=kind, string_array_value=value))
-        for name, value in values.items()
-    ]
-    name = f"{rig.node.get_fully_qualified_name()}/set_parameters_atomically"
-    request = SetParametersAtomically.Request(parameters=parameters)
-    return rig.call(SetParametersAtomically, name, request).result
+    given = [message(name, "string_array", value) for name, value in values.items()]
+    return ask_for_all(rig, *given)
 
 
 def test_filters_change_while_the_node_runs(rig: Rig) -> None:
