@@ -271,16 +271,15 @@ class EvidenceMachine(RuleBasedStateMachine):
             if not table.of_robot[slot]
         }
         assert owners == {name: thing.of_set for name, thing in things.items()}
-        for name, thing in things.items():
-            if thing.x is None or not thing.shaped:
-                continue
-            slot = scene.index(name)
-            serial, thing.serial = thing.serial, int(scene.objects.store.born[slot])
-            assert serial in (-1, thing.serial), "another object"
-            growth = self.model.growth(name, thing, self.given)
-            box = scene.objects.store.boxes(np.array([slot]))
-            assert box.centers[0] == pytest.approx([thing.x, 0.0, 0.0])
-            assert box.half_extents[0] == pytest.approx(0.5 * thing.size + growth)
+        placed = {n: thing for n, thing in things.items() if thing.x is not None and thing.shaped}
+        slots = np.array([scene.index(name) for name in placed], np.int64)
+        boxes, serials = scene.objects.store.boxes(slots), scene.objects.store.born[slots].tolist()
+        for row, (name, thing) in enumerate(placed.items()):
+            assert thing.serial in (-1, serials[row]), "another object"
+            thing.serial = serials[row]
+            edge = 0.5 * thing.size + self.model.growth(name, thing, self.given)
+            assert np.abs(boxes.centers[row] - (thing.x, 0.0, 0.0)).max() < 1e-9
+            assert np.abs(boxes.half_extents[row] - edge).max() < 1e-9
 
     @invariant()
     def known_to_collide(self) -> None:
