@@ -56,37 +56,8 @@ def readable(error: SceneFileError) -> str:
     return text
 
 
-FULL = {
-    "name": "cell",
-    "description": "A cell.",
-    "padding": 0.01,
-    "time_budget": 0.01,
-    "groups": {"hand": ["hand/*"], "things": ["cup"]},
-    "allowed": [["hand", "cup"], ["a/*", "b/*"]],
-    "accuracy": {"default": "obb", "hand": "hull"},
-    "effects": {"contacts": {"mode": "on", "objects": ["hand"], "max_points": 4}, "text": "off"},
-    "lidar": {"count": 10, "range": 1, "sees": ["cup"], "position": [0, 0, 1], "seed": 3},
-    "view": {"eye": [1, 0, 1], "target": [0, 0, 0]},
-    "objects": [
-        {"name": "cup", "shape": "box", "size": [1, 1, 1], "rpy": [0, 0, 1], "accuracy": "obb"},
-        {"name": "hand/1", "shape": "sphere", "radius": 1, "scale": 2, "motion": {"follow": "cup"}},
-        {"name": "hand/2", "shape": "hull", "points": [[0, 0, 0], [1, 0, 0]], "color": [1, 0, 0]}
-        | {"position": [1, 2, 3], "quaternion": [0, 0, 0.6, 0.8], "padding": 0.1},
-        {"name": "fan", "shape": "cylinder", "radius": 1, "length": 2}
-        | {"motion": {"twist": [0, 0, 0, 0, 0, 1], "period": 2}},
-        {"name": "tram", "shape": "cone", "radius": 1, "length": 2}
-        | {
-            "motion": {
-                "period": 2,
-                "waypoints": [[0, 0, 0], {"position": [1, 0, 0], "rpy": [0] * 3}],
-            }
-        },
-    ],
-}
-CONTENTS = {
-    name: yaml.safe_load((DATA / name).read_text()) for name in ("message.yaml", "shelf.yaml")
-}
-CONTENTS["own"] = FULL
+FILES = [DATA / "message.yaml", DATA / "shelf.yaml", DATA.parent / "scene.yaml"]
+CONTENTS = {file.stem: yaml.safe_load(file.read_text()) for file in FILES}
 #: Values that may stand somewhere, and those that are right nowhere.
 ANY = [None, True, -1, 0.5, 1e308, float("nan"), "", "x", [], {}, [1], {"a": 1}]
 NEVER = [{"x": "y"}, [[{}]]]
@@ -146,6 +117,7 @@ def test_what_is_right_nowhere_is_refused_by_its_key_wherever_it_stands(
     source: str, write: Any
 ) -> None:
     content = CONTENTS[source]
+    load_scene(write(json.dumps(content)))
     for number, (way, place) in enumerate(ways_in(content)):
         is_read = not UNREAD & {*way} and way not in ((), ("robot_state", "is_diff"))
         is_read &= way[2:3] != ("header",)  # of a frame
@@ -174,7 +146,7 @@ def test_words_that_cannot_be_used_are_refused_wherever_they_stand(
         if way == ("description",) and word in ("a\nb", "x" * 5000):
             continue  # text for people may have lines
         path = write(json.dumps(replaced(content, way, word)))  # YAML, too, and quickly written
-        if source == "own":
+        if source == "scene":
             assert WHY.search(refusal(path)), way
             continue
         try:  # not all of a planning scene is read

@@ -29,42 +29,14 @@ from hypothesis import strategies as st
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load_scene
 from obb_collision.scene_files.objects import unit
-from obb_collision.shapes import Box, Cylinder, Hull, Mesh, Sphere
-
-GOOD = """\
-name: small
-groups:
-  hand: [hand/*]
-  things: ["cup/*", box]
-allowed:
-  - [hand, hand]
-  - [things, table/0]
-accuracy:
-  default: sphere
-  hand: mesh
-  hand/1: hull
-padding: 1e-3
-effects:
-  separations: {mode: on, objects: hand}
-  markers: off
-objects:
-  - {name: table/0, shape: box, size: [2, 1, 5e-1], position: [0, 0, 0.25], padding: 0}
-  - name: cup/0
-    shape: cylinder
-    radius: 0.125
-    length: .25
-    position: [0.5, 0, 0.625]
-    color: [1, 0.5, 0]
-  - {name: box, shape: box, size: [1, 1, 1], rpy: [0, 0, 0.5], scale: 0.5, accuracy: aabb}
-  - {name: hand/0, shape: sphere, radius: 1, scale: [1, 2, 3], quaternion: [0, 0, 0.6, 0.8]}
-  - {name: hand/1, shape: hull, points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}
-"""
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Sphere
 
 
-def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
-    description = load_scene(write(GOOD))
+def test_what_a_file_says_is_what_the_scene_has() -> None:
+    description = load_scene(Path(__file__).parents[1] / "data" / "scene.yaml")
     assert description.name == "small"
-    assert description.names == ["table/0", "cup/0", "box", "hand/0", "hand/1"]
+    names = "table/0 cup/0 box hand/0 hand/1 fan rider tram"
+    assert description.names == names.split()
     assert description.groups == {"hand": ("hand/*",), "things": ("cup/*", "box")}
     cup = description.objects[1]
     assert (cup.shape, cup.color) == (Cylinder(0.125, 0.25), (1.0, 0.5, 0.0, 1.0))
@@ -80,6 +52,9 @@ def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     expected.add("hand/0", Sphere(1, (1, 2, 3)), [0, 0, 0, 0, 0, 0.6, 0.8], accuracy="mesh")
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     expected.add("hand/1", Hull(points), accuracy="hull")
+    expected.add("fan", Cone(1, 2))
+    expected.add("rider", Capsule(1, 2))
+    expected.add("tram", Ellipsoid([1, 2, 3]))
     for part in ("centers", "rotations", "half_extents"):
         np.testing.assert_allclose(
             getattr(scene.boxes, part), getattr(expected.boxes, part), rtol=0, atol=1e-15
