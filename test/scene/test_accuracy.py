@@ -251,17 +251,27 @@ def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     assert scene.check().verdicts.tolist() == [oc.Verdict.TOUCHING]  # rests on it
 
 
-TORUS = Mesh(*ZOO["torus1"])
-SHAPES: dict[str, Shape] = {
-    "Box": Box([0.4, 0.6, 0.8]),
-    "Sphere": Sphere(0.4),
-    "Ellipsoid": Ellipsoid([0.3, 0.4, 0.5], [1.0, 1.0, 0.5]),
-    "Cylinder": Cylinder(0.3, 0.8),
-    "Cone": Cone(0.4, 0.8, [1.0, 2.0, 1.0]),
-    "Capsule": Capsule(0.2, 0.6),
-    "Hull": Hull(ZOO["hull1"][0], [0.5, 0.5, 0.5]),
-    "Mesh": Mesh(*ZOO["sphere1"], scale=[0.5, 0.5, 0.5]),
+TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+#: Shapes that reach just as far as they are given.
+SIZED: dict[str, Callable[[float], Shape]] = {
+    "mesh": lambda s: Mesh(TETRAHEDRON * s, FACES),
+    "mesh scaled": lambda s: Mesh(TETRAHEDRON, FACES, scale=[s, s, s]),
+    "mesh in a corner": lambda s: Mesh((1.0 - 1e-3 * TETRAHEDRON) * s, FACES),
+    "triangle": lambda s: Mesh(TETRAHEDRON[:3] * s, FACES[:1]),
+    "hull": lambda s: Hull((2.0 * TETRAHEDRON - 1.0) * s),
+    "flat hull": lambda s: Hull(TETRAHEDRON[:3] * s),
+    "cylinder": lambda s: Cylinder(0.5 * s, s),
+    "cone": lambda s: Cone(0.5 * s, s),
+    "sphere": lambda s: Sphere(s),
+    "sphere stretched": lambda s: Sphere(1.0, scale=[s, 0.5 * s, s]),
+    "capsule": lambda s: Capsule(0.5 * s, s),
+    "ellipsoid": lambda s: Ellipsoid([0.3 * s, s, 0.5 * s]),
+    "box": lambda s: Box([s, s, s]),
 }
+TORUS = Mesh(*ZOO["torus1"])
+#: The first of each kind.
+SHAPES = {type(shape).__name__: shape for shape in [make(0.5) for make in SIZED.values()][::-1]}
 
 
 def test_no_shape_is_left_out() -> None:
@@ -291,7 +301,9 @@ def test_a_shape_has_every_effect_at_every_level(name: str, accuracy: oc.Accurac
         scene.remove(other)
 
 
-@each("shape", [*SHAPES.values(), *(Hull(np.eye(3)[:count]) for count in (1, 2, 3))])
+@each(
+    "shape", [*(make(0.5) for make in SIZED.values()), Hull(TETRAHEDRON[:1]), Hull(np.eye(3)[:2])]
+)
 def test_a_shape_is_drawn_as_what_fills_its_box(shape: Shape) -> None:
     pytest.importorskip("rclpy")
     from obb_collision.demo.snapshot import triangles_of
@@ -414,24 +426,6 @@ def test_huge_meshes_are_decided_on_every_level(pairs: int) -> None:
         assert len(scene.check()) == (level not in ("hull", "mesh"))
 
 
-TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-#: Shapes that reach just as far as they are given.
-SIZED: dict[str, Callable[[float], Shape]] = {
-    "mesh": lambda s: Mesh(TETRAHEDRON * s, FACES),
-    "mesh scaled": lambda s: Mesh(TETRAHEDRON, FACES, scale=[s, s, s]),
-    "mesh in a corner": lambda s: Mesh((1.0 - 1e-3 * TETRAHEDRON) * s, FACES),
-    "triangle": lambda s: Mesh(TETRAHEDRON[:3] * s, FACES[:1]),
-    "hull": lambda s: Hull((2.0 * TETRAHEDRON - 1.0) * s),
-    "flat hull": lambda s: Hull(TETRAHEDRON[:3] * s),
-    "cylinder": lambda s: Cylinder(0.5 * s, s),
-    "cone": lambda s: Cone(0.5 * s, s),
-    "sphere": lambda s: Sphere(s),
-    "sphere stretched": lambda s: Sphere(1.0, scale=[s, 0.5 * s, s]),
-    "capsule": lambda s: Capsule(0.5 * s, s),
-    "ellipsoid": lambda s: Ellipsoid([0.3 * s, s, 0.5 * s]),
-    "box": lambda s: Box([s, s, s]),
-}
 PARTNERS = ("box", "mesh", "hull", "cylinder")
 
 

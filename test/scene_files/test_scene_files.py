@@ -83,20 +83,11 @@ def test_meshes_are_found_beside_their_file_and_shared(tmp_path: Path) -> None:
 
 
 NUMBERS = st.floats(-1e6, 1e6).filter(lambda x: x == 0.0 or abs(x) > 1e-6)
-SIZES = st.floats(1e-6, 1e6)
+SIZES = st.tuples(*[st.floats(1e-6, 1e6)] * 3)
+PLACES, TURNS = st.tuples(*[NUMBERS] * 3), st.tuples(*[NUMBERS] * 4).filter(any).map(unit)
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.tuples(NUMBERS, NUMBERS, NUMBERS),
-            st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS).filter(any).map(unit),
-            st.tuples(SIZES, SIZES, SIZES),
-        ),
-        min_size=1,
-        max_size=4,
-    )
-)
+@given(st.lists(st.tuples(PLACES, TURNS, SIZES), min_size=1, max_size=4))
 def test_numbers_arrive_as_yaml_writes_them(tmp_path_factory: Any, rows: list[Any]) -> None:
     content = {
         "objects": [
