@@ -147,32 +147,23 @@ def exact(points: Any) -> list[list[Fraction]]:
 
 
 @each("name", BOXES)
-def test_the_distances_of_boxes_are_exact(name: str) -> None:
+def test_the_distances_of_boxes_are_exact_and_this_library_is_right_about_them(name: str) -> None:
     a, b, distance = BOXES[name]
-    verdict = oracle.verdict(a, b)
-    if distance > 0.0:
-        assert verdict == oc.Verdict.SEPARATE
-        gap = float(root(squared_distance(corners(a), corners(b))))
-        assert gap == pytest.approx(distance, rel=1e-12)
+    is_apart = distance > 0.0
+    truth = oc.Verdict.SEPARATE if is_apart else oc.Verdict.OVERLAP
+    assert oracle.verdict(a, b) == truth
+    if is_apart:
+        gap = distances.root(distances.squared_distance(distances.box(a), distances.box(b)))
     else:
-        assert verdict == oc.Verdict.OVERLAP
-        assert oracle.separations(*([np.array([x]) for x in box] for box in (a, b)))[
-            0
-        ] == pytest.approx(distance, rel=1e-12)
-
-
-@each("name", BOXES)
-def test_this_library_is_right_about_boxes(name: str) -> None:
-    a, b, distance = BOXES[name]
+        (gap,) = oracle.separations(*([np.array([x]) for x in box] for box in (a, b)))
+    assert gap == pytest.approx(distance, rel=1e-12)
     one, two = (oc.Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
+    close = 1e-14 * np.abs(a.center).max() + 1e-16
     for x, y in ((one, two), (two, one)):
-        verdict = oc.verdicts(x, y, exact=True)[0]
-        assert verdict == (oc.Verdict.SEPARATE if distance > 0.0 else oc.Verdict.OVERLAP)
-        assert oc.verdicts(x, y)[0] in (verdict, oc.Verdict.TOUCHING), "doubles may not decide it"
+        assert oc.verdicts(x, y, exact=True)[0] == truth
+        assert oc.verdicts(x, y)[0] in (truth, oc.Verdict.TOUCHING), "doubles may not decide it"
         found = oc.clearances(x, y, max_distance=1.0).distances[0]
-        assert found == pytest.approx(
-            distance, rel=1e-9, abs=1e-14 * np.abs(a.center).max() + 1e-16
-        )
+        assert found == pytest.approx(distance, rel=1e-9, abs=close)
     depths = oc.contacts(one, two).depths
     assert (depths <= max(0.0, -distance) + 1e-12).all(), "no contact is deeper than the boxes"
 
