@@ -72,13 +72,9 @@ class Program:
 
     @property
     def is_driving(self) -> bool:
-        return self.last.endswith(DRIVING)
-
-    @property
-    def last(self) -> str:
-        """What it said last; AssertionError if it has ended."""
+        """Whether it said so last; AssertionError if it has ended."""
         assert self._process.poll() is None, self._said
-        return self._said[-1][1]
+        return self._said[-1][1].endswith(DRIVING)
 
     def stopped(self, since: float, within: float, why: str) -> bool:
         """Return whether it has stopped; AssertionError if not in time, or for another reason."""
