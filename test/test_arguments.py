@@ -31,6 +31,7 @@ from each import each
 from public_calls import BOXES, PLACED, POSE, Call, public_calls, scene
 
 import obb_collision as oc
+from obb_collision.scene.effects import EFFECTS
 from obb_collision.shapes import Hull, Mesh, Sphere
 from obb_collision.words import MAX_NAME, MAX_SHOWN, check_name, printable, shown
 
@@ -54,7 +55,6 @@ HOSTILE: list[Any] = [
     *(np.zeros((2, 7)), np.full((2, 7), -1e300), np.zeros((2, 6)), np.full((2, 6), 1e300)),
     *(np.zeros((1024, 0)), np.zeros((2, 3, 3)), np.zeros((4, 3)), np.zeros(7), np.full(7, np.nan)),
 ]
-EVERY = ["separations", "contacts", "clearance", "sweep", "points"]
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 TREE = oc.MeshTrees.build(TETRAHEDRON, FACES)
@@ -72,7 +72,7 @@ def added(**given: Any) -> Any:
     made.set_effect("clearance", max_distance=given["max_distance"])
     made.set_effect("sweep", horizon=given["horizon"])
     made.set_effect("points", margin=given["margin"])
-    report = made.check(effects=EVERY)
+    report = made.check(effects=EFFECTS)
     for name in ("pairs", "verdicts", "accuracies"):
         assert not getattr(report, name).flags.writeable
     return report.names(), report.colliding

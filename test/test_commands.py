@@ -250,16 +250,10 @@ def test_a_command_that_does_not_exist_is_refused_in_a_line(
         assert capsys.readouterr().err.count("\n") == 1
 
 
-class Terminal(StringIO):
-    """A stream that is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
-
-
 def test_progress_is_a_line_that_changes_on_a_terminal_and_else_one_per_topic() -> None:
-    said = []
-    for stream in (Terminal(), StringIO()):
+    said, terminal = [], StringIO()
+    vars(terminal)["isatty"] = lambda: True
+    for stream in (terminal, StringIO()):
         with Progress(stream) as progress:
             for what in ("a 1/2", "a 2/2", "b"):
                 progress.show(what)
