@@ -122,6 +122,13 @@ def test_where_the_last_state_cannot_be_built_the_one_before_counts(rig: Rig) ->
     assert rig.refused("objects") == {"no points": 1}
 
 
+def test_other_topics_come_after_the_markers_before_them(rig: Rig) -> None:
+    wait(rig, serialized(cube(A1), cube(A2, (3, 0, 0))))
+    rig.send_transform("a/2", pose(0.5))
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.refused("object_transform") == {}
+
+
 def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
     rig.send(cube(A1), cube(A2, (5, 0, 0))).answer()
     objects, stamp = rig.node.objects, rig.stamp
