@@ -125,17 +125,18 @@ def as_poses(
     return np.ascontiguousarray(poses[:, :3]), matrices_from_quaternions(quaternions)
 
 
-def unit_quaternions(quaternions: ArrayLike) -> Floats:
+def unit_quaternions(quaternions: ArrayLike, name: str = "quaternions") -> Floats:
     """Return quaternions of unit length; ValueError for one of length 0."""
     given = np.asarray(quaternions, np.float64)
-    flat = as_quaternions(given.reshape(-1, 4), "quaternions", (None, 4), warn=False)
+    flat = as_quaternions(given.reshape(-1, 4), name, (None, 4), warn=False)
     return flat.reshape(given.shape)
 
 
-def unit_poses(poses: ArrayLike) -> Floats:
+def unit_poses(poses: ArrayLike, name: str = "poses") -> Floats:
     """Return poses with quaternions of unit length; ValueError for one of length 0."""
     given = np.asarray(poses, np.float64)
-    return np.concatenate([given[..., :3], unit_quaternions(given[..., 3:])], axis=-1)
+    turns = unit_quaternions(given[..., 3:], f"{name} (quaternion)")
+    return np.concatenate([given[..., :3], turns], axis=-1)
 
 
 def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:

@@ -29,7 +29,7 @@ from obb_collision.robots.checks.bodies import WorldState, padding_of
 from obb_collision.robots.checks.model import Attached, Model, Prepared
 from obb_collision.robots.kinematics.kinematics import checked_states, link_poses
 from obb_collision.robots.robot import Robot
-from obb_collision.scene.objects import check_padding
+from obb_collision.scene.objects import as_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -58,7 +58,7 @@ class PlacedRobots(NotCopied):
         checked = as_array(poses, "bases", (len(several), 7))
         self._scene = Scene() if scene is None else scene
         self._check_points()
-        self._model = Model(several, names, unit_poses(checked))
+        self._model = Model(several, names, unit_poses(checked, "bases"))
         self._joint_count = len(self._model.joint_names)
         self.padding = padding
 
@@ -92,11 +92,9 @@ class PlacedRobots(NotCopied):
         paddings = np.zeros(len(self._model.link_names))
         if isinstance(value, Mapping):
             for name, metres in value.items():
-                check_padding(metres)
-                paddings[self._link(name, "padding")] = metres
+                paddings[self._link(name, "padding")] = as_padding(metres)
         else:
-            check_padding(value)
-            paddings[:] = value
+            paddings[:] = as_padding(value)
         self._model.set_paddings(paddings)
 
     @property
@@ -106,7 +104,8 @@ class PlacedRobots(NotCopied):
 
     @bases.setter
     def bases(self, value: ArrayLike) -> None:
-        given = unit_poses(as_array(value, "bases", (len(self._model.robots), 7)))
+        checked = as_array(value, "bases", (len(self._model.robots), 7))
+        given = unit_poses(checked, "bases")
         if not np.array_equal(given, self._model.bases):
             self._model.set_bases(given)
 
@@ -189,8 +188,8 @@ class PlacedRobots(NotCopied):
         """
         check_name(name, "name", MAX_OBJECT_NAME)
         check_kind(shape, Shape, "shape", OBB)
-        check_padding(padding)
-        self._attach(name, shape, link, pose, touch_links, padding, of_scene=False)
+        metres = as_padding(padding)
+        self._attach(name, shape, link, pose, touch_links, metres, of_scene=False)
 
     def attach_object(
         self,
@@ -267,8 +266,8 @@ class PlacedRobots(NotCopied):
         touched = [touch_links] if isinstance(touch_links, str) else list(touch_links)
         touching = frozenset(self._link(each, "touch_links") for each in touched)
         row = self._link(link, "link")
-        each = Attached(shape, row, unit_poses(where), touching, padding, of_scene)
-        self._model.attach(name, each)
+        placed = unit_poses(where, "pose")
+        self._model.attach(name, Attached(shape, row, placed, touching, padding, of_scene))
 
     def detach(self, name: str) -> None:
         """Remove what is attached.

@@ -32,7 +32,7 @@ from obb_collision.geometry.validation import (
     check_kind,
 )
 from obb_collision.obb import OBB
-from obb_collision.scene.objects import SceneObjects, check_padding, halves, local_boxes
+from obb_collision.scene.objects import SceneObjects, as_padding, halves, local_boxes
 from obb_collision.scene.store.placing import about_origins, placed
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -101,7 +101,7 @@ class NamedObjects(NotCopied):
             raise ValueError(f"name must be new, as replace is False, got {shown(name)}")
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         if padding is not None:
-            check_padding(padding)
+            padding = as_padding(padding)
         level = None if accuracy is None else as_accuracy(accuracy)
         box = local_boxes(shape)
         columns = placed(box, where[None], "pose")

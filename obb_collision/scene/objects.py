@@ -242,8 +242,10 @@ class SceneObjects:
         """Include objects in collisions or exclude them: (n,) True or False."""
         slots = self.store.check_slots(indices)
         flags = as_any_array(enabled, "enabled", "True or False for each")
-        if flags.dtype != np.bool_ or flags.shape not in ((), slots.shape):
+        if flags.dtype != np.bool_:
             raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
+        if flags.shape not in ((), slots.shape):
+            raise ValueError(f"enabled must have the shape of indices, got {shown(enabled)}")
         changed = self.store.enabled[slots] != flags
         self.store.mark(slots[changed])
         self.store.enable(slots, flags)
@@ -255,8 +257,7 @@ class SceneObjects:
 
     @padding.setter
     def padding(self, value: float) -> None:
-        check_padding(value)
-        self._pad_again(float(value), self._paddings)
+        self._pad_again(as_padding(value), self._paddings)
 
     @property
     def padding_overrides(self) -> list[tuple[str, float]]:
@@ -271,15 +272,14 @@ class SceneObjects:
     def padding_overrides(self, overrides: Iterable[tuple[str, float]]) -> None:
         new: list[tuple[str, float]] = []
         for pattern, padding in as_tuples(overrides, "padding_overrides", 2):
-            check_padding(padding, "padding_overrides")
-            new += [(one, float(padding)) for one in as_patterns(pattern, "padding_overrides")]
+            metres = as_padding(padding, "padding_overrides")
+            new += [(one, metres) for one in as_patterns(pattern, "padding_overrides")]
         self._pad_again(self._padding, Overrides(new))
 
     def set_padding(self, slot: int, padding: float | None) -> None:
         """Set the padding of one object; None: that of its override or of the scene."""
-        if padding is not None:
-            check_padding(padding)
-        wanted = self._paddings_of([str(self.store.names[slot])]) if padding is None else padding
+        names = [str(self.store.names[slot])]
+        wanted = self._paddings_of(names) if padding is None else as_padding(padding)
         self.store.pad(np.array([slot]), np.full(1, wanted, np.float64), padding is not None)
 
     def _paddings_of(self, names: Sequence[str]) -> float | Floats:
@@ -334,10 +334,12 @@ def paddings_of(
     return np.array([padding if value is None else value for value in values], np.float64)
 
 
-def check_padding(padding: float, name: str = "padding") -> None:
-    """Raise ValueError unless a padding is not negative."""
-    if as_array(padding, name, ()) < 0.0:
+def as_padding(padding: float, name: str = "padding") -> float:
+    """Return a padding; ValueError for a negative one."""
+    metres = float(as_array(padding, name, ()))
+    if metres < 0.0:
         raise ValueError(f"{name} must not be negative")
+    return metres
 
 
 def halves(edges: Floats) -> Floats:

@@ -38,7 +38,7 @@ from obb_collision.queries.rays.rays import RayHits
 from obb_collision.scene.checks import Checks
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.named_objects import NamedObjects
-from obb_collision.scene.objects import check_padding, local_boxes
+from obb_collision.scene.objects import as_padding, local_boxes
 from obb_collision.scene.questions import any_collides, body_in, cast_at_objects, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
@@ -404,7 +404,7 @@ class Scene(NamedObjects):
         """
         check_kind(shape, Shape, "shape", OBB)
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
-        check_padding(padding)
+        padding = as_padding(padding)
         level = self._objects.accuracy if accuracy is None else as_accuracy(accuracy)
         patterns = as_patterns(ignore, "ignore")
         self._checks.checker.settle_region()

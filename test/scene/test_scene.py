@@ -150,7 +150,7 @@ REFUSED: list[tuple[Callable[[oc.Scene], Any], type[Exception], str]] = [
     (lambda s: s.set_enabled("nobody", True), KeyError, "nobody"),
     (lambda s: s.move(["box/0", "nobody"], [IDENTITY] * 2), KeyError, "nobody"),
     (lambda s: s.move_indices([0, 99], [IDENTITY] * 2), KeyError, "99"),
-    (lambda s: s.objects.set_enabled([0], [[True, False]]), TypeError, "enabled must be True or"),
+    (lambda s: s.objects.set_enabled([0], [[True, False]]), ValueError, "enabled must have the"),
     (lambda s: s.move_indices([0.5], [IDENTITY]), ValueError, "integers"),
     (lambda s: s.move_indices([0, 1], [IDENTITY]), ValueError, "one row per object"),
     (lambda s: s.move("box/0", [0] * 7), ValueError, "zero quaternion"),

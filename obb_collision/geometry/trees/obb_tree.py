@@ -321,6 +321,8 @@ class MeshTrees:
         """
         given = as_any_array(half_extents, "half_extents", "numbers of shape (k, 3)")
         rows = as_half_extents(given[None] if given.ndim == 1 else given, "half_extents", (None, 3))
+        if not len(rows):
+            raise ValueError("half_extents must not be empty")
         return cls.join([cls.of(BOX_CORNERS * row, BOX_FACES) for row in rows])
 
     @classmethod
