@@ -107,16 +107,6 @@ HEARD = ("collisions", "in_collision", "namespaces")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def spin_until(
-    executor: SingleThreadedExecutor, reached: Callable[[], Any], what: str, patience: float
-) -> Any:
-    limit = time.monotonic() + patience
-    while not (result := reached()):
-        assert time.monotonic() < limit, f"waited in vain for {what or reached}"
-        executor.spin_once(timeout_sec=0.05)
-    return result
-
-
 def cube(
     key: Key,
     position: Iterable[float] = (0.0, 0.0, 0.0),
@@ -187,7 +177,12 @@ class Client:
             self.last.pop(topic, None)
 
     def until(self, reached: Callable[[], Any], what: str = "") -> Any:
-        return spin_until(self.executor, reached, what, self.patience)
+        """Spin until ``reached`` returns something true; returns that."""
+        limit = time.monotonic() + self.patience
+        while not (result := reached()):
+            assert time.monotonic() < limit, f"waited in vain for {what or reached}"
+            self.executor.spin_once(timeout_sec=0.05)
+        return result
 
     def wait_matched(self) -> None:
         """Wait until every publisher has the node and ``collisions`` arrive here."""

@@ -151,8 +151,8 @@ class AskingRig(RobotRig):
         self.forwarded: list[Any] = []
         self.said: list[Any] = []
         listen(PointCloud2, "arm/state_validity", self.answers.append, 10)
-        listen(JointTrajectory, "arm/trajectory_out", self._take_trajectory, 10)
-        listen(DiagnosticStatus, "arm/trajectory_status", self._take_status, 10)
+        listen(JointTrajectory, "arm/trajectory_out", self.forwarded.append, 10)
+        listen(DiagnosticStatus, "arm/trajectory_status", self.said.append, 10)
         self.wait_inputs()
         for name in ("state_validity", "trajectory_out", "trajectory_status"):
             self.until(self.ends.publishers[name].get_subscription_count, name)
@@ -184,12 +184,6 @@ class AskingRig(RobotRig):
             monitor.doubted.clear()
 
     another_case = renew
-
-    def _take_trajectory(self, message: Any) -> None:
-        self.forwarded.append(message)
-
-    def _take_status(self, message: Any) -> None:
-        self.said.append(message)
 
     def ask(self, states: Any, names: Sequence[str] = BOTH, kind: str = "<f8") -> np.ndarray:
         """Return the rows of the answer to states (n, joints)."""

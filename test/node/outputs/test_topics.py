@@ -32,13 +32,10 @@ A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
 
 
-def test_nothing_collides_once_it_is_said_that_there_is_nothing(rig: Rig) -> None:
+def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
     assert rig.until(lambda: rig.last.get("in_collision"), "in_collision").data is True
     rig.send_boxes([], np.empty((0, 7)))
     rig.until(lambda: not rig.last["in_collision"].data, "a word that there is nothing")
-
-
-def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
     rig.send(cube(A1), cube(A2, (3.0, 0.0, 0.0)), cube(B1, (6.0, 0.0, 0.0)))
     assert rig.pairs() == set()
     rig.send_transform("a/2", pose(0.75))
