@@ -237,8 +237,9 @@ def all_of_a_node(stages: int | None) -> dict[str, Any]:
     Garbage.settle()  # as the executable does
     with rig:
         before, compiled = _jit.loaded_kernels(), len(_kernel_cache.compiled.names)
-        stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
-        new = sorted(_jit.loaded_kernels() - before - loaded)
+        asked = islice(switch_everything(rig), stages)
+        found = [(stage, rig.stage()) for stage in asked]
+        new = sorted(_jit.loaded_kernels() - before - loaded.keys())
     names = _kernel_cache.compiled.names[compiled:]
     threads = sorted({loaded[kernel] for kernel in loaded.keys() - before})
     return {"new": new, "threads": threads, "compiled": names, "stages": found}
