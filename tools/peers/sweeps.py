@@ -172,7 +172,7 @@ def _fcl(
     return run
 
 
-@interruptible("sweeps")
+@interruptible("python -m tools.peers.sweeps")
 def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = Parser(description="moving boxes beside python-fcl")

@@ -104,6 +104,9 @@ class Spec:
             raise ValueError(
                 f"{self.name} must be one of {words}, not {shown(value)}{instead_of(value)}"
             )
+        if self.limits is not None and not self.limits[0] <= value <= self.limits[1]:
+            low, high = self.limits  # rclpy takes what is a little beyond them
+            raise ValueError(f"{self.name} must be between {low:g} and {high:g}, got {value!r}")
         if isinstance(value, str) and (value or not self.optional):
             check_name(value, self.name, MAX_PATH if self.optional else MAX_NAME)
         return value

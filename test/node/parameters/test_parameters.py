@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
-from math import inf, nan
+from math import inf, nan, nextafter
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock, patch
@@ -196,6 +196,8 @@ def wrong_values(spec: Spec) -> Iterator[tuple[Any, str]]:
         kind, wrong = type(spec.default), [spec.limits[0] - 1, 2 * spec.limits[1] + 1]
         for value in [*map(kind, wrong), *([nan, inf] if kind is float else [])]:
             yield value, "range"
+        if kind is float:
+            yield nextafter(spec.limits[1], inf), "between"
         yield (10 if kind is float else 10.5), "type"
 
 
