@@ -228,7 +228,10 @@ def _scaled(array: Floats) -> Floats:
 
 def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Floats]:
     """Yield frames for the skewed box whose edges are ``sides``, parallel to ``axes``."""
-    units = axes / np.abs(axes).max(axis=0)
+    longest = np.abs(axes).max(axis=0)
+    if not longest.all():  # it was too short, beside the others, to be scaled with them
+        return
+    units = axes / longest
     units = units / np.sqrt((units * units).sum(axis=0))
     same, reversed_ = np.abs(units - rotation), np.abs(units + rotation)
     turned = np.minimum(same.max(axis=0), reversed_.max(axis=0))

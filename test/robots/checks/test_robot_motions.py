@@ -285,16 +285,21 @@ def test_what_is_farther_does_not_count() -> None:
     assert nothing.distances.tolist() == [np.inf]
 
 
-def check_nearest(
-    checker: oc.RobotScene, states: np.ndarray, found: StateDistances, reach: float = 1.0
-) -> None:
-    """Check points, and that nothing is nearer: where padded by half of it, links do not touch."""
-    assert np.array_equal(found.distances <= 0.0, checker.check(states).colliding)
+REACH = 3.0**0.5
+"""How far padding reaches at corners of boxes; at edges of cylinders less."""
+
+
+def check_nearest(checker: oc.RobotScene, states: np.ndarray, found: StateDistances) -> None:
+    """Check points, and that nothing is nearer: where padded by half of it, links do not touch.
+
+    Where they are padded by the upper bound they do.
+    """
+    assert (found.distances[checker.check(states).colliding] <= 0.0).all()
     for row in np.flatnonzero(found.distances > 1e-6):
         distance, (a, b) = found.distances[row], found.points[row]
         np.testing.assert_allclose(b - a, distance * found.directions[row], atol=1e-8)
-        for padding, collides in ((0.5 * distance / reach * (1.0 - 1e-6), False),
-                                  (distance * (1.0 + 1e-6), True)):  # fmt: skip
+        for padding, collides in ((0.5 * distance / REACH * (1.0 - 1e-6), False),
+                                  (found.upper_bounds[row] * (1.0 + 1e-6), True)):  # fmt: skip
             checker.padding = padding
             assert checker.check(states[row]).colliding[0] == collides
     checker.padding = 0.0
@@ -305,11 +310,10 @@ def check_nearest(
 def test_distances_are_those_between_links_and_things(seed: int, boxes: bool) -> None:
     rng = np.random.default_rng(seed)
     robot = oc.Robot.from_urdf(random_arm(rng, 4, shapes=SHAPES if boxes else SHAPES[1:]))
-    reach = 3.0**0.5 if boxes else 1.0  # of padding, at corners of boxes
     world = random_world(rng, 5)
     checker = oc.RobotScene([robot], world)
     states = random_states(rng, robot, 6)
-    check_nearest(checker, states, checker.distances(states), reach)
+    check_nearest(checker, states, checker.distances(states))
 
 
 @settings(deadline=None, max_examples=10, suppress_health_check=[*HealthCheck])
@@ -333,7 +337,7 @@ def test_distances_of_meshes_are_those_of_brute_force(
         beyond = found.distances > limit
         assert np.isinf(near[beyond]).all()
         np.testing.assert_allclose(near[~beyond], found.distances[~beyond], atol=1e-9)
-    check_nearest(checker, states, found, 3.0**0.5 if boxes else 1.0)  # at corners of boxes
+    check_nearest(checker, states, found)
 
 
 @each("accuracy", ["sphere", "aabb", "obb"])
