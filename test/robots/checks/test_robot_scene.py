@@ -90,8 +90,8 @@ def brute_force(
 def overlapping(checker: oc.RobotScene, state: np.ndarray) -> set[tuple[str, str]]:
     """Return the pairs whose hulls overlap."""
     near = checker.distances(state, max_distance=0.01, all_pairs=True)
-    rows = np.flatnonzero(near.distances <= 0.0)
-    return {(min(pair), max(pair)) for pair in (near.pairs[row] for row in rows)}
+    found = zip(near.pairs, near.distances, strict=True)
+    return {(min(pair), max(pair)) for pair, distance in found if pair and distance <= 0.0}
 
 
 def rigid_pairs(robot: oc.Robot) -> set[tuple[str, str]]:
