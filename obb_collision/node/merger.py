@@ -59,6 +59,8 @@ from obb_collision.scene.region_merger import RegionMerger
 NODE_NAME = "obb_collision_merge"
 PERIOD = 0.1
 """Seconds between two looks for regions that are missing and for new subscribers."""
+COUNT_DIGITS = 18
+"""Most digits of a number of objects: Python reads no more than some thousand."""
 STATUS, FLAG = TOPICS["collision_status"], TOPICS["in_collision"]
 CLOUDS: dict[str, Cloud[Any]] = {
     topic.name: topic
@@ -171,11 +173,10 @@ class MergerNode(Node):
             self._publishers_of[NAMESPACES.name].publish(merged)
 
     def _take_status(self, message: DiagnosticArray, region: str) -> None:
-        (status,) = message.status[:1] or [EMPTY]
-        count = values_of(status).get("objects", "")
-        if count.isdecimal():
+        (self._statuses[region],) = message.status[:1] or [EMPTY]
+        count = values_of(self._statuses[region]).get("objects", "")
+        if count.isdecimal() and len(count) <= COUNT_DIGITS:
             self._merger.mark_alive(region, int(count), monotonic())
-        self._statuses[region] = status
         self._publish_status()
 
     def _taker(self, cloud: Cloud[Any]) -> Callable[[PointCloud2, str], None]:
