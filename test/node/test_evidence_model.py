@@ -461,7 +461,8 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.apply()  # else nobody remembers what came and went at once
         self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
         names = {**self.model.things, **self.model.newcomers}
-        gone = [n for n in names if n.startswith(namespace) and not self.model.is_of_set(n)]
+        start = namespace and f"{namespace}/"
+        gone = [n for n in names if n.startswith(start) and not self.model.is_of_set(n)]
         self.model.delete(*gone, is_named=False)
         if not namespace:
             self.model.declare()
@@ -698,8 +699,8 @@ def run(steps: list[tuple[str, dict[str, Any]]], has_robot: bool = False) -> Non
     machine = EvidenceMachine()
     machine.begin(PLAIN, has_robot=has_robot, scene=[])
     try:
-        for name, given in steps:
-            getattr(machine, name)(**given)
+        for name, values in steps:
+            getattr(machine, name)(**values)
         machine.tick(0.0503)
     finally:
         machine.teardown()
