@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import base64
+import builtins
+import importlib.util
 import json
 import os
 import threading
@@ -28,6 +30,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 import trimesh
+from convex_bodies import CORNER_SIGNS
 from each import each
 from support import refused
 from trimesh.visual.material import SimpleMaterial
@@ -369,3 +372,61 @@ def test_without_ros_only_chosen_folders_are_allowed(
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     assert allowed_path(chosen / "a.stl", [chosen]) == chosen / "a.stl"
     refused(REFUSED, allowed_path, Path("/usr/share/a.stl"), [chosen])
+
+
+def test_a_file_of_points_only_is_a_mesh_without_faces(tmp_path: Path) -> None:
+    file = tmp_path / "points.ply"
+    trimesh.PointCloud(CORNER_SIGNS).export(file)
+    mesh = Mesh.from_file(str(file))
+    assert mesh.faces.shape == (0, 3)
+    assert mesh.local_box[2] == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_the_unit_of_a_dae_file_counts(tmp_path: Path) -> None:
+    file = tmp_path / "box.dae"
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(file)
+    text = file.read_text()
+    assert "<unit" not in text
+    file.write_text(text.replace("</created>", '</created><unit name="cm" meter="0.01"/>'))
+    mesh = Mesh.from_file(file)
+    assert np.sort(mesh.local_box[2]) == pytest.approx([0.005, 0.01, 0.015])
+
+
+def test_files_that_cannot_be_read_are_refused_by_name(tmp_path: Path) -> None:
+    refused(r"nowhere\.stl: there is no such file", Mesh.from_file, tmp_path / "nowhere.stl")
+    for name, content in (("bad.obj", b""), ("bad.stl", b"not a mesh"), ("bad.glb", b"glTF")):
+        (tmp_path / name).write_bytes(content)
+        refused(rf"mesh file .*{name}: ", Mesh.from_file, tmp_path / name)
+    (tmp_path / "mesh.xyzzy").write_bytes(b"0 0 0")
+    refused("it can't be read", Mesh.from_file, tmp_path / "mesh.xyzzy")
+    (tmp_path / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    refused(r"nan\.obj: vertices must be finite", Mesh.from_file, tmp_path / "nan.obj")
+    refused("only paths, file:// and package://", Mesh.from_file, "http://localhost/mesh.stl")
+
+
+def test_dae_without_pycollada_says_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "box.dae"
+    file.write_text("<COLLADA/>")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    refused("pycollada", Mesh.from_file, file)
+
+
+def test_package_uris_are_looked_up(share: Path) -> None:
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(share / "meshes" / "a box.stl")
+    mesh = Mesh.from_file("package://arm/meshes/a%20box.stl")
+    assert mesh.local_box[2] == pytest.approx([0.5, 0.5, 0.5])
+    refused("package 'other' not found", Mesh.from_file, "package://other/meshes/box.stl")
+
+
+def test_package_uris_without_ros_say_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def without_ros(name: str, *args: object, **kwargs: object) -> object:
+        if name.startswith("ament_index_python"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", without_ros)
+    refused("needs ament_index_python", Mesh.from_file, "package://my_robot/meshes/box.stl")

@@ -14,12 +14,7 @@
 
 """Shapes and their local boxes: tight, containing, fitted once; bad ones refused by name."""
 
-import builtins
-import importlib.util
-import sys
 from fractions import Fraction
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -205,73 +200,3 @@ def test_bad_meshes_and_hulls_are_refused_by_name() -> None:
     refused("fit must be one of", shapes.Hull, CUBE, fit="tightest")
     with pytest.raises(ValueError, match="points times scale must not exceed"):
         _ = shapes.Hull(CUBE * 1e200, (1e105, 1.0, 1.0)).local_box
-
-
-def test_a_file_of_points_only_is_a_mesh_without_faces(tmp_path: Path) -> None:
-    file = tmp_path / "points.ply"
-    trimesh.PointCloud(CUBE).export(file)
-    mesh = shapes.Mesh.from_file(str(file))
-    assert mesh.faces.shape == (0, 3)
-    assert mesh.local_box[2] == pytest.approx([1.0, 1.0, 1.0])
-
-
-def test_the_unit_of_a_dae_file_counts(tmp_path: Path) -> None:
-    file = tmp_path / "box.dae"
-    trimesh.creation.box((1.0, 2.0, 3.0)).export(file)
-    text = file.read_text()
-    assert "<unit" not in text
-    file.write_text(text.replace("</created>", '</created><unit name="cm" meter="0.01"/>'))
-    mesh = shapes.Mesh.from_file(file)
-    assert np.sort(mesh.local_box[2]) == pytest.approx([0.005, 0.01, 0.015])
-
-
-def test_files_that_cannot_be_read_are_refused_by_name(tmp_path: Path) -> None:
-    refused(r"nowhere\.stl: there is no such file", shapes.Mesh.from_file, tmp_path / "nowhere.stl")
-    for name, content in (("bad.obj", b""), ("bad.stl", b"not a mesh"), ("bad.glb", b"glTF")):
-        (tmp_path / name).write_bytes(content)
-        refused(rf"mesh file .*{name}: ", shapes.Mesh.from_file, tmp_path / name)
-    (tmp_path / "mesh.xyzzy").write_bytes(b"0 0 0")
-    refused("it can't be read", shapes.Mesh.from_file, tmp_path / "mesh.xyzzy")
-    (tmp_path / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    refused(r"nan\.obj: vertices must be finite", shapes.Mesh.from_file, tmp_path / "nan.obj")
-    refused(
-        "only paths, file:// and package://", shapes.Mesh.from_file, "http://localhost/mesh.stl"
-    )
-
-
-def test_dae_without_pycollada_says_what_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "box.dae"
-    file.write_text("<COLLADA/>")
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    refused("pycollada", shapes.Mesh.from_file, file)
-
-
-def test_package_uris_are_looked_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def share(package: str) -> str:
-        if package != "my_robot":
-            raise LookupError(f"package '{package}' not found")
-        return str(tmp_path)
-
-    index = ModuleType("ament_index_python.packages")
-    index.get_package_share_directory = share  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "ament_index_python", ModuleType("ament_index_python"))
-    monkeypatch.setitem(sys.modules, "ament_index_python.packages", index)
-    (tmp_path / "meshes").mkdir()
-    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "meshes" / "a box.stl")
-    mesh = shapes.Mesh.from_file("package://my_robot/meshes/a%20box.stl")
-    assert mesh.local_box[2] == pytest.approx([0.5, 0.5, 0.5])
-    refused("package 'other' not found", shapes.Mesh.from_file, "package://other/meshes/box.stl")
-
-
-def test_package_uris_without_ros_say_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def without_ros(name: str, *args: object, **kwargs: object) -> object:
-        if name.startswith("ament_index_python"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", without_ros)
-    refused("needs ament_index_python", shapes.Mesh.from_file, "package://my_robot/meshes/box.stl")
