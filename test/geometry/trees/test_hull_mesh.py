@@ -27,11 +27,11 @@ from each import each
 from exact_bodies import exact_reach, holds, least_depth
 from exact_vectors import exact
 from hull_distances import squared_distance
-from mesh_zoo import standing, zoo
-from numpy.typing import ArrayLike, NDArray
+from mesh_zoo import TRIANGLE, ZOO, standing
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from support import refused, row_of
+from sweep_motions import directions
 from trimesh import Trimesh, creation
 
 from obb_collision import MeshTrees
@@ -45,13 +45,6 @@ from obb_collision.geometry.trees.convex_proxy import (
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, LEAF
 from obb_collision.shapes import Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 from obb_collision.typing import Floats
-
-ZOO = zoo()
-
-
-def excess(points: Floats, corners: Floats, faces: NDArray[np.int64]) -> float:
-    """Return how far points stick out of a convex mesh with outward faces; negative: within."""
-    return -least_depth(corners[faces], points)
 
 
 @each(
@@ -92,50 +85,40 @@ def many_points() -> dict[str, tuple[Floats, float]]:
     return {
         "ball": (ball, 1.01),
         "long ball": (ball * [1.0, 1.0, 40.0], 1.015),
-        "many on a ball": (directions(3000, rng), 1.01),
+        "many on a ball": (directions(rng, 3000), 1.01),
         "cylinder": (cylinder @ turn, 1.0002),
         "box": (box @ turn, 1.0001),
         "gauss": (rng.normal(size=(5000, 3)), 1.0 + 1e-8),
     }
 
 
-def directions(count: int, rng: np.random.Generator) -> Floats:
-    """Return random unit vectors (n, 3)."""
-    vectors = rng.normal(size=(count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
 def test_hulls_of_up_to_a_thousand_corners_are_exact() -> None:
     # However many other points there are.
     rng = np.random.default_rng(8)
-    corners = directions(900, rng) * [0.5, 0.3, 0.01]
+    corners = directions(rng, 900) * [0.5, 0.3, 0.01]
     shares = rng.dirichlet(np.ones(3), 30_000)
     inside = 0.999 * np.einsum("ij,ijk->ik", shares, corners[rng.integers(0, 900, (30_000, 3))])
     ours, faces = hull_mesh(Hull(np.concatenate([inside, corners])))
     assert len(ours) == 900
-    assert excess(corners, ours, faces) < 0.0
-    apart = np.abs(corners[np.lexsort(corners.T)] - ours[np.lexsort(ours.T)]).max()
-    assert apart < 1e-8
+    assert least_depth(ours[faces], corners) > 0.0
+    assert np.abs(corners[np.lexsort(corners.T)] - ours[np.lexsort(ours.T)]).max() < 1e-8
 
 
-@each("size", [1e-150, 1.0, 1e150])
-def test_simpler_hulls_have_no_corner_far_from_the_points(size: float) -> None:
+def test_simpler_hulls_have_no_corner_far_from_the_points() -> None:
     # Needles and spikes among them, whose tips planes that are almost parallel would move far.
     rng = np.random.default_rng(9)
-    ball = directions(2000, rng)
-    spikes = 1.2 * directions(8, rng)
-    for name, points, limit in (
-        ("ball", ball, 0.0115),
-        ("needle", ball * [1.0, 0.01, 0.01], 0.001),
-        ("disc", ball * [1.0, 1.0, 0.004], 0.003),
-        ("spiked", np.concatenate([ball, spikes]), 0.0115),
-        ("far away", ball + np.array([3e4, 0.0, 0.0]), 0.0115),
+    ball, spikes = directions(rng, 2000), 1.2 * directions(rng, 8)
+    spiked = np.concatenate([ball, spikes])
+    for name, points, limit, size in (
+        ("ball", ball, 0.0115, 1.0),
+        ("needle", ball * [1.0, 0.01, 0.01], 0.001, 1.0),
+        ("disc", ball * [1.0, 1.0, 0.004], 0.003, 1.0),
+        *((f"spiked, {size} m", spiked, 0.0115, size) for size in (1e-150, 1.0, 1e150)),
+        ("far away", ball + np.array([3e4, 0.0, 0.0]), 0.0115, 1.0),
     ):
-        if size != 1.0 and name != "spiked":
-            continue
         corners, faces = hull_mesh(Hull(points * size))
         assert 900 < len(corners) <= MAX_HULL_CORNERS, name
-        assert excess(points, corners / size, faces) < 0.0, name
+        assert least_depth(corners[faces] / size, points) > 0.0, name
         hull, some_corners = list(map(exact, points)), map(exact, corners[::250] / size)
         apart = max(squared_distance([corner], hull) for corner in some_corners)
         assert math.sqrt(apart) < limit, name
@@ -167,7 +150,7 @@ def test_hulls_of_many_points_are_simple_and_hold_them() -> None:
     for name, (points, loose) in many_points().items():
         corners, faces = hull_mesh(Hull(points))
         assert len(corners) <= MAX_HULL_CORNERS, name
-        assert excess(points, corners, faces) < 0.0, name
+        assert least_depth(corners[faces], points) > 0.0, name
         volume, least = Trimesh(corners, faces, process=False).volume, ConvexHull(points).volume
         assert least < volume < loose * least, name
 
@@ -175,40 +158,41 @@ def test_hulls_of_many_points_are_simple_and_hold_them() -> None:
 def test_pools_hold_what_joining_gives() -> None:
     names = ["torus1", "crumbs0", "sheet0", "box1", "moebius"]
     trees = [MeshTrees.build(*ZOO[name]) for name in names]
+    corners = [hull_mesh(Mesh(*ZOO[name]))[0] for name in names]
     pool, hulls = TreePool(), HullPool()
     lent = []
     for row, tree in enumerate(trees):
         assert pool.append(tree) == row
         lent.append(pool.all)
-        corners = hull_mesh(Mesh(*ZOO[names[row]]))[0]
-        assert hulls.append(Hulls.of(corners)) == row
+        assert hulls.append(Hulls.of(corners[row])) == row
     for count, part in enumerate(lent, start=1):
         joined = MeshTrees.join(trees[:count])
         for ours, theirs in zip(part.arrays, joined.arrays, strict=True):
             assert ours.dtype == theirs.dtype
             assert (ours == theirs).all()
     assert all(joined.boxes(row, 2) == tree.boxes(0, 2) for row, tree in enumerate(trees))
-    for row, name in enumerate(names):
+    for row, part in enumerate(corners):
         first, last = hulls.all.starts[row : row + 2]
-        corners = hull_mesh(Mesh(*ZOO[name]))[0]
         stored = hulls.all.blocks[first:last].transpose(0, 2, 1).reshape(-1, 3)
-        assert (stored[: len(corners)] == corners).all()
-        assert (stored[len(corners) :] == corners[-1]).all()
+        assert (stored[: len(part)] == part).all()
+        assert (stored[len(part) :] == part[-1]).all()
     assert hulls.size == len(hulls.all.blocks)
 
 
-def test_the_first_node_of_a_tree_is_the_box_of_the_mesh() -> None:
+def test_trees_are_scaled_and_begin_with_the_box_of_the_mesh() -> None:
     for name in ("torus1", "star2", "triangle"):
         mesh = Mesh(*ZOO[name], scale=[1.0, 0.5, 2.0])
         box = mesh_tree(mesh).boxes(0, 0)
         for ours, theirs in zip(row_of(box, 0), mesh.local_box, strict=True):
             assert (ours == theirs).all()
     assert hull_tree(Sphere(1.0)).solid[0]
-
-
-def least_distance(tree: MeshTrees, points: ArrayLike) -> float:
-    """Return how far inside the planes of all faces the points lie, relative to their size."""
-    return least_depth(tree.triangles.reshape(-1, 3, 3), points) / float(np.abs(points).max())
+    vertices, faces = ZOO["torus1"]
+    tree = mesh_tree(Mesh(vertices, faces, scale=[1.0, 2.0, 3.0]))
+    assert np.abs(tree.triangles).max() == np.abs(vertices * [1.0, 2.0, 3.0]).max()
+    half_extents = np.array([1.0, 0.0, 2.0])
+    assert np.abs(box_tree(half_extents).triangles).max() == 2.0
+    assert np.abs(box_corners(half_extents)).max() - 2.0 == 2.0 * HULL_MARGIN
+    refused("faces must not be empty", mesh_tree, Mesh(vertices, []))
 
 
 @each("size", [1e-150, 1.0, 1e150])
@@ -219,9 +203,10 @@ def test_hulls_hold_their_meshes_with_a_margin_and_no_more(size: float) -> None:
         tree = hull_tree(mesh)
         assert tree.solid[0], name
         assert tree.winding[0], name
-        assert least_distance(tree, points) > 0.99 * HULL_MARGIN, name
+        reach, depth = np.abs(points).max(), least_depth(tree.triangles.reshape(-1, 3, 3), points)
+        assert depth > 0.99 * HULL_MARGIN * reach, name
         loose = 1.03 if len(np.unique(points, axis=0)) > MAX_HULL_CORNERS else 1.0 + 1e-8
-        assert np.abs(tree.triangles).max() < loose * np.abs(points).max(), name
+        assert np.abs(tree.triangles).max() < loose * reach, name
 
 
 def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
@@ -235,21 +220,10 @@ def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     for points in (np.repeat(rims.reshape(-1, 3), 3, axis=0) @ turn, ZOO["bumpy2"][0].repeat(6, 0)):
         points = points.astype(np.float32).astype(np.float64)
-        tree = hull_tree(Hull(points))
-        assert least_distance(tree, points) > 0.99 * HULL_MARGIN
-        corners = tree.triangles.reshape(-1, 3, 3)
+        corners = hull_tree(Hull(points)).triangles.reshape(-1, 3, 3)
+        assert least_depth(corners, points) > 0.99 * HULL_MARGIN * np.abs(points).max()
         volume = np.linalg.det(corners - corners.mean(axis=(0, 1))).sum() / 6.0
         assert volume == pytest.approx(ConvexHull(np.unique(points, axis=0)).volume, rel=1e-3)
-
-
-def test_scales_and_boxes() -> None:
-    vertices, faces = ZOO["torus1"]
-    tree = mesh_tree(Mesh(vertices, faces, scale=[1.0, 2.0, 3.0]))
-    assert np.abs(tree.triangles).max() == np.abs(vertices * [1.0, 2.0, 3.0]).max()
-    half_extents = np.array([1.0, 0.0, 2.0])
-    assert np.abs(box_tree(half_extents).triangles).max() == 2.0
-    assert np.abs(box_corners(half_extents)).max() - 2.0 == 2.0 * HULL_MARGIN
-    refused("faces must not be empty", mesh_tree, Mesh(vertices, []))
 
 
 @each(
@@ -302,11 +276,8 @@ def test_box_trees_are_closed_boxes() -> None:
     trees = MeshTrees.from_half_extents([[0.5, 0.25, 0.125], [0.0, 1.0, 1.0]])
     assert len(trees) == 2
     assert trees.solid[0]
-    normals = np.cross(
-        BOX_CORNERS[BOX_FACES[:, 1]] - BOX_CORNERS[BOX_FACES[:, 0]],
-        BOX_CORNERS[BOX_FACES[:, 2]] - BOX_CORNERS[BOX_FACES[:, 0]],
-    )
-    assert (np.einsum("ij,ij->i", normals, BOX_CORNERS[BOX_FACES[:, 0]]) > 0.0).all()
+    p, q, r = BOX_CORNERS[BOX_FACES].transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(q - p, r - p), p) > 0.0).all()
 
 
 def test_a_hundred_thousand_triangles_take_seconds() -> None:
@@ -314,7 +285,7 @@ def test_a_hundred_thousand_triangles_take_seconds() -> None:
     mesh = creation.uv_sphere(count=[256, 256])
     faces = np.asarray(mesh.faces)[:100_000]
     assert len(faces) == 100_000
-    MeshTrees.build(np.eye(3), [[0, 1, 2]])
+    MeshTrees.build(np.eye(3), TRIANGLE)
     start = time.process_time()
     tree = MeshTrees.build(mesh.vertices, faces)
     assert time.process_time() - start < 20.0
