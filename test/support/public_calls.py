@@ -174,13 +174,8 @@ OTHERS: dict[str, dict[str, Any]] = {
     "separations of meshes": MESHES,
     "clearances of meshes": MESHES,
     "contacts of meshes": MESHES,
-    "sweeps of meshes": {
-        **MESHES,
-        "duration": 1.0,
-        "twists_a": 0.1,
-        "twists_b": 0.1,
-        "contacts": None,
-    },
+    "sweeps of meshes":
+        MESHES | {"duration": 1.0, "twists_a": 0.1, "twists_b": 0.1, "contacts": None},
     "Scene.move of several": {"name": ["a"], "pose": [POSE]},
     "Scene.objects.poses_of": {},
     "Scene.objects.set_twists": {"twists": [[0.0] * 6]},

@@ -86,7 +86,8 @@ def random_world(rng: np.random.Generator, count: int) -> oc.Scene:
             oc.shapes.Hull(rng.normal(0, 0.15, (12, 3))),
         )[number % 5]
         pose = np.append(rng.normal(0, 0.5, 3), rng.normal(size=4))
-        scene.add(f"thing{number}", shape, pose / np.append(np.ones(3), np.full(4, norm(pose[3:]))))
+        pose[3:] /= np.linalg.norm(pose[3:])
+        scene.add(f"thing{number}", shape, pose)
     return scene
 
 
@@ -97,11 +98,6 @@ def arm_in_world(
     rng = np.random.default_rng(seed)
     robot = oc.Robot.from_urdf(random_arm(rng, links))
     return rng, robot, oc.RobotScene([robot], random_world(rng, things), accuracy)
-
-
-def norm(values: np.ndarray) -> float:
-    """Return the length of a vector."""
-    return float(np.linalg.norm(values))
 
 
 def random_states(rng: np.random.Generator, robot: oc.Robot, count: int) -> np.ndarray:
