@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -44,8 +44,14 @@ vectors = st.tuples(numbers, numbers, numbers)
 extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
 quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
 
-#: Pairs made, judged and thrown away at a time: a million pairs need no more memory than this.
-CHUNK = 20_000
+
+@st.composite
+def any_pairs(draw: st.DrawFn) -> tuple[Boxes, Boxes]:
+    """Draw a box and another, some of them with equal centres, of any doubles."""
+    center = draw(vectors)
+    places = center, draw(st.one_of(vectors, st.none())) or center
+    a, b = (Boxes.from_poses([(*p, *draw(quaternions))], [draw(extents)]) for p in places)
+    return a, b
 
 
 def stored(boxes: Boxes) -> Arrays:
@@ -64,16 +70,9 @@ def family(name: str, n: int, seed: int = 0) -> tuple[Boxes, Boxes]:
     return Boxes(*a), Boxes(*b)
 
 
-def chunks(name: str, n: int) -> Iterator[tuple[Boxes, Boxes]]:
-    """``n`` pairs of a family, in pieces of at most `CHUNK`."""
-    for seed, start in enumerate(range(0, n, CHUNK)):
-        yield family(name, min(CHUNK, n - start), seed)
-
-
 def sizes(a: Boxes, b: Boxes) -> Floats:
     """(n,) size of each pair: the sum of its six half extents, metres."""
-    total: Floats = (a.half_extents + b.half_extents).sum(axis=1)
-    return total
+    return np.asarray((a.half_extents + b.half_extents).sum(axis=1))
 
 
 def joined(a: Boxes, b: Boxes) -> tuple[Boxes, NDArray[np.int64]]:

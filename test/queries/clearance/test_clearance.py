@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import zlib
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,22 +26,9 @@ from exact_bodies import outside
 from exact_vectors import corners, dot, exact, minus, norm, root
 from hull_distances import squared_distance
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from support import (
-    clearances,
-    extents,
-    family,
-    joined,
-    quaternions,
-    refused,
-    row_of,
-    sizes,
-    stored,
-    vectors,
-    witnesses,
-)
+from support import any_pairs, family, joined, refused, row_of, sizes, stored, witnesses
 
 import obb_collision as oc
 from obb_collision import Boxes, Capsules, HalfSpaces, Verdict, verdicts
@@ -77,11 +63,6 @@ def apart(name: str, n: int) -> Sides:
     return a[rows], b[rows]
 
 
-def between(a: Boxes, b: Boxes) -> Clearances:
-    """Row against row."""
-    return clearances(*joined(a, b))
-
-
 def scale(a: Boxes, b: Boxes, found: Clearances) -> np.ndarray:
     return np.maximum(sizes(a, b), np.abs(found.distances))
 
@@ -89,7 +70,7 @@ def scale(a: Boxes, b: Boxes, found: Clearances) -> np.ndarray:
 @each("name", [*FAMILIES, PARALLEL])
 def test_distance_is_the_exact_one(name: str, pairs: int) -> None:
     a, b = apart(name, max(pairs // 5, 60))
-    found = between(a, b)
+    found = oc.clearances(a, b)
     sides = ([corners(row_of(side, n)) for n in range(len(side))] for side in (a, b))
     truth = np.array([root(squared_distance(*pair)) for pair in zip(*sides, strict=True)], float)
     error = np.abs(found.distances - truth) / scale(a, b, found)
@@ -100,7 +81,7 @@ def test_distance_is_the_exact_one(name: str, pairs: int) -> None:
 @each("name", FAMILIES)
 def test_sign_of_the_distance_is_the_verdict(name: str) -> None:
     a, b = family(name, 1000)
-    found, verdict = between(a, b), verdicts(a, b)
+    found, verdict = oc.clearances(a, b), verdicts(a, b)
     np.testing.assert_array_equal(found.distances > 0.0, verdict == Verdict.SEPARATE)
     np.testing.assert_array_equal(found.distances == 0.0, verdict == Verdict.TOUCHING)
     overlap = verdict == Verdict.OVERLAP
@@ -111,7 +92,7 @@ def test_sign_of_the_distance_is_the_verdict(name: str) -> None:
 def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None:
     """Overlapping too: points deepest in the other box, as far apart as the boxes are deep."""
     a, b = family(name, 1000, seed=1)
-    found = between(a, b)
+    found = oc.clearances(a, b)
     room = scale(a, b, found) + np.abs(a.centers).max(axis=1) + np.abs(b.centers).max(axis=1)
     for side, points in ((a, found.positions_a), (b, found.positions_b)):
         for row in range(0, len(a), 50):
@@ -127,8 +108,7 @@ def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None
 @each("name", FAMILIES)
 def test_swapped_boxes_give_the_same_bits(name: str) -> None:
     a, b = family(name, 500)
-    boxes, rows = joined(a, b)
-    there, back = clearances(boxes, rows), clearances(boxes, rows[:, ::-1])
+    there, back = oc.clearances(a, b), oc.clearances(b, a)
     np.testing.assert_array_equal(there.distances, back.distances)
     same = [
         (x == y).reshape(len(a), -1).all(axis=1) for x, y in zip(stored(a), stored(b), strict=True)
@@ -148,7 +128,7 @@ def test_only_the_offset_counts() -> None:
         [Boxes(c + by, x.rotations, x.half_extents) for c, x in zip(centers, (a, b), strict=True)]
         for by in (0.0, moved)
     ]
-    here, there = between(*sides[0]), between(*sides[1])
+    here, there = oc.clearances(*sides[0]), oc.clearances(*sides[1])
     np.testing.assert_array_equal(here.distances, there.distances)
     np.testing.assert_array_equal(here.normals, there.normals)
 
@@ -156,49 +136,37 @@ def test_only_the_offset_counts() -> None:
 def test_mirrored_boxes_are_as_far_apart() -> None:
     """Where faces are parallel, also vertices beside edges decide, in every octant."""
     a, b = apart(PARALLEL, 5000)
-    found = between(a, b)
+    found = oc.clearances(a, b)
     for mirror in 1.0 - 2.0 * np.eye(3):
         sides = [
             Boxes(x.centers * mirror, mirror[:, None] * x.rotations * mirror, x.half_extents)
             for x in (a, b)
         ]
-        error = np.abs(between(*sides).distances - found.distances)
+        error = np.abs(oc.clearances(*sides).distances - found.distances)
         assert (error <= ACCURACY * scale(a, b, found)).all()
 
 
 @each("name", ["ordinary scene", "sizes 1e-160 to 1e155"])
 def test_within_a_limit_are_those_no_farther(name: str) -> None:
     boxes, rows = joined(*family(name, 1000))
-    every = clearances(boxes, rows)
+    every = oc.clearances(boxes, boxes, rows)
     for limit in (0.0, float(np.median(np.abs(every.distances))), np.inf):
         found = oc.clearances(boxes, boxes, rows, max_distance=limit)
         kept = np.flatnonzero(every.distances <= limit)
         np.testing.assert_array_equal(found.pairs, rows[kept])
-        np.testing.assert_array_equal(found.distances, every.distances[kept])
-        np.testing.assert_array_equal(found.positions_a, every.positions_a[kept])
-        np.testing.assert_array_equal(found.positions_b, every.positions_b[kept])
-        np.testing.assert_array_equal(found.normals, every.normals[kept])
+        for column in ("distances", "positions_a", "positions_b", "normals"):
+            np.testing.assert_array_equal(getattr(found, column), getattr(every, column)[kept])
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=120)
-@given(vectors, quaternions, extents, st.one_of(vectors, st.none()), quaternions, extents)
-def test_any_doubles_at_all(
-    center: Any, one: Any, half: Any, offset: Any, other: Any, other_half: Any
-) -> None:
-    a = Boxes.from_poses([(*center, *one)], [half])
-    b = Boxes.from_poses([(*(offset or center), *other)], [other_half])
-    found = between(a, b)
+@given(any_pairs())
+def test_any_doubles_at_all(pair: Sides) -> None:
+    found = oc.clearances(*pair)
     for array in (found.distances, found.positions_a, found.positions_b, found.normals):
         assert np.isfinite(array).all()
     np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-15)
-    assert np.sign(found.distances[0]) == {0: 1.0, 1: 0.0, 2: -1.0}[int(verdicts(a, b)[0])]
-
-
-def test_bad_input_is_refused_by_name() -> None:
-    boxes, _ = joined(*family("ordinary scene", 2))
-    for limit in (-1.0, np.nan):
-        refused("max_distance", oc.clearances, boxes, boxes, [(0, 1)], max_distance=limit)
+    assert np.sign(found.distances[0]) == {0: 1.0, 1: 0.0, 2: -1.0}[int(verdicts(*pair)[0])]
 
 
 SEPARATE, TOUCHING, OVERLAP = Verdict
@@ -356,8 +324,7 @@ def test_a_push_by_the_separation_along_the_normal_parts_them_by_no_less() -> No
 
 def _reach(capsules: Capsules, normals: np.ndarray) -> np.ndarray:
     ends = np.stack([capsules.starts, capsules.ends])
-    reach: np.ndarray = (ends * normals).sum(axis=2).max(axis=0) + capsules.radii
-    return reach
+    return np.asarray((ends * normals).sum(axis=2).max(axis=0) + capsules.radii)
 
 
 def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -367,7 +334,7 @@ def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarr
     return np.linalg.norm(points - p - t[:, None] * way, axis=1)
 
 
-#: What isn't told from touching is this near to it, relative to the size of the pair.
+#: The same for planes.
 DOUBT_PLANES = 1e-14
 
 
@@ -404,7 +371,7 @@ def test_planes(name: str) -> None:
             assert boxes[k].padded(rounding).contains(lowest)
 
 
-def test_bad_input() -> None:
+def test_bad_input_is_refused_by_name() -> None:
     box, zero = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]]), [[0, 0, 0]]
     bad = [[0.0, 0, 0], [0, np.nan, 0]]
     refused(r"starts must be finite in row 1", Capsules, bad, np.zeros((2, 3)), [1, 1])
@@ -414,3 +381,5 @@ def test_bad_input() -> None:
     refused("same length", oc.verdicts, Capsules.spheres(zero * 2, [1, 1]), box)
     refused("normals must not be zero in row 0", HalfSpaces, zero, zero)
     refused("same length", oc.verdicts, box, HalfSpaces(zero * 2, [[1, 0, 0]] * 2))
+    for limit in (-1.0, np.nan):
+        refused("max_distance", oc.clearances, box, box, [(0, 0)], max_distance=limit)

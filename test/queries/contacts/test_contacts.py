@@ -30,6 +30,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 from support import contacts, family, joined, refused, row_of, sizes, stored
 
+import obb_collision as oc
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts import FEATURE_TIE, Contacts
 from obb_collision.typing import Floats
@@ -46,12 +47,6 @@ def colliding(name: str, n: int) -> tuple[Boxes, Boxes]:
     a, b = family(name, n)
     rows = np.flatnonzero(verdicts(a, b) != Verdict.SEPARATE)
     return a[rows], b[rows]
-
-
-def between(a: Boxes, b: Boxes, limit: int = 4) -> Contacts:
-    """Return the contacts of each row of a with the same row of b."""
-    boxes, pairs = joined(a, b)
-    return contacts(boxes, pairs, limit)
 
 
 def one(a: Any, b: Any, limit: int = 4) -> tuple[Floats, Floats, float]:
@@ -80,7 +75,7 @@ CUBE = ([0.0, 0.0, 0.0], np.eye(3), [1.0, 1.0, 1.0])
 def test_depth_and_normal_are_the_exact_least_penetration(pairs: int) -> None:
     """Exactly projected, the boxes overlap along the normal by the least depth of 15 axes."""
     a, b = colliding("ordinary scene", pairs)
-    found = between(a, b)
+    found = oc.contacts(a, b)
     truth = -oracle.separations(stored(a), stored(b))
     size = sizes(a, b)
     assert (np.abs(found.depths - truth) <= DEPTH_ACCURACY * size).all()
@@ -95,7 +90,7 @@ def test_each_of_the_15_axes_in_both_orders(axis: int) -> None:
     a, b = family("each of the 15 axes alone", 15 * 20)
     rows = np.arange(axis + 15, len(a), 30)  # odd laps overlap
     a, b = a[rows], b[rows]
-    found, swapped = between(a, b), between(b, a)
+    found, swapped = oc.contacts(a, b), oc.contacts(b, a)
     truth = -oracle.separations(stored(a), stored(b))
     mirrored = (axis + 3) % 6 if axis < 6 else 6 + 3 * ((axis - 6) % 3) + (axis - 6) // 3
     size = sizes(a, b)[:, None]
@@ -117,7 +112,7 @@ def test_each_of_the_15_axes_in_both_orders(axis: int) -> None:
 @each("name", FAMILIES)
 def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
     a, b = colliding(name, pairs // 15)
-    found = between(a, b, limit)
+    found = oc.contacts(a, b, max_points=limit)
     for row, count in enumerate(found.counts):
         # what doubles can't express at these coordinates is not asked for
         grain = 4.0 * np.spacing(np.abs(found.positions[row, :count]).max())
@@ -131,7 +126,7 @@ def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
 @each("name", FAMILIES)
 def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> None:
     a, b = family(name, 1000)
-    found = between(a, b, limit)
+    found = oc.contacts(a, b, max_points=limit)
     hit = verdicts(a, b) != Verdict.SEPARATE
     assert ((found.counts >= 1) == hit).all()
     assert found.counts.max() <= limit
@@ -159,7 +154,7 @@ def test_deep_flat_and_needle_boxes_have_points_too(seed: int, thin: float) -> N
     half = rng.uniform(0.1, 1.0, (2, 20, 3)) * rng.choice([1.0, thin], (2, 20, 3))
     centers = rng.uniform(-0.1, 0.1, (2, 20, 3)) * rng.choice([0.0, 1.0, 10.0], (2, 20, 1))
     a, b = (Boxes(centers[k], random_rotations(rng, 20), half[k]) for k in range(2))
-    found = between(a, b, 8)
+    found = oc.contacts(a, b, max_points=8)
     assert ((found.counts > 0) == (verdicts(a, b) != Verdict.SEPARATE)).all()
     for box in (a, b):
         local = np.einsum("nlk,nki->nli", found.positions - box.centers[:, None], box.rotations)
