@@ -222,5 +222,4 @@ def exact_gap(pair: Pair, normals: Floats) -> Long:
     n = normals.astype(np.longdouble)
     n /= np.sqrt((n * n).sum(axis=1))[:, None]
     offset = b.centers.astype(np.longdouble) - a.centers
-    gap: Long = (n * offset).sum(axis=1) - exact_reach(a, n) - exact_reach(b, -n)
-    return gap
+    return np.asarray((n * offset).sum(axis=1) - exact_reach(a, n) - exact_reach(b, -n))

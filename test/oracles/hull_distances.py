@@ -64,12 +64,6 @@ def _times(v: Vector, unit: int) -> Point:
     return x, y, z
 
 
-def at_most(value: float, square: Fraction, radius: float = 0.0) -> bool:
-    """Return whether a value is at most the root of a square, less a radius; exactly."""
-    total = Fraction(value) + Fraction(radius)
-    return total <= 0 or total * total <= square
-
-
 def _square(found: tuple[Divided, list[Point]]) -> Fraction:
     (x, low), _ = found
     return Fraction(dot(x, x), low * low)

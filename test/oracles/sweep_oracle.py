@@ -131,8 +131,17 @@ class PoseCourse:
 
     def pair_at(self, rows: Rows, times: Rows) -> tuple[Boxes, Boxes]:
         """Both boxes of pairs (m, 2) at times (m,)."""
-        a, b = (poses_at(self.start, self.end, rows[:, side], times) for side in (0, 1))
+        a, b = (self.boxes_at(rows[:, side], times) for side in (0, 1))
         return a, b
+
+    def boxes_at(self, rows: Rows, times: Rows) -> Boxes:
+        """Box rows[k] at times[k] of its motion: linear centre, shortest turn at constant speed."""
+        start, end = self.start, self.end
+        first = Rotation.from_matrix(start.rotations[rows])
+        turn = (Rotation.from_matrix(end.rotations[rows]) * first.inv()).as_rotvec()
+        rotations = (Rotation.from_rotvec(turn * times[:, None]) * first).as_matrix()
+        centers = start.centers[rows] + times[:, None] * (end.centers[rows] - start.centers[rows])
+        return Boxes(centers, rotations, start.half_extents[rows])
 
     def window(self, rows: Rows) -> tuple[Rows, Rows]:
         """(m,), (m,) times between which the spheres round both boxes meet."""
@@ -192,15 +201,6 @@ class TwistCourse:
 
 
 Course = PoseCourse | TwistCourse
-
-
-def poses_at(start: Boxes, end: Boxes, rows: np.ndarray, times: np.ndarray) -> Boxes:
-    """Box rows[k] at times[k] of its motion: linear centre, shortest turn at constant speed."""
-    first = Rotation.from_matrix(start.rotations[rows])
-    turn = (Rotation.from_matrix(end.rotations[rows]) * first.inv()).as_rotvec()
-    rotations = (Rotation.from_rotvec(turn * times[:, None]) * first).as_matrix()
-    way = end.centers[rows] - start.centers[rows]
-    return Boxes(start.centers[rows] + times[:, None] * way, rotations, start.half_extents[rows])
 
 
 def first_sampled_contact(course: Course, rows: Rows, samples: int = 160) -> np.ndarray:
@@ -266,7 +266,7 @@ def check_promises(
         near += 1e-12 * ways[rows[hits]].sum(axis=(1, 2))
         early[:] = True
         for side in (0, 1):
-            box = poses_at(course.start, course.end, rows[hits, side], times)
+            box = course.boxes_at(rows[hits, side], times)
             local = np.einsum("nji,nj->ni", box.rotations, found.positions[hits] - box.centers)
             # of thin boxes that overlap at the start it may be outside of one: see common_point
             reach = 3.0 * near + np.where(times == 0.0, 0.1 * radii.max(axis=1), 0.0)
@@ -291,8 +291,7 @@ def _gaps_on(course: Course, rows: Rows, grid: np.ndarray) -> np.ndarray:
 
 
 def _overlap(course: Course, rows: Rows, times: np.ndarray) -> np.ndarray:
-    result: np.ndarray = verdicts(*course.pair_at(rows, times)) == Verdict.OVERLAP
-    return result
+    return np.asarray(verdicts(*course.pair_at(rows, times)) == Verdict.OVERLAP)
 
 
 def _meeting_window(offset: Rows, way: Rows, reach: Rows, end: float) -> tuple[Rows, Rows]:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from itertools import combinations_with_replacement, product
 from typing import Any
@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision import Boxes, MeshTrees, PlacedMeshes
 from obb_collision.geometry.trees import HullPool, Hulls
-from obb_collision.queries.convex import convex_distances
+from obb_collision.queries.convex import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import (
     BOX,
     CONE,
@@ -61,23 +61,25 @@ CORNER_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 Pair = tuple[ConvexBodies, ConvexBodies]
 
 
-def hulls(scale: Floats, seed: int = 0) -> tuple[Hulls, Floats]:
-    """Return hulls of random corners (HULLS, CORNERS_EACH, 3), these scaled by scale (3,)."""
-    return _hulls(CORNERS_EACH, tuple(np.asarray(scale).tolist()), seed)
-
-
 @cache
-def _hulls(count: int, scale: tuple[float, ...], seed: int) -> tuple[Hulls, Floats]:
-    corners = np.random.default_rng(seed).uniform(-1, 1, (HULLS, count, 3)) * scale
+def hulls(scale: tuple[float, ...], count: int = CORNERS_EACH) -> tuple[Hulls, Floats]:
+    """Return hulls of random corners (HULLS, count, 3), these scaled by scale (3,)."""
+    corners = np.random.default_rng(0).uniform(-1, 1, (HULLS, count, 3)) * scale
+    return pool_of(corners), corners
+
+
+def pool_of(corners: Iterable[Floats]) -> Hulls:
+    """Return the hulls of several sets of points (n, 3)."""
     pool = HullPool()
     for part in corners:
         pool.append(Hulls.of(part))
-    return pool.all, corners
+    return pool.all
 
 
 def bodies(
-    kind: int, count: int, rng: np.random.Generator, scale: Floats, radius: float
-) -> ConvexBodies:
+    kind: int, count: int, rng: np.random.Generator, scale: Floats, radius: float,
+    corners: int = CORNERS_EACH,
+) -> ConvexBodies:  # fmt: skip
     """Return bodies about the origin; scale (3,): of their sizes along their axes."""
     sizes, radii = np.zeros((count, 4)), np.zeros(count)
     sizes[:, :3] = rng.uniform(0.2, 1.0, (count, 3)) * scale
@@ -94,7 +96,7 @@ def bodies(
     if count:  # scipy 1.11 makes no array of none
         rotations = Rotation.random(count, rng).as_matrix()
     return ConvexBodies(
-        np.full(count, kind, np.int8), sizes, radii, hulls(scale)[0],
+        np.full(count, kind, np.int8), sizes, radii, hulls(tuple(scale.tolist()), corners)[0],
         rng.integers(0, HULLS, count), rng.uniform(-1.5, 1.5, (count, 3)) * scale.max(), rotations,
     )  # fmt: skip
 
@@ -107,15 +109,14 @@ def some(body: ConvexBodies, rows: ArrayLike) -> ConvexBodies:
 
 def around(body: ConvexBodies, reach: float = 0.0) -> Boxes:
     """Return boxes that certainly hold bodies and what is this near to them."""
-    half = np.abs(body.sizes).sum(axis=1) + body.radii + reach
-    half += np.where(body.kinds == CORNERS, body.hulls.radii[body.rows], 0.0)
+    half = reach_of(body) + reach
     return Boxes.trusted(body.centers, body.rotations, np.tile(2.0 * half[:, None], (1, 3)))
 
 
 def reach_of(body: ConvexBodies) -> Floats:
     """Return how far bodies reach at most from their centres (n,)."""
-    own = np.abs(body.sizes).sum(axis=1) + body.radii
-    return np.where(body.kinds == CORNERS, body.hulls.radii[body.rows] + body.radii, own)
+    core = np.where(body.kinds == CORNERS, body.hulls.radii[body.rows], 0.0)
+    return core + np.abs(body.sizes).sum(axis=1) + body.radii
 
 
 def round_bodies(
@@ -130,22 +131,11 @@ def round_bodies(
 
 
 def as_meshes(body: ConvexBodies, name: str, faces: list[Any] | None = None) -> PlacedMeshes:
-    """Return hulls of a family as meshes of faces (n, 3) of their corners, or of one triangle."""
-    trees = _triangles(CORNERS_EACH, name) if faces is None else _trees_of(name, faces)
+    """Return hulls of a family as meshes of faces (n, 3) of their corners; else triangles."""
+    corners = hulls(tuple(FAMILIES[name][0]), CORNERS_EACH if faces else 3)[1]
+    sides = zip(corners, faces or [[[0, 1, 2]]] * HULLS, strict=True)
+    trees = MeshTrees.join([MeshTrees.build(x, f, solid=len(f) > 1) for x, f in sides])
     return PlacedMeshes(trees, body.rows, body.centers, body.rotations)
-
-
-def _trees_of(name: str, faces: list[Any]) -> MeshTrees:
-    corners = hulls(np.array(FAMILIES[name][0]))[1]
-    solid = len(faces[0]) > 1
-    pairs = zip(corners, faces, strict=True)
-    return MeshTrees.join([MeshTrees.build(x, f, solid=solid) for x, f in pairs])
-
-
-@cache
-def _triangles(count: int, name: str) -> MeshTrees:
-    """Return hulls as one triangle each; count: CORNERS_EACH, which a test may set."""
-    return _trees_of(name, [[[0, 1, 2]]] * HULLS)
 
 
 def size_with(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:
@@ -189,24 +179,21 @@ def moved(body: ConvexBodies, **changes: NDArray[Any] | Hulls) -> ConvexBodies:
     return ConvexBodies(**(vars(body) | changes))
 
 
-def pair_of(kinds: tuple[str, str], count: int, seed: int, scale: Floats | None = None) -> Pair:
-    """Return bodies of two kinds."""
-    rng = np.random.default_rng(seed)
-    size = np.ones(3) if scale is None else scale
-    a, b = (bodies(KINDS[kind], count, rng, size, 0.5 * size.min()) for kind in kinds)
-    return a, b
+def distances_of(a: ConvexBodies, b: ConvexBodies) -> ConvexDistances:
+    """Return the distances of each body of a from the same row of b."""
+    rows = np.arange(len(a))
+    return convex_distances(a, b, rows, rows)[0]
 
 
 def near(pair: Pair, seed: int) -> Pair:
     """Return the pair with b moved towards a, until some 1e-16 to 1e-3 of the size are left."""
     a, b = pair
     rng = np.random.default_rng(seed)
-    rows = np.arange(len(a))
     size = np.abs(a.sizes).sum(axis=1) + np.abs(b.sizes).sum(axis=1)
-    size = np.maximum(size, np.abs(hulls(np.ones(3))[1]).max() * (size == 0.0))
+    size = np.maximum(size, np.abs(hulls((1.0, 1.0, 1.0))[1]).max() * (size == 0.0))
     gaps = size * 10.0 ** rng.uniform(-16, -3, len(a)) * rng.choice([-1.0, 0.0, 1.0, 1.0], len(a))
     for _ in range(2):
-        found = convex_distances(a, b, rows, rows)[0]
+        found = distances_of(a, b)
         apart = found.lower > 0.0
         step = np.where(apart, found.upper - gaps, 0.0)
         b = moved(b, centers=b.centers - step[:, None] * found.normals)
@@ -245,14 +232,9 @@ def far_apart(pair: Pair, seed: int) -> Pair:
     return a, moved(b, centers=b.centers + offset)
 
 
-def as_they_are(pair: Pair, seed: int) -> Pair:
-    """Return the pair."""
-    return pair
-
-
 #: By name: the scale of bodies along their axes, and what is done to pairs of them.
 FAMILIES: dict[str, tuple[list[float], Callable[[Pair, int], Pair]]] = {
-    "random": ([1.0, 1.0, 1.0], as_they_are),
+    "random": ([1.0, 1.0, 1.0], lambda pair, seed: pair),
     "nearly touching": ([1.0, 1.0, 1.0], near),
     "parallel": ([1.0, 1.0, 1.0], parallel),
     "flat": ([1.0, 1.0, 0.0], near),
@@ -267,6 +249,9 @@ FAMILIES: dict[str, tuple[list[float], Callable[[Pair, int], Pair]]] = {
 
 
 def family(name: str, kinds: tuple[str, str], count: int, seed: int) -> Pair:
-    """Return pairs of a family."""
+    """Return pairs of a family; of kinds, or the first of triangles: hulls of three corners."""
     scale, change = FAMILIES[name]
-    return change(pair_of(kinds, count, seed, np.array(scale)), seed)
+    rng, size = np.random.default_rng(seed), np.array(scale)
+    given = rng, size, 0.5 * size.min(), 3 if "triangle" in kinds else CORNERS_EACH
+    a, b = (bodies(KINDS.get(kind, CORNERS), count, *given) for kind in kinds)
+    return change((a, b), seed)

@@ -12,18 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Generated meshes of every kind: convex or not, with holes, open, odd; bodies placed of them."""
+"""Generated meshes of every kind, bodies placed of them, and families of pairs of triangles."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from fractions import Fraction
 from functools import cache
 from typing import Any
 
 import numpy as np
 import trimesh
 from exact_vectors import Point
-from hull_distances import placed
+from hull_distances import placed, squared_distance
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
@@ -72,11 +73,6 @@ def _hull(rng: np.random.Generator, count: int) -> Arrays:
     return _arrays(trimesh.convex.convex_hull(points))
 
 
-def _opened(arrays: Arrays, rng: np.random.Generator, share: float) -> Arrays:
-    vertices, faces = arrays
-    return vertices, faces[rng.random(len(faces)) < share]
-
-
 def _sheet(rng: np.random.Generator, n: int) -> Arrays:
     grid = np.linspace(-0.5, 0.5, n)
     x, y = (g.ravel() for g in np.meshgrid(grid, grid))
@@ -95,15 +91,9 @@ def _joined(parts: list[Arrays], offsets: NDArray[np.floating]) -> Arrays:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def _hollow(outer: Arrays, shrink: float) -> Arrays:
-    """Make a shell with a cavity: what lies in the cavity doesn't collide."""
-    inner = (outer[0] * shrink, outer[1][:, ::-1])
-    return _joined([outer, inner], np.zeros((2, 3)))
-
-
 @cache
 def zoo() -> dict[str, Arrays]:
-    """Meshes by name, of size about 1 m; 66 of them."""
+    """Meshes by name, of size about 1 m; 66 of them: convex or not, with holes, open, odd."""
     rng = np.random.default_rng(4)
     meshes: dict[str, Arrays] = {}
     for n in range(4):
@@ -121,11 +111,13 @@ def zoo() -> dict[str, Arrays]:
         meshes[f"star{n}"] = _star(rng, 3 + 2 * n)
         meshes[f"bumpy{n}"] = _bumpy(rng, 1 + n % 3)
         meshes[f"hull{n}"] = _hull(rng, 8 * 4**n)
-        meshes[f"open_sphere{n}"] = _opened(_bumpy(rng, 1 + n % 3), rng, 0.7)
+        vertices, faces = _bumpy(rng, 1 + n % 3)
+        meshes[f"open_sphere{n}"] = vertices, faces[rng.random(len(faces)) < 0.7]
         meshes[f"sheet{n}"] = _sheet(rng, 3 + 4 * n)
-        meshes[f"hollow{n}"] = _hollow(_bumpy(rng, 2), 0.5 + 0.1 * n)
-        crumbs = [_hull(rng, 10) for _ in range(5)]
-        crumbs = [(0.3 * v, f) for v, f in crumbs]
+        outer = _bumpy(rng, 2)  # what lies in its cavity doesn't collide
+        cavity = (0.5 + 0.1 * n) * outer[0], outer[1][:, ::-1]
+        meshes[f"hollow{n}"] = _joined([outer, cavity], np.zeros((2, 3)))
+        crumbs = [(0.3 * v, f) for v, f in (_hull(rng, 10) for _ in range(5))]
         meshes[f"crumbs{n}"] = _joined(crumbs, rng.uniform(-0.4, 0.4, (5, 3)))
     meshes["triangle"] = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     meshes["moebius"] = _moebius()
@@ -147,8 +139,6 @@ def _moebius(n: int = 48) -> Arrays:
 
 ZOO = zoo()
 NAMES = list(ZOO)
-#: Pairs of bodies in the tests over all meshes.
-PAIRS = 20_000
 TRIANGLE = np.array([[0, 1, 2]])
 
 
@@ -161,9 +151,8 @@ def bodies_of(
     for _ in range(2):
         meshes = rng.integers(0, len(trees), count)
         rotations = Rotation.random(count, random_state=rng).as_matrix()
-        sides.append(
-            PlacedMeshes(trees, meshes, rng.uniform(-spread, spread, (count, 3)), rotations)
-        )
+        centers = rng.uniform(-spread, spread, (count, 3))
+        sides.append(PlacedMeshes(trees, meshes, centers, rotations))
     return sides[0], sides[1]
 
 
@@ -173,6 +162,23 @@ def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[Point]]:
     first, last = trees.starts[trees.roots[bodies.meshes[row]]]
     triangles = trees.triangles[first:last].reshape(-1, 3, 3)
     return [placed(corners, bodies.centers[row], bodies.rotations[row]) for corners in triangles]
+
+
+def surface_distance(first: list[list[Point]], second: list[list[Point]], near: float) -> Fraction:
+    """Return the least squared distance of the triangles of two surfaces that are so near."""
+    bounds = [(x.min(axis=1), x.max(axis=1)) for x in (np.array(s, float) for s in (first, second))]
+    (low, high), (start, end) = bounds
+    apart = np.maximum(np.maximum(low[:, None] - end, start - high[:, None]), 0.0)
+    rows = np.argwhere(np.linalg.norm(apart, axis=2) <= near * (1.0 + 1e-9) + 1e-9)
+    squares = (squared_distance(first[s], second[t]) for s, t in rows)
+    return min(squares, default=Fraction(10**9))
+
+
+def thrown(corners: Floats, faces: ArrayLike, n: int, rng: np.random.Generator) -> PlacedMeshes:
+    """Return a mesh, every other one turned, half of them moved."""
+    turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
+    center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
+    return PlacedMeshes(MeshTrees.build(corners, faces), [0], center[None], turn[None])
 
 
 @cache
@@ -188,12 +194,17 @@ def standing(trees: MeshTrees, *centers: ArrayLike, mesh: int = 0) -> PlacedMesh
     return PlacedMeshes(trees, np.full(count, mesh), places, np.tile(np.eye(3), (count, 1, 1)))
 
 
+def triangles(corners: Any, rows: ArrayLike | None = None) -> PlacedMeshes:
+    """Return triangles (n, 3, 3), or rows of them, each a mesh by itself, where they are."""
+    trees = MeshTrees.join([MeshTrees.build(x, TRIANGLE) for x in np.asarray(corners)])
+    meshes = np.arange(len(trees)) if rows is None else np.asarray(rows)
+    still = np.zeros((len(meshes), 3)), np.tile(np.eye(3), (len(meshes), 1, 1))
+    return PlacedMeshes(trees, meshes, *still)
+
+
 def as_drawn(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> list[PlacedMeshes]:
     """Return pairs of triangles as two sets of meshes, where they are."""
-    count = len(pairs)
-    still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
-    trees = [MeshTrees.join([MeshTrees.build(p[k], TRIANGLE) for p in pairs]) for k in (0, 1)]
-    return [PlacedMeshes(side, np.arange(count), *still) for side in trees]
+    return [triangles([pair[k] for pair in pairs]) for k in (0, 1)]
 
 
 def place(vertices: ArrayLike, faces: ArrayLike, offset: ArrayLike = (0, 0, 0)) -> PlacedMeshes:
@@ -225,8 +236,7 @@ def placed_corners(bodies: PlacedMeshes, row: int) -> Floats:
     trees, mesh = bodies.trees, bodies.meshes[row]
     first, last = trees.starts[trees.roots[mesh]]
     corners = trees.triangles[first:last].reshape(-1, 3, 3)
-    placed: Floats = corners @ bodies.rotations[row].T + bodies.centers[row]
-    return placed
+    return np.asarray(corners @ bodies.rotations[row].T + bodies.centers[row])
 
 
 def windings(triangles: Floats, points: Floats) -> Floats:
@@ -237,5 +247,121 @@ def windings(triangles: Floats, points: Floats) -> Floats:
     low = x * y * z
     for u, v, w in ((a, b, z), (b, c, x), (c, a, y)):
         low += np.einsum("npk,npk->np", u, v) * w
-    total: Floats = np.arctan2(top, low).sum(axis=1) / (2.0 * np.pi)
-    return total
+    return np.asarray(np.arctan2(top, low).sum(axis=1) / (2.0 * np.pi))
+
+
+Pair = tuple[Floats, Floats]
+#: Of all ``--pairs`` one in so many, per family: as many in all, and exact arithmetic takes time.
+SHARE = 12
+Maker = Callable[[np.random.Generator], Pair]
+
+
+def _any(rng: np.random.Generator) -> Pair:
+    return rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+
+
+def _small_grid(rng: np.random.Generator) -> Pair:
+    """Small integers: every kind of touching, coplanar and degenerate pair comes up."""
+    return rng.integers(-1, 2, (3, 3)).astype(float), rng.integers(-1, 2, (3, 3)).astype(float)
+
+
+def coplanar(rng: np.random.Generator) -> Pair:
+    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    a[:, 2] = b[:, 2] = 0.25
+    return a, b
+
+
+def _nearly_coplanar(rng: np.random.Generator) -> Pair:
+    a, b = coplanar(rng)
+    b[:, 2] += 2.0 ** -float(rng.integers(30, 53)) * rng.integers(-2, 3, 3)
+    return a, b
+
+
+def _tilted_coplanar(rng: np.random.Generator) -> Pair:
+    """In one plane but for the rounding of the coordinates."""
+    u, v, o = rng.normal(size=(3, 3))
+    plane = np.array([u, v])
+    return o + rng.normal(size=(3, 2)) @ plane, o + rng.normal(size=(3, 2)) @ plane
+
+
+def _vertex_on_face(rng: np.random.Generator) -> Pair:
+    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    weights = rng.dirichlet([1.0, 1.0, 1.0])
+    b[0] = weights @ a + rng.integers(-1, 2) * 1e-16 * rng.normal(size=3)
+    return a, b
+
+
+def _edge_on_edge(rng: np.random.Generator) -> Pair:
+    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    b += 0.5 * (a[0] + a[1]) - 0.5 * (b[0] + b[1])
+    return a, b
+
+
+def _shared(rng: np.random.Generator) -> Pair:
+    """Share a corner, an edge or all three, as neighbours in a mesh do."""
+    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    count = rng.integers(1, 4)
+    b[rng.permutation(3)[:count]] = a[rng.permutation(3)[:count]]
+    return a, b
+
+
+def _sliver(rng: np.random.Generator) -> Pair:
+    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    a[2] = 0.5 * (a[0] + a[1]) + 10.0 ** -float(rng.integers(5, 18)) * rng.normal(size=3)
+    return a, b
+
+
+def _parallel(rng: np.random.Generator) -> Pair:
+    """Face to face, near or not, with parallel edges in half of the pairs."""
+    a, b = coplanar(rng)
+    if rng.random() < 0.5:
+        b[1] = b[0] + rng.choice([-2.0, 0.5, 1.0]) * (a[1] - a[0])
+    b[:, 2] += rng.choice([1e-12, 1e-8, 1e-4, 1.0])
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return a @ axes, b @ axes
+
+
+def _needle(rng: np.random.Generator) -> Pair:
+    """Long and thin, up to 1e-12 of their length, and crossing in half of the pairs."""
+    sides = [
+        np.outer(rng.normal(size=3), rng.normal(size=3))
+        + 10.0 ** -float(rng.integers(3, 13)) * rng.normal(size=(3, 3))
+        for _ in range(2)
+    ]
+    a, b = sides
+    if rng.random() < 0.5:
+        b += rng.dirichlet([1.0, 1.0, 1.0]) @ a - rng.dirichlet([1.0, 1.0, 1.0]) @ b
+    return a, b
+
+
+def _degenerate(rng: np.random.Generator) -> Pair:
+    a, b = _small_grid(rng) if rng.random() < 0.7 else _any(rng)
+    a[1 + rng.integers(2)] = a[0]
+    if rng.random() < 0.5:
+        b[:] = b[0] if rng.random() < 0.5 else np.array([b[0], 0.5 * (b[0] + b[1]), b[1]])
+    return a, b
+
+
+def _far(rng: np.random.Generator) -> Pair:
+    a, b = _small_grid(rng) if rng.random() < 0.5 else _any(rng)
+    offset = rng.choice([1e6, -1e9, 1e12]) * rng.normal(size=3)
+    return a + offset, b + offset
+
+
+def _different_sizes(rng: np.random.Generator) -> Pair:
+    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    b *= 10.0 ** -float(rng.integers(2, 12))
+    return a, b + rng.dirichlet([1.0, 1.0, 1.0]) @ a
+
+
+def extreme_sizes(rng: np.random.Generator) -> Pair:
+    a, b = _small_grid(rng) if rng.random() < 0.5 else _any(rng)
+    scale = rng.choice([1e-160, 1e-100, 1e100, 1e155])
+    return a * scale, b * scale
+
+
+TRIANGLES: list[Maker] = [
+    _any, _small_grid, coplanar, _nearly_coplanar, _tilted_coplanar, _vertex_on_face,
+    _edge_on_edge, _shared, _parallel, _sliver, _needle, _degenerate, _far, _different_sizes,
+    extreme_sizes,
+]  # fmt: skip

@@ -24,9 +24,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from convex_bodies import CORNER_SIGNS, Pair, corners_of, family
+from convex_bodies import CORNER_SIGNS, corners_of, family, moved
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from obb_collision import Boxes
 from obb_collision.queries.convex.support import BOX, CORNERS, SEGMENT, ConvexBodies
@@ -61,8 +60,7 @@ def motion(
 
 def directions(rng: Rng, n: int) -> Array:
     vectors = rng.normal(size=(n, 3))
-    result: Array = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return result
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def turn(rng: Rng, angles: Array) -> Array:
@@ -162,13 +160,6 @@ TURNING: dict[str, Callable[[Rng, int], Motion]] = {
     "starting in contact": resting,
     "huge translations": far_flights,
 }
-
-
-def about_pi(start: Boxes, rng: Rng) -> Boxes:
-    """Turn every box by pi about some axis, to rounding."""
-    n = len(start)
-    turned = Rotation.from_rotvec(np.pi * directions(rng, n)).as_matrix() @ start.rotations
-    return Boxes(start.centers, turned, start.half_extents)
 
 
 class Twisting(NamedTuple):
@@ -341,13 +332,6 @@ Long = NDArray[np.longdouble]
 TURNS = {"straight": [0.0], "turning": [0.0, 1e-9, 0.1, 3.0], "fast": [20.0, 60.0]}
 
 
-def joined(pair: Pair) -> ConvexBodies:
-    """Return the bodies of both, one after the other."""
-    a, b = (vars(x) for x in pair)
-    columns = {key: np.concatenate([a[key], b[key]]) for key in a if key != "hulls"}
-    return ConvexBodies(hulls=pair[0].hulls, **columns)
-
-
 def radii_of(bodies: ConvexBodies) -> Floats:
     """Return the radii (n,) of spheres about the origins of bodies that hold them."""
     radii = np.hypot(
@@ -364,7 +348,9 @@ def moving(
 ) -> tuple[ConvexBodies, BodyMotion, Integers]:
     """Return bodies of a family that approach each other, their motion, and the pairs of it."""
     pair = family(name, kinds, count, seed)
-    bodies, rng = joined(pair), np.random.default_rng(seed + 1)
+    a, b = (vars(x) for x in pair)
+    both = {key: np.concatenate([a[key], b[key]]) for key in a if key != "hulls"}
+    bodies, rng = moved(pair[0], **both), np.random.default_rng(seed + 1)
     radii = radii_of(bodies)
     size = np.tile(radii.reshape(2, count).max(axis=0), 2)[:, None]
     size[size == 0.0] = 1.0  # points

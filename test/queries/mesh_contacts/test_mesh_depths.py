@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 
-import convex_bodies
 import numpy as np
 import pytest
 from convex_bodies import (
@@ -27,6 +26,7 @@ from convex_bodies import (
     FAMILIES,
     ROUND_KINDS,
     as_meshes,
+    distances_of,
     family,
     round_bodies,
     size_with,
@@ -35,24 +35,29 @@ from convex_bodies import (
 from convex_bodies import moved as with_columns
 from each import each
 from exact_bodies import exact_gap
-from exact_vectors import Point, along, exact
+from exact_vectors import along, exact
 from hull_distances import squared_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_zoo import as_drawn, bodies_of, exact_corners, place, standing, trees_of, zoo
-from triangle_pairs import FAMILIES as TRIANGLES
-from triangle_pairs import SHARE, Maker
+from mesh_zoo import (
+    SHARE,
+    TRIANGLES,
+    Maker,
+    as_drawn,
+    bodies_of,
+    exact_corners,
+    place,
+    standing,
+    surface_distance,
+    trees_of,
+    zoo,
+)
+from sweep_motions import directions
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.convex import (
-    ConvexDistances,
-    FlatFrame,
-    convex_distances,
-    frame_of,
-    mesh_body_distances,
-)
+from obb_collision.queries.convex import ConvexDistances, FlatFrame, frame_of, mesh_body_distances
 from obb_collision.queries.mesh_contacts import hulls_of, way_out, within_bodies
 from obb_collision.queries.meshes.triangles import triangle_at
 from obb_collision.queries.verdict import Separations
@@ -69,7 +74,7 @@ def sizes_of(a: PlacedMeshes, b: PlacedMeshes) -> Floats:
 
 def depths_of_hulls(a: PlacedMeshes, b: PlacedMeshes) -> ConvexDistances:
     rows, zeros = np.arange(len(a)), np.zeros(len(a))
-    return convex_distances(hulls_of(a, rows, zeros), hulls_of(b, rows, zeros), rows, rows)[0]
+    return distances_of(hulls_of(a, rows, zeros), hulls_of(b, rows, zeros))
 
 
 def parted(b: PlacedMeshes, found: Separations, share: Floats | float = 1.0) -> PlacedMeshes:
@@ -147,26 +152,30 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
     for n in deep[:6].tolist():
         depth, normal = Fraction(-found.separations[n]), exact(found.normals[n])
         second = [[along(v, depth, normal) for v in t] for t in exact_corners(b, n)]
-        first = exact_corners(a, n)
-        floats = [np.array(side, float) for side in (first, second)]
-        low, high = [c.min(axis=1) for c in floats], [c.max(axis=1) for c in floats]
-        (p, r), (q, s) = zip(low, high, strict=True)
-        gaps = np.maximum(p[:, None] - s, q - r[:, None]).max(axis=2)
-        rows = np.argwhere(gaps <= 1e-6)
-        assert all(squared_distance(first[k], second[m]) > 0 for k, m in rows)
+        assert surface_distance(exact_corners(a, n), second, 1e-6) > 0
+
+
+#: How far a point may be from either surface, relative to the size of a pair.
+ON_SURFACE = Fraction(1, 10**12)
 
 
 @each("make", TRIANGLES)
-def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
+def test_hostile_triangles_are_parted_and_have_points_on_both(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(12)
     a, b = as_drawn([make(rng) for _ in range(max(pairs // SHARE, 8))])
     found, outer = check_depths(a, b), depths_of_hulls(a, b)
+    touch = oc.contacts(a, b, max_points=8)
     collide = oc.verdicts(a, b) != Verdict.SEPARATE
+    assert (touch.counts[collide] >= 1).all()
     for n in np.flatnonzero(collide).tolist():
         depth, normal = Fraction(-found.separations[n]), exact(found.normals[n])
         (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
         moved = [along(v, depth, normal) for v in q]
         assert squared_distance(p, moved) > 0 or found.separations[n] == outer.lower[n]
+        size = Fraction(a.trees.radii[a.meshes[n]]) + Fraction(b.trees.radii[b.meshes[n]])
+        for point in touch.positions[n, : touch.counts[n]]:
+            for triangle in (p, q):
+                assert squared_distance([exact(point)], triangle) <= (ON_SURFACE * size) ** 2
 
 
 @given(seed=st.integers(0, 2**32), power=st.sampled_from([-300, -100, 0, 100, 300]))
@@ -208,30 +217,30 @@ def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:
     assert found.normals[0, 0] < -0.9  # back inside, as that is nearer
 
 
-def test_one_inside_the_other() -> None:
+def test_one_inside_the_other_has_one_point_as_no_surfaces_cross() -> None:
     tree = MeshTrees.join([MeshTrees.build(size * BOX_CORNERS, BOX_FACES) for size in (2.0, 0.25)])
     outer, inner = standing(tree), standing(tree, [0.0, 0.0, 1.25], mesh=1)
     for a, b, sign in ((outer, inner, 1.0), (inner, outer, -1.0)):
         found = check(a, b)
         assert found.separations[0] == pytest.approx(-1.0, abs=1e-8)
         np.testing.assert_allclose(found.normals, [[0, 0, sign]], atol=1e-9)
+    found = oc.contacts(outer, standing(tree, [0.0, 0.0, 1.5], mesh=1))
+    assert found.counts.tolist() == [1]
+    assert 1.25 <= found.positions[0, 0, 2] <= 2.0  # between the lowest of the one and the wall
+    found = oc.contacts(outer, standing(tree, [0.0, 0.0, 2.5], mesh=1), radii_a=0.5)
+    assert found.counts.tolist() == [1]
+    assert found.depths[0] == pytest.approx(0.25, abs=1e-8)
 
 
 def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
     """The hull of the room is full: only its triangles leave room for the box."""
-    floor, wall = zoo()["box0"], zoo()["box0"]
-    half = np.abs(floor[0]).max(axis=0)
-    floor = floor[0] / half * [4, 4, 0.5] - [0, 0, 0.5], floor[1]
-    wall = wall[0] / half * [0.5, 4, 4] + [-4.5, 0, 4], wall[1]
-    corners = np.concatenate([floor[0], wall[0]])
-    room = MeshTrees.build(corners, np.concatenate([floor[1], wall[1] + len(floor[0])]))
-    crate = MeshTrees.build(BOX_CORNERS, BOX_FACES)
-    a = standing(room)
+    floor, wall = BOX_CORNERS * [4, 4, 0.5] - [0, 0, 0.5], BOX_CORNERS * [0.5, 4, 4] + [-4.5, 0, 4]
+    a = place(np.concatenate([floor, wall]), np.concatenate([BOX_FACES, BOX_FACES + 8]))
     for there, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
-        b = standing(crate, there)
+        b = place(BOX_CORNERS, BOX_FACES, there)
         assert -oc.separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
         assert -depths_of_hulls(a, b).lower[0] > 0.5
-    b = standing(crate, [-3.02, 0, 0.98])  # in both
+    b = place(BOX_CORNERS, BOX_FACES, [-3.02, 0, 0.98])  # in both
     assert 0.02 <= -oc.separations(a, b).separations[0] < 0.04
 
 
@@ -250,35 +259,28 @@ def outer_of(normals: Floats, depths: Floats) -> Separations:
     return Separations(each, -depths, normals.copy(), np.zeros_like(normals))
 
 
-def randoms(count: int, seed: int) -> Floats:
-    normals = np.random.default_rng(seed).normal(size=(count, 3))
-    return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
-
-
 @each("name", FAMILIES)
 @each("kind", ROUND_KINDS)
 def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
-    name: str, kind: str, pairs: int, monkeypatch: pytest.MonkeyPatch
+    name: str, kind: str, pairs: int
 ) -> None:
-    monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
-    pair = family(name, ("hull", kind), max(50, pairs // len(FAMILIES)), 15)
+    pair = family(name, ("triangle", kind), max(50, pairs // len(FAMILIES)), 15)
     meshes = as_meshes(pair[0], name)
-    rows, size = np.arange(len(meshes)), size_with(meshes, pair[1])
+    size = size_with(meshes, pair[1])
     far = 3.0 * size  # no pair of these needs more
-    found = within_bodies(
-        outer_of(randoms(len(rows), 3), far), meshes, np.zeros(len(rows)), pair[1]
-    )
+    outer = outer_of(directions(np.random.default_rng(3), len(meshes)), far)
+    found = within_bodies(outer, meshes, np.zeros(len(meshes)), pair[1])
     deep = found.separations < 0.0
     world = world_rounding(pair)
     room = CLOSE * size + world
-    lower = convex_distances(*pair, rows, rows)[0].lower
+    lower = distances_of(*pair).lower
     assert (found.separations <= lower + room)[deep].all()  # no push parts them that is shorter
     given_up = deep & (found.separations <= -far)  # what was given stays
     assert given_up.sum() <= 1 + 0.02 * deep.sum()
     for share, sign in ((1.0, 1.0), (0.99, -1.0)):
         way = share * np.where(deep, -found.separations, 0.0) - (share < 1.0) * 4.0 * room
         then = with_columns(pair[1], centers=pair[1].centers + way[:, None] * found.normals)
-        apart = convex_distances(pair[0], then, rows, rows)[0]
+        apart = distances_of(pair[0], then)
         gaps = exact_gap((pair[0], then), apart.normals).astype(float)
         touching = deep & ~given_up & (way > 0.0)
         tight = 8.0 * world + (CLOSE * size if sign < 0.0 else 0.0)
@@ -294,59 +296,24 @@ def test_a_depth_parts_meshes_and_bodies_and_is_the_shortest_along_its_normal(
     kind: str, radius: float, pairs: int
 ) -> None:
     """All kinds of meshes; where they are apart, it is their distance."""
-    trees = trees_of()
     count = max(pairs // 10, 60)
-    a, b = bodies_of(trees, count, 0.5, 7)
+    a, b = bodies_of(TREES, count, 0.5, 7)
     radii, rows = np.full(count, radius), np.arange(count)
     body = round_bodies(kind, b, radius)
-    found = within_bodies(outer_of(randoms(count, 5), np.full(count, 4.0)), a, radii, body)
+    outer = outer_of(directions(np.random.default_rng(5), count), np.full(count, 4.0))
+    found = within_bodies(outer, a, radii, body)
     near = mesh_body_distances(a, radii, body, rows, rows)[0]
     apart = near.upper > 0.0
     np.testing.assert_array_equal(found.separations[apart], near.lower[apart])
     deep = ~apart
     assert deep.sum() > count // 4
     assert (found.separations[deep] > -4.0).all()
-    short = 0
-    for share in (1.0, 1.0 - 1e-6):
-        centers = b.centers - share * np.minimum(found.separations, 0.0)[:, None] * found.normals
-        then = mesh_body_distances(a, radii, with_columns(body, centers=centers), rows, rows)[0]
-        if share == 1.0:
-            assert (then.lower[deep] > 0.0).all()
-        else:
-            short = int((then.upper[deep] > 0.0).sum())
-    assert short <= 0.1 * deep.sum()  # within solids
+    there = [parted(b, found, share).centers for share in (1.0, 1.0 - 1e-6)]
+    pushed = [with_columns(body, centers=centers) for centers in there]
+    far, short = (mesh_body_distances(a, radii, one, rows, rows)[0] for one in pushed)
+    assert (far.lower[deep] > 0.0).all()
+    assert (short.upper[deep] > 0.0).sum() <= 0.1 * deep.sum()  # within solids
     assert np.isfinite(found.positions).all()
-
-
-#: How far a point may be from either surface, relative to the size of a pair.
-ON_SURFACE = Fraction(1, 10**12)
-
-
-def distance_square(point: Floats, triangles: list[list[Point]]) -> Fraction:
-    """Return the squared distance of a point from the nearest of triangles that are near it."""
-    corners, reach = np.array(triangles, float), 1e-6
-    near = (corners.min(axis=1) <= point + reach) & (point - reach <= corners.max(axis=1))
-    rows = np.flatnonzero(near.all(axis=1)).tolist()
-    squares = (squared_distance([exact(point)], triangles[row]) for row in rows)
-    return min(squares, default=Fraction(10**9))
-
-
-@each("make", TRIANGLES)
-def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> None:
-    rng = np.random.default_rng(21)
-    a, b = as_drawn([make(rng) for _ in range(max(pairs // SHARE, 8))])
-    checked = 0
-    found = oc.contacts(a, b, max_points=8)
-    collide = oc.verdicts(a, b) != Verdict.SEPARATE
-    assert (found.counts[collide] >= 1).all()
-    for n in np.flatnonzero(collide).tolist():
-        (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
-        size = Fraction(a.trees.radii[a.meshes[n]]) + Fraction(b.trees.radii[b.meshes[n]])
-        for point in found.positions[n, : found.counts[n]]:
-            for triangle in (p, q):
-                assert squared_distance([exact(point)], triangle) <= (ON_SURFACE * size) ** 2
-            checked += 1
-    assert checked > 0 or not collide.any()
 
 
 def test_points_of_meshes_are_on_both_exactly() -> None:
@@ -358,7 +325,7 @@ def test_points_of_meshes_are_on_both_exactly() -> None:
         for bodies in (a, b):
             corners = exact_corners(bodies, n)
             for point in found.positions[n, : found.counts[n]]:
-                assert distance_square(point, corners) <= (3 * ON_SURFACE) ** 2
+                assert surface_distance([[exact(point)]], corners, 1e-6) <= (3 * ON_SURFACE) ** 2
                 checked += 1
     assert checked > 30
 
@@ -394,18 +361,6 @@ def test_a_crate_on_a_shelf_has_its_four_corners() -> None:
         assert len(np.unique(np.sign(flat[:, :2]), axis=0)) == 4
         np.testing.assert_allclose(np.abs(flat[:, :2]), 1.0, atol=1e-12)
         assert found.depths[0] == pytest.approx(5.0 - height, abs=1e-8)
-
-
-def test_one_point_where_no_surfaces_cross() -> None:
-    tree = MeshTrees.join([MeshTrees.build(s * BOX_CORNERS, BOX_FACES) for s in (2.0, 0.25)])
-    outer, inner = standing(tree), standing(tree, [0.0, 0.0, 1.5], mesh=1)
-    found = oc.contacts(outer, inner)
-    assert found.counts.tolist() == [1]
-    assert 1.25 <= found.positions[0, 0, 2] <= 2.0  # between the lowest of the one and the wall
-    beside = standing(tree, [0.0, 0.0, 2.5], mesh=1)
-    found = oc.contacts(outer, beside, radii_a=0.5)
-    assert found.counts.tolist() == [1]
-    assert found.depths[0] == pytest.approx(0.25, abs=1e-8)
 
 
 #: Rounding of places, relative to the coordinates.

@@ -22,31 +22,35 @@ from typing import Any
 
 import numpy as np
 import pytest
+from convex_bodies import pool_of
 from each import each
 from exact_vectors import exact, minus, taxicab
 from hull_distances import placed, squared_distance
 from mesh_zoo import (
+    SHARE,
     TRIANGLE,
+    TRIANGLES,
+    ZOO,
+    Maker,
     as_drawn,
     bodies_of,
     collisions,
     exact_corners,
     place,
     standing,
+    surface_distance,
     trees_of,
     verdict_of,
     windings,
-    zoo,
 )
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from support import by_threads, refused
-from triangle_pairs import FAMILIES, SHARE, Maker
 from trimesh import Trimesh, creation
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
-from obb_collision.geometry.trees import HullPool, Hulls
+from obb_collision.geometry.trees import Hulls
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.meshes import MeshClearances, PlacedHulls, hulls_may_collide
@@ -57,21 +61,9 @@ from obb_collision.typing import Floats
 CLOSE = Fraction(1, 10**9)
 
 
-def exact_square(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int, near: float) -> Fraction:
-    """Return the squared distance of two surfaces that is certainly at most ``near``."""
-    first, second = exact_corners(a, i), exact_corners(b, j)
-    (low, high), (start, end) = (
-        (corners.min(axis=1), corners.max(axis=1))
-        for corners in (np.array(side, float) for side in (first, second))
-    )
-    apart = np.maximum(np.maximum(low[:, None] - end, start - high[:, None]), 0.0)
-    rows = np.argwhere(np.linalg.norm(apart, axis=2) <= near * (1.0 + 1e-9) + 1e-9)
-    return min(squared_distance(first[s], second[t]) for s, t in rows)
-
-
-def size_of(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Fraction:
-    offset = taxicab(minus(exact(a.centers[i]), exact(b.centers[j])))
-    return Fraction(offset + sum(Fraction(x.trees.radii[x.meshes[k]]) for x, k in ((a, i), (b, j))))
+def size_of(a: PlacedMeshes, b: PlacedMeshes, n: int) -> Fraction:
+    offset = taxicab(minus(exact(a.centers[n]), exact(b.centers[n])))
+    return Fraction(offset + sum(Fraction(x.trees.radii[x.meshes[n]]) for x in (a, b)))
 
 
 def check(found: MeshClearances, row: int, square: Fraction, size: Fraction) -> None:
@@ -87,7 +79,7 @@ def check(found: MeshClearances, row: int, square: Fraction, size: Fraction) -> 
         assert abs(np.linalg.norm(found.normals[row]) - 1.0) < 1e-12
 
 
-@each("make", FAMILIES)
+@each("make", TRIANGLES)
 def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(11)
     count = max(pairs // SHARE, 4)
@@ -106,7 +98,7 @@ def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
     back = oc.clearances(bodies[1], bodies[0])
     for n in range(count):
         (p,), (q,) = exact_corners(bodies[0], n), exact_corners(bodies[1], n)
-        square, size = squared_distance(p, q), size_of(bodies[0], n, bodies[1], n)
+        square, size = squared_distance(p, q), size_of(bodies[0], bodies[1], n)
         if verdicts[n] == Verdict.SEPARATE:
             check(found, n, square, size)
             check(back, n, square, size)
@@ -118,7 +110,7 @@ def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
 
 def test_bounds_are_close_where_simplices_are_flat() -> None:
     """One of a thousand seemed to hold the origin, most of parallel faces: the distance was 0."""
-    parallel = next(make for make in FAMILIES if make.__name__ == "_parallel")
+    parallel = next(make for make in TRIANGLES if make.__name__ == "_parallel")
     rng = np.random.default_rng(11)
     a, b = as_drawn([parallel(rng) for _ in range(1000)])
     found = oc.clearances(a, b)
@@ -136,14 +128,14 @@ def test_meshes_against_exact_arithmetic() -> None:
     np.testing.assert_array_equal(found.distances > 0.0, verdicts == Verdict.SEPARATE)
     np.testing.assert_array_equal(found.upper > 0.0, verdicts == Verdict.SEPARATE)
     for n in apart[:5]:
-        square = exact_square(a, n, b, n, found.upper[n])
-        check(found, n, square, size_of(a, n, b, n))
+        square = surface_distance(exact_corners(a, n), exact_corners(b, n), found.upper[n])
+        check(found, n, square, size_of(a, b, n))
 
 
 def test_points_are_on_the_faces_named() -> None:
     a, b = bodies_of(trees_of("torus1"), 50, 2.0, 5)
     found = oc.clearances(a, b)
-    vertices, faces = (np.asarray(x) for x in zoo()["torus1"])
+    vertices, faces = (np.asarray(x) for x in ZOO["torus1"])
     for bodies, points, side in ((a, found.positions_a, 0), (b, found.positions_b, 1)):
         local = np.einsum("nji,nj->ni", bodies.rotations, points - bodies.centers)
         corners = vertices[faces[found.faces[:, side]]]
@@ -158,7 +150,7 @@ def test_normals_prove_the_distance() -> None:
     trees = trees_of("hull1", "hull2", "box1")
     a, b = bodies_of(trees, 300, 1.5, 6)
     found = oc.clearances(a, b)
-    vertices = [np.asarray(zoo()[name][0]) for name in ("hull1", "hull2", "box1")]
+    vertices = [np.asarray(ZOO[name][0]) for name in ("hull1", "hull2", "box1")]
     apart = np.flatnonzero(found.distances > 0.0)
     assert len(apart) > 100
     for n in apart:
@@ -170,7 +162,7 @@ def test_normals_prove_the_distance() -> None:
 
 def test_one_inside_the_other() -> None:
     """Solids have no distance from what is in them, surfaces and cavities do."""
-    box, ball = MeshTrees.from_half_extents([2.0, 2.0, 2.0]), MeshTrees.build(*zoo()["sphere2"])
+    box, ball = MeshTrees.from_half_extents([2.0, 2.0, 2.0]), MeshTrees.build(*ZOO["sphere2"])
     inner = standing(ball)
     found = oc.clearances(standing(box), inner)
     assert found.distances[0] == found.upper[0] == 0.0
@@ -210,7 +202,7 @@ def test_a_limit_leaves_out_what_is_farther() -> None:
 
 
 def test_sizes_by_powers_of_two_change_nothing() -> None:
-    vertices, faces = zoo()["bumpy1"]
+    vertices, faces = ZOO["bumpy1"]
     a, b = bodies_of(MeshTrees.build(vertices, faces), 12, 1.5, 9)
     found = oc.clearances(a, b)
     for power in (-600, -40, 30, 600):
@@ -224,40 +216,34 @@ def test_sizes_by_powers_of_two_change_nothing() -> None:
 
 
 def test_wrong_arguments() -> None:
-    bodies = standing(MeshTrees.build(*zoo()["box0"]))
+    bodies = standing(MeshTrees.build(*ZOO["box0"]))
     for radius in (-1.0, math.nan, math.inf, [1.0, 2.0], "much"):
         refused("radii_b must be", oc.clearances, bodies, bodies, radii_b=radius)
     refused("max_distance must be", oc.clearances, bodies, bodies, max_distance=-1.0)
 
 
-ZOO = zoo()
+CRUMB = (0.05 * ZOO["hull1"][0], ZOO["hull1"][1])
 
 
 def test_one_solid_inside_another_collides_and_a_cavity_does_not() -> None:
-    ball = ZOO["sphere3"]
-    crumb = (0.05 * ZOO["hull1"][0], ZOO["hull1"][1])
     hollow = ZOO["hollow3"]
-    assert verdict_of(place(*ball), place(*crumb)) == Verdict.OVERLAP
-    assert verdict_of(place(*hollow), place(*crumb)) == Verdict.SEPARATE
-    within_wall = (hollow[0][hollow[1][0]].mean(axis=0) * 0.93).tolist()
-    tiny = (0.01 * crumb[0], crumb[1])
-    assert verdict_of(place(*hollow), place(*tiny, offset=within_wall)) == Verdict.OVERLAP
+    assert verdict_of(place(*ZOO["sphere3"]), place(*CRUMB)) == Verdict.OVERLAP
+    assert verdict_of(place(*hollow), place(*CRUMB)) == Verdict.SEPARATE
+    tiny = place(
+        0.01 * CRUMB[0], CRUMB[1], hollow[0][hollow[1][0]].mean(axis=0) * 0.93
+    )  # in a wall
+    assert verdict_of(place(*hollow), tiny) == Verdict.OVERLAP
 
 
 def test_an_open_surface_has_no_inside_but_may_lie_inside() -> None:
-    ball, bowl = ZOO["sphere3"], ZOO["open_sphere3"]
-    crumb = (0.05 * ZOO["hull1"][0], ZOO["hull1"][1])
-    flake = (0.05 * ZOO["sheet1"][0], ZOO["sheet1"][1])
-    assert verdict_of(place(*bowl), place(*crumb)) == Verdict.SEPARATE
-    assert verdict_of(place(*ball), place(*flake)) == Verdict.OVERLAP
+    flake = place(0.05 * ZOO["sheet1"][0], ZOO["sheet1"][1])
+    assert verdict_of(place(*ZOO["open_sphere3"]), place(*CRUMB)) == Verdict.SEPARATE
+    assert verdict_of(place(*ZOO["sphere3"]), flake) == Verdict.OVERLAP
 
 
 def test_one_of_several_pieces_inside_is_enough() -> None:
-    crumb = 0.05 * ZOO["hull1"][0]
-    count = len(crumb)
-    aside = np.array([[2.0, 0.0, 0.0]])
-    vertices = np.concatenate([crumb + aside, crumb, crumb - aside])
-    faces = np.concatenate([ZOO["hull1"][1] + k * count for k in range(3)])
+    vertices = np.concatenate([CRUMB[0] + [aside, 0.0, 0.0] for aside in (2.0, 0.0, -2.0)])
+    faces = np.concatenate([CRUMB[1] + k * len(CRUMB[0]) for k in range(3)])
     assert verdict_of(place(*ZOO["sphere3"]), place(vertices, faces)) == Verdict.OVERLAP
 
 
@@ -269,23 +255,18 @@ def test_inside_is_told_however_rays_graze() -> None:
     assert (points_inside(cube, grid) == (np.abs(grid) <= 0.5).all(axis=1)).all()
 
 
-def test_solid_means_watertight_as_trimesh_says() -> None:
-    for name, (vertices, faces) in ZOO.items():
-        tree = MeshTrees.build(vertices, faces)
-        assert tree.solid[0] == Trimesh(vertices, faces).is_watertight, name
-
-
 def points_inside(trees: MeshTrees, points: Floats) -> NDArray[np.bool_]:
     speck = MeshTrees.build([[0.0, 0.0, 0.0]], [[0, 0, 0]])
     return collisions(standing(trees, *np.zeros_like(points)), standing(speck, *points))
 
 
-def test_inside_agrees_with_solid_angles() -> None:
+def test_solids_are_watertight_as_trimesh_says_and_inside_agrees_with_solid_angles() -> None:
     """Solids that overlap (the crumbs) and cavities included."""
     rng = np.random.default_rng(8)
     inside = 0
     for name, (vertices, faces) in ZOO.items():
         trees = MeshTrees.build(vertices, faces)
+        assert trees.solid[0] == Trimesh(vertices, faces).is_watertight, name
         if trees.solid[0]:
             assert trees.winding[0], name
             points = rng.uniform(-0.5, 0.5, (200, 3))
@@ -321,13 +302,6 @@ def test_solids_with_a_wall_in_common_are_solid() -> None:
 COUNT = 20_000
 
 
-def pool(corners: list[Floats]) -> Hulls:
-    hulls = HullPool()
-    for part in corners:
-        hulls.append(Hulls.of(part))
-    return hulls.all
-
-
 def random_bodies(count: int, kinds: int, spread: float, seed: int) -> tuple[Any, Any, Any]:
     rng = np.random.default_rng(seed)
     rotations = Rotation.random(count, rng).as_matrix()
@@ -338,7 +312,7 @@ def test_hulls_meet_where_their_surfaces_do_or_one_holds_the_other() -> None:
     meshes = [hull_mesh(Hull(ZOO[name][0])) for name in ZOO]
     meshes += [(0.2 * corners, faces) for corners, faces in meshes]
     meshes += [hull_mesh(shape) for shape in (Cylinder(0.2, 0.8), Cone(0.3, 0.6))]
-    hulls = pool([corners for corners, _ in meshes])
+    hulls = pool_of([corners for corners, _ in meshes])
     trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in meshes])
     a, b = (random_bodies(COUNT, len(meshes), 0.6, seed) for seed in (1, 2))
     rows = np.arange(COUNT)
@@ -356,7 +330,7 @@ def test_separate_means_that_a_plane_exists() -> None:
     """By fractions, on a few hundred pairs that are near."""
     names = [name for name in ZOO if len(ZOO[name][0]) < 40]
     corners = [Hull(ZOO[name][0]).points for name in names]
-    hulls = pool(corners)
+    hulls = pool_of(corners)
     a, b = (random_bodies(300, len(names), 0.5, seed) for seed in (3, 4))
     rows = np.arange(300)
     met = hulls_may_collide(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
@@ -378,13 +352,13 @@ def test_any_size_and_any_place(scale: float, far: float) -> None:
     past, rows = 2.0 + 2.0**-9, np.zeros(5, np.int64)
     offsets = np.array([[1.5, 0, 0], [2, 0, 0], [2 + 2.0**-12, 0, 0], [2, 2, 2], [past, past, 0]])
     here = np.full((5, 3), far * scale)
-    met = met_by(pool([scale * BOX_CORNERS]), rows, rows, here, here + scale * offsets)
+    met = met_by(pool_of([scale * BOX_CORNERS]), rows, rows, here, here + scale * offsets)
     assert met == [True, True, False, True, False]
 
 
 def test_flat_and_single_points() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    hulls = pool([square, square[:2], square[:1]])
+    hulls = pool_of([square, square[:2], square[:1]])
     rows, others = np.array([0, 0, 1, 1, 2, 2, 0, 1]), np.array([0, 0, 1, 0, 2, 2, 2, 2])
     offsets = np.array(
         [[0.5, 0, 0], [0, 0, 1e-6], [0, 1e-6, 0], [0, 0, 0], [0, 0, 0], [1e-6, 0, 0],
@@ -394,24 +368,20 @@ def test_flat_and_single_points() -> None:
     assert met == [True, False, False, True, True, False, True, False]
 
 
-BODIES = 3000
-
-
 def test_any_number_of_threads_gives_the_same_bits() -> None:
-    meshes = list(zoo().values())[:12]
+    meshes = list(ZOO.values())[:12]
     trees = oc.MeshTrees.join([oc.MeshTrees.build(*mesh) for mesh in meshes])
-    hulls = pool([hull_mesh(Hull(vertices))[0] for vertices, _ in meshes])
-    places = random_bodies(2 * BODIES, len(meshes), 0.6, 0)
+    hulls = pool_of([hull_mesh(Hull(vertices))[0] for vertices, _ in meshes])
+    places = random_bodies(6000, len(meshes), 0.6, 0)
     bodies, bulks = oc.PlacedMeshes(trees, *places), PlacedHulls(hulls, *places)
-    first, second = (np.arange(BODIES), np.arange(BODIES, 2 * BODIES))
-    pairs = np.column_stack([first, second])
+    pairs = np.arange(6000).reshape(2, -1).T
 
     def asked() -> list[bytes]:
         answers = (
             oc.verdicts(bodies, bodies, pairs),
             collisions(bodies, bodies, pairs),
             collisions(bodies, bodies, pairs, depth=3),
-            hulls_may_collide(bulks, bulks, first, second),
+            hulls_may_collide(bulks, bulks, *pairs.T),
         )
         assert all(0.1 < (answer != 0).mean() < 0.9 for answer in answers)
         return [answer.tobytes() for answer in answers]

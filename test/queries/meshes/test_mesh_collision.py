@@ -24,11 +24,25 @@ import pytest
 from each import each
 from exact_vectors import cross, dot, exact, minus
 from hull_distances import squared_distance, whole_numbers
-from mesh_zoo import NAMES, PAIRS, bodies_of, collisions, place, standing, trees_of, verdict_of, zoo
+from mesh_zoo import (
+    NAMES,
+    TRIANGLES,
+    ZOO,
+    Maker,
+    Pair,
+    bodies_of,
+    collisions,
+    coplanar,
+    extreme_sizes,
+    place,
+    standing,
+    trees_of,
+    triangles,
+    verdict_of,
+)
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from support import refused
-from triangle_pairs import FAMILIES, Maker, Pair, coplanar, extreme_sizes
 
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, Verdict, verdicts
@@ -36,15 +50,16 @@ from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
 from obb_collision.queries.meshes.triangles import exact_triangle_verdict
 from obb_collision.typing import Floats
 
-ZOO = zoo()
+#: Pairs of bodies in the tests over all meshes.
+PAIRS = 20_000
 
 
 @each("spread, seed", [(0.25, 1), (0.9, 3)])
 def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(spread: float, seed: int) -> None:
     """Containment included: small meshes come to lie within solids."""
     assert len(NAMES) >= 60
-    small = MeshTrees.join([trees_of(), MeshTrees.join(shrunk(0.15))])
-    a, b = bodies_of(small, PAIRS, spread, seed)
+    small = [MeshTrees.build(0.15 * ZOO[name][0], ZOO[name][1]) for name in NAMES]
+    a, b = bodies_of(MeshTrees.join([trees_of(), *small]), PAIRS, spread, seed)
     mesh = collisions(a, b)
     assert 0.02 < mesh.mean() < 0.98
     assert (mesh == (oc.verdicts(a, b) != Verdict.SEPARATE)).all()
@@ -58,10 +73,6 @@ def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(spread: float,
         finer = coarser
     reported = verdicts(root_boxes(a), root_boxes(b)) != Verdict.SEPARATE
     assert (reported >= finer).all()
-
-
-def shrunk(scale: float) -> list[MeshTrees]:
-    return [MeshTrees.build(ZOO[name][0] * scale, ZOO[name][1]) for name in NAMES]
 
 
 def root_boxes(bodies: PlacedMeshes) -> Boxes:
@@ -160,8 +171,8 @@ def test_many_faces_in_one_place_end() -> None:
     """Nothing to split by: 20,000 copies of a triangle, against as many."""
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     heap = place(np.tile(vertices, (20_000, 1)), np.arange(60_000).reshape(-1, 3))
-    above = place(vertices + np.array([[0.0, 0.0, 0.5]]), np.array([[0, 1, 2]]))
-    across = place(vertices[:, [2, 1, 0]] + np.array([[0.25, 0.0, -0.5]]), np.array([[0, 1, 2]]))
+    above = place(vertices + np.array([[0.0, 0.0, 0.5]]), [[0, 1, 2]])
+    across = place(vertices[:, [2, 1, 0]] + np.array([[0.25, 0.0, -0.5]]), [[0, 1, 2]])
     assert verdict_of(heap, above) == Verdict.SEPARATE
     assert verdict_of(heap, across) == Verdict.OVERLAP
 
@@ -193,27 +204,18 @@ def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
 SEVERAL = 16
 
 
-def triangles(corners: ArrayLike, rows: ArrayLike | None = None) -> PlacedMeshes:
-    """Return triangles (n, 3, 3), or rows of them, each a mesh by itself."""
-    trees = MeshTrees.join([MeshTrees.build(x, [[0, 1, 2]]) for x in np.asarray(corners)])
-    rows = np.arange(len(trees)) if rows is None else np.asarray(rows)
-    return PlacedMeshes(
-        trees, rows, np.zeros((len(rows), 3)), np.tile(np.eye(3), (len(rows), 1, 1))
-    )
-
-
 def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArray[np.int8]:
     """Return the verdict of each triangle of a (n, 3, 3) with that of b."""
     return oc.verdicts(triangles(a), triangles(b), exact=exact)
 
 
 def _pairs(maker: Maker, count: int) -> Pair:
-    rng = np.random.default_rng(FAMILIES.index(maker))
+    rng = np.random.default_rng(TRIANGLES.index(maker))
     made = [maker(rng) for _ in range(count)]
     return np.array([a for a, _ in made]), np.array([b for _, b in made])
 
 
-@each("maker", FAMILIES)
+@each("maker", TRIANGLES)
 def test_against_exact_arithmetic(maker: Maker) -> None:
     """In either order, whichever corner is the first, and of a quarter of the size."""
     a, b = _pairs(maker, SEVERAL)

@@ -12,27 +12,43 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Points in boxes, rays and segments at them: by exact arithmetic, and each box by itself."""
+"""Points in boxes, meshes and shapes with a formula, by exact arithmetic, and each by itself."""
 
 from __future__ import annotations
 
-import math
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from convex_bodies import KINDS, around, bodies, corners_of, moved, some
 from each import each
-from exact_bodies import inside, outside
-from exact_vectors import Box, along, corners, determinant, exact, minus
+from exact_bodies import beyond, inside
+from exact_vectors import corners, exact, taxicab
 from hull_distances import squared_distance
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from mesh_zoo import (
+    SHARE,
+    TRIANGLES,
+    Maker,
+    bodies_of,
+    exact_corners,
+    place,
+    placed_corners,
+    standing,
+    thrown,
+    trees_of,
+    windings,
+    zoo,
+)
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from support import by_threads, family, refused, row_of
 
-from obb_collision import OBB, Boxes, cast_rays, cast_segments, points_inside
-from obb_collision.queries.points import CHUNK, PointsInside, contains
-from obb_collision.queries.rays.rays import RayHits
+from obb_collision import OBB, Boxes, MeshTrees, PlacedMeshes, points_inside
+from obb_collision.queries.convex.support import CORNERS, SEGMENT, ConvexBodies
+from obb_collision.queries.points import CHUNK, PointsInside, contains, points_in_bodies
+from obb_collision.typing import Floats, Mask
 from tools.cases.families import FAMILIES
 
 #: A point this near to the surface, relative to the size, may count as inside by default.
@@ -48,8 +64,7 @@ def near(boxes: Boxes, rng: np.random.Generator, each: int) -> np.ndarray:
     places[faces] = rng.choice([-1.0, 1.0], faces.sum()) * (1.0 + off)
     offsets = np.einsum("nij,nkj->nki", boxes.rotations, places * boxes.half_extents[:, None])
     points = (boxes.centers[:, None] + offsets).reshape(-1, 3)
-    shuffled: np.ndarray = rng.permutation(points)
-    return shuffled
+    return np.asarray(rng.permutation(points))
 
 
 @each("name", FAMILIES)
@@ -63,12 +78,8 @@ def test_points_near_the_surface(name: str) -> None:
         np.testing.assert_array_equal(obb.contains(points, exact=True), truth)
         default = np.asarray(obb.contains(points))
         assert default[truth].all(), "a point of the box may never be called outside"
-        grown = (obb.center, obb.rotation, obb.half_extents + grown_by(obb))
-        assert inside(grown, points[default]).all()
-
-
-def grown_by(obb: OBB) -> float:
-    return float(SURFACE_DOUBT * obb.half_extents.sum())
+        half = obb.half_extents + SURFACE_DOUBT * obb.half_extents.sum()
+        assert inside((obb.center, obb.rotation, half), points[default]).all()
 
 
 @given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 49), st.integers(0, 2**32 - 1))
@@ -94,7 +105,9 @@ def test_nan_is_no_point() -> None:
 DOUBT = 2.0**-44
 
 
-def assert_as_each_box_by_itself(boxes: Boxes, points: np.ndarray, found: PointsInside) -> None:
+def checked_with_each_box_by_itself(boxes: Boxes, points: np.ndarray) -> PointsInside:
+    """Return what is found, after comparing it."""
+    found = points_inside(boxes, points, each_point=True)
     finite = np.isfinite(points).all(axis=1)
     assert found.ignored == (~finite).sum()
     assert found.boxes is not None
@@ -117,14 +130,13 @@ def assert_as_each_box_by_itself(boxes: Boxes, points: np.ndarray, found: Points
         assert lengths[nearest] <= lengths.min() * (1.0 + 1e-14)
         assert found.distances[b] == pytest.approx(lengths.min(), rel=1e-14)
     np.testing.assert_array_equal(found.boxes, lowest)
+    return found
 
 
 @each("name", FAMILIES)
 def test_families(name: str) -> None:
     boxes, _ = family(name, 60)
-    points = near(boxes, np.random.default_rng(1), 15)
-    found = points_inside(boxes, points, each_point=True)
-    assert_as_each_box_by_itself(boxes, points, found)
+    checked_with_each_box_by_itself(boxes, near(boxes, np.random.default_rng(1), 15))
 
 
 def crowded(kind: str, n: int, rng: np.random.Generator) -> Boxes:
@@ -154,13 +166,13 @@ def crowded(kind: str, n: int, rng: np.random.Generator) -> Boxes:
     return Boxes(centers, rotations, half)
 
 
-KINDS = [
+CROWDS = [
     "plain", "all overlap", "one huge", "crowd in a hall", "rods", "far", "points and plates",
     "one place", "in a plane",
 ]  # fmt: skip
 
 
-@each("kind", KINDS)
+@each("kind", CROWDS)
 @each("dtype", [np.float32, np.float64])
 def test_crowds(kind: str, dtype: type) -> None:
     rng = np.random.default_rng(2)
@@ -169,19 +181,18 @@ def test_crowds(kind: str, dtype: type) -> None:
     cloud = [near(boxes, rng, 60), rng.uniform(low.min(), high.max(), (3000, 3)), low, high]
     points: np.ndarray = np.concatenate(cloud).astype(dtype)
     points[::97, rng.integers(0, 3)] = rng.choice([np.nan, np.inf, -np.inf])
-    found = points_inside(boxes, points, each_point=True)
+    found = checked_with_each_box_by_itself(boxes, points)
     assert found.counts.sum() > 0 or kind == "far"
-    assert_as_each_box_by_itself(boxes, points, found)
 
 
-@given(st.sampled_from(KINDS), st.integers(0, 9), st.integers(0, 400), st.integers(0, 2**32 - 1))
+@given(st.sampled_from(CROWDS), st.integers(0, 9), st.integers(0, 400), st.integers(0, 2**32 - 1))
 def test_few(kind: str, n: int, count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = crowded(kind, n, rng) if n else family("ordinary scene", 0)[0]
     points: np.ndarray = rng.uniform(-1.0, 1.0, (count, 3)) * 10.0 ** rng.uniform(-3, 9)
     if n:
         points[: count // 2] = near(boxes, rng, count)[: count // 2]
-    assert_as_each_box_by_itself(boxes, points, points_inside(boxes, points, each_point=True))
+    checked_with_each_box_by_itself(boxes, points)
 
 
 @each("scale", [1.0, 1e-200, 1e250])
@@ -236,7 +247,7 @@ def test_clouds_are_taken_as_they_come() -> None:
     rng = np.random.default_rng(5)
     boxes = crowded("plain", 30, rng)
     points = rng.uniform(-2.5, 2.5, (2000, 3)).astype(np.float32)
-    want = points_inside(boxes, points.astype(np.float64), each_point=True)
+    want = checked_with_each_box_by_itself(boxes, points.astype(np.float64))
     padded = np.zeros(2000, np.dtype({"names": ["xyz"], "formats": ["3f4"], "itemsize": 32}))
     padded["xyz"] = points
     packed = np.zeros(2000, np.dtype([("flag", "u1"), ("xyz", "f4", 3)]))
@@ -249,7 +260,6 @@ def test_clouds_are_taken_as_they_come() -> None:
     ]  # fmt: skip
     for cloud in clouds:
         assert same(points_inside(boxes, cloud, each_point=True), want)
-    assert_as_each_box_by_itself(boxes, points, want)
     whole = points_inside(boxes, np.array([[0, 0, 0], [1, 1, 1]]))
     assert same(whole, points_inside(boxes, np.array([[0.0, 0, 0], [1, 1, 1]])))
 
@@ -277,160 +287,226 @@ def test_bad_input() -> None:
     refused("margin must be finite", points_inside, boxes, np.zeros((1, 3)), np.nan)
 
 
-#: Hits are right to this, relative to the size of box and ray.
-HIT_DOUBT = 2.0**-40
+SOLIDS = ["star1", "bumpy1", "torus2", "hollow1", "crumbs2", "hull1", "annulus0"]
+#: How near to the surface a point outside may count as inside, of size and offset,
+MESH_DOUBT = Fraction(1, 2**41)
+#: also where a face is as narrow as this, so that every ray may pass too near to an edge.
+NARROW, NARROW_DOUBT = 1e-6, Fraction(1, 10**9)
 
 
-def exact_entry(stored: Box, origin: np.ndarray, direction: np.ndarray) -> Fraction | None:
-    """Return the least t >= 0 at which origin + t direction is in the box, exactly."""
-    center, rotation, half = stored
-    a, b, c = map(exact, rotation.T)
-    volume = determinant(a, b, c)
-    o, d = minus(exact(origin), exact(center)), exact(direction)
-    enter, leave = Fraction(0), None
-    at = (determinant(o, b, c), determinant(a, o, c), determinant(a, b, o))
-    way = (determinant(d, b, c), determinant(a, d, c), determinant(a, b, d))
-    for h, top, slope in zip(exact(half), at, way, strict=True):
-        y, v = top / volume, slope / volume
-        if v == 0:
-            if abs(y) > h:
-                return None
-            continue
-        near, far = sorted(((-h - y) / v, (h - y) / v))
-        enter = max(enter, near)
-        leave = far if leave is None else min(leave, far)
-    return enter if leave is None or enter <= leave else None
+def test_what_is_inside_of_solids() -> None:
+    trees = trees_of(*SOLIDS)
+    assert trees.solid.all()
+    bodies = bodies_of(trees, 12, 0.6, 41)[0]
+    points = np.random.default_rng(42).uniform(-1.2, 1.2, (600, 3))
+    found = points_inside(bodies, points, each_point=True)
+    lowest = np.full(len(points), -1)
+    for row in range(len(bodies)):
+        inside = np.abs(windings(placed_corners(bodies, row), points)) > 0.5
+        rows = np.flatnonzero(inside)
+        lowest[inside & (lowest < 0)] = row
+        assert found.counts[row] == len(rows)
+        assert found.first[row] == (rows[0] if len(rows) else -1)
+    assert (found.counts > 0).sum() > 6
+    np.testing.assert_array_equal(found.boxes, lowest)
 
 
-def aimed(boxes: Boxes, rng: np.random.Generator, each: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rays at corners, along edges and faces, from inside, from the surface, and past the box."""
-    n = len(boxes)
-    reach = boxes.half_extents.sum(axis=1)[:, None, None] + 1e-300
-    shares = rng.choice([-1.0, 0.0, 1.0, 0.3, 1.0 + 1e-15, 1.1], (n, each, 3))
-    target = shares * boxes.half_extents[:, None]
-    way = rng.normal(size=(n, each, 3)) * rng.choice([0.0, 1.0], (n, each, 3), p=[0.3, 0.7])
-    way[~way.any(axis=2)] = 1.0, 0.0, 0.0
-    way *= reach
-    start = target - way * rng.choice([0.0, 0.5, 3.0, 100.0], (n, each, 1))
-    origins = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, start)
-    directions = np.einsum("nij,nkj->nki", boxes.rotations, way)
-    return origins.reshape(-1, 3), directions.reshape(-1, 3)
+def test_the_surface_is_inside() -> None:
+    trees = trees_of(*SOLIDS, "sheet1", "open_sphere2", "triangle")
+    rng = np.random.default_rng(43)
+    for body in range(len(trees)):
+        turn = Rotation.random(random_state=rng).as_matrix()[None]
+        bodies = PlacedMeshes(trees, [body], rng.normal(size=(1, 3)), turn)
+        corners = placed_corners(bodies, 0)
+        weights = rng.dirichlet([1.0, 1.0, 1.0], len(corners))
+        points = np.concatenate([np.einsum("nk,nkc->nc", weights, corners), corners[:, 0]])
+        assert points_inside(bodies, points).counts[0] == len(points), body
 
 
-def check(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayHits) -> None:
-    for n in range(len(origins)):
-        norm = math.hypot(*directions[n])
-        entries = [
-            exact_entry(row_of(boxes, b), origins[n], directions[n]) for b in range(len(boxes))
-        ]
-        true = [float(t) * norm for t in entries if t is not None]
-        if found.boxes[n] < 0:
-            assert not true, "no hit may be missed"
-            assert found.distances[n] == np.inf
-            assert np.isnan(found.positions[n]).all()
-            continue
-        b = int(found.boxes[n])
-        size = np.abs(origins[n] - boxes.centers[b]).sum() + boxes.half_extents[b].sum()
-        if true:
-            assert found.distances[n] <= min(true) + HIT_DOUBT * size
-        time = Fraction(found.distances[n]) / Fraction(norm)
-        point = along(exact(origins[n]), time, exact(directions[n]))
-        assert outside(row_of(boxes, b), [point])[0] <= HIT_DOUBT * size
-        if found.normals[n].any():
-            assert found.normals[n] @ directions[n] <= HIT_DOUBT * norm
-            assert np.linalg.norm(found.normals[n]) == pytest.approx(1.0, abs=1e-14)
+def test_a_surface_holds_only_what_is_on_it() -> None:
+    body = standing(MeshTrees.build(*zoo()["sphere3"], solid=False))
+    points = np.random.default_rng(44).uniform(-0.4, 0.4, (500, 3))
+    assert points_inside(body, points).counts[0] == 0
 
 
-@each("name", FAMILIES)
-def test_rays_aimed_at_one_box(name: str) -> None:
-    boxes, _ = family(name, 8)
-    rng = np.random.default_rng(1)
-    for b in range(len(boxes)):
-        one = boxes[b : b + 1]
-        origins, directions = aimed(one, rng, 15)
-        check(one, origins, directions, cast_rays(one, origins, directions))
+def test_boxes_and_their_meshes_hold_the_same() -> None:
+    rng = np.random.default_rng(45)
+    half_extents, centers = rng.uniform(0.1, 1.0, (20, 3)), rng.uniform(-2.0, 2.0, (20, 3))
+    turns = Rotation.random(20, random_state=rng).as_matrix()
+    meshes = PlacedMeshes(MeshTrees.from_half_extents(half_extents), range(20), centers, turns)
+    points = rng.uniform(-3.0, 3.0, (4000, 3)).astype(np.float32)
+    points[7] = np.nan
+    for margin in (0.0, 0.1):
+        one = points_inside(Boxes(centers, turns, half_extents), points, margin, each_point=True)
+        other = points_inside(meshes, points, margin, each_point=True)
+        np.testing.assert_array_equal(one.boxes, other.boxes)
+        for name in ("counts", "first", "nearest", "ignored"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-@settings(max_examples=50)
-@given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 2**32 - 1), st.integers(2, 12))
-def test_the_nearest_of_several_boxes(name: str, seed: int, n: int) -> None:
-    boxes, _ = family(name, n)
-    origins, directions = aimed(boxes, np.random.default_rng(seed), 1)
-    check(boxes, origins, directions, cast_rays(boxes, origins, directions))
+@each("name", ["sheet0", "box0", "triangle"])
+def test_margins_against_fractions(name: str) -> None:
+    """Points moved from the surface by the margin, a little more and a little less."""
+    rng = np.random.default_rng(46)
+    tree = MeshTrees.build(*zoo()[name], solid=False)
+    turn = Rotation.random(random_state=rng).as_matrix()[None]
+    body = PlacedMeshes(tree, [0], rng.normal(size=(1, 3)), turn)
+    triangles, corners = exact_corners(body, 0), placed_corners(body, 0)
+    margin, decided = 0.125, 0
+    for n in range(40):
+        face = corners[rng.integers(len(corners))]
+        normal = np.cross(face[1] - face[0], face[2] - face[0])
+        excess = rng.choice([0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6])
+        away = (margin + excess) * normal / np.linalg.norm(normal)
+        point = rng.dirichlet([1.0, 1.0, 1.0]) @ face + away
+        held = points_inside(body, point[None], margin).counts[0] == 1
+        square = min(squared_distance([exact(point)], t) for t in triangles)
+        if square <= Fraction(margin) ** 2:
+            assert held, n
+        elif held:
+            size = Fraction(tree.radii[0]) + 1
+            assert square <= (Fraction(margin) + MESH_DOUBT * size) ** 2
+        else:
+            decided += 1
+    assert 0 < decided < 40
 
 
-def test_a_tree_of_many_boxes_changes_nothing() -> None:
-    rng = np.random.default_rng(2)
-    boxes, _ = family("ordinary scene", 400)
-    boxes = Boxes(rng.uniform(-8.0, 8.0, (400, 3)), boxes.rotations, boxes.half_extents)
-    origins = rng.uniform(-12.0, 12.0, (500, 3))
-    directions = rng.normal(size=(500, 3))
-    directions[::5] = np.eye(3)[rng.integers(0, 3, 100)]
-    found = cast_rays(boxes, origins, directions)
-    assert 0.1 < (found.boxes >= 0).mean() < 0.98
-    nearest, rows = np.full(500, np.inf), np.full(500, -1)
-    for b in range(len(boxes)):
-        alone = cast_rays(boxes[b : b + 1], origins, directions)
-        nearer = alone.distances < nearest
-        nearest[nearer], rows[nearer] = alone.distances[nearer], b
-    np.testing.assert_array_equal(found.boxes, rows)
-    np.testing.assert_array_equal(found.distances, nearest)
+def least_height(triangles: Floats) -> float:
+    """Return how narrow the narrowest of triangles is, of their size; (k, 3, 3)."""
+    edges = (triangles - np.roll(triangles, 1, axis=1)) / np.abs(triangles).max()
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    return float((areas / np.maximum(longest, 1e-300)).min())
 
 
-def test_faces_and_distances() -> None:
-    boxes = Boxes([[0, 0, 0], [5, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1], [1, 1, 0]])
-    origins = np.array([[-3, 0, 0], [0, 0.5, 9], [0.5, 0, 0], [-3, 2, 0], [9, 1, 0], [5, 0, 4.0]])
-    ways = np.array([[2, 0, 0], [0, 0, -3], [0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, -1.0]])
-    found = cast_rays(boxes, origins, ways)
-    assert found.boxes.tolist() == [0, 0, 0, -1, 1, 1]
-    assert found.distances.tolist() == [2, 8, 0, np.inf, 3, 4]
-    normals = [[-1, 0, 0], [0, 0, 1], [0, 0, 0], [1, 0, 0], [0, 0, 1]]
-    assert found.normals[found.boxes >= 0].tolist() == normals
-    assert found.positions[0].tolist() == [-1, 0, 0]
-    near = cast_rays(boxes, origins, ways, [2.0, 7.9, 0.0, 9.0, 2.5, 9.0])
-    assert near.boxes.tolist() == [0, -1, 0, -1, -1, 1]
+@each("make", TRIANGLES)
+def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> None:
+    """Points on corners, edges and faces, inside, outside, and a rounding off all these."""
+    rng = np.random.default_rng(47)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    weights = np.array(
+        [[1, 0, 0, 0], [0.5, 0.5, 0, 0], [0.25, 0.5, 0.25, 0], [0.25] * 4, [0.5, 0.5, -0.25, 0.25]]
+    )
+    held_ones = 0
+    for n in range(max(pairs // SHARE // len(weights), 4)):
+        first, second = make(rng)
+        corners = np.concatenate([first, second[:1]])[rng.permutation(4)]
+        doubt = NARROW_DOUBT if least_height(corners[faces]) < NARROW else MESH_DOUBT
+        body = thrown(corners, faces, n, rng)
+        margin, center = rng.choice([0.0, 0.01]) * np.abs(corners).max(), body.centers[0]
+        points = weights @ corners @ body.rotations[0].T + center
+        points *= 1.0 + rng.choice([0.0, 1e-16, 1e-13, 1e-9]) * rng.normal(size=points.shape)
+        whole = [corner for triangle in exact_corners(body, 0) for corner in triangle]
+        held = [points_inside(body, p[None], margin).counts[0] == 1 for p in points]
+        size = Fraction(body.trees.radii[0]) + Fraction(np.abs(center).max())
+        for point, is_in in zip(map(exact, points), held, strict=True):
+            square = squared_distance([point], whole)
+            if square <= Fraction(margin) ** 2:
+                assert is_in
+            elif is_in:
+                assert square <= (Fraction(margin) + doubt * (size + taxicab(point))) ** 2
+        held_ones += sum(held)
+    assert held_ones > 5
 
 
-@each("name", ["ordinary scene", "zero extents", "exact resting contact"])
-def test_segments(name: str) -> None:
-    boxes, _ = family(name, 15)
+@each("power", [-500, -300, 300, 500])
+def test_solids_of_any_size_hold_the_same_points(power: int) -> None:
+    """Products of three coordinates overflow from 1e103 on, and underflow below 1e-108."""
     rng = np.random.default_rng(3)
-    starts, ways = aimed(boxes, rng, 4)
-    ends = starts + ways * rng.choice([0.0, 0.4, 0.5, 1.0, 3.0], (len(starts), 1))
-    truth = np.zeros(len(starts), np.bool_)
-    for n in range(len(starts)):
-        one = boxes[np.array([n // 4])]
-        square = squared_distance([exact(starts[n]), exact(ends[n])], corners(row_of(one, 0)))
-        truth[n] = square == 0
-        hit = cast_segments(one, starts[n : n + 1], ends[n : n + 1]).hits[0]
-        size = np.abs(starts[n] - one.centers[0]).sum() + one.half_extents.sum()
-        assert hit or not truth[n], "no hit may be missed"
-        assert not hit or square <= Fraction(HIT_DOUBT * size) ** 2
-    assert 0.1 < truth.mean() < 0.9
-    found = cast_segments(boxes, starts, ends)
-    hits = found.boxes >= 0
-    np.testing.assert_array_equal(cast_segments(boxes, starts, ends).hits, hits)
-    lengths = np.linalg.norm(ends - starts, axis=1)
-    assert (found.distances[hits] <= lengths[hits] * (1 + 1e-15)).all()
-    assert hits[truth].all()
+    vertices, faces = zoo()["hollow1"]
+    points = rng.uniform(-0.8, 0.8, (300, 3)) * np.abs(vertices).max()
+    ones = points_inside(place(vertices, faces), points, 0.0).counts
+    assert 10 < ones[0] < 290
+    unit = 2.0**power
+    assert (points_inside(place(vertices * unit, faces), points * unit, 0.0).counts == ones).all()
 
 
-def test_nothing_to_hit() -> None:
-    none, one = family("ordinary scene", 0)[0], family("ordinary scene", 1)[0]
-    found = cast_rays(none, [[0, 0, 0]], [[1, 0, 0]])
-    assert found.boxes.tolist() == [-1]
-    assert len(cast_rays(one, np.empty((0, 3)), np.empty((0, 3))).boxes) == 0
+#: Sizes along the axes, and how thin what is thin may be.
+SCALES = {
+    "random": [1.0, 1.0, 1.0], "plates": [1.0, 1.0, 1e-8], "needles": [1e-8, 1e-8, 1.0],
+    "tiny": [1e-150] * 3, "huge": [1e150] * 3,
+}  # fmt: skip
+#: What is promised of points beside hulls, and of radii and margins, relative to the size.
+CLOSE = 1e-9
 
 
-def test_bad_rays_are_refused() -> None:
-    boxes = family("ordinary scene", 1)[0]
-    zeros, ones = np.zeros((2, 3)), np.ones((2, 3))
-    for reason, origins, directions, *most in (
-        (r"directions must not be zero in row 1", zeros, [[1, 0, 0], [0, 0, 0]]),
-        ("same length", zeros, ones[:1]),
-        (r"origins must be finite in row 1", [[0, 0, 0], [np.nan, 0, 0]], ones),
-        (r"max_distance must not be negative or NaN in row 1", zeros, ones, [1.0, np.nan]),
-        ("max_distance must be one number or one for each ray", zeros, ones, [1.0, 2.0, 3.0]),
-    ):
-        refused(reason, cast_rays, boxes, origins, directions, *most)
-    refused("same length", cast_segments, boxes, zeros, ones[:1])
+def held(body: ConvexBodies, points: Floats, margin: float = 0.0) -> Mask:
+    """Return (n,) which points are in one body."""
+    found = points_in_bodies(around(body, margin), body, points, margin, each_point=True)
+    assert found.boxes is not None
+    return np.asarray(found.boxes == 0)
+
+
+def points_about(body: ConvexBodies, count: int, rng: np.random.Generator) -> Floats:
+    """Return points in and about a body, some within 1e-17 to 1e-3 of its size of the surface."""
+    size = np.abs(body.sizes[0]).sum() + body.radii[0]
+    local = rng.normal(size=(count, 3)) * np.maximum(body.sizes[0, :3], 1e-3 * size)
+    local[:, 2] += rng.uniform(-1, 1, count) * body.sizes[0, 3]
+    inside, outside = 0.0 * local, local
+    for _ in range(60):  # halved until the surface is between neighbours
+        middle = 0.5 * (inside + outside)
+        world = middle @ body.rotations[0].T + body.centers[0]
+        is_in = beyond(some(body, np.zeros(count, np.int64)), world) <= 0.0
+        inside = np.where(is_in[:, None], middle, inside)
+        outside = np.where(is_in[:, None], outside, middle)
+    near = inside * (
+        1.0 + rng.choice([-1, 1], (count, 1)) * 10.0 ** rng.uniform(-17, -3, (count, 1))
+    )
+    local = np.where(rng.random((count, 1)) < 0.7, near, local)
+    return np.asarray(local @ body.rotations[0].T + body.centers[0])
+
+
+@each("name", SCALES)
+@each("kind", [kind for kind in KINDS if kind != "hull"])
+def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int) -> None:
+    rng = np.random.default_rng(3)
+    several = bodies(KINDS[kind], 4, rng, np.array(SCALES[name]), 0.5 * min(SCALES[name]))
+    several = moved(several, centers=several.centers * rng.choice([1.0, 1e3], (4, 1)))
+    decided = 0
+    for i in range(4):
+        body = some(several, [i])
+        points = points_about(body, max(200, pairs // 40), rng)
+        far = beyond(some(body, np.zeros(len(points), np.int64)), points)
+        size = np.abs(points - body.centers).sum(axis=1) + np.abs(body.sizes).sum() + body.radii[0]
+        rounding = 1e-13 * (size + np.abs(body.centers).max())
+        close = CLOSE * size if body.kinds[0] == SEGMENT else 0.0
+        found = held(body, points)
+        assert found[far <= 0.0].all()
+        assert not found[far > rounding + close].any()
+        decided += int((far > rounding + close).sum()) + int((far < -rounding).sum())
+    assert decided > 150
+
+
+def test_points_are_in_hulls_by_their_planes(pairs: int) -> None:
+    rng = np.random.default_rng(4)
+    several = bodies(CORNERS, 8, rng, np.ones(3), 0.0)
+    for i in range(8):
+        body, corners = some(several, [i]), corners_of(several, i)
+        weights = rng.dirichlet(np.full(len(corners), 0.2), max(200, pairs // 40))
+        local = (weights @ corners) * (1.0 + 10.0 ** rng.uniform(-12, 0, (len(weights), 1)))
+        planes = ConvexHull(corners).equations
+        far = (local @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+        found = held(body, local @ body.rotations[0].T + body.centers[0])
+        assert found[far <= -1e-14].all()
+        assert not found[far > CLOSE * 8.0].any()
+        assert 20 < found.sum() < len(found)
+
+
+@each("kind", KINDS)
+def test_a_margin_and_a_radius_are_a_ball_about_the_shape(kind: str) -> None:
+    rng = np.random.default_rng(5)
+    several = bodies(KINDS[kind], 6, rng, np.ones(3), 0.5)
+    for i in range(6):
+        body = some(several, [i])
+        points = rng.uniform(-2, 2, (600, 3)) + body.centers
+        narrow, wide = held(body, points), held(body, points, 0.4)
+        padded = held(moved(body, radii=body.radii + 0.4), points)
+        assert (wide == padded).all()
+        assert (wide >= narrow).all()
+        assert narrow.sum() < wide.sum()
+        inner = points[narrow]
+        if len(inner):  # from each of these, a step of the margin stays within it
+            steps = rng.normal(size=inner.shape)
+            steps *= 0.4 * (1.0 - 1e-12) / np.linalg.norm(steps, axis=1)[:, None]
+            assert held(body, inner + steps, 0.4).all()
+        assert not wide[np.linalg.norm(points - body.centers, axis=1) > 3.6].any()

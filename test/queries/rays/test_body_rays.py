@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rays against meshes, padded meshes and convex bodies: never late, none missed, near the hit."""
+"""Rays at boxes, meshes, padded or not, and bodies: never late, none missed, near the hit."""
 
 from __future__ import annotations
 
@@ -25,21 +25,27 @@ import pytest
 from convex_bodies import KINDS, around, moved, some
 from convex_bodies import bodies as random_bodies
 from each import each
-from exact_bodies import beyond, first_hit
-from exact_vectors import along, dot, exact
+from exact_bodies import beyond, first_hit, outside
+from exact_vectors import Box, along, corners, determinant, dot, exact, minus
 from hull_distances import squared_distance
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mesh_zoo import (
+    SHARE,
     TRIANGLE,
+    TRIANGLES,
+    Maker,
     bodies_of,
     exact_corners,
     placed_corners,
     standing,
+    thrown,
     trees_of,
     windings,
     zoo,
 )
 from scipy.spatial.transform import Rotation
-from triangle_pairs import FAMILIES, SHARE, Maker
+from support import family, refused, row_of
 from trimesh.triangles import closest_point
 
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays, cast_segments
@@ -48,6 +54,7 @@ from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points import points_in_bodies
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
 from obb_collision.typing import Floats
+from tools.cases.families import FAMILIES
 from tools.cases.placement import random_rotations
 
 #: By how much a ray may pass what it is said to hit, relative to the size of ray and mesh.
@@ -73,13 +80,6 @@ def check(bodies: PlacedMeshes, origin: Floats, way: Floats, found: RayHits, n: 
         assert near <= (DOUBT * size) ** 2
 
 
-def thrown(corners: Floats, n: int, rng: np.random.Generator) -> PlacedMeshes:
-    """Return a triangle, every other one turned, half of them moved."""
-    turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
-    center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
-    return PlacedMeshes(MeshTrees.build(corners, TRIANGLE), [0], center[None], turn[None])
-
-
 def aimed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return a ray (3,), (3,) at a corner, an edge, the face, past it or along it."""
     size = np.abs(corners).max() + np.ptp(corners, axis=0).max() + 1e-300
@@ -96,12 +96,12 @@ def aimed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     return target - way * rng.choice([0.0, 0.5, 3.0, 100.0]), way
 
 
-@each("make", FAMILIES)
+@each("make", TRIANGLES)
 def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
     hits = 0
     for n in range(max(pairs // SHARE, 12)):
-        bodies = thrown(make(rng)[0], n, rng)
+        bodies = thrown(make(rng)[0], TRIANGLE, n, rng)
         origin, way = aimed(placed_corners(bodies, 0)[0], rng)
         found = cast_rays(bodies, origin[None], way[None])
         check(bodies, origin, way, found, 0)
@@ -163,10 +163,9 @@ def test_a_box_and_its_mesh_are_hit_alike() -> None:
 
 def test_a_surface_is_hit_from_inside() -> None:
     vertices, faces = zoo()["sphere2"]
-    still = np.zeros((1, 3)), np.eye(3)[None]
     ways = np.random.default_rng(34).normal(size=(50, 3))
     for solid in (True, False):
-        body = PlacedMeshes(MeshTrees.build(vertices, faces, solid=solid), [0], *still)
+        body = standing(MeshTrees.build(vertices, faces, solid=solid))
         found = cast_rays(body, np.zeros((50, 3)), ways)
         if solid:
             assert (found.distances == 0.0).all()
@@ -235,7 +234,7 @@ def check_padded(
         assert near <= 1
 
 
-@each("make", FAMILIES)
+@each("make", TRIANGLES)
 def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(41)
     hits = started = 0
@@ -243,7 +242,7 @@ def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
         corners = make(rng)[0]
         size = np.abs(corners).max() + np.ptp(corners, axis=0).max() + 1e-300
         radius = np.array([size * rng.choice([1e-6, 0.05, 0.5, 3.0])])
-        bodies = thrown(corners, n, rng)
+        bodies = thrown(corners, TRIANGLE, n, rng)
         origin, way = aimed(placed_corners(bodies, 0)[0], rng)
         if n % 3 == 0:  # past the edge of what is round
             origin = origin + radius * np.cross(way / math.hypot(*way), rng.normal(size=3))
@@ -400,3 +399,162 @@ def test_no_reference_to_an_array_is_kept_or_lost(kind: str) -> None:
         cast_at_bodies(body, around(body), rays)
         points_in_bodies(around(body), body, rays.origins, 0.1)
     assert [sys.getrefcount(array) for array in arrays] == before
+
+
+#: Hits are right to this, relative to the size of box and ray.
+HIT_DOUBT = 2.0**-40
+
+
+def exact_entry(stored: Box, origin: np.ndarray, direction: np.ndarray) -> Fraction | None:
+    """Return the least t >= 0 at which origin + t direction is in the box, exactly."""
+    center, rotation, half = stored
+    a, b, c = map(exact, rotation.T)
+    volume = determinant(a, b, c)
+    o, d = minus(exact(origin), exact(center)), exact(direction)
+    enter, leave = Fraction(0), None
+    at = (determinant(o, b, c), determinant(a, o, c), determinant(a, b, o))
+    way = (determinant(d, b, c), determinant(a, d, c), determinant(a, b, d))
+    for h, top, slope in zip(exact(half), at, way, strict=True):
+        y, v = top / volume, slope / volume
+        if v == 0:
+            if abs(y) > h:
+                return None
+            continue
+        near, far = sorted(((-h - y) / v, (h - y) / v))
+        enter = max(enter, near)
+        leave = far if leave is None else min(leave, far)
+    return enter if leave is None or enter <= leave else None
+
+
+def aimed_at(boxes: Boxes, rng: np.random.Generator, each: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rays at corners, along edges and faces, from inside, from the surface, and past the box."""
+    n = len(boxes)
+    reach = boxes.half_extents.sum(axis=1)[:, None, None] + 1e-300
+    shares = rng.choice([-1.0, 0.0, 1.0, 0.3, 1.0 + 1e-15, 1.1], (n, each, 3))
+    target = shares * boxes.half_extents[:, None]
+    way = rng.normal(size=(n, each, 3)) * rng.choice([0.0, 1.0], (n, each, 3), p=[0.3, 0.7])
+    way[~way.any(axis=2)] = 1.0, 0.0, 0.0
+    way *= reach
+    start = target - way * rng.choice([0.0, 0.5, 3.0, 100.0], (n, each, 1))
+    origins = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, start)
+    directions = np.einsum("nij,nkj->nki", boxes.rotations, way)
+    return origins.reshape(-1, 3), directions.reshape(-1, 3)
+
+
+def check_boxes(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayHits) -> None:
+    for n in range(len(origins)):
+        norm = math.hypot(*directions[n])
+        entries = [
+            exact_entry(row_of(boxes, b), origins[n], directions[n]) for b in range(len(boxes))
+        ]
+        true = [float(t) * norm for t in entries if t is not None]
+        if found.boxes[n] < 0:
+            assert not true, "no hit may be missed"
+            assert found.distances[n] == np.inf
+            assert np.isnan(found.positions[n]).all()
+            continue
+        b = int(found.boxes[n])
+        size = np.abs(origins[n] - boxes.centers[b]).sum() + boxes.half_extents[b].sum()
+        if true:
+            assert found.distances[n] <= min(true) + HIT_DOUBT * size
+        time = Fraction(found.distances[n]) / Fraction(norm)
+        point = along(exact(origins[n]), time, exact(directions[n]))
+        assert outside(row_of(boxes, b), [point])[0] <= HIT_DOUBT * size
+        if found.normals[n].any():
+            assert found.normals[n] @ directions[n] <= HIT_DOUBT * norm
+            assert np.linalg.norm(found.normals[n]) == pytest.approx(1.0, abs=1e-14)
+
+
+@each("name", FAMILIES)
+def test_rays_aimed_at_one_box(name: str) -> None:
+    boxes, _ = family(name, 8)
+    rng = np.random.default_rng(1)
+    for b in range(len(boxes)):
+        one = boxes[b : b + 1]
+        origins, directions = aimed_at(one, rng, 15)
+        check_boxes(one, origins, directions, cast_rays(one, origins, directions))
+
+
+@settings(max_examples=50)
+@given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 2**32 - 1), st.integers(2, 12))
+def test_the_nearest_of_several_boxes(name: str, seed: int, n: int) -> None:
+    boxes, _ = family(name, n)
+    origins, directions = aimed_at(boxes, np.random.default_rng(seed), 1)
+    check_boxes(boxes, origins, directions, cast_rays(boxes, origins, directions))
+
+
+def test_a_tree_of_many_boxes_changes_nothing() -> None:
+    rng = np.random.default_rng(2)
+    boxes, _ = family("ordinary scene", 400)
+    boxes = Boxes(rng.uniform(-8.0, 8.0, (400, 3)), boxes.rotations, boxes.half_extents)
+    origins = rng.uniform(-12.0, 12.0, (500, 3))
+    directions = rng.normal(size=(500, 3))
+    directions[::5] = np.eye(3)[rng.integers(0, 3, 100)]
+    found = cast_rays(boxes, origins, directions)
+    assert 0.1 < (found.boxes >= 0).mean() < 0.98
+    nearest, rows = np.full(500, np.inf), np.full(500, -1)
+    for b in range(len(boxes)):
+        alone = cast_rays(boxes[b : b + 1], origins, directions)
+        nearer = alone.distances < nearest
+        nearest[nearer], rows[nearer] = alone.distances[nearer], b
+    np.testing.assert_array_equal(found.boxes, rows)
+    np.testing.assert_array_equal(found.distances, nearest)
+
+
+def test_faces_and_distances() -> None:
+    boxes = Boxes([[0, 0, 0], [5, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1], [1, 1, 0]])
+    origins = np.array([[-3, 0, 0], [0, 0.5, 9], [0.5, 0, 0], [-3, 2, 0], [9, 1, 0], [5, 0, 4.0]])
+    ways = np.array([[2, 0, 0], [0, 0, -3], [0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, -1.0]])
+    found = cast_rays(boxes, origins, ways)
+    assert found.boxes.tolist() == [0, 0, 0, -1, 1, 1]
+    assert found.distances.tolist() == [2, 8, 0, np.inf, 3, 4]
+    normals = [[-1, 0, 0], [0, 0, 1], [0, 0, 0], [1, 0, 0], [0, 0, 1]]
+    assert found.normals[found.boxes >= 0].tolist() == normals
+    assert found.positions[0].tolist() == [-1, 0, 0]
+    near = cast_rays(boxes, origins, ways, [2.0, 7.9, 0.0, 9.0, 2.5, 9.0])
+    assert near.boxes.tolist() == [0, -1, 0, -1, -1, 1]
+
+
+@each("name", ["ordinary scene", "zero extents", "exact resting contact"])
+def test_segments(name: str) -> None:
+    boxes, _ = family(name, 15)
+    rng = np.random.default_rng(3)
+    starts, ways = aimed_at(boxes, rng, 4)
+    ends = starts + ways * rng.choice([0.0, 0.4, 0.5, 1.0, 3.0], (len(starts), 1))
+    truth = np.zeros(len(starts), np.bool_)
+    for n in range(len(starts)):
+        one = boxes[np.array([n // 4])]
+        square = squared_distance([exact(starts[n]), exact(ends[n])], corners(row_of(one, 0)))
+        truth[n] = square == 0
+        hit = cast_segments(one, starts[n : n + 1], ends[n : n + 1]).hits[0]
+        size = np.abs(starts[n] - one.centers[0]).sum() + one.half_extents.sum()
+        assert hit or not truth[n], "no hit may be missed"
+        assert not hit or square <= Fraction(HIT_DOUBT * size) ** 2
+    assert 0.1 < truth.mean() < 0.9
+    found = cast_segments(boxes, starts, ends)
+    hits = found.boxes >= 0
+    np.testing.assert_array_equal(cast_segments(boxes, starts, ends).hits, hits)
+    lengths = np.linalg.norm(ends - starts, axis=1)
+    assert (found.distances[hits] <= lengths[hits] * (1 + 1e-15)).all()
+    assert hits[truth].all()
+
+
+def test_nothing_to_hit() -> None:
+    none, one = family("ordinary scene", 0)[0], family("ordinary scene", 1)[0]
+    found = cast_rays(none, [[0, 0, 0]], [[1, 0, 0]])
+    assert found.boxes.tolist() == [-1]
+    assert len(cast_rays(one, np.empty((0, 3)), np.empty((0, 3))).boxes) == 0
+
+
+def test_bad_rays_are_refused() -> None:
+    boxes = family("ordinary scene", 1)[0]
+    zeros, ones = np.zeros((2, 3)), np.ones((2, 3))
+    for reason, origins, directions, *most in (
+        (r"directions must not be zero in row 1", zeros, [[1, 0, 0], [0, 0, 0]]),
+        ("same length", zeros, ones[:1]),
+        (r"origins must be finite in row 1", [[0, 0, 0], [np.nan, 0, 0]], ones),
+        (r"max_distance must not be negative or NaN in row 1", zeros, ones, [1.0, np.nan]),
+        ("max_distance must be one number or one for each ray", zeros, ones, [1.0, 2.0, 3.0]),
+    ):
+        refused(reason, cast_rays, boxes, origins, directions, *most)
+    refused("same length", cast_segments, boxes, zeros, ones[:1])

@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-import convex_bodies
 import numpy as np
 import pytest
 from convex_bodies import (
@@ -31,6 +30,7 @@ from convex_bodies import (
     ROUND_KINDS,
     as_meshes,
     corners_of,
+    distances_of,
     moved,
     round_bodies,
     some,
@@ -42,7 +42,10 @@ from hull_distances import placed, squared_distance
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_zoo import (
+    SHARE,
     TRIANGLE,
+    TRIANGLES,
+    Maker,
     as_drawn,
     bodies_of,
     exact_corners,
@@ -55,12 +58,9 @@ from mesh_zoo import (
 from scipy.spatial.transform import Rotation
 from support import refused
 from sweep_motions import moving, places_at
-from triangle_pairs import FAMILIES as TRIANGLES
-from triangle_pairs import SHARE, Maker
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
-from obb_collision.queries.convex import convex_distances
 from obb_collision.queries.convex.support import BOX, NO_HULLS, ConvexBodies
 from obb_collision.queries.sweep import (
     MAX_STEPS,
@@ -156,8 +156,7 @@ def gaps_at(
     doubles = [
         moved(x, centers=x.centers.astype(float), rotations=x.rotations.astype(float)) for x in here
     ]
-    each = np.arange(len(rows))
-    planes = convex_distances(doubles[0], doubles[1], each, each)[0]
+    planes = distances_of(doubles[0], doubles[1])
     size = motion.reaches[rows].sum(axis=1) + np.abs(doubles[1].centers).sum(axis=1)
     return exact_gap((here[0], here[1]), planes.normals).astype(float), planes.upper, size
 
@@ -180,15 +179,12 @@ def ball_and_plate(**changes: Any) -> tuple[ConvexBodies, BodyMotion]:
 PAIR = np.array([[0, 1]])
 
 
-def test_what_is_hit_when_and_where() -> None:
+def test_what_is_hit_when_and_where_also_without_motion_and_from_an_overlap() -> None:
     found = found_of(*ball_and_plate(), PAIR)
     assert found.times[0] == pytest.approx(0.325, abs=1e-7)
     assert found.times[0] <= 0.325
     assert found.positions[0] == pytest.approx([0.9, 0, 0], abs=1e-6)
     assert found.normals[0] == pytest.approx([1, 0, 0], abs=1e-9)
-
-
-def test_no_motion_and_overlap_at_the_start() -> None:
     bodies, motion = ball_and_plate(ends=np.zeros((2, 3)))
     assert found_of(bodies, motion, PAIR).free_until.tolist() == [np.inf]
     starts = np.array([[0.9, 0, 0], [1.0, 0, 0]])
@@ -237,10 +233,9 @@ def test_one_thread_or_many_alone_or_in_a_batch_is_the_same() -> None:
 @each("kind", ROUND_KINDS)
 @each("way", ["straight", "turning", "fast"])
 def test_a_plane_parts_a_body_beside_a_mesh_until_then_and_they_are_near_at_last(
-    name: str, kind: str, way: str, pairs: int, monkeypatch: pytest.MonkeyPatch
+    name: str, kind: str, way: str, pairs: int
 ) -> None:
-    monkeypatch.setattr(convex_bodies, "CORNERS_EACH", 3)
-    bodies, motion, rows = moving(name, ("hull", kind), max(24, pairs // 10), 14, way)
+    bodies, motion, rows = moving(name, ("triangle", kind), max(24, pairs // 10), 14, way)
     count = len(rows)
     first, second = some(bodies, np.arange(count)), some(bodies, np.arange(count, 2 * count))
     meshes, second = as_meshes(first, name), moved(second, hulls=NO_HULLS, rows=0 * second.rows)

@@ -18,33 +18,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
-from convex_bodies import CORNER_SIGNS
+from convex_bodies import CORNER_SIGNS, pool_of
 from each import each
 from hypothesis import given, settings
-from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
-from support import (
-    extents,
-    family,
-    joined,
-    quaternions,
-    refused,
-    row_of,
-    sizes,
-    sweep,
-    sweep_twists,
-    vectors,
-)
+from support import any_pairs, family, joined, refused, row_of, sizes, sweep, sweep_twists
 from sweep_motions import Twisting, drills, motion_of_boxes, pair_rows
 from sweep_oracle import ExactMotion, certain_overlap
 
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees
-from obb_collision.geometry.trees import HullPool, Hulls
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
 from obb_collision.queries.sweep import TOLERANCE, Sweeps, convex_sweeps
 from obb_collision.typing import Floats, Integers
@@ -146,33 +133,28 @@ def test_a_bullet_never_passes_a_paper_wall() -> None:
     way = rng.normal(size=(n, 3)) * 1e4
     share = rng.random((n, 1))
     walls = Boxes(np.zeros((n, 3)), [np.eye(3)] * n, [[0.0, 1.0, 1.0]] * n)
-    bullets = [
-        Boxes(target - share * way, [np.eye(3)] * n, size),
-        Boxes(target + (1.0 - share) * way, [np.eye(3)] * n, size),
-    ]
-    start, rows = joined(walls, bullets[0])
-    found = sweep(start, joined(walls, bullets[1])[0], rows)
+    ends = (target - share * way, target + (1.0 - share) * way)
+    found = oc.sweeps(walls, oc.MovingBoxes(*(Boxes(x, walls.rotations, size) for x in ends)))
     assert found.hits.all()
     np.testing.assert_allclose(found.times, share[:, 0], rtol=0.0, atol=1e-2)
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=60)
-@given(vectors, vectors, vectors, quaternions, quaternions, quaternions, extents, extents)
-def test_any_doubles_at_all(
-    one: Any, two: Any, three: Any, q: Any, r: Any, s: Any, half: Any, other: Any
-) -> None:
+@given(any_pairs(), any_pairs())
+def test_any_doubles_at_all(pair: tuple[Boxes, Boxes], other: tuple[Boxes, Boxes]) -> None:
     """Whatever is accepted gives a whole answer: no NaN where there is a hit, none elsewhere."""
-    start = Boxes.from_poses([(*one, *q), (*two, *r)], [half, other])
-    for turned in (q, s):
-        end = Boxes.from_poses([(*three, *turned), (*two, *r)], [half, other])
+    (a, b), (there, _) = pair, other
+    start = joined(a, b)[0]
+    for rotations in (a.rotations, there.rotations):
+        end = joined(Boxes(there.centers, rotations, a.half_extents), b)[0]
         found = sweep(start, end, [[0, 1]])
         assert found.hits[0] == np.isfinite(found.times[0])
         if found.hits[0]:
             assert 0.0 <= found.times[0] <= 1.0
             assert np.isfinite(found.positions).all()
             np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-14)
-        if turned is q:
+        if rotations is a.rotations:
             check_against_truth(start, end, np.array([[0, 1]]), found)
 
 
@@ -208,7 +190,6 @@ def test_times_alone_are_those_with_contacts() -> None:
 
 
 CHUNK = 2500
-CORNERS_OF_MESH, FACES = zoo()["box0"]
 #: Until when pairs of rows are certainly apart.
 FreeUntil = Callable[[Twisting, Integers], Floats]
 
@@ -221,12 +202,10 @@ def by_boxes(motion: Twisting, rows: Integers) -> Floats:
 def by_hulls(motion: Twisting, rows: Integers) -> Floats:
     """Every other pair with the formula of a box, the others with corners."""
     boxes, count = motion.boxes, len(motion.boxes)
-    pool = HullPool()
-    for half in boxes.half_extents:
-        pool.append(Hulls.of(CORNER_SIGNS * half))
+    pool = pool_of(CORNER_SIGNS * boxes.half_extents[:, None])
     kinds = np.where(np.arange(count) % 4 < 2, BOX, CORNERS).astype(np.int8)
     bodies = ConvexBodies(
-        kinds, np.pad(boxes.half_extents, ((0, 0), (0, 1))), np.zeros(count), pool.all,
+        kinds, np.pad(boxes.half_extents, ((0, 0), (0, 1))), np.zeros(count), pool,
         np.arange(count), boxes.centers, boxes.rotations,
     )  # fmt: skip
     begin = np.zeros(len(rows))
@@ -237,11 +216,11 @@ def corners_from_origins(motion: Twisting) -> Floats:
     """Corners (n, 8, 3) in the frames that turn with the boxes about their origins."""
     boxes = motion.boxes
     arms = np.einsum("nji,nj->ni", boxes.rotations, boxes.centers - motion.origins)
-    return np.asarray(arms[:, None] + np.sign(CORNERS_OF_MESH) * boxes.half_extents[:, None])
+    return np.asarray(arms[:, None] + BOX_CORNERS * boxes.half_extents[:, None])
 
 
 def by_meshes(motion: Twisting, rows: Integers) -> Floats:
-    trees = MeshTrees.join([MeshTrees.build(c, FACES) for c in corners_from_origins(motion)])
+    trees = MeshTrees.join([MeshTrees.build(c, BOX_FACES) for c in corners_from_origins(motion)])
     every = np.arange(len(motion.boxes))
     placed = oc.PlacedMeshes(trees, every, motion.origins, motion.boxes.rotations)
     found = oc.sweeps(
@@ -259,7 +238,7 @@ def in_scene(level: str) -> FreeUntil:
             places[pair] += 16.0 * np.array([k % 16, k // 16 % 16, k // 256])
         turns = Rotation.from_matrix(motion.boxes.rotations).as_quat()
         for k, corners in enumerate(corners_from_origins(motion)):
-            scene.add(str(k), oc.shapes.Mesh(corners, FACES), [*places[k], *turns[k]])
+            scene.add(str(k), oc.shapes.Mesh(corners, BOX_FACES), [*places[k], *turns[k]])
         scene.objects.set_twists(np.arange(len(places)), motion.twists)
         scene.set_effect("sweep", "on", horizon=1.0)
         report, until = scene.check(), np.full(len(rows), np.inf)
