@@ -12,24 +12,35 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Error bounds of the kernels of two boxes: observed error over bound, see ``error_bounds``."""
+"""Error bounds of boxes, points, rays, capsules and planes: see ``error_bounds``."""
 
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Any
+from itertools import combinations
 
 import numpy as np
 import pytest
-from error_bounds import Moved, Record, check_ratios, exact_gaps, extents
-from exact_vectors import Box, Point, corners, dot, exact, minus, norm, root, taxicab
+from error_bounds import (
+    Moved,
+    Record,
+    check_flips,
+    check_ratios,
+    edge_lengths,
+    exact_gaps,
+    extents,
+    flips,
+    normals,
+    observed_at_flip,
+)
+from exact_vectors import Box, Point, Vector, corners, dot, exact, minus, norm, root, taxicab
 from hull_distances import squared_distance
 from hypothesis import given, settings
-from overlap_oracle import overlap_volume
-from support import extents as any_extents
-from support import family, joined, quaternions, row_of, vectors, witnesses
+from oracle import overlap_volume
+from support import any_pairs, family, joined, row_of, witnesses
 
-from obb_collision import Boxes, Verdict, clearances, contacts, overlap_volumes, verdicts
+import obb_collision as oc
+from obb_collision import Boxes, Capsules, Verdict, cast_rays, points_inside
 from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
 from obb_collision.numerics.constants import (
     BOUND_SLACK,
@@ -38,7 +49,18 @@ from obb_collision.numerics.constants import (
     ORTHONORMAL_ROUNDING,
     UNDERFLOW,
 )
+from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.clearance import NEAR, PROVEN
+from obb_collision.queries.points import INSIDE_BOUND, contains
+from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
+from obb_collision.queries.rays.boxes import (
+    DISTANCE_SLACK,
+    HIT_BOUND,
+    Ray,
+    enters_bounds,
+    moved_ahead,
+)
+from obb_collision.queries.rays.rays import as_rays
 from obb_collision.queries.verdict import VOLUME_BOUND, fast_verdict
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
@@ -48,10 +70,13 @@ from obb_collision.queries.verdict.coarse import (
 )
 from obb_collision.queries.verdict.sat import best_face, box_of, enter_frame, pair_of
 from obb_collision.queries.verdict.witness import gap_bounds
-from obb_collision.typing import Mask
+from obb_collision.typing import Floats, Mask
 from tools.cases.families import FAMILIES
 
 PAIRS = 8
+FEWER = 6
+#: Bodies of ordinary sizes, for what takes Fractions milliseconds.
+FEW = ("ordinary scene", "thin plates and rods", "far away, 1e6 to 1e9 m")
 
 
 def offset(a: Box, b: Box) -> Point:
@@ -66,12 +91,6 @@ def fast_bound(a: Box, b: Box) -> Fraction:
 def careful_bound(a: Box, b: Box) -> Fraction:
     size = norm(offset(a, b)) + extents(a, b)
     return Fraction(CAREFUL_BOUND) * size + Fraction(UNDERFLOW)
-
-
-def edge_lengths(a: Box, b: Box) -> list[float]:
-    """Return the lengths of the nine cross products of edges, those of null ones left out."""
-    lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
-    return [float(length) for length in lengths]
 
 
 def test_fast_verdicts(record_property: Record) -> None:
@@ -95,7 +114,7 @@ def test_fast_verdicts(record_property: Record) -> None:
 def test_careful_verdicts_apart(record_property: Record) -> None:
     Moved(PAIRS, loose=True).check(
         record_property,
-        lambda a, b: verdicts(a, b) == Verdict.SEPARATE,
+        lambda a, b: oc.verdicts(a, b) == Verdict.SEPARATE,
         lambda a, b: max(exact_gaps(a, b)) / careful_bound(a, b),
     )
 
@@ -106,7 +125,7 @@ def test_careful_verdicts_overlapping(record_property: Record) -> None:
     def quantity(a: Box, b: Box) -> Fraction:
         return max(exact_gaps(a, b)) / careful_bound(a, b) + 2  # certain at -1, unsure beyond
 
-    moved.check(record_property, lambda a, b: verdicts(a, b) != Verdict.OVERLAP, quantity)
+    moved.check(record_property, lambda a, b: oc.verdicts(a, b) != Verdict.OVERLAP, quantity)
 
 
 def test_coarse_spheres(record_property: Record) -> None:
@@ -147,7 +166,7 @@ def test_world_bounds(record_property: Record) -> None:
 def test_overlap_volumes(record_property: Record) -> None:
     ratios = []
     for a, b in (family(name, 8) for name in FAMILIES):
-        volumes = overlap_volumes(a, b)
+        volumes = oc.overlap_volumes(a, b)
         for k in np.flatnonzero(np.minimum(a.volumes, b.volumes) > 1e-250):
             sides = row_of(a, k), row_of(b, k)
             smaller = a if a.volumes[k] < b.volumes[k] else b
@@ -190,15 +209,11 @@ def test_witnesses(record_property: Record) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=200)
-@given(*2 * [vectors, quaternions, any_extents])
-def test_witnesses_of_any_doubles(
-    center: Any, one: Any, half: Any, place: Any, other: Any, other_half: Any
-) -> None:
+@given(any_pairs())
+def test_witnesses_of_any_doubles(pair: tuple[Boxes, Boxes]) -> None:
     """From subnormal sizes to 1e300, where numbers over- or underflow first."""
-    a = Boxes.from_poses([(*center, *one)], [half])
-    b = Boxes.from_poses([(*place, *other)], [other_half])
-    (gap,), _ = witnesses(a, b)
-    row = row_of(a, 0), row_of(b, 0)
+    (gap,), _ = witnesses(*pair)
+    row = row_of(pair[0], 0), row_of(pair[1], 0)
     assert abs(Fraction(float(gap)) - max(exact_gaps(*row))) <= careful_bound(*row)
 
 
@@ -227,7 +242,7 @@ def test_gap_bounds_and_best_faces(record_property: Record) -> None:
 def test_clearances(record_property: Record) -> None:
     moved = Moved(2, families=("ordinary scene", "edge against edge", "thin plates and rods"))
     a, b = moved.at(0.5 * moved.farthest)
-    found = clearances(a, b).distances
+    found = oc.clearances(a, b).distances
     ratios = []
     for n, distance in enumerate(found.tolist()):
         row = row_of(a, n), row_of(b, n)
@@ -240,7 +255,7 @@ def test_clearances(record_property: Record) -> None:
 def test_contact_depths(record_property: Record) -> None:
     moved = Moved(PAIRS)
     a, b = moved.at(np.linspace(0.01, 0.2, len(moved.a)) * moved.farthest)
-    found = contacts(a, b)
+    found = oc.contacts(a, b)
     ratios = []
     for n in np.flatnonzero(found.counts):
         row = row_of(a, n), row_of(b, n)
@@ -258,4 +273,188 @@ def test_rotations_of_quaternions(record_property: Record) -> None:
         columns = [exact(column) for column in matrix.T]
         defect = max(abs(dot(u, v) - (u is v)) for u in columns for v in columns)
         ratios.append(defect / Fraction(ORTHONORMAL_ROUNDING))
+    check_ratios(record_property, ratios)
+
+
+def test_containment(record_property: Record) -> None:
+    moved = Moved(FEWER, loose=True)
+    boxes = moved.a
+
+    def outside(distances: Floats) -> Mask:
+        points = enumerate(moved.points(distances))
+        return np.array([not contains(*row_of(boxes, n), p[None])[0] for n, p in points])
+
+    def quantity(n: int, distance: float) -> Fraction:
+        stored = row_of(boxes, n)
+        offset = minus(exact(stored[0] + distance * moved.directions[n]), exact(stored[0]))
+        columns, ratios = [exact(column) for column in stored[1].T], []
+        for normal, column, half in zip(normals(columns), columns, exact(stored[2]), strict=True):
+            excess = abs(dot(normal, offset)) - abs(dot(normal, column)) * half
+            bound = Fraction(CAREFUL_BOUND) * (norm(offset) + half) * norm(normal)
+            ratios.append(excess / (bound + Fraction(2) ** -1060))
+        return max(ratios)
+
+    check_flips(record_property, outside, quantity, moved.farthest)
+
+
+def test_points_within_a_margin(record_property: Record) -> None:
+    moved, margin = Moved(FEWER, FEW, loose=True), 0.25
+    boxes = moved.a
+
+    def outside(distances: Floats) -> Mask:
+        points = enumerate(moved.points(distances))
+        return np.array(
+            [not points_inside(boxes[[n]], p[None], margin).counts[0] for n, p in points]
+        )
+
+    def quantity(n: int, distance: float) -> Fraction:
+        stored = row_of(boxes, n)
+        point = stored[0] + distance * moved.directions[n]
+        gap = root(squared_distance([exact(point)], corners(stored))) - Fraction(margin)
+        size = taxicab(minus(exact(point), exact(stored[0]))) + extents(stored)
+        return gap / (Fraction(INSIDE_BOUND) * (size + Fraction(margin)))
+
+    check_flips(record_property, outside, quantity, moved.farthest + 2.0)
+
+
+@pytest.mark.parametrize("verdict", [Verdict.SEPARATE, Verdict.OVERLAP])
+@pytest.mark.parametrize("pair", [False, True])
+def test_capsules(verdict: Verdict, pair: bool, record_property: Record) -> None:
+    """Where SEPARATE or OVERLAP ends; what is left open is up to NEAR_BOUND wide."""
+    sign = 1 if verdict == Verdict.SEPARATE else -1
+    limit = NEAR_BOUND if sign < 0 and not pair else FAR_BOUND
+    moved, rng = Moved(2 * FEWER, FEW, loose=sign < 0), np.random.default_rng(4)
+    boxes, n = moved.a, len(moved.a)
+    ways, widths = 0.3 * rng.normal(size=(n, 3)), rng.uniform(0.05, 0.3, n)
+    capsules = Capsules(boxes.centers, boxes.centers + 0.3 * rng.normal(size=(n, 3)), widths)
+
+    def at(distances: Floats) -> Capsules:
+        starts = moved.points(distances)
+        return Capsules(starts, starts + ways, widths)
+
+    def decide(distances: Floats) -> Mask:
+        found = oc.verdicts(at(distances), capsules if pair else boxes) == verdict
+        return found if sign > 0 else ~found
+
+    def quantity(n: int, distance: float) -> Fraction:
+        one = at(np.full(len(widths), distance))
+        start, end = exact(one.starts[n]), exact(one.ends[n])
+        radii = Fraction(one.radii[n])
+        if pair:
+            p, q = exact(capsules.starts[n]), exact(capsules.ends[n])
+            other = [p, q]
+            size = taxicab(minus(p, start)) + taxicab(minus(q, p))
+            size += taxicab(minus(end, start)) + 2 * radii
+            radii *= 2
+        else:
+            stored = row_of(boxes, n)
+            other, center = corners(stored), exact(stored[0])
+            size = taxicab(minus(start, center)) + taxicab(minus(end, center))
+            size += extents(stored) + radii
+        gap = root(squared_distance([start, end], other)) - radii
+        return sign * gap / (Fraction(limit) * size)
+
+    low, high = flips(decide, moved.farthest + 4.0)
+    if sign < 0:
+        low, high = high, low
+    ratios = []
+    for n in range(len(low)):
+        unsure, certain = quantity(n, float(low[n])), quantity(n, float(high[n]))
+        assert unsure <= 2 * Fraction(NEAR_BOUND / limit)
+        # a gap is along some direction, not the best: less than the distance, whatever the error
+        ratios.append(observed_at_flip(unsure if sign < 0 else Fraction(0), certain))
+    check_ratios(record_property, ratios)
+
+
+def test_planes(record_property: Record) -> None:
+    moved = Moved(FEWER, loose=True)
+    points, boxes = moved.a.centers, moved.at(0.3 * moved.farthest)[1]
+    low, high = (
+        oc.separations(boxes, oc.HalfSpaces(points, way)).separations
+        for way in (moved.directions, -moved.directions)
+    )
+    ratios = []
+    for n in range(len(boxes)):
+        stored, normal = row_of(boxes, n), exact(moved.directions[n])
+        offset = minus(exact(stored[0]), exact(points[n]))
+        heights = [dot(normal, minus(c, exact(points[n]))) for c in corners(stored)]
+        bound = Fraction(CAREFUL_BOUND) * (norm(offset) + extents(stored)) + Fraction(2) ** -1060
+        for value, height in ((low[n], min(heights)), (-high[n], max(heights))):
+            ratios.append(abs(Fraction(value) - height / norm(normal)) / bound)
+    check_ratios(record_property, ratios)
+
+
+def least_growth(stored: Box, origin: Vector, direction: Vector) -> Fraction:
+    """Return by how much a box must grow, negative to shrink, for a ray to touch it, exactly."""
+    columns, lines = [exact(column) for column in stored[1].T], []
+    for normal, column, half in zip(normals(columns), columns, exact(stored[2]), strict=True):
+        scale = dot(normal, column)
+        place = dot(normal, minus(origin, exact(stored[0]))) / scale
+        speed = dot(normal, direction) / scale
+        lines += [(place - half, speed), (-place - half, -speed)]
+    times = [Fraction(0)]
+    for (p, v), (q, w) in combinations(lines, 2):
+        if v != w:
+            times.append(max((q - p) / (v - w), Fraction(0)))
+    return min(max(p + t * v for p, v in lines) for t in times)
+
+
+def test_rays_that_miss(record_property: Record) -> None:
+    moved = Moved(FEWER, FEW, loose=True)
+    boxes = moved.a
+    rng = np.random.default_rng(6)
+    along = np.cross(moved.directions, rng.normal(size=moved.directions.shape))
+    along += 0.1 * moved.directions
+
+    def origins(distances: Floats) -> Floats:
+        return moved.points(distances) - 2.0 * along
+
+    def misses(distances: Floats) -> Mask:
+        starts = enumerate(origins(distances)[:, None])
+        return np.array([not cast_rays(boxes[[n]], p, along[[n]]).hits[0] for n, p in starts])
+
+    def quantity(n: int, distance: float) -> Fraction:
+        stored, origin = row_of(boxes, n), exact(origins(np.full(len(boxes), distance))[n])
+        size = taxicab(minus(origin, exact(stored[0]))) + extents(stored)
+        growth = least_growth(stored, origin, exact(along[n]))
+        return growth / (Fraction(HIT_BOUND) * size)
+
+    check_flips(record_property, misses, quantity, moved.farthest + 2.0)
+
+
+def test_rays_moved_ahead(record_property: Record) -> None:
+    """How far the point is from the line of the ray, with its direction as it was given."""
+    rng = np.random.default_rng(8)
+    ratios = []
+    for origin, direction, center in rng.normal(size=(200, 3, 3)):
+        start, units, _ = as_rays(1e3 * origin[None], direction[None], np.inf)
+        ray = Ray(vector(start[0]), vector(units[0]), np.inf)
+        found, ahead, bound = moved_ahead(ray, vector(center), 0.5)
+        if ahead <= 0.0:
+            continue
+        offset, line = minus(exact(start[0]), exact(center)), exact(direction)
+        rest = minus(exact(found), offset)
+        share = dot(rest, line) / dot(line, line)
+        ratios.append(norm(minus(rest, [share * x for x in line])) / Fraction(bound))
+    assert len(ratios) > 50
+    check_ratios(record_property, ratios)
+
+
+def test_rays_down_the_tree(record_property: Record) -> None:
+    """Where a ray enters the bounds of a node: earlier by the slack, but for the error."""
+    rng = np.random.default_rng(7)
+    ratios = []
+    for origin, direction in rng.normal(size=(200, 2, 3)):
+        unit = direction / np.linalg.norm(direction)
+        start = origin - 5.0 * unit
+        limits = np.concatenate([origin - 0.3, origin + 0.3])
+        ray = Ray(vector(start), vector(unit), np.inf)
+        found = enters_bounds(limits[None], 0, ray, np.inf)
+        near = max(
+            min((Fraction(limits[k + side]) - Fraction(start[k])) / Fraction(unit[k])
+                for side in (0, 3))
+            for k in range(3)
+        )  # fmt: skip
+        slack = Fraction(DISTANCE_SLACK) * near
+        ratios.append(abs(near - Fraction(found) - slack) / slack)
     check_ratios(record_property, ratios)

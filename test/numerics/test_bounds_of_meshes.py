@@ -19,21 +19,21 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from convex_bodies import CORNER_SIGNS, corners_of, family
+from convex_bodies import CORNER_SIGNS, corners_of, distances_of, family, pool_of
 from each import each
-from error_bounds import Moved, Record, Rows, check_flips, check_ratios, exact_gaps, normals
-from exact_vectors import Vector, cross, dot, exact, minus, norm, taxicab
+from error_bounds import Moved, Record, check_flips, check_ratios, edge_lengths, exact_gaps, solved
+from exact_vectors import cross, dot, exact, minus, norm, taxicab
 from hull_distances import placed
-from mesh_zoo import zoo
+from mesh_zoo import TRIANGLE, ZOO
 from scipy.spatial.transform import Rotation
 from support import row_of
 
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees, PlacedMeshes
 from obb_collision.geometry.fitting import COORDINATE_BOUND, enclose_points
-from obb_collision.geometry.trees import WIDENING, HullPool, Hulls
+from obb_collision.geometry.trees import WIDENING
 from obb_collision.numerics.vec3 import vector
-from obb_collision.queries.convex import CONVEX_ROUNDING, convex_distances
+from obb_collision.queries.convex import CONVEX_ROUNDING
 from obb_collision.queries.meshes import (
     DISTANCE_BOUND,
     GAP_BOUND,
@@ -67,11 +67,6 @@ RNG = np.random.default_rng(10)
 COUNT = 60
 
 
-def solved(columns: Rows, v: Vector) -> list[Fraction]:
-    """Return the coordinates of a vector along columns (3), exactly (Cramer)."""
-    return [dot(n, v) / dot(n, column) for n, column in zip(normals(columns), columns, strict=True)]
-
-
 def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None:
     """By the transposed rotation instead of the inverse: that is most of the error."""
     boxes = Moved(4, loose=True).a
@@ -93,11 +88,10 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
 def test_distances_of_meshes(record_property: Record) -> None:
     """Of points: their distance has no error but that of the pose and its own rounding."""
     rotations = Moved(4, loose=True).a.rotations
-    triangle = np.array([[0, 1, 2]])
     ratios = []
     for i in range(0, len(rotations) - 1, 2):
         centers, corners = RNG.normal(size=(2, 3)), RNG.normal(size=(2, 3))
-        trees = MeshTrees.join([MeshTrees.build([c] * 3, triangle) for c in corners])
+        trees = MeshTrees.join([MeshTrees.build([c] * 3, TRIANGLE) for c in corners])
         # as stored: rotations that are loose are made orthonormal on the way in
         bodies = [
             PlacedMeshes.trusted(trees, np.array([k]), centers[[k]], rotations[[i + k]])
@@ -121,8 +115,7 @@ def test_determinants(record_property: Record) -> None:
     normals = np.cross(vectors[:, 1], vectors[:, 2])
 
     def first(n: int, distance: float) -> Floats:
-        result: Floats = vectors[n, 0] + distance * normals[n]
-        return result
+        return np.asarray(vectors[n, 0] + distance * normals[n])
 
     def certain(distances: Floats) -> np.ndarray:
         signs = []
@@ -149,8 +142,7 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
     rotations = np.concatenate([np.eye(3)[None], Rotation.random(COUNT - 1, RNG).as_matrix()])
 
     def place(n: int, distance: float) -> Floats:
-        result: Floats = distance * rotations[n, :, 2]
-        return result
+        return np.asarray(distance * rotations[n, :, 2])
 
     def apart(distances: Floats) -> np.ndarray:
         centers = np.zeros((2, 3))
@@ -204,9 +196,8 @@ def test_boxes_of_trees(which: str, record_property: Record) -> None:
 
     def quantity(n: int, distance: float) -> Fraction:
         a, b = (row_of(side, n) for side in boxes.at(np.full(len(boxes.a), distance)))
-        lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
         gaps = exact_gaps(a, b)
-        edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths.tolist(), strict=True)]
+        edges = [g * Fraction(x) for g, x in zip(gaps[6:], edge_lengths(a, b), strict=True)]
         counted = [*gaps[:6], *edges] if which == "all axes" else gaps[:6]
         return max(counted) / Fraction(pose.gap_bound)
 
@@ -218,16 +209,13 @@ def test_points_outside_boxes_of_trees(record_property: Record) -> None:
     boxes = moved.a
     nodes = nodes_of(boxes)
 
-    def point(n: int, distance: float) -> Floats:
-        result: Floats = boxes.centers[n] + distance * moved.directions[n]
-        return result
-
     def outside(distances: Floats) -> np.ndarray:
-        points = [vector(point(n, d)) for n, d in enumerate(distances.tolist())]
-        return np.array([outside_box(nodes, n, p, 0.0) for n, p in enumerate(points)])
+        points = enumerate(map(vector, moved.points(distances)))
+        return np.array([outside_box(nodes, n, p, 0.0) for n, p in points])
 
     def quantity(n: int, distance: float) -> Fraction:
-        offset = minus(exact(point(n, distance)), exact(boxes.centers[n]))
+        point = boxes.centers[n] + distance * moved.directions[n]
+        offset = minus(exact(point), exact(boxes.centers[n]))
         along = solved([exact(column) for column in boxes.rotations[n].T], offset)
         excess = max(abs(x) - h for x, h in zip(along, exact(boxes.half_extents[n]), strict=True))
         return excess / (Fraction(SLAB_SLACK) * taxicab(offset)) if any(offset) else Fraction(0)
@@ -237,19 +225,18 @@ def test_points_outside_boxes_of_trees(record_property: Record) -> None:
 
 def test_hulls(record_property: Record) -> None:
     """Two cubes of one rotation, one beyond a face of the other: the distance is the gap."""
-    pool = HullPool()
-    pool.append(Hulls.of(CORNER_SIGNS))
+    pool = pool_of([CORNER_SIGNS])
     rotations = Rotation.random(COUNT, RNG).as_matrix()
     first, rows = np.zeros((COUNT, 3)), np.arange(COUNT)
     kind = np.zeros(COUNT, np.int64)
-    radius = float(pool.all.radii[0])
+    radius = float(pool.radii[0])
 
     def centers(distances: Floats) -> Floats:
         return np.stack([d * rotations[n, :, n % 3] for n, d in enumerate(distances.tolist())])
 
     def apart(distances: Floats) -> np.ndarray:
-        a = PlacedHulls(pool.all, kind, first, rotations)
-        b = PlacedHulls(pool.all, kind, centers(distances), rotations)
+        a = PlacedHulls(pool, kind, first, rotations)
+        b = PlacedHulls(pool, kind, centers(distances), rotations)
         return ~hulls_may_collide(a, b, rows, rows)
 
     def quantity(n: int, distance: float) -> Fraction:
@@ -264,8 +251,7 @@ def test_hulls(record_property: Record) -> None:
 def test_convex_distances(record_property: Record) -> None:
     """The gap along the normal returned, exactly, and the lower bound on the distance."""
     a, b = family("far apart", ("hull", "box"), COUNT, 0)
-    rows = np.arange(COUNT)
-    found = convex_distances(a, b, rows, rows)[0]
+    found = distances_of(a, b)
     ratios = []
     for n in range(COUNT):
         sides = [placed(corners_of(x, n), x.centers[n], x.rotations[n]) for x in (a, b)]
@@ -283,7 +269,7 @@ def test_convex_distances(record_property: Record) -> None:
 def test_boxes_of_leaves(record_property: Record) -> None:
     ratios = []
     for name in ("torus0", "box1", "crumbs1"):
-        vertices, faces = zoo()[name]
+        vertices, faces = ZOO[name]
         tree = MeshTrees.build(vertices + 100.0, faces)
         for node in np.flatnonzero(tree.children < 0)[:20]:
             row, corners = tree.nodes[node], tree.triangles[tree.starts[node, 0]].reshape(3, 3)

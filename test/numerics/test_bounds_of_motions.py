@@ -20,7 +20,17 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 import numpy as np
-from error_bounds import Moved, Record, Rows, check_flips, check_ratios, exact_gaps, rounded, turn
+from error_bounds import (
+    Moved,
+    Record,
+    Rows,
+    check_flips,
+    check_ratios,
+    edge_lengths,
+    exact_gaps,
+    rounded,
+    turn,
+)
 from exact_vectors import Vector, along, corners, dot, exact, minus, norm
 from kinematics_oracle import OracleJoint, written
 from small_robots import link, urdf
@@ -157,8 +167,7 @@ def test_free_slices(record_property: Record) -> None:
         fill_corners(axes, half, still, still, corners[n])
 
     def at(n: int, distance: float) -> np.ndarray:
-        place: np.ndarray = distance * boxes.rotations[n, :, n % 3]
-        return place
+        return np.asarray(distance * boxes.rotations[n, :, n % 3])
 
     def free(distances: np.ndarray) -> np.ndarray:
         answers = []
@@ -211,10 +220,10 @@ def test_gaps_of_turning_boxes(record_property: Record) -> None:
         offset = float(np.linalg.norm(b.centers[n] - a.centers[n]))
         rounding = GAP_ROUNDING * (sum(radii) + offset) + ARM_ROUNDING * sum(reaches)
         row = row_of(a, n), row_of(b, n)
-        edges = np.linalg.norm(np.cross(row[0][1].T[:, None], row[1][1].T[None]), axis=2).ravel()
+        lengths = [1.0] * 6 + edge_lengths(*row)
         certain, length = max(
             (gap - Fraction(rounding) / Fraction(length), length)
-            for gap, length in zip(exact_gaps(*row), [1.0] * 6 + edges.tolist(), strict=True)
+            for gap, length in zip(exact_gaps(*row), lengths, strict=True)
         )
         error = abs(Fraction(certain_gap(a, b, n, rounding)) - certain)
         ratios.append(error * Fraction(length) / Fraction(rounding))

@@ -31,6 +31,11 @@ share neither code nor formula. Boxes are closed:
 Verdicts of many pairs come from the same intervals in doubles where their rounding can't matter,
 and from integers elsewhere.
 
+The volume that two boxes share comes from corners of all planes, and nothing is clipped: every
+three of the twelve planes that meet in a point within both boxes give a corner; the corners on two
+planes are ends of an edge, and edges make tetrahedra with a corner of one of their planes and a
+corner of all.
+
 A box is any triple ``(center (3,), rotation (3, 3), half_extents (3,))`` of doubles.
 """
 
@@ -39,12 +44,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from exact_vectors import Box, Vector, cross, dot, exact, whole
+from exact_vectors import Box, Point, Vector, cross, determinant, dot, exact, minus, whole
 from exact_vectors import corners as corners
+from hull_distances import whole_numbers
 
 SEPARATE, TOUCHING, OVERLAP = 0, 1, 2
 
@@ -183,8 +189,7 @@ def relative_separations(a: Sequence[Any], b: Sequence[Any]) -> np.ndarray:
 
 def separations(a: Sequence[Any], b: Sequence[Any]) -> np.ndarray:
     """`ExactPair.separation` row by row, metres."""
-    rows = zip(*a, *b, strict=True)
-    return np.array([ExactPair(r[:3], r[3:]).separation() for r in rows])
+    return np.array([ExactPair(r[:3], r[3:]).separation() for r in zip(*a, *b, strict=True)])
 
 
 def gap_along(a: Box, b: Box, axis: Iterable[float]) -> Fraction:
@@ -194,6 +199,65 @@ def gap_along(a: Box, b: Box, axis: Iterable[float]) -> Fraction:
     and the axis points from a to b.
     """
     n = exact(axis)
-
     first, second = ([dot(n, p) for p in corners(box)] for box in (a, b))
     return Fraction(min(second) - max(first))
+
+
+#: Outward normal and offset: inside is n . x <= d.
+Plane = tuple[Point, int]
+
+
+def overlap_volume(a: Box, b: Box) -> Fraction:
+    """Return the volume common to two boxes."""
+    if not (a[2].all() and b[2].all()):
+        return Fraction(0)
+    first, second, unit = whole_numbers(_center_and_edges(a), _center_and_edges(b))
+    planes = list(dict.fromkeys([*_planes(*first), *_planes(*second)]))
+    corners = _corners(planes)
+    if not corners:
+        return Fraction(0)
+    apex = min(corners)
+    volume = Fraction(0)
+    for plane in planes:
+        face = [p for p in corners if _on(plane, p)]
+        lines = [[p for p in face if _on(other, p)] for other in planes if other != plane]
+        for ends in {(min(line), max(line)) for line in lines if line}:
+            volume += abs(determinant(*(minus(p, apex) for p in (*ends, face[0]))))
+    return volume / (6 * unit**3)
+
+
+def _center_and_edges(box: Box) -> list[Point]:
+    """Return the centre and the half edges of a box."""
+    center, rotation, half = box
+    axes = zip(exact(half), map(exact, rotation.T), strict=True)
+    return [exact(center), *((h * x, h * y, h * z) for h, (x, y, z) in axes)]
+
+
+def _planes(center: Point, *edges: Point) -> list[Plane]:
+    """Return the six planes of a box, divided by what their numbers share: equal ones are equal."""
+    planes = []
+    for k in range(3):
+        normal = cross(edges[k - 2], edges[k - 1])
+        reach = abs(dot(normal, edges[k]))
+        for x, y, z in (normal, minus((0, 0, 0), normal)):
+            offset = dot((x, y, z), center) + reach
+            shared = math.gcd(x, y, z, offset)
+            planes.append(((x // shared, y // shared, z // shared), offset // shared))
+    return planes
+
+
+def _corners(planes: list[Plane]) -> set[Point]:
+    """Return the points of three planes each that are outside of none (Cramer)."""
+    found = set()
+    for (n, d), (m, e), (o, f) in combinations(planes, 3):
+        sides = cross(m, o), cross(o, n), cross(n, m)
+        low = dot(n, sides[0])
+        sign = -1 if low < 0 else 1
+        x, y, z = (sign * dot((d, e, f), column) for column in zip(*sides, strict=True))
+        if low and all(dot(normal, (x, y, z)) <= offset * abs(low) for normal, offset in planes):
+            found.add((Fraction(x, abs(low)), Fraction(y, abs(low)), Fraction(z, abs(low))))
+    return found
+
+
+def _on(plane: Plane, point: Point) -> bool:
+    return bool(dot(plane[0], point) == plane[1])

@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 
 import numpy as np
-from exact_vectors import Box, Vector, cross, exact, norm, taxicab
+from exact_vectors import Box, Vector, cross, dot, exact, norm, taxicab
 from oracle import ExactPair
 from support import family, loosened, row_of, stored
 
@@ -91,6 +91,11 @@ def normals(columns: Rows) -> Rows:
     return [cross(columns[k - 2], columns[k - 1]) for k in range(3)]
 
 
+def solved(columns: Rows, v: Vector) -> list[Fraction]:
+    """Return the coordinates of a vector along columns (3), exactly (Cramer)."""
+    return [dot(n, v) / dot(n, column) for n, column in zip(normals(columns), columns, strict=True)]
+
+
 def extents(*boxes: Box) -> Fraction:
     """Return the sum of all half extents."""
     return sum((taxicab(exact(box[2])) for box in boxes), Fraction(0))
@@ -101,6 +106,12 @@ def exact_gaps(a: Box, b: Box) -> list[Fraction]:
     pair = ExactPair(a, b)
     unit = Fraction(2) ** pair.exponent
     return [pair.gap(axis) * unit / norm(axis) for axis in pair.candidate_axes()]
+
+
+def edge_lengths(a: Box, b: Box) -> list[float]:
+    """Return the lengths of the nine cross products of edges, rounded."""
+    lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
+    return [float(length) for length in lengths]
 
 
 def rounded(value: Fraction) -> Fraction:
@@ -158,9 +169,13 @@ class Moved:
         self.farthest = 4.0 * (self.a.half_extents + self.b.half_extents).sum(axis=1)
         self.farthest += 100.0 * np.spacing(np.abs(self.a.centers).max(axis=1)) + 1e-300
 
+    def points(self, distances: Floats) -> Floats:
+        """Return the points at distances (n,) from the centres of the first boxes."""
+        return np.asarray(self.a.centers + distances[:, None] * self.directions)
+
     def at(self, distances: Floats) -> tuple[Boxes, Boxes]:
         """Return the boxes of all pairs at distances (n,)."""
-        centers = self.a.centers + distances[:, None] * self.directions
+        centers = self.points(distances)
         return self.a, Boxes.trusted(centers, self.b.rotations, self.b.half_extents)
 
     def check(
