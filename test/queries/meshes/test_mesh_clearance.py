@@ -229,9 +229,8 @@ def test_one_solid_inside_another_collides_and_a_cavity_does_not() -> None:
     hollow = ZOO["hollow3"]
     assert verdict_of(place(*ZOO["sphere3"]), place(*CRUMB)) == Verdict.OVERLAP
     assert verdict_of(place(*hollow), place(*CRUMB)) == Verdict.SEPARATE
-    tiny = place(
-        0.01 * CRUMB[0], CRUMB[1], hollow[0][hollow[1][0]].mean(axis=0) * 0.93
-    )  # in a wall
+    within_wall = hollow[0][hollow[1][0]].mean(axis=0) * 0.93
+    tiny = place(0.01 * CRUMB[0], CRUMB[1], within_wall)
     assert verdict_of(place(*hollow), tiny) == Verdict.OVERLAP
 
 
