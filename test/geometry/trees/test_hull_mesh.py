@@ -171,11 +171,11 @@ def test_pools_hold_what_joining_gives() -> None:
             assert ours.dtype == theirs.dtype
             assert (ours == theirs).all()
     assert all(joined.boxes(row, 2) == tree.boxes(0, 2) for row, tree in enumerate(trees))
-    for row, part in enumerate(corners):
+    for row, own in enumerate(corners):
         first, last = hulls.all.starts[row : row + 2]
         stored = hulls.all.blocks[first:last].transpose(0, 2, 1).reshape(-1, 3)
-        assert (stored[: len(part)] == part).all()
-        assert (stored[len(part) :] == part[-1]).all()
+        assert (stored[: len(own)] == own).all()
+        assert (stored[len(own) :] == own[-1]).all()
     assert hulls.size == len(hulls.all.blocks)
 
 

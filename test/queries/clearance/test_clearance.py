@@ -128,7 +128,7 @@ def test_only_the_offset_counts() -> None:
         [Boxes(c + by, x.rotations, x.half_extents) for c, x in zip(centers, (a, b), strict=True)]
         for by in (0.0, moved)
     ]
-    here, there = oc.clearances(*sides[0]), oc.clearances(*sides[1])
+    here, there = (oc.clearances(one, other) for one, other in sides)
     np.testing.assert_array_equal(here.distances, there.distances)
     np.testing.assert_array_equal(here.normals, there.normals)
 
@@ -138,11 +138,11 @@ def test_mirrored_boxes_are_as_far_apart() -> None:
     a, b = apart(PARALLEL, 5000)
     found = oc.clearances(a, b)
     for mirror in 1.0 - 2.0 * np.eye(3):
-        sides = [
+        one, other = (
             Boxes(x.centers * mirror, mirror[:, None] * x.rotations * mirror, x.half_extents)
             for x in (a, b)
-        ]
-        error = np.abs(oc.clearances(*sides).distances - found.distances)
+        )
+        error = np.abs(oc.clearances(one, other).distances - found.distances)
         assert (error <= ACCURACY * scale(a, b, found)).all()
 
 

@@ -253,7 +253,7 @@ def test_distances_of_polytopes_are_those_of_fractions(
         square = squared_distance(*sides)
         radius = float(a.radii[n] + b.radii[n])
         truth = float(root(square))
-        assert max(Fraction(found.lower[n]) + Fraction(radius), 0) ** 2 <= square
+        assert max(Fraction(found.lower[n]) + Fraction(radius), Fraction(0)) ** 2 <= square
         size = max(truth, float(reach_of(a)[n] + reach_of(b)[n]))
         if truth > radius:
             assert found.lower[n] >= truth - radius - CLOSE * size

@@ -86,8 +86,8 @@ def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
     half = np.arange(count) < count // 2  # as drawn: the others are moved apart or into each other
     bodies: list[PlacedMeshes] = []
     for side in as_drawn([make(rng) for _ in range(count)]):
-        size = np.abs(side.trees.triangles).max(axis=1, keepdims=True)
-        centers = size * rng.normal(size=(count, 3)) * rng.integers(0, 2, (count, 1))
+        scale = np.abs(side.trees.triangles).max(axis=1, keepdims=True)
+        centers = scale * rng.normal(size=(count, 3)) * rng.integers(0, 2, (count, 1))
         rotations = Rotation.random(count, random_state=rng).as_matrix()
         rotations[rng.random(count) < 0.5] = np.eye(3)
         for first in bodies:
