@@ -45,27 +45,13 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node import (
-    boxes_to_ros,
-    collisions_from_ros,
-    named_pairs,
-    namespace_number,
-    poses_to_ros,
-    reporting,
-)
+from obb_collision import node as ros
+from obb_collision.node import namespace_number, reporting
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages import conversions as cv
 from obb_collision.node.messages.clouds import cloud_to_ros
-from obb_collision.node.messages.conversions import (
-    Key,
-    name_from_key,
-    namespace_table,
-    pose_to_ros,
-    stamp_from_ros,
-    stamp_to_ros,
-    states_to_ros,
-    transform_to_ros,
-)
+from obb_collision.node.messages.conversions import Key, name_from_key, pose_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
@@ -125,7 +111,7 @@ def cube(
     return marker
 
 
-def spy(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> Mock:
+def spy(monkeypatch: Patch, owner: Any, name: str) -> Mock:
     """Take note of the calls of a function from now on."""
     noted = Mock(wraps=getattr(owner, name))
     monkeypatch.setattr(owner, name, noted)
@@ -133,6 +119,8 @@ def spy(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> Mock:
 
 
 AnyRig = TypeVar("AnyRig", bound="Rig")
+Patch = pytest.MonkeyPatch
+Printed = pytest.CaptureFixture[str]
 SHARED: list[Any] = []
 """The rig that several tests share: one of another kind ends it, as nodes have the same names."""
 
@@ -196,7 +184,7 @@ class Client:
 
     def header(self, frame: str = FRAME) -> Header:
         self.stamp += 1_000_000
-        return Header(stamp=stamp_to_ros(self.stamp), frame_id=frame)
+        return Header(stamp=cv.stamp_to_ros(self.stamp), frame_id=frame)
 
     def send(self, *markers: Marker, stamped: bool = True) -> Client:
         """Publish markers, all with the next stamp."""
@@ -209,14 +197,14 @@ class Client:
 
     def send_transform(self, name: str, pose: Any, frame: str = FRAME) -> Client:
         message = TransformStamped(header=self.header(frame), child_frame_id=name)
-        message.transform = transform_to_ros(pose)
+        message.transform = cv.transform_to_ros(pose)
         self.pubs["object_transform"].publish(message)
         return self
 
     def send_states(
         self, names: list[str], poses: Any, frame: str = FRAME, twists: Any = None
     ) -> Client:
-        message = states_to_ros(names, poses, self.header(frame), twists)
+        message = cv.states_to_ros(names, poses, self.header(frame), twists)
         self.pubs["object_states"].publish(message)
         return self
 
@@ -229,7 +217,8 @@ class Client:
 
     def send_poses(self, ids: Any, poses: Any, namespaces: Any = None, **options: Any) -> Client:
         header = self.header(options.pop("frame", FRAME))
-        self.pubs["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header, **options))
+        message = ros.poses_to_ros(ids, poses, namespaces, header, **options)
+        self.pubs["object_poses"].publish(message)
         return self
 
     def send_boxes(
@@ -238,7 +227,7 @@ class Client:
         """Publish a complete set of boxes: poses (n, 7) and sizes, (n, 3) or one for all."""
         header = self.header(options.pop("frame", FRAME))
         sizes = np.broadcast_to(sizes, (len(ids), 3))
-        message = boxes_to_ros(ids, poses, sizes, namespaces, header, **options)
+        message = ros.boxes_to_ros(ids, poses, sizes, namespaces, header, **options)
         self.pubs["object_boxes"].publish(message)
         return self
 
@@ -257,26 +246,21 @@ class Client:
             self.send_poses([number for _, number in poses], rows, namespaces)
         return self
 
-    def hear(self, topic: str) -> None:
-        """Subscribe to the topic of an effect, and wait until that is ready: its messages come."""
-        self.listen(topic)
-        self.until(lambda: topic in self.last, topic)
-
     def answer(self, topic: str = "collisions") -> PointCloud2:
         """Wait for the message of a topic that is about the last state sent."""
 
         def arrived() -> Any:
             message = self.last.get(topic)
-            return message is not None and stamp_from_ros(message.header.stamp) == self.stamp
+            return message and cv.stamp_from_ros(message.header.stamp) == self.stamp and message
 
-        self.until(arrived, f"{topic} of stamp {self.stamp}")
-        return self.last[topic]
+        found: PointCloud2 = self.until(arrived, f"{topic} of stamp {self.stamp}")
+        return found
 
     def pairs(self) -> set[tuple[str, str]]:
         """Names of the pairs in the answer to the last state, in the order of the rows."""
-        rows = collisions_from_ros(self.answer())
+        rows = ros.collisions_from_ros(self.answer())
         self.namespaces(*rows["ns_a"].tolist(), *rows["ns_b"].tolist())
-        named = named_pairs(self.last["collisions"], self.last["namespaces"])
+        named = ros.named_pairs(self.last["collisions"], self.last["namespaces"])
         return {(a, b) for a, b, *_ in named}
 
     def namespaces(self, *wanted: int | str) -> dict[int, str]:
@@ -285,12 +269,14 @@ class Client:
 
         def complete() -> bool:
             table = self.last.get("namespaces")
-            return table is not None and numbers <= namespace_table(table).keys()
+            return table is not None and numbers <= cv.namespace_table(table).keys()
 
         self.until(complete, f"a table with {sorted(numbers)}")
-        return dict(namespace_table(self.last["namespaces"]))
+        return dict(cv.namespace_table(self.last["namespaces"]))
 
     def next(self, topic: str) -> Any:
+        """Wait for another message of a topic, subscribed to from now on."""
+        self.listen(topic)
         self.last.pop(topic, None)
         return self.until(lambda: self.last.get(topic), topic)
 

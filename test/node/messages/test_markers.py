@@ -28,31 +28,18 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from each import each
 from geometry_msgs.msg import Point
 from rclpy.serialization import deserialize_message
-from rig import Rig, color, cube, pose, sync
+from objects_rig import named
+from rig import Patch, Rig, color, cube, pose, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision import OBB, Boxes, shapes
 from obb_collision.node import namespace_number, namespace_table
+from obb_collision.node.messages import marker_shapes, names
 from obb_collision.node.messages.box_markers import COLORS, MarkerArrayWriter, Markers, edge_points
 from obb_collision.node.messages.cdr import namespace_bytes
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_shapes import (
-    Signature,
-    marker_shape_from_ros,
-    plan_shape,
-    shape_from_ros,
-    shape_to_ros,
-)
-from obb_collision.node.messages.names import (
-    MAX_FRAMES,
-    MAX_NAME_BYTES,
-    MAX_NAMESPACE_BYTES,
-    FrameTable,
-    NamespaceTable,
-    check_name,
-    shortened,
-)
+from obb_collision.node.messages.names import MAX_NAME_BYTES, FrameTable, NamespaceTable
 from obb_collision.node.outputs import NAMESPACES_RATE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -65,16 +52,12 @@ def marker(kind: int, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), point
     return message
 
 
-def signature_of(message: Marker) -> Signature:
-    return plan_shape(marker_shape_from_ros(message)).signature
-
-
 def inside(box: OBB, points: Any) -> bool:
     return bool(np.all(box.contains(np.array(points))))
 
 
 def world(message: Marker) -> OBB:
-    return OBB(*shape_from_ros(message).local_box)
+    return OBB(*marker_shapes.shape_from_ros(message).local_box)
 
 
 @each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER])
@@ -147,16 +130,20 @@ def test_meshes_are_read_from_uris_and_from_the_message(tmp_path: Path) -> None:
 )
 def test_what_is_no_body_is_refused_with_a_reason(message: Marker, reason: str) -> None:
     with pytest.raises(RefusedError) as caught:
-        shape_from_ros(message)
+        marker_shapes.shape_from_ros(message)
     assert caught.value.reason == reason
 
 
 def test_signatures_change_with_the_shape_only() -> None:
-    first, moved = marker(Marker.LINE_LIST, points=POINTS), marker(Marker.LINE_LIST, points=POINTS)
+    def signature() -> marker_shapes.Signature:
+        return marker_shapes.plan_shape(marker_shapes.marker_shape_from_ros(moved)).signature
+
+    moved = marker(Marker.LINE_LIST, points=POINTS)
+    first = signature()
     moved.pose.position.x = 5.0
-    assert signature_of(first) == signature_of(moved)
+    assert signature() == first
     moved.points[1].x += 1e-9
-    assert signature_of(first) != signature_of(moved)
+    assert signature() != first
 
 
 def test_shapes_come_back_from_markers() -> None:
@@ -168,11 +155,11 @@ def test_shapes_come_back_from_markers() -> None:
         shapes.Cylinder(0.5, 2.0, scale=(1.0, 2.0, 3.0)),
         shapes.Mesh(vertices, faces, scale=(2.0, 1.0, 1.0)),
     ):
-        back = shape_from_ros(shape_to_ros(shape))
+        back = marker_shapes.shape_from_ros(marker_shapes.shape_to_ros(shape))
         for got, expected in zip(back.local_box, shape.local_box, strict=True):
             np.testing.assert_array_equal(got, expected)
     with pytest.raises(TypeError, match="Cone"):
-        shape_to_ros(shapes.Cone(1.0, 1.0))
+        marker_shapes.shape_to_ros(shapes.Cone(1.0, 1.0))
 
 
 BOXES = Boxes.from_poses(
@@ -205,8 +192,9 @@ def test_serialised_cubes_are_what_rclpy_reads() -> None:
 
 
 def test_gone_markers_are_deleted_once_and_lists_replace_cubes() -> None:
+    assert read(MarkerArrayWriter("map", 0, 0.0).message()) == []
     markers = Markers("map")
-    keys = [("a", 1), ("a", 2)]
+    keys = [A1, A2]
     markers.write(keys, BOXES, np.array([0, 0]), STAMP, 0.0, None)
     message = read(markers.write(keys[:1], BOXES[np.array([0])], np.array([1]), STAMP, 0.0, None))
     assert [(m.id, m.action) for m in message] == [(2, Marker.DELETE), (1, Marker.ADD)]
@@ -215,26 +203,16 @@ def test_gone_markers_are_deleted_once_and_lists_replace_cubes() -> None:
     assert [len(m.points) for m in message] == [0, 24, 24]
     ends = np.array([(p.x, p.y, p.z) for m in message[1:] for p in m.points])
     np.testing.assert_array_equal(ends, edge_points(BOXES))
+    edges = np.linalg.norm(ends[1:24:2] - ends[:24:2], axis=1)
+    assert sorted(edges.tolist()) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
     empty = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
     message = read(markers.write([], empty, np.empty(0, np.int64), STAMP, 0.0, 0.01))
     assert [m.action for m in message] == [Marker.DELETE, Marker.DELETE]
 
 
-def test_the_edges_of_a_box_are_twelve_with_the_right_lengths() -> None:
-    ends = edge_points(BOXES)[:24].reshape(12, 2, 3)
-    lengths = sorted(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).tolist())
-    assert lengths == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
-
-
-def test_an_empty_marker_array_is_serialised() -> None:
-    assert read(MarkerArrayWriter("map", 0, 0.0).message()) == []
-
-
 def test_marker_boxes_are_complete_coloured_by_state_and_deleted_when_gone() -> None:
     with Rig(marker_rate=100.0) as rig:
-        rig.listen("obb_collision/markers")
         rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0), (1, 2, 3))).answer()
-        bad = cube(B1, (8, 0, 0), (0, 1, 1))
 
         def shown() -> dict[tuple[str, int], Marker]:
             return {(m.ns, m.id): m for m in rig.next("obb_collision/markers").markers}
@@ -242,12 +220,11 @@ def test_marker_boxes_are_complete_coloured_by_state_and_deleted_when_gone() -> 
         rig.until(lambda: len(shown()) == 3, "three markers")
         boxes = shown()
         assert all(m.action == Marker.ADD and m.type == Marker.CUBE for m in boxes.values())
-        assert color(boxes[A1]) == COLORS[1]
-        assert color(boxes[A2]) == COLORS[1]
-        assert color(boxes[B1]) == COLORS[0]
+        for key, state in ((A1, 1), (A2, 1), (B1, 0)):
+            assert color(boxes[key]) == COLORS[state]
         assert (boxes[B1].scale.x, boxes[B1].scale.y, boxes[B1].scale.z) == (1.0, 2.0, 3.0)
         assert boxes[B1].pose.position.x == 9.0
-        rig.send(bad)
+        rig.send(cube(B1, (8, 0, 0), (0, 1, 1)))
         rig.until(lambda: color(shown()[B1]) == COLORS[2], "grey")
         assert shown()[B1].pose.position.x == 9.0, "a refused object keeps its last box"
         rig.send(Marker(ns="a", id=2, action=Marker.DELETE))
@@ -255,31 +232,27 @@ def test_marker_boxes_are_complete_coloured_by_state_and_deleted_when_gone() -> 
         rig.until(lambda: A2 not in shown() and A1 in shown(), "gone")
 
 
-CLASHING = "plumless", "buckeroo"
-"""Two words with the same CRC-32."""
 LONG = "x" * 1_000_000
 
 
 def test_the_number_is_the_crc_32_as_int32() -> None:
-    names = ["", "a", "b", "äöü/1", "crate"]
-    numbers = [namespace_number(name) for name in names]
-    assert np.array(numbers, np.int32).view(np.uint32).tolist() == [
-        zlib.crc32(name.encode()) for name in names
-    ]
+    for name in ("", "a", "b", "äöü/1", "crate"):
+        number = np.array(namespace_number(name), np.int32)
+        assert number.view(np.uint32) == zlib.crc32(name.encode())
 
 
 def test_of_two_namespaces_with_one_number_the_second_is_refused_until_the_first_is_gone() -> None:
-    first, second = ((name, 1) for name in CLASHING)
+    first, second = ("plumless", 1), ("buckeroo", 1)
     assert namespace_number(first[0]) == namespace_number(second[0])
     with Rig() as rig:
         rig.send(cube(first), cube(second, (0.1, 0, 0)), cube(A1, (0.2, 0, 0)))
-        assert {frozenset(pair) for pair in rig.pairs()} == {frozenset(("a/1", "plumless/1"))}
+        assert named(rig.pairs()) == named({("a/1", "plumless/1")})
         assert rig.refused("objects") == {"namespace number taken": 1}
         assert rig.node.objects.unplaceable == {second: "namespace number taken"}
         rig.send(Marker(ns=first[0], id=1, action=Marker.DELETE))
         rig.send(cube(second, (0.1, 0, 0)), cube(A1, (0.2, 0, 0))).answer()
         rig.until(lambda: "buckeroo" in namespace_table(rig.last["namespaces"]).values(), "table")
-        assert {frozenset(pair) for pair in rig.pairs()} == {frozenset(("a/1", "buckeroo/1"))}
+        assert named(rig.pairs()) == named({("a/1", "buckeroo/1")})
 
 
 @each("number", [0, 1, -1, 2**31 - 1, -(2**31)])
@@ -322,19 +295,17 @@ def test_long_names_are_refused_and_not_kept(rig: Rig) -> None:
 @each("name", ["\ud800", "a\0b", "é" * 128, "a\nb", "\n" * 255, "\ud800" * 2000, LONG])
 def test_what_is_no_name_is_refused(name: str) -> None:
     with pytest.raises(RefusedError, match="bad name"):
-        check_name(name, "namespace")
+        names.check_name(name, "namespace")
     with pytest.raises(RefusedError, match="bad name"):
         NamespaceTable().admit(name)
-    kept = shortened(name)
+    kept = names.shortened(name)
     assert kept.isprintable()
-    check_name(kept, "namespace")
-    assert shortened(kept) == kept
+    names.check_name(kept, "namespace")
+    assert names.shortened(kept) == kept
 
 
-def test_many_namespaces_come_and_go_and_a_full_table_recovers(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("obb_collision.node.messages.names.MAX_NAMESPACES", 20)
+def test_namespaces_come_and_go_and_a_full_table_recovers(rig: Rig, monkeypatch: Patch) -> None:
+    monkeypatch.setattr(names, "MAX_NAMESPACES", 20)
     for round_ in range(3):
         rig.send(*(cube((f"{round_} {number}", 0), (5.0 * number, 0, 0)) for number in range(25)))
         rig.answer()
@@ -357,12 +328,12 @@ def test_a_scene_file_with_more_than_fits_starts_with_the_rest(tmp_path: Path) -
         assert len(rig.node.objects.table) == 7
         assert set(rig.node.objects.unplaceable.values()) == {"too many objects"}
         rig.send_transform("thing 0/0", pose(1.5))
-        assert {frozenset(pair) for pair in rig.pairs()} == {frozenset(("thing 0/0", "thing 1/0"))}
+        assert named(rig.pairs()) == named({("thing 0/0", "thing 1/0")})
 
 
 def test_the_table_is_bounded_in_bytes() -> None:
     table = NamespaceTable()
-    most = MAX_NAMESPACE_BYTES // MAX_NAME_BYTES
+    most = names.MAX_NAMESPACE_BYTES // MAX_NAME_BYTES
     for number in range(most + 10):
         table.use(table.admit(f"{number:0{MAX_NAME_BYTES}}")) if number < most else None
     with pytest.raises(RefusedError, match="too many namespaces"):
@@ -387,15 +358,15 @@ def test_unused_namespaces_stay_until_their_place_is_needed() -> None:
 
 @each("count", [0, 1, 5])
 def test_the_table_is_written_as_rclpy_would(count: int) -> None:
-    names = {namespace_number("ä" * n): "ä" * n for n in range(count)}
-    message = deserialize_message(namespace_bytes(names), DiagnosticStatus)
-    values = [KeyValue(key=str(number), value=name) for number, name in names.items()]
+    table = {namespace_number("ä" * n): "ä" * n for n in range(count)}
+    message = deserialize_message(namespace_bytes(table), DiagnosticStatus)
+    values = [KeyValue(key=str(number), value=name) for number, name in table.items()]
     text = f"{count} namespaces"
     assert message == DiagnosticStatus(name="namespaces", message=text, values=values)
 
 
 def test_a_large_table_is_not_sent_at_every_cycle(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     now, out = [1e6], rig.node.outputs
     sent: list[bytes] = []
@@ -417,7 +388,7 @@ def test_a_large_table_is_not_sent_at_every_cycle(
 def test_frames_that_nothing_uses_give_their_place_to_others() -> None:
     frames = FrameTable("map")
     assert frames.index("") == frames.index("map") == 0
-    indices = [frames.index(f"f{number}") for number in range(MAX_FRAMES - 1)]
+    indices = [frames.index(f"f{number}") for number in range(names.MAX_FRAMES - 1)]
     assert [frames.name(index) for index in indices[:2]] == ["f0", "f1"]
     assert frames.is_full
     frames.keep_only(indices)
@@ -427,6 +398,6 @@ def test_frames_that_nothing_uses_give_their_place_to_others() -> None:
     assert "f5" not in frames
     assert frames.index("one more") == indices[5]
     assert frames.index("f6") == indices[6]
-    assert len(frames) == MAX_FRAMES
+    assert len(frames) == names.MAX_FRAMES
     with pytest.raises(RefusedError, match="bad name"):
         frames.index(LONG)
