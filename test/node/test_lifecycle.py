@@ -26,7 +26,7 @@ from each import each
 from lifecycle_msgs.msg import Transition
 from objects_rig import Gate, triangle
 from rclpy.executors import SingleThreadedExecutor
-from rig import LATCHED, NAMESPACE, STATUS, Rig, cube, own_context, pose, spy, sync
+from rig import LATCHED, NAMESPACE, STATUS, Patch, Rig, cube, own_context, pose, spy, sync
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
@@ -79,7 +79,7 @@ def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
 
 
 def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_up_to_date(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: Patch,
 ) -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
         rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
@@ -176,7 +176,7 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
 
 
 def test_parameters_of_an_unconfigured_node_count_once_it_is_configured_without_waiting(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: Patch,
 ) -> None:
     with managed(expect_empty=True) as rig:
         # the thread that loads and compiles
@@ -239,7 +239,7 @@ def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_r
     ],
 )
 def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_works(
-    part: str, way: tuple[int, ...], transition: int, monkeypatch: pytest.MonkeyPatch
+    part: str, way: tuple[int, ...], transition: int, monkeypatch: Patch
 ) -> None:
     with managed(*way) as rig:
         with monkeypatch.context() as patch:
@@ -254,7 +254,7 @@ def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_w
         assert rig.pairs() == NAMED
 
 
-def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: Patch) -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
         monkeypatch.setattr(rig.node.outputs, "withdraw", BROKEN)
         monkeypatch.setattr(rig.node, "deactivate", BROKEN)

@@ -28,7 +28,7 @@ import pytest
 from each import each
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from rig import INPUTS, NAMESPACE, OUTPUTS, Rig, cube, own_context
+from rig import INPUTS, NAMESPACE, OUTPUTS, Printed, Rig, cube, own_context
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -117,9 +117,7 @@ def test_ready_scenes_start_by_name(name: str) -> None:
         assert node.cycle.report is not None
 
 
-def test_what_cannot_be_used_ends_the_node_with_the_reason(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_used_ends_the_node_with_the_reason(tmp_path: Path, capfd: Printed) -> None:
     file = tmp_path / "wrong.yaml"
     file.write_text("objects:\n  - {name: a/1, shape: box, size: [1, -1, 1]}\n")
     for given, reason in (

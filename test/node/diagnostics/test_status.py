@@ -28,7 +28,7 @@ from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
-from rig import INPUTS, NAMESPACE, PATIENCE, Rig, cube, node_apart, pose
+from rig import INPUTS, NAMESPACE, PATIENCE, Patch, Printed, Rig, cube, node_apart, pose
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
@@ -64,9 +64,7 @@ def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig:
     assert message.header.stamp.sec > 0
 
 
-def test_a_listener_with_incompatible_qos_or_type_is_reported(
-    rig: Rig, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_listener_with_incompatible_qos_or_type_is_reported(rig: Rig, capfd: Printed) -> None:
     rig.listen("/diagnostics")
     rig.client.create_subscription(PointCloud2, "contacts", lambda message: None, LATCHED)
     with node_apart("other") as other:  # as of another process: of another type
@@ -223,9 +221,7 @@ def test_points_arrive_from_a_driver_that_sends_best_effort() -> None:
         rig.until(inside, "points in the box")
 
 
-def test_joints_and_detections_match_what_sends_best_effort(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_joints_and_detections_match_what_sends_best_effort(monkeypatch: Patch) -> None:
     given = {"detections": Input(PointCloud2, *detections.QUEUE)}  # vision_msgs need not be there
     monkeypatch.setattr(detections, "INPUTS", given)
     with Rig(robots=["arm"]) as rig:

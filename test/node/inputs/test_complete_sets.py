@@ -24,7 +24,7 @@ import pytest
 from each import each
 from geometry_msgs.msg import Vector3
 from rclpy.serialization import serialize_message
-from rig import FRAME, FakeFrames, Rig, cube, pose, sync
+from rig import FRAME, FakeFrames, Patch, Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
@@ -203,7 +203,7 @@ def test_very_many_namespaces_do_not_hold_up_the_cycles(rig: Rig) -> None:
 
 
 def test_boxes_that_fail_leave_nothing_of_those_in_whose_place_they_were_to_come(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     rig.send_boxes([1, 2, 3], in_row(0, 0.9, 5))
     assert rig.pairs() == {("boxes/1", "boxes/2")}
@@ -252,7 +252,7 @@ def bytes_of(some: Sequence[Seen], stamp: int = 1, frame: str = FRAME) -> bytes:
 
 
 @pytest.fixture
-def seeing(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
+def seeing(monkeypatch: Patch) -> Iterator[Rig]:
     """Yield a node with the topic, its type being another one: messages go as bytes."""
     monkeypatch.setattr(detections, "INPUTS", {SEEN: Input(PointCloud2, 10)})
     with Rig() as made:

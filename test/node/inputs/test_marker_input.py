@@ -19,13 +19,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import pytest
 from builtin_interfaces.msg import Duration
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rig import FRAME, POSES, Rig, cube, pose, spy, sync
+from rig import FRAME, POSES, Patch, Rig, cube, pose, spy, sync
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -55,7 +54,7 @@ def wait(rig: Rig, *messages: bytes) -> None:
 
 
 def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     put = spy(monkeypatch, rig.node.objects.shapes, "put_primitives")
     wait(rig, *(serialized(cube(A1, (x, 0, 0)), cube(A2, (x + 0.5, 0, 0))) for x in range(50)))
@@ -70,7 +69,7 @@ def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
     put.assert_not_called()  # an unchanged shape is a pose update
 
 
-def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: Patch) -> None:
     gathered = spy(monkeypatch, marker_input, "gather")
     for n in range(20):
         wait(rig, serialized(CLEAR, *(cube(("c", 10 * n + k)) for k in range(9))))
@@ -79,7 +78,7 @@ def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -
     assert keys(rig) == {("c", 190 + k) for k in range(9)}
 
 
-def test_what_waits_is_bounded(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_waits_is_bounded(rig: Rig, monkeypatch: Patch) -> None:
     monkeypatch.setattr(marker_input, "MAX_WAITING_BYTES", 100_000)
     markers, peak = rig.node.inputs.markers, 0
     triangles = cube(("t", 1), type=Marker.TRIANGLE_LIST)
@@ -99,9 +98,7 @@ def test_what_waits_is_bounded(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Non
     assert rig.refused("objects").keys() == {"no points"}
 
 
-def test_many_new_objects_without_end_are_refused_within_bounds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_many_new_objects_without_end_are_refused_within_bounds(monkeypatch: Patch) -> None:
     monkeypatch.setattr(marker_input, "MAX_WAITING_BYTES", 100_000)
     with Rig(max_objects=100) as rig:
         for number in range(100):
@@ -145,7 +142,7 @@ def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
 
 @each("seconds", [0, 7])
 def test_overload_is_said_with_the_age_of_the_newest_state(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, seconds: int
+    rig: Rig, monkeypatch: Patch, seconds: int
 ) -> None:
     rig.listen("/diagnostics")
     subscribed = rig.node.subscribed

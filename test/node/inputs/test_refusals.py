@@ -28,7 +28,7 @@ import trimesh
 from each import each
 from geometry_msgs.msg import Twist
 from objects_rig import BOX, levels, mesh_marker, triangle
-from rig import POSES, Rig, cube, pose, sync
+from rig import POSES, Patch, Printed, Rig, cube, pose, sync
 from robot_rig import URDF, RobotRig
 from visualization_msgs.msg import Marker
 
@@ -129,9 +129,7 @@ def limited(tmp_path: Path) -> Iterator[Rig]:
         yield made
 
 
-def test_shapes_beyond_the_limits_are_refused(
-    limited: Rig, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_shapes_beyond_the_limits_are_refused(limited: Rig, tmp_path: Path, capfd: Printed) -> None:
     for folder in ("allowed", "."):
         trimesh.creation.box().export(tmp_path / folder / "part.stl")
     limited.send(triangle(A), mesh_marker(tmp_path / "allowed" / "part.stl", B))
@@ -237,7 +235,7 @@ def test_the_first_cycle_after_a_flood_has_the_newest_state(topic: str, rig: Rig
 
 
 def test_of_messages_that_take_long_no_more_than_one_delays_a_cycle(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     rig.send(cube(A1), cube(A2, (9, 0, 0))).answer()
     seconds, monitor = count(), rig.monitor("object_states")

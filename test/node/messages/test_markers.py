@@ -27,8 +27,8 @@ import trimesh
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from each import each
 from geometry_msgs.msg import Point
-from rclpy.serialization import deserialize_message
 from objects_rig import named
+from rclpy.serialization import deserialize_message
 from rig import Patch, Rig, color, cube, pose, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -365,9 +365,7 @@ def test_the_table_is_written_as_rclpy_would(count: int) -> None:
     assert message == DiagnosticStatus(name="namespaces", message=text, values=values)
 
 
-def test_a_large_table_is_not_sent_at_every_cycle(
-    rig: Rig, monkeypatch: Patch
-) -> None:
+def test_a_large_table_is_not_sent_at_every_cycle(rig: Rig, monkeypatch: Patch) -> None:
     now, out = [1e6], rig.node.outputs
     sent: list[bytes] = []
     monkeypatch.setattr("obb_collision.node.outputs.outputs.perf_counter", lambda: now[0])

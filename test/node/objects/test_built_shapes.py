@@ -29,7 +29,7 @@ import trimesh
 from each import each
 from geometry_msgs.msg import Point
 from objects_rig import BODY, BOX, OTHER, PAIR, Gate, mesh_marker, named, triangle
-from rig import Rig, cube, sync
+from rig import Patch, Rig, cube, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
@@ -152,7 +152,7 @@ def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> N
 
 
 def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: Patch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(shape_requests, "CHECK_PERIOD", 0.05)
     file = tmp_path / "part.stl"
@@ -213,7 +213,7 @@ def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) 
 
 
 def test_without_a_process_that_builds_the_rest_goes_on_and_it_needs_no_temporary_folder(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: Patch,
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/no/python")
     with Rig(own_builder=True) as rig:
@@ -250,7 +250,7 @@ def test_an_item_beyond_the_limits_is_refused_alone(rig: Rig) -> None:
 
 
 def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    rig: Rig, monkeypatch: Patch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(meshes, "fit_points", Mock(side_effect=AssertionError("in this process")))
     for name in ("open", "stat"):
@@ -276,7 +276,7 @@ def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
 
 @each("at_start", [True, False])
 def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at_start: bool
+    monkeypatch: Patch, tmp_path: Path, at_start: bool
 ) -> None:
     build = Mock(side_effect=AssertionError("a tree is built in the node's process"))
     file = tmp_path / "part.stl"

@@ -32,7 +32,7 @@ from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
-from rig import FRAME, POSES, FakeFrames, Rig, color, cube, pose
+from rig import FRAME, POSES, FakeFrames, Patch, Rig, color, cube, pose
 from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
@@ -61,7 +61,7 @@ from obb_collision.node.objects.states import State
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
-def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_tf2_the_node_says_so(monkeypatch: Patch) -> None:
     monkeypatch.setattr(frames_of_node, "tf2_ros", None)
     with Rig(tf2=True) as rig:
         assert "fixed frame only" in rig.node.frames.description
@@ -136,7 +136,7 @@ One level of frames only: each transform is stored by its child frame, and looke
 
 
 @pytest.fixture(params=["tf2", "stand-in"])
-def tf2_ros(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
+def tf2_ros(request: pytest.FixtureRequest, monkeypatch: Patch) -> Any:
     """tf2_ros as the node sees it: the real one where it is installed, and its stand-in."""
     if request.param == "tf2":
         return pytest.importorskip("tf2_ros", reason="tf2_ros is not installed (not on PyPI)")
@@ -208,7 +208,7 @@ def test_with_tf2_frame_locked_objects_follow_in_every_cycle(tf2_ros: Any) -> No
 
 
 def test_with_tf2_no_look_up_waits_and_each_is_made_once_per_cycle(
-    tf2_ros: Any, monkeypatch: pytest.MonkeyPatch
+    tf2_ros: Any, monkeypatch: Patch
 ) -> None:
     with Rig(tf2=True, transform_timeout=30.0) as rig:
         buffer: Any = rig.node.frames.buffer  # type: ignore[attr-defined]

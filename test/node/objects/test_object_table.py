@@ -26,7 +26,7 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from objects_rig import SECOND, START, ObjectsRig
-from rig import Rig, color, cube, pose
+from rig import Patch, Rig, color, cube, pose
 from scipy.spatial.transform import Rotation
 
 import obb_collision
@@ -161,7 +161,7 @@ def test_an_id_that_is_too_large_is_not_one_of_the_next_namespace() -> None:
 
 @each("failing", range(0, len(COLUMNS), 2))
 def test_an_object_without_room_in_the_tables_leaves_no_trace(
-    failing: int, monkeypatch: pytest.MonkeyPatch
+    failing: int, monkeypatch: Patch
 ) -> None:
     keys = [("box", k) for k in range(FIRST_ROWS + 1)]
     rig = ObjectsRig(*keys[:-1])

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from each import each
 from objects_rig import START, ObjectsRig
-from rig import Rig, color, cube, pose, sync
+from rig import Patch, Rig, color, cube, pose, sync
 
 from obb_collision import find_pairs
 from obb_collision.node import namespace_number
@@ -47,7 +47,7 @@ class UnforeseenError(Exception):
 class Failing:
     """Makes checks fail while all objects of one of some groups of slots take part."""
 
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+    def __init__(self, patch: Patch) -> None:
         self.groups: list[set[int]] = []
         self.calls = 0
         find = checker.Checker.find
@@ -65,7 +65,7 @@ class Failing:
 class Checked:
     """Cubes in a line, each colliding with the next one, and their checks."""
 
-    def __init__(self, count: int, patch: pytest.MonkeyPatch) -> None:
+    def __init__(self, count: int, patch: Patch) -> None:
         self.rig = ObjectsRig(*(("a", number) for number in range(count)))
         poses = np.zeros((count, 7))
         poses[:, 0], poses[:, 6] = 0.75 * np.arange(count), 1.0
@@ -93,7 +93,7 @@ class Checked:
 @each("count", [5, 100])
 @each("bad", [[0], [2], [4], [1, 3], [0, 1, 2, 3, 4]])
 def test_objects_that_fail_are_set_aside_and_all_others_checked(
-    count: int, bad: list[int], monkeypatch: pytest.MonkeyPatch
+    count: int, bad: list[int], monkeypatch: Patch
 ) -> None:
     checked = Checked(count, monkeypatch)
     checked.failing.groups = [{slot} for slot in bad]
@@ -111,9 +111,7 @@ def test_objects_that_fail_are_set_aside_and_all_others_checked(
     assert found.level == UNKNOWN
 
 
-def test_of_objects_that_fail_only_together_one_is_set_aside(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_of_objects_that_fail_only_together_one_is_set_aside(monkeypatch: Patch) -> None:
     checked = Checked(50, monkeypatch)
     checked.failing.groups = [{7, 31}, {3, 4, 40}]
     report = checked.check()
@@ -124,7 +122,7 @@ def test_of_objects_that_fail_only_together_one_is_set_aside(
 
 
 def test_the_next_checks_cost_nothing_more_and_a_second_later_they_are_tried_again(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: Patch,
 ) -> None:
     checked = Checked(20, monkeypatch)
     checked.failing.groups = [{3}, {11}]
@@ -144,7 +142,7 @@ def test_the_next_checks_cost_nothing_more_and_a_second_later_they_are_tried_aga
     assert not checked.rig.objects.table.doubtful.any()
 
 
-def test_many_that_fail_are_found_over_several_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_that_fail_are_found_over_several_cycles(monkeypatch: Patch) -> None:
     checked = Checked(400, monkeypatch)
     bad = list(range(0, 400, 4))
     checked.failing.groups = [{slot} for slot in bad]
@@ -161,7 +159,7 @@ def test_many_that_fail_are_found_over_several_cycles(monkeypatch: pytest.Monkey
 
 @each("error", [UnforeseenError, MemoryError])
 def test_what_fails_without_any_object_is_no_objects_fault(
-    error: type[Exception], monkeypatch: pytest.MonkeyPatch
+    error: type[Exception], monkeypatch: Patch
 ) -> None:
     checked = Checked(5, monkeypatch)
     with monkeypatch.context() as patch:
@@ -172,9 +170,7 @@ def test_what_fails_without_any_object_is_no_objects_fault(
     assert checked.check().pairs.tolist() == checked.pairs_without()
 
 
-def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(monkeypatch: Patch) -> None:
     checked = Checked(5, monkeypatch)
     checked.failing.groups = [{2}]
     checked.check()
@@ -188,7 +184,7 @@ def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
 
 @each("stage", ["placing objects", "check"])
 def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes_on(
-    stage: str, rig: Rig, monkeypatch: pytest.MonkeyPatch
+    stage: str, rig: Rig, monkeypatch: Patch
 ) -> None:
     rig.listen("collision_status", "obb_collision/markers", "/diagnostics")
     rig.send(cube(A), cube(B, (3, 0, 0)), cube(BAD, (6, 0, 0)))
@@ -242,7 +238,7 @@ EFFECTS = {
 
 @each("topic", list(EFFECTS))
 def test_an_effect_that_fails_for_an_object_names_it_and_is_computed_for_the_rest(
-    topic: str, rig: Rig, monkeypatch: pytest.MonkeyPatch
+    topic: str, rig: Rig, monkeypatch: Patch
 ) -> None:
     module, function, effect = EFFECTS[topic]
     given = getattr(module, function)

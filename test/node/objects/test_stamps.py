@@ -26,7 +26,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
-from rig import FRAME, POSES, FakeFrames, Rig, cube, pose, sync
+from rig import FRAME, POSES, FakeFrames, Printed, Rig, cube, pose, sync
 from std_msgs.msg import Header
 
 from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros, states_to_ros
@@ -242,9 +242,7 @@ BAR, LONG = ("bar", 1), (8.0, 0.5, 0.5)
 
 
 @each("topic", POSES)
-def test_it_is_normalised_counted_and_told_once(
-    topic: str, rig: Rig, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_it_is_normalised_counted_and_told_once(topic: str, rig: Rig, capfd: Printed) -> None:
     rig.listen("/diagnostics")
     rig.send(cube(BAR, size=LONG), cube(("post", 1), (0.0, 3.0, 0.0)))
     assert rig.pairs() == set()

@@ -30,7 +30,7 @@ from rclpy.duration import Duration as Seconds
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from rig import FRAME, OUTPUTS, STATUS, FakeFrames, Rig, cube, pose
+from rig import FRAME, OUTPUTS, STATUS, FakeFrames, Patch, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
@@ -95,9 +95,7 @@ def test_with_unknown_is_collision_off_the_flag_tells_of_collisions_only() -> No
         rig.says(UNKNOWN, "disabled", True)
 
 
-def test_a_cycle_that_does_not_end_is_told_by_another_thread(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cycle_that_does_not_end_is_told_by_another_thread(monkeypatch: Patch) -> None:
     with Rig(cycle_timeout=0.1) as rig:
         rig.listen(STATUS)
         rig.send(cube(A1)).answer()
@@ -126,7 +124,7 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(
 
 
 def test_before_the_first_check_nothing_is_known_and_that_kernels_are_compiled_is_said(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     said: list[Any] = []
     flags: list[Any] = []
@@ -246,9 +244,7 @@ def test_neither_lifetimes_nor_text_nor_deletions_of_others_say_that_there_is_no
     rig.known()
 
 
-def test_what_cannot_be_read_marks_its_input_until_that_is_read_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_cannot_be_read_marks_its_input_until_that_is_read_again(monkeypatch: Patch) -> None:
     """Beside what ``test_evidence_model`` sends: detections, too many rows, keys of no object."""
     # bytes are read as what they are, whatever type is said of the topic: vision_msgs are rare
     monkeypatch.setattr(detections, "INPUTS", {"detections": Input(PointCloud2, 10)})

@@ -23,7 +23,7 @@ from unittest.mock import Mock
 
 import pytest
 from each import each
-from rig import Rig, cube, pose, spy
+from rig import Patch, Rig, cube, pose, spy
 
 from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
 from obb_collision.node.inputs import clouds as obstacles
@@ -55,7 +55,7 @@ NAMES = {name: topic.name.replace("~", "obb_collision") for name, topic in TOPIC
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+def calls(monkeypatch: Patch) -> Counter[str]:
     """Count what is called: ``run`` of effects, their kernels, builders of rows."""
     counted: Counter[str] = Counter()
 
@@ -177,7 +177,7 @@ def test_modes_change_at_run_time(scene: Scene, calls: Counter[str], effect: str
 
 
 def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: Patch,
 ) -> None:
     with Rig(deaf=True) as rig:
         rig.cycles(1)
@@ -221,7 +221,7 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
         assert {f"effect {name}" for name in mode_names()} <= set(status)
 
 
-def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: Patch) -> None:
     built = spy(monkeypatch, reporting, "make_status")
     with Rig(deaf=True) as rig:
         publish = rig.node.reporting.publish
@@ -236,9 +236,7 @@ def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatc
         built.assert_not_called()
 
 
-def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(monkeypatch: Patch) -> None:
     with Rig() as rig:
         rig.listen("/diagnostics", "contacts")
         scene = Scene(rig)

@@ -25,7 +25,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.qos import QoSProfile
-from rig import Rig, cube
+from rig import Patch, Rig, cube
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
@@ -277,7 +277,7 @@ def test_each_pair_begins_and_ends_once(rig: Rig) -> None:
 
 
 def test_a_late_subscriber_gets_what_lasts_and_others_no_event_twice(
-    rig: Rig, events: Listener, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, events: Listener, monkeypatch: Patch
 ) -> None:
     monkeypatch.setattr(outputs_events, "PERIOD", 1e6)
     late = Listener(rig)
@@ -288,9 +288,7 @@ def test_a_late_subscriber_gets_what_lasts_and_others_no_event_twice(
     events.until([BEGUN, ("end: removed", "a/1", "a/2")])
 
 
-def test_what_lasts_comes_again_and_again(
-    rig: Rig, events: Listener, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_lasts_comes_again_and_again(rig: Rig, events: Listener, monkeypatch: Patch) -> None:
     monkeypatch.setattr(outputs_events, "PERIOD", 0.05)
     for _ in range(3):
         events.messages.clear()

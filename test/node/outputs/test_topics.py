@@ -21,7 +21,7 @@ import pytest
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticStatus
 from each import each
-from rig import POSES, FakeFrames, Rig, cube, pose, spy, sync
+from rig import POSES, FakeFrames, Patch, Rig, cube, pose, spy, sync
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision import Verdict
@@ -234,7 +234,7 @@ def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> 
 
 
 def test_a_cloud_that_nobody_asks_about_is_kept_but_not_looked_at(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     taken = spy(monkeypatch, obstacles, "points_from_ros")
     rig.send(cube(("a", 1))).answer()

@@ -29,7 +29,7 @@ import pytest
 from each import each
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
-from rig import FakeFrames, cube, pose
+from rig import FakeFrames, Patch, cube, pose
 from robot_rig import (
     BOTH,
     COLLIDES,
@@ -252,7 +252,7 @@ def assert_well(rig: RobotRig) -> None:
 
 @each("speed", [5e-324, 1e-310, 1e-20, 1e300, 1e9, NAN, np.inf, -1e308])
 def test_any_velocity_leaves_the_links_where_the_positions_say_and_the_description_read(
-    arm: AskingRig, monkeypatch: pytest.MonkeyPatch, speed: float
+    arm: AskingRig, monkeypatch: Patch, speed: float
 ) -> None:
     robot = arm.robot.links.robot
     monkeypatch.setattr(arm.robot, "read", None)
@@ -298,7 +298,7 @@ def test_joints_that_cannot_be_used_are_refused_with_the_reason(
 
 
 def test_what_fails_unforeseen_leaves_the_robot_unknown_and_the_next_joints_place_it(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: Patch,
 ) -> None:
     with AskingRig() as arm:
         arm.start_robot()
@@ -407,7 +407,7 @@ def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown() -> None:
 
 
 def test_a_reading_that_does_not_begin_is_said_and_a_later_description_is_read(
-    arm: AskingRig, monkeypatch: pytest.MonkeyPatch
+    arm: AskingRig, monkeypatch: Patch
 ) -> None:
     fails = Mock(side_effect=RuntimeError("can't start new thread"))
     starts = (f"{URDF} ", Thread, "start"), (f"{URDF}  ", arm.robot, "_meshes")
@@ -433,7 +433,7 @@ def test_what_is_in_the_way_of_links_is_gone_after_clear() -> None:
 
 
 def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description_and_to_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: Patch
 ) -> None:
     (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     mesh = f'<mesh filename="file://{tmp_path}/part.obj"/>'

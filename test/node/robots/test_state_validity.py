@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
-from rig import FakeFrames, cube, pose
+from rig import FakeFrames, Patch, cube, pose
 from robot_rig import (
     BAD_STATE,
     COLLIDES,
@@ -174,7 +174,7 @@ def test_objects_beyond_a_region_or_refused_make_states_unknown(arm: AskingRig) 
 
 
 def test_more_states_than_a_cycle_may_wait_for_are_refused(
-    arm: AskingRig, monkeypatch: pytest.MonkeyPatch
+    arm: AskingRig, monkeypatch: Patch
 ) -> None:
     monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
     times = iter(range(10))

@@ -24,7 +24,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from each import each
 from lifecycle_msgs.msg import Transition
 from rclpy.serialization import serialize_message
-from rig import LATCHED, cube
+from rig import LATCHED, Patch, cube
 from robot_rig import BOTH, CRATE, URDF, AskingRig
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -218,9 +218,7 @@ def test_no_swing_begins_with_a_velocity_that_is_not_known() -> None:
         rig.forwards([(0.0, NONE, NONE), (1.0, NONE, NONE)])
 
 
-def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(
-    rig: AskingRig,
-) -> None:
+def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(rig: AskingRig) -> None:
     rig.listen("collision_status")
     rig.until(lambda: "collision_status" in rig.last, "a status")
     rig.run()
@@ -305,7 +303,7 @@ LONG = [(0.0, [0.0, 0.0], [0.0, 0.0]), (1000.0, [0.0, 2.9], [0.0, 0.0])]
 
 
 def test_one_with_many_pieces_is_decided_over_some_cycles(
-    rig: AskingRig, monkeypatch: pytest.MonkeyPatch
+    rig: AskingRig, monkeypatch: Patch
 ) -> None:
     monkeypatch.setattr(trajectories, "LONGEST_CHECK", 1e9)  # however loaded the machine is
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**18)
@@ -320,7 +318,7 @@ def test_one_with_many_pieces_is_decided_over_some_cycles(
 
 
 def test_what_takes_long_to_check_is_refused_and_does_not_block_the_node(
-    rig: AskingRig, monkeypatch: pytest.MonkeyPatch
+    rig: AskingRig, monkeypatch: Patch
 ) -> None:
     spins = [(0.0, [0.0, 0.0]), *((float(n), [0.0, n * 1e12]) for n in range(1, 50))]
     for points in (spins, [spins[0], (1.0, [0.0, 1e299])]):  # millions of turns
@@ -331,9 +329,7 @@ def test_what_takes_long_to_check_is_refused_and_does_not_block_the_node(
     rig.forwards(QUARTER)  # one piece
 
 
-def test_what_happens_while_it_is_decided_counts(
-    rig: AskingRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_happens_while_it_is_decided_counts(rig: AskingRig, monkeypatch: Patch) -> None:
     monkeypatch.setattr(trajectories, "SHARE", 1)
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**12)
     rig.set(trajectory_margin=1e-6)

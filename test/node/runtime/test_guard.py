@@ -28,7 +28,7 @@ from each import each
 from objects_rig import SECOND, START, ObjectsRig
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from rig import NAMESPACE, Rig, cube, node_apart, pose, sync
+from rig import NAMESPACE, Patch, Printed, Rig, cube, node_apart, pose, sync
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -48,7 +48,7 @@ class UnforeseenError(Exception):
     """What nobody thought of."""
 
 
-def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: Patch) -> None:
     objects = rig.node.objects
     put = objects.shapes.put_primitives
 
@@ -65,7 +65,7 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.Monke
     assert BAD in objects.unplaceable
 
 
-def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: Patch) -> None:
     rig.listen("contacts")
     rig.send(cube(A), cube(B, (0.5, 0, 0)))
     rig.next("contacts")
@@ -75,7 +75,7 @@ def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.Monke
     assert rig.last["in_collision"].data
 
 
-def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_services_and_timers_go_on(rig: Rig, monkeypatch: Patch) -> None:
     rig.send(cube(A)).answer()
     with monkeypatch.context() as patch:
         patch.setattr(rig.node.objects, "clear", Mock(side_effect=UnforeseenError))
@@ -122,7 +122,7 @@ def test_what_the_executor_raises_does_not_end_the_spinning_nor_leave_a_callback
 
 
 def test_a_queue_that_cannot_be_read_is_unknown_hides_no_other_and_is_opened_again(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: Patch
 ) -> None:
     rig.listen("collision_status")
     rig.send(cube(A), cube(B, (3, 0, 0))).answer()
@@ -187,7 +187,7 @@ def test_a_node_that_ends_leaves_no_service(rig: Rig) -> None:
     assert not [*rig.node.services]
 
 
-def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: Patch) -> None:
     monkeypatch.setattr(inner, "getattr", lambda _, name, default: default, raising=False)
     with Rig() as rig:
         rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
@@ -297,9 +297,7 @@ def set_clock(rig: Rig, at: Time) -> None:
     clock.publish(Clock(clock=at))
 
 
-def test_by_topics_the_time_may_change_to_a_simulations_and_back(
-    rig: Rig, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_by_topics_the_time_may_change_to_a_simulations_and_back(rig: Rig, capfd: Printed) -> None:
     rig.send(cube(A), cube(B, (0.5, 0, 0), lifetime=Duration(sec=3600)))
     assert rig.pairs() == {("a/1", "a/2")}
     rig.set(use_sim_time=True)
@@ -324,7 +322,7 @@ def test_by_topics_the_time_may_change_to_a_simulations_and_back(
     [(True, -5, 0), (False, -5, 0), (True, -(2**31), 2**32 - 1), (False, 3, 10**9)],
 )
 def test_times_that_no_clock_gives_are_refused(
-    capfd: pytest.CaptureFixture[str], from_start: bool, sec: int, nanosec: int
+    capfd: Printed, from_start: bool, sec: int, nanosec: int
 ) -> None:
     with Rig(use_sim_time=from_start) as rig:
         if not from_start:

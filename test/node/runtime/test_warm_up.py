@@ -30,7 +30,7 @@ import pytest
 from node_process import cached, environment, running
 from objects_rig import RING, crate, levels, ring
 from processes import PATIENCE, output_until, run_python
-from rig import Rig, cube, sync
+from rig import Patch, Rig, cube, sync
 from visualization_msgs.msg import Marker
 
 from obb_collision import Accuracy, _kernel_cache
@@ -100,7 +100,7 @@ def log() -> Iterator[Log]:
 
 
 @pytest.fixture
-def cache(monkeypatch: pytest.MonkeyPatch) -> Cache:
+def cache(monkeypatch: Patch) -> Cache:
     made = Cache()
     monkeypatch.setattr(steps, "run", made.run)
     monkeypatch.setattr(warm_up, "compile_steps", made.compile_steps)
@@ -141,7 +141,7 @@ def test_what_is_asked_for_later_is_compiled_once_beside_the_cycles(cache: Cache
 
 
 def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_again(
-    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+    cache: Cache, log: Log, monkeypatch: Patch
 ) -> None:
     cache.failures["effect sweep"] = "no folder takes kernels"
     log.warm.start([])
@@ -161,7 +161,7 @@ def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_agai
 
 
 def test_a_thread_or_process_that_does_not_start_is_tried_again(
-    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+    cache: Cache, log: Log, monkeypatch: Patch
 ) -> None:
     log.warm.start([])
     fails = Mock(side_effect=RuntimeError("can't start new thread"))
@@ -189,7 +189,7 @@ def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_befor
 
 
 def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
-    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    cache: Cache, log: Log, monkeypatch: Patch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(_kernel_cache, "private_place", lambda: tmp_path / "private")
     monkeypatch.setattr(_kernel_cache, "places", [tmp_path / "cache"])
@@ -210,9 +210,7 @@ def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
         assert cache.private.pop() == private
 
 
-def test_a_start_that_is_given_up_compiles_nothing_more(
-    cache: Cache, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_start_that_is_given_up_compiles_nothing_more(cache: Cache, monkeypatch: Patch) -> None:
     def stopped(wanted: list[str], **options: Any) -> processes.CompileProgress:
         assert options["stopped"]()
         return processes.CompileProgress(tuple(wanted), stopped=True)
@@ -226,7 +224,7 @@ def test_a_start_that_is_given_up_compiles_nothing_more(
 
 
 def test_closing_waits_until_nothing_is_compiled_any_more(
-    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+    cache: Cache, log: Log, monkeypatch: Patch
 ) -> None:
     begun, ended = Event(), Event()
 
