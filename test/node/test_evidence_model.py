@@ -735,8 +735,6 @@ BOX_STEPS = st.one_of(
 
 @settings(max_examples=80)
 @given(st.lists(BOX_STEPS, min_size=3, max_size=10))
-def test_sets_of_boxes_beside_markers_of_the_same_names(
-    steps: list[tuple[str, dict[str, Any]]],
-) -> None:
+def test_sets_of_boxes_and_markers_of_equal_names(steps: list[tuple[str, dict[str, Any]]]) -> None:
     said = ("markers", {**MARKER, "names": ["boxes/9"]})  # the name that sets have a number of
     run([step for one in (said, *steps) for step in (one, ("tick", {"step": 0.0503}))])

@@ -78,9 +78,7 @@ def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
         assert rig.state() == "active"
 
 
-def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_up_to_date(
-    monkeypatch: Patch,
-) -> None:
+def test_deactivated_is_not_known_and_active_again_is_up_to_date(monkeypatch: Patch) -> None:
     with managed(CONFIGURE, ACTIVATE) as rig:
         rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
         rig.says(FREE, "free", False)
@@ -175,9 +173,7 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
     assert held() == first
 
 
-def test_parameters_of_an_unconfigured_node_count_once_it_is_configured_without_waiting(
-    monkeypatch: Patch,
-) -> None:
+def test_parameters_count_once_it_is_configured_without_waiting(monkeypatch: Patch) -> None:
     with managed(expect_empty=True) as rig:
         # the thread that loads and compiles
         monkeypatch.setattr(rig.node.warm, "_work", lambda: None)
@@ -192,9 +188,7 @@ def test_parameters_of_an_unconfigured_node_count_once_it_is_configured_without_
 
 
 @each("way", [*WAYS])
-def test_transitions_that_are_not_possible_change_nothing_and_a_shut_down_is_for_good(
-    way: str,
-) -> None:
+def test_impossible_transitions_change_nothing_and_a_shut_down_is_for_good(way: str) -> None:
     with managed(*WAYS[way]) as rig:
         possible = {
             "unconfigured": {CONFIGURE},
@@ -213,9 +207,7 @@ def test_transitions_that_are_not_possible_change_nothing_and_a_shut_down_is_for
         assert not any(thread.name == STATUS for thread in threading.enumerate())
 
 
-def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_reason(
-    tmp_path: Path,
-) -> None:
+def test_a_scene_file_that_cannot_be_read_fails_a_transition_with_a_reason(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     with managed(scene_file=str(scene)) as rig:
         assert not rig.change(CONFIGURE)

@@ -117,7 +117,7 @@ def test_ready_scenes_start_by_name(name: str) -> None:
         assert node.cycle.report is not None
 
 
-def test_what_cannot_be_used_ends_the_node_with_the_reason(tmp_path: Path, capfd: Printed) -> None:
+def test_what_cannot_be_used_ends_the_node_with_its_reason(tmp_path: Path, capfd: Printed) -> None:
     file = tmp_path / "wrong.yaml"
     file.write_text("objects:\n  - {name: a/1, shape: box, size: [1, -1, 1]}\n")
     for given, reason in (
@@ -146,9 +146,7 @@ def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
     assert values["effects.contacts_objects"] == ["part/*", "lid/0"]
 
 
-def test_unquoted_words_and_empty_lists_of_yaml_count_after_the_file_of_the_package(
-    tmp_path: Path,
-) -> None:
+def test_unquoted_words_and_empty_lists_of_yaml_count_after_our_file(tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    accuracy_overrides: []\n    effects:\n"

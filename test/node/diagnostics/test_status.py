@@ -312,9 +312,7 @@ def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
         ({"durability": "unknown"}, "unknown is no"),
     ],
 )
-def test_overrides_out_of_range_are_refused_with_the_reason(
-    policies: dict[str, Any], reason: str
-) -> None:
+def test_overrides_out_of_range_are_refused_and_why(policies: dict[str, Any], reason: str) -> None:
     for end in ("objects.subscription", "collisions.publisher"):
         given = [
             Parameter(name, value=value)

@@ -202,9 +202,7 @@ def test_very_many_namespaces_do_not_hold_up_the_cycles(rig: Rig) -> None:
     assert len(rig.node.objects.table) == 20_000
 
 
-def test_boxes_that_fail_leave_nothing_of_those_in_whose_place_they_were_to_come(
-    rig: Rig, monkeypatch: Patch
-) -> None:
+def test_boxes_that_fail_leave_nothing_of_those_before(rig: Rig, monkeypatch: Patch) -> None:
     rig.send_boxes([1, 2, 3], in_row(0, 0.9, 5))
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     claim_many = ObjectTable.claim_many

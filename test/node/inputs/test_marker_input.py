@@ -53,9 +53,7 @@ def wait(rig: Rig, *messages: bytes) -> None:
         rig.node.inputs.markers.take(message, rig.node.now())
 
 
-def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
-    rig: Rig, monkeypatch: Patch
-) -> None:
+def test_of_a_backlog_only_last_states_are_looked_at(rig: Rig, monkeypatch: Patch) -> None:
     put = spy(monkeypatch, rig.node.objects.shapes, "put_primitives")
     wait(rig, *(serialized(cube(A1, (x, 0, 0)), cube(A2, (x + 0.5, 0, 0))) for x in range(50)))
     assert sync(rig) == {("a/1", "a/2")}
@@ -141,9 +139,7 @@ def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
 
 
 @each("seconds", [0, 7])
-def test_overload_is_said_with_the_age_of_the_newest_state(
-    rig: Rig, monkeypatch: Patch, seconds: int
-) -> None:
+def test_overload_is_said_with_the_age_of_state(rig: Rig, monkeypatch: Patch, seconds: int) -> None:
     rig.listen("/diagnostics")
     subscribed = rig.node.subscribed
     taken = subscribed.take_wait
@@ -279,9 +275,7 @@ def outlived(sent: list[list[Action]], now: int) -> set[int]:
 
 @settings(max_examples=150)
 @given(messages, st.integers(0, 8))
-def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
-    sent: list[list[Action]], now: int
-) -> None:
+def test_a_backlog_comes_to_its_messages_in_order(sent: list[list[Action]], now: int) -> None:
     markers = gathered(sent)
     model = Model(outlived(sent, now))
     numbered = ((part, action) for part, one in enumerate(sent) for action in one)

@@ -136,9 +136,7 @@ def test_one_wrong_number_in_a_good_cloud_is_refused_or_harmless(
 
 
 @given(width=whole, height=whole, step=st.sampled_from((0, 12, 16)), row_step=whole)
-def test_points_are_those_at_their_places(
-    width: int, height: int, step: int, row_step: int
-) -> None:
+def test_points_are_where_they_are(width: int, height: int, step: int, row_step: int) -> None:
     data = np.arange(64, dtype="<f4").tobytes()
     rows = row_step or width * step
     fits = step > 0 and rows >= width * step and (height - 1) * rows + width * step <= len(data)
@@ -281,9 +279,7 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
 
 
 @each("name, values, reason", WRONG)
-def test_wrong_layouts_are_refused_with_what_is_wrong(
-    name: str, values: dict[str, Any], reason: str
-) -> None:
+def test_wrong_layouts_are_refused_and_why(name: str, values: dict[str, Any], reason: str) -> None:
     message: Any = good_poses()
     fields = {field.name: field for field in message.fields}
     for key, value in values.items():

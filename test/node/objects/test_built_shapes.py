@@ -151,9 +151,7 @@ def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> N
     assert len({id(shape) for shape in scene.objects.cache._shapes.values()}) == 2
 
 
-def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
-    monkeypatch: Patch, tmp_path: Path
-) -> None:
+def test_a_file_is_looked_at_again_with_a_marker_of_it(monkeypatch: Patch, tmp_path: Path) -> None:
     monkeypatch.setattr(shape_requests, "CHECK_PERIOD", 0.05)
     file = tmp_path / "part.stl"
     trimesh.creation.box((1.0, 1.0, 1.0)).export(file)
@@ -212,9 +210,7 @@ def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) 
     assert named(sync(rig)) >= named(PAIR)
 
 
-def test_without_a_process_that_builds_the_rest_goes_on_and_it_needs_no_temporary_folder(
-    monkeypatch: Patch,
-) -> None:
+def test_without_a_process_that_builds_the_rest_goes_on_with_no_folder(monkeypatch: Patch) -> None:
     monkeypatch.setattr(sys, "executable", "/no/python")
     with Rig(own_builder=True) as rig:
         rig.listen("/diagnostics")

@@ -154,9 +154,7 @@ def set_transform(
     frames.buffer.set_transform(transform, "test")
 
 
-def test_with_tf2_poses_are_placed_at_their_stamp_or_else_by_the_latest_transform(
-    tf2_ros: Any,
-) -> None:
+def test_with_tf2_poses_are_placed_at_their_stamp_or_by_the_last_transform(tf2_ros: Any) -> None:
     with Rig(tf2=True) as rig:
         assert rig.node.frames.description == "tf2"
         set_transform(rig, 2.0, rig.stamp)
@@ -174,9 +172,7 @@ def test_with_tf2_poses_are_placed_at_their_stamp_or_else_by_the_latest_transfor
         assert rig.pose_of(B1)[0] == 3.5, "not locked: stays where it was placed"
 
 
-def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_own(
-    tf2_ros: Any,
-) -> None:
+def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_own_reasons(tf2_ros: Any) -> None:
     with Rig(tf2=True, transform_timeout=0.0) as rig:
         rig.send(cube(A1)).answer()
         set_transform(rig, 0.0, rig.stamp - 10)
@@ -207,9 +203,7 @@ def test_with_tf2_frame_locked_objects_follow_in_every_cycle(tf2_ros: Any) -> No
         assert seen == [float(number + 1) for number in range(len(seen))]
 
 
-def test_with_tf2_no_look_up_waits_and_each_is_made_once_per_cycle(
-    tf2_ros: Any, monkeypatch: Patch
-) -> None:
+def test_with_tf2_no_look_up_waits_and_each_is_made_once(tf2_ros: Any, monkeypatch: Patch) -> None:
     with Rig(tf2=True, transform_timeout=30.0) as rig:
         buffer: Any = rig.node.frames.buffer  # type: ignore[attr-defined]
         look_up, asked = buffer.lookup_transform, list[tuple[str, int]]()
@@ -230,9 +224,7 @@ def test_with_tf2_no_look_up_waits_and_each_is_made_once_per_cycle(
         assert max(counts.values()) == 1, "one for each frame and cycle, not for each object"
 
 
-def test_with_tf2_what_cannot_be_placed_is_reported_coloured_counted_and_never_free(
-    tf2_ros: Any,
-) -> None:
+def test_with_tf2_what_cannot_be_placed_is_told_coloured_and_never_free(tf2_ros: Any) -> None:
     with Rig(tf2=True, transform_timeout=0.1) as rig:
         rig.listen("collision_status", "/diagnostics", "obb_collision/markers")
         set_transform(rig, 5.0, rig.stamp + 1_000_000)
@@ -289,9 +281,7 @@ KNOWN: dict[str, Callable[[int], int]] = {
 
 
 @each("known", KNOWN.values())
-def test_an_object_is_where_the_newest_state_with_a_transform_says(
-    known: Callable[[int], int],
-) -> None:
+def test_an_object_is_where_its_newest_placed_state_says(known: Callable[[int], int]) -> None:
     rig, newest = ObjectsRig(A1), START
     for _ in range(100):
         newest = max(newest, known(rig.now + PERIOD))
@@ -320,9 +310,7 @@ def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> N
 
 @settings(max_examples=8)
 @given(st.integers(300, 9000), st.integers(1, 50), st.integers(0, 2**32))
-def test_few_states_wait_for_a_transform_that_lags_and_the_object_follows(
-    lag: int, every: int, seed: int
-) -> None:
+def test_few_states_wait_for_a_transform_and_all_follow(lag: int, every: int, seed: int) -> None:
     """lag: in ms; every: of so many cycles one has a state of the first object."""
     rig, rng = ObjectsRig(A1, A2), np.random.default_rng(seed)
     placement, behind = rig.objects.placement, lag * MILLISECOND

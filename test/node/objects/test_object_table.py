@@ -160,9 +160,7 @@ def test_an_id_that_is_too_large_is_not_one_of_the_next_namespace() -> None:
 
 
 @each("failing", range(0, len(COLUMNS), 2))
-def test_an_object_without_room_in_the_tables_leaves_no_trace(
-    failing: int, monkeypatch: Patch
-) -> None:
+def test_an_object_without_room_in_tables_leaves_no_trace(failing: int, monkeypatch: Patch) -> None:
     keys = [("box", k) for k in range(FIRST_ROWS + 1)]
     rig = ObjectsRig(*keys[:-1])
     calls, made = 0, np.zeros_like

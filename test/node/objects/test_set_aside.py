@@ -92,9 +92,7 @@ class Checked:
 
 @each("count", [5, 100])
 @each("bad", [[0], [2], [4], [1, 3], [0, 1, 2, 3, 4]])
-def test_objects_that_fail_are_set_aside_and_all_others_checked(
-    count: int, bad: list[int], monkeypatch: Patch
-) -> None:
+def test_what_fails_is_set_aside_alone(count: int, bad: list[int], monkeypatch: Patch) -> None:
     checked = Checked(count, monkeypatch)
     checked.failing.groups = [{slot} for slot in bad]
     report = checked.check()
@@ -121,9 +119,7 @@ def test_of_objects_that_fail_only_together_one_is_set_aside(monkeypatch: Patch)
     assert report.pairs.tolist() == checked.pairs_without(*aside)
 
 
-def test_the_next_checks_cost_nothing_more_and_a_second_later_they_are_tried_again(
-    monkeypatch: Patch,
-) -> None:
+def test_the_next_checks_cost_no_more_until_they_are_tried_again(monkeypatch: Patch) -> None:
     checked = Checked(20, monkeypatch)
     checked.failing.groups = [{3}, {11}]
     checked.check()
@@ -183,9 +179,7 @@ def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(monkeypatch: P
 
 
 @each("stage", ["placing objects", "check"])
-def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes_on(
-    stage: str, rig: Rig, monkeypatch: Patch
-) -> None:
+def test_an_object_that_fails_is_unknown_alone(stage: str, rig: Rig, monkeypatch: Patch) -> None:
     rig.listen("collision_status", "obb_collision/markers", "/diagnostics")
     rig.send(cube(A), cube(B, (3, 0, 0)), cube(BAD, (6, 0, 0)))
     assert rig.pairs() == set()
@@ -237,9 +231,7 @@ EFFECTS = {
 
 
 @each("topic", list(EFFECTS))
-def test_an_effect_that_fails_for_an_object_names_it_and_is_computed_for_the_rest(
-    topic: str, rig: Rig, monkeypatch: Patch
-) -> None:
+def test_effects_that_fail_name_the_object_alone(topic: str, rig: Rig, monkeypatch: Patch) -> None:
     module, function, effect = EFFECTS[topic]
     given = getattr(module, function)
 

@@ -73,9 +73,7 @@ OFFSETS = [0, -10 * MILLISECOND, -HOUR // 9, SECOND // 2, SECOND // 2 + 1, HOUR]
 
 
 @given(st.lists(st.tuples(st.sampled_from(DELAYS), st.none() | st.sampled_from(OFFSETS))))
-def test_states_are_ordered_doubted_and_published_as_their_stamps_say(
-    steps: list[tuple[int, int | None]],
-) -> None:
+def test_states_are_ordered_and_doubted_by_stamps(steps: list[tuple[int, int | None]]) -> None:
     """None: without a stamp. The second object gets no state after its first."""
     rig, model = ObjectsRig(A1, A2), Model()
     rig.send(START)
@@ -205,9 +203,7 @@ def test_twists_of_a_turned_frame_are_turned_with_it() -> None:
 
 
 @each("bad", [[NAN, 0, 0, 0, 0, 0], [0, 0, 0, 0, np.inf, 0], [2e300] + [0] * 5])
-def test_a_twist_that_is_no_number_is_refused_alone_and_its_pose_is_used(
-    rig: Rig, bad: list[float]
-) -> None:
+def test_a_twist_that_is_no_number_is_refused_without_its_pose(rig: Rig, bad: list[float]) -> None:
     rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     rig.send_states(["a/1", "a/2"], [pose(2.5), pose(3.0)], twists=[bad, FORWARD])
     assert rig.pairs() == {("a/1", "a/2")}

@@ -123,9 +123,7 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(monkeypatch: Patch)
         rig.says(FREE, flag=False)
 
 
-def test_before_the_first_check_nothing_is_known_and_that_kernels_are_compiled_is_said(
-    rig: Rig, monkeypatch: Patch
-) -> None:
+def test_before_the_first_check_nothing_is_known_and_why(rig: Rig, monkeypatch: Patch) -> None:
     said: list[Any] = []
     flags: list[Any] = []
     qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -227,9 +225,7 @@ def test_a_code_is_reached_and_left_again(name: str) -> None:
         rig.known()
 
 
-def test_neither_lifetimes_nor_text_nor_deletions_of_others_say_that_there_is_nothing(
-    rig: Rig,
-) -> None:
+def test_lifetimes_text_and_deletions_of_others_do_not_say_there_is_nothing(rig: Rig) -> None:
     rig.known("no_objects")
     short = cube(B1, lifetime=Duration(nanosec=20_000_000))
     text = cube(B1, type=Marker.TEXT_VIEW_FACING, text="hello")

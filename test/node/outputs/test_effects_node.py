@@ -135,7 +135,7 @@ def scene(calls: Counter[str]) -> Iterator[Scene]:
 
 
 @each("effect", RUNNING)
-def test_a_subscription_starts_an_effect_and_its_end_stops_it(
+def test_subscriptions_start_and_stop_effects(
     scene: Scene, calls: Counter[str], effect: str
 ) -> None:
     rig, topic = scene.rig, NAMES[effect]
@@ -176,9 +176,7 @@ def test_modes_change_at_run_time(scene: Scene, calls: Counter[str], effect: str
     assert settled(scene, calls) == Counter()
 
 
-def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
-    monkeypatch: Patch,
-) -> None:
+def test_the_latched_flag_is_sent_when_it_changes_or_is_subscribed(monkeypatch: Patch) -> None:
     with Rig(deaf=True) as rig:
         rig.cycles(1)
         publish = spy(monkeypatch, rig.node.outputs.publishers["in_collision"], "publish")

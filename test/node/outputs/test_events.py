@@ -144,9 +144,7 @@ def number(row: Any) -> int:
 @given(
     steps, st.builds(EventLimits, st.just(0.1), st.just(0.1), st.integers(0, 4), st.integers(0, 4))
 )
-def test_events_are_those_of_the_whole_history(
-    given_steps: list[Step], limits: EventLimits
-) -> None:
+def test_events_are_those_of_all_history(given_steps: list[Step], limits: EventLimits) -> None:
     pairs, oracle = PairEvents(EVENTS.dtype), Oracle(limits)
     now = 1000
     for count, step in enumerate(given_steps):
@@ -276,9 +274,7 @@ def test_each_pair_begins_and_ends_once(rig: Rig) -> None:
     assert stamp_from_ros(deepest.header.stamp) < stamp_from_ros(last.header.stamp)
 
 
-def test_a_late_subscriber_gets_what_lasts_and_others_no_event_twice(
-    rig: Rig, events: Listener, monkeypatch: Patch
-) -> None:
+def test_who_comes_late_gets_what_lasts(rig: Rig, events: Listener, monkeypatch: Patch) -> None:
     monkeypatch.setattr(outputs_events, "PERIOD", 1e6)
     late = Listener(rig)
     assert late.lasting() == {("a/1", "a/2")}
@@ -321,9 +317,7 @@ def test_an_end_says_why(rig: Rig) -> None:
     events.until(expected)
 
 
-def test_neither_replacing_an_object_at_once_nor_a_pause_of_the_checks_ends_anything(
-    rig: Rig, events: Listener
-) -> None:
+def test_no_replacement_and_no_pause_of_checks_ends_anything(rig: Rig, events: Listener) -> None:
     rig.send(Marker(ns="a", id=2, action=Marker.DELETE), cube(A2, (0.75, 0, 0))).answer()
     name = f"{rig.node.get_fully_qualified_name()}/enable"
     rig.call(SetBool, name, SetBool.Request(data=False))

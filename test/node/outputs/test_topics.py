@@ -233,9 +233,7 @@ def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> 
     rig.until(lambda: rig.refused("points").get("unknown frame") == 1, "unknown frame")
 
 
-def test_a_cloud_that_nobody_asks_about_is_kept_but_not_looked_at(
-    rig: Rig, monkeypatch: Patch
-) -> None:
+def test_a_cloud_that_nobody_asks_about_is_not_looked_at(rig: Rig, monkeypatch: Patch) -> None:
     taken = spy(monkeypatch, obstacles, "points_from_ros")
     rig.send(cube(("a", 1))).answer()
     for _ in range(3):

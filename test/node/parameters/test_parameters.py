@@ -228,9 +228,7 @@ def wrong_values(spec: Spec) -> Iterator[tuple[Any, str]]:
         ("effects.contacts_objects", ["arm"], "effects.contacts_objects: 'arm' is no group"),
     ],
 )
-def test_a_wrong_value_is_refused_with_the_reason_and_changes_nothing(
-    rig: Rig, name: str, value: Any, reason: str
-) -> None:
+def test_a_wrong_value_is_refused_and_why(rig: Rig, name: str, value: Any, reason: str) -> None:
     before = rig.node.get_parameter(name).value
     (result,) = rig.set(**{name: value})
     assert not result.successful

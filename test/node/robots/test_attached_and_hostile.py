@@ -115,9 +115,7 @@ def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: AskingRig)
 
 
 @each("hand", [True, False])
-def test_it_may_touch_the_end_effector_of_the_srdf_whose_link_holds_it(
-    arm: AskingRig, hand: bool
-) -> None:
+def test_it_may_touch_the_end_effector_whose_link_holds_it(arm: AskingRig, hand: bool) -> None:
     links = '<link name="column"/><link name="hand"/>' if hand else '<link name="column"/>'
     end = (
         f'<group name="gripper">{links}</group>'
@@ -156,9 +154,7 @@ def test_it_can_be_exchanged_moved_and_detached(arm: AskingRig) -> None:
     assert arm.reasons([THERE, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
 
 
-def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles(
-    arm: AskingRig,
-) -> None:
+def test_it_is_detached_at_once_by_markers_applied_between_two_cycles(arm: AskingRig) -> None:
     """A pose applies the markers that came before it; a question may come right behind it."""
     arm.set(ignored_objects=["nobody/*"])
     put(arm, held())
@@ -297,9 +293,7 @@ def test_joints_that_cannot_be_used_are_refused_with_the_reason(
     assert_well(arm)
 
 
-def test_what_fails_unforeseen_leaves_the_robot_unknown_and_the_next_joints_place_it(
-    monkeypatch: Patch,
-) -> None:
+def test_what_fails_unforeseen_leaves_the_robot_unknown_for_now(monkeypatch: Patch) -> None:
     with AskingRig() as arm:
         arm.start_robot()
         with monkeypatch.context() as patch:
@@ -329,9 +323,7 @@ BAD_DESCRIPTIONS = [
 ]
 
 
-def test_descriptions_that_cannot_be_used_leave_the_robot_unknown_and_the_pairs(
-    arm: AskingRig,
-) -> None:
+def test_descriptions_that_cannot_be_used_leave_a_robot_unknown_and_pairs(arm: AskingRig) -> None:
     arm.move(lift=0.25)
     arm.put((1.0, 0.0, 0.75))
 
@@ -406,9 +398,7 @@ def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown() -> None:
             assert rig.reasons([[0.0, 0.0]]) == [VALID]
 
 
-def test_a_reading_that_does_not_begin_is_said_and_a_later_description_is_read(
-    arm: AskingRig, monkeypatch: Patch
-) -> None:
+def test_a_reading_that_does_not_begin_is_said(arm: AskingRig, monkeypatch: Patch) -> None:
     fails = Mock(side_effect=RuntimeError("can't start new thread"))
     starts = (f"{URDF} ", Thread, "start"), (f"{URDF}  ", arm.robot, "_meshes")
     for urdf, target, name in starts:
@@ -432,9 +422,7 @@ def test_what_is_in_the_way_of_links_is_gone_after_clear() -> None:
         assert rig.robot.fault == ""
 
 
-def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description_and_to_the_end(
-    tmp_path: Path, monkeypatch: Patch
-) -> None:
+def test_a_mesh_that_takes_for_ever_gives_way(tmp_path: Path, monkeypatch: Patch) -> None:
     (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     mesh = f'<mesh filename="file://{tmp_path}/part.obj"/>'
     number = tmp_path / "number"

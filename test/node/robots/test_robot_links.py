@@ -165,9 +165,7 @@ def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
     np.testing.assert_array_equal(arm.pose_of(HAND), before)
 
 
-def test_a_new_description_takes_the_place_of_the_one_before_also_without_joints(
-    arm: AskingRig,
-) -> None:
+def test_a_new_description_takes_the_place_of_the_last_one(arm: AskingRig) -> None:
     arm.read(f'<robot name="rock"><link name="rock">{box(1.0)}</link></robot>')
     arm.send(cube(CRATE, (0.9, 0, 0)))
     assert pairs(arm) == {("arm/rock/0", "crate/1")}, "it stands where its base is"
@@ -268,9 +266,7 @@ def ball(folder: Path) -> str:
     return f'{before}<mesh filename="file://{folder}/ball.obj"/>{after}'
 
 
-def test_links_whose_hulls_are_being_built_are_unknown_and_collide_with_nothing(
-    tmp_path: Path,
-) -> None:
+def test_links_whose_hulls_are_being_built_are_unknown_and_collide_not(tmp_path: Path) -> None:
     with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
         gate, levels = Gate(rig, trees=True), statuses(rig)
         rig.send(CORNER)
@@ -289,9 +285,7 @@ def test_links_whose_hulls_are_being_built_are_unknown_and_collide_with_nothing(
         assert COLLIDING not in levels
 
 
-def test_links_are_unknown_while_kernels_of_their_accuracy_are_loaded(
-    arm: AskingRig, tmp_path: Path
-) -> None:
+def test_links_are_unknown_while_their_kernels_are_loaded(arm: AskingRig, tmp_path: Path) -> None:
     is_ready = warm_up.WarmUp.is_ready
     arm.set(accuracy="obb")
     arm.send(CORNER)
@@ -331,9 +325,7 @@ def test_a_text_that_is_refused_counts_until_the_next_one_of_its_kind(arm: Askin
         arm.known()
 
 
-def test_of_a_flood_of_descriptions_one_is_read_at_a_time_and_the_last_one_counts(
-    arm: AskingRig,
-) -> None:
+def test_of_many_descriptions_one_is_read_at_a_time_and_the_last_counts(arm: AskingRig) -> None:
     from_urdf, may_go = Robot.from_urdf, Event()
     read: list[str] = []
 

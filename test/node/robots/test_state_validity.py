@@ -122,9 +122,7 @@ def test_states_are_where_the_base_is() -> None:
         ({"allowed_within": ["*"]}, COLLIDES),
     ],
 )
-def test_rules_of_objects_count_for_states(
-    arm: AskingRig, rules: dict[str, Any], reason: int
-) -> None:
+def test_rules_count_for_states(arm: AskingRig, rules: dict[str, Any], reason: int) -> None:
     arm.set(**rules)
     arm.put((0.0, 1.0, 0.5))
     assert arm.reasons([[0.0, np.pi / 2]]) == [reason]
@@ -173,9 +171,7 @@ def test_objects_beyond_a_region_or_refused_make_states_unknown(arm: AskingRig) 
     assert arm.reasons(state) == [VALID]
 
 
-def test_more_states_than_a_cycle_may_wait_for_are_refused(
-    arm: AskingRig, monkeypatch: Patch
-) -> None:
+def test_more_states_than_a_cycle_can_do_are_refused(arm: AskingRig, monkeypatch: Patch) -> None:
     monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
     times = iter(range(10))
     monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
@@ -278,9 +274,7 @@ def test_the_scale_is_zero_where_speeds_are_too_large(speed: Speed) -> None:
 
 
 @each("limit, scale", [("0.4", 0.3), ("0", 0.0)])
-def test_with_one_state_alone_a_joint_is_as_fast_as_it_can_be(
-    speed: Speed, limit: str, scale: float
-) -> None:
+def test_with_one_state_a_joint_goes_at_its_limit(speed: Speed, limit: str, scale: float) -> None:
     rig = speed.rig
     rig.read(URDF.replace('upper="3"', f'upper="3" velocity="{limit}"', 1))
     assert speed.of(0.0, NAN, 0.0) == pytest.approx(scale, abs=1e-6)
@@ -411,9 +405,7 @@ SEVERAL = "robot_state.multi_dof_joint_state"
         ("robot_state.attached_collision_objects", [SimpleNamespace()], "not evaluated"),
     ],
 )
-def test_what_cannot_be_decided_is_not_valid(
-    field: str, value: Any, reason: str, rig: ServiceRig
-) -> None:
+def test_what_is_undecided_is_invalid(field: str, value: Any, reason: str, rig: ServiceRig) -> None:
     rig.monitor("arm/states_to_check").refused.clear()
     request = request_of({"lift": 0.0, "turn": 0.0})
     outer, _, name = field.rpartition(".")
@@ -423,9 +415,7 @@ def test_what_cannot_be_decided_is_not_valid(
     assert rig.is_valid({"lift": 0.0, "turn": 0.0})
 
 
-def test_where_the_scene_is_not_known_or_the_service_fails_no_state_is_valid(
-    rig: ServiceRig,
-) -> None:
+def test_where_the_scene_is_unknown_or_the_service_fails_no_state_is_valid(rig: ServiceRig) -> None:
     assert not rig.call_it(SimpleNamespace()).valid
     rig.send_joints(lift=float("nan"))
     rig.until(lambda: rig.robot.fault, "the fault")

@@ -67,9 +67,7 @@ def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
         rig.node.say_farewell()  # nothing runs any more
 
 
-def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
-    rig: AskingRig,
-) -> None:
+def test_joints_between_clear_and_the_next_cycle_keep_nothing_running(rig: AskingRig) -> None:
     def joints(turn: float) -> bytes:
         message = JointState(header=rig.header(), name=list(BOTH), position=[0.0, turn])
         message.velocity = NONE
@@ -100,9 +98,7 @@ def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running(
         rig.known()
 
 
-def test_free_ones_are_forwarded_untouched_and_others_refused_with_index_time_and_pair(
-    rig: AskingRig,
-) -> None:
+def test_free_ones_are_forwarded_untouched_and_others_refused_with_where(rig: AskingRig) -> None:
     assert rig.forwards(QUARTER)["interpolation"] == "linear"
     rig.put(THERE)
     half = [(1.0, [0.0, np.pi / 4])]
@@ -274,9 +270,7 @@ SHORT = [(0.0, [0.0, 0.0]), (0.001, [0.0, np.pi / 2]), (0.002, [0.5, np.pi / 2])
 
 
 @each("turn, place", ((0.0, THERE), (np.pi / 2, (0.0, 1.0, 1.0))))
-def test_a_trajectory_counts_until_the_robot_is_there_however_slow(
-    turn: float, place: Any, rig: AskingRig
-) -> None:
+def test_it_counts_until_a_slow_robot_is_there(turn: float, place: Any, rig: AskingRig) -> None:
     rig.put(FAR)
     for given in (0.0, None, turn / 2.0, turn):
         if given is None:
@@ -302,9 +296,7 @@ LONG = [(0.0, [0.0, 0.0], [0.0, 0.0]), (1000.0, [0.0, 2.9], [0.0, 0.0])]
 """With velocities, and a small margin, it has thousands of pieces."""
 
 
-def test_one_with_many_pieces_is_decided_over_some_cycles(
-    rig: AskingRig, monkeypatch: Patch
-) -> None:
+def test_one_of_many_pieces_is_decided_over_cycles(rig: AskingRig, monkeypatch: Patch) -> None:
     monkeypatch.setattr(trajectories, "LONGEST_CHECK", 1e9)  # however loaded the machine is
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**18)
     rig.set(trajectory_margin=1e-6)
@@ -317,9 +309,7 @@ def test_one_with_many_pieces_is_decided_over_some_cycles(
     rig.refused_for(HIT, LONG)
 
 
-def test_what_takes_long_to_check_is_refused_and_does_not_block_the_node(
-    rig: AskingRig, monkeypatch: Patch
-) -> None:
+def test_what_takes_long_to_check_is_refused(rig: AskingRig, monkeypatch: Patch) -> None:
     spins = [(0.0, [0.0, 0.0]), *((float(n), [0.0, n * 1e12]) for n in range(1, 50))]
     for points in (spins, [spins[0], (1.0, [0.0, 1e299])]):  # millions of turns
         assert rig.refused_for("refused: not free", points)["index"] == "1"

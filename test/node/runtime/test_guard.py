@@ -121,9 +121,7 @@ def test_what_the_executor_raises_does_not_end_the_spinning_nor_leave_a_callback
         assert (kinds, len(ticks)) == ([MemoryError, UnforeseenError, UnforeseenError], 3)
 
 
-def test_a_queue_that_cannot_be_read_is_unknown_hides_no_other_and_is_opened_again(
-    rig: Rig, monkeypatch: Patch
-) -> None:
+def test_a_queue_that_cannot_be_read_hides_no_other(rig: Rig, monkeypatch: Patch) -> None:
     rig.listen("collision_status")
     rig.send(cube(A), cube(B, (3, 0, 0))).answer()
     subscribed = rig.node.subscribed

@@ -95,9 +95,7 @@ STARTS = {
 
 
 @each("module, number", zip(STARTS, cycle((signal.SIGINT, signal.SIGTERM)), strict=False))
-def test_a_signal_during_the_imports_ends_it_without_a_word(
-    module: str, number: signal.Signals
-) -> None:
+def test_a_signal_amid_imports_ends_it_without_a_word(module: str, number: signal.Signals) -> None:
     arguments = ("-X", "importtime", *STARTS[module], *IN_NAMESPACE)
     with started(*arguments, ROS_DOMAIN_ID=str(DOMAIN)) as process:
         assert process.stdout is not None
@@ -184,9 +182,7 @@ BROKEN = {
 """Modules of packages that are installed and cannot be used."""
 
 
-def test_broken_packages_are_said_arguments_count_and_signals_may_go_on_until_the_last_word(
-    tmp_path: Path,
-) -> None:
+def test_broken_packages_are_said_and_signals_may_go_on_until_the_last_word(tmp_path: Path) -> None:
     for name, text in BROKEN.items():
         folder = tmp_path.joinpath(*name.split("."))
         folder.mkdir(parents=True)

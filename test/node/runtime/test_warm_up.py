@@ -107,7 +107,7 @@ def cache(monkeypatch: Patch) -> Cache:
     return made
 
 
-def test_what_is_compiled_already_is_loaded_when_it_is_requested_without_a_word(
+def test_what_is_compiled_already_is_loaded_when_asked_for_in_silence(
     cache: Cache, log: Log
 ) -> None:
     cache.kept = set(NODE_STEPS)
@@ -118,9 +118,7 @@ def test_what_is_compiled_already_is_loaded_when_it_is_requested_without_a_word(
     assert (cache.compiled, log.said, log.complained) == ([], [], [])
 
 
-def test_what_is_compiled_already_does_not_wait_for_what_is_being_compiled(
-    late_cache: Cache, log: Log
-) -> None:
+def test_what_is_compiled_already_waits_for_nothing_else(late_cache: Cache, log: Log) -> None:
     late_cache.kept.add("effect sweep")
     log.warm.start([])
     assert not log.warm.is_ready("points")
@@ -140,9 +138,7 @@ def test_what_is_asked_for_later_is_compiled_once_beside_the_cycles(cache: Cache
     assert log.complained == []
 
 
-def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_again(
-    cache: Cache, log: Log, monkeypatch: Patch
-) -> None:
+def test_what_cannot_be_compiled_is_tried_again(cache: Cache, log: Log, monkeypatch: Patch) -> None:
     cache.failures["effect sweep"] = "no folder takes kernels"
     log.warm.start([])
     assert not log.warm.is_ready("sweep")
@@ -160,9 +156,7 @@ def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_agai
     assert cache.compiled == ["effect sweep", "effect sweep"]
 
 
-def test_a_thread_or_process_that_does_not_start_is_tried_again(
-    cache: Cache, log: Log, monkeypatch: Patch
-) -> None:
+def test_what_does_not_start_is_tried_again(cache: Cache, log: Log, monkeypatch: Patch) -> None:
     log.warm.start([])
     fails = Mock(side_effect=RuntimeError("can't start new thread"))
     for number, (what, name) in enumerate(((Thread, "start"), (warm_up, "compile_steps")), 1):
@@ -177,9 +171,7 @@ def test_a_thread_or_process_that_does_not_start_is_tried_again(
     wait_for(lambda: log.warm.is_ready("sweep"))
 
 
-def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_before_the_start(
-    cache: Cache, log: Log
-) -> None:
+def test_where_nothing_can_be_kept_all_is_compiled_before_the_start(cache: Cache, log: Log) -> None:
     cache.kept = set()
     cache.failures = dict.fromkeys(STEPS, "no folder takes kernels")
     log.warm.start([])
@@ -223,9 +215,7 @@ def test_a_start_that_is_given_up_compiles_nothing_more(cache: Cache, monkeypatc
     warm.close()
 
 
-def test_closing_waits_until_nothing_is_compiled_any_more(
-    cache: Cache, log: Log, monkeypatch: Patch
-) -> None:
+def test_closing_waits_until_none_is_compiled(cache: Cache, log: Log, monkeypatch: Patch) -> None:
     begun, ended = Event(), Event()
 
     def compile_until_stopped(wanted: list[str], **options: Any) -> processes.CompileProgress:
@@ -250,9 +240,7 @@ def late_cache(cache: Cache) -> Cache:
     return cache
 
 
-def test_cycles_go_on_with_pairs_on_obb_and_without_an_effect_until_these_are_ready(
-    late_cache: Cache,
-) -> None:
+def test_cycles_go_on_on_obb_and_without_effects_until_these_are_ready(late_cache: Cache) -> None:
     with Rig() as rig:
         rig.send(ring(), crate())
         rig.built(RING)
@@ -269,9 +257,7 @@ def test_cycles_go_on_with_pairs_on_obb_and_without_an_effect_until_these_are_re
         rig.until(lambda: "contacts" in rig.last, "contacts")
 
 
-def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
-    late_cache: Cache,
-) -> None:
+def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_others(late_cache: Cache) -> None:
     late_cache.kept.add("accuracy mesh")
     with Rig(accuracy="mesh") as rig:
         rig.send(ring(), crate())  # in the hole of the ring
@@ -286,9 +272,7 @@ def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
         rig.until(lambda: rig.pairs() == {("near/1", "near/2")}, "spheres")
 
 
-def test_an_effect_is_on_boxes_until_it_is_ready_on_the_level_of_its_pairs(
-    late_cache: Cache,
-) -> None:
+def test_an_effect_is_on_boxes_until_the_level_of_its_pairs_is_ready(late_cache: Cache) -> None:
     late_cache.kept |= {"accuracy hull", "effect contacts"}
     with Rig(accuracy="hull") as rig:
         ball = {"type": Marker.SPHERE}
