@@ -45,7 +45,6 @@ A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
 def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig: Rig) -> None:
-    rig.listen("/diagnostics")
     rig.send(cube(A1), cube(A2), cube(B1, (9, 0, 0), (0, 0, 0))).answer()
     rig.next("/diagnostics")
     status = rig.status("input objects")
@@ -65,7 +64,6 @@ def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig:
 
 
 def test_a_listener_with_incompatible_qos_or_type_is_reported(rig: Rig, capfd: Printed) -> None:
-    rig.listen("/diagnostics")
     rig.client.create_subscription(PointCloud2, "contacts", lambda message: None, LATCHED)
     with node_apart("other") as other:  # as of another process: of another type
         other.create_subscription(Bool, "clearances", lambda message: None, 1)
@@ -88,7 +86,6 @@ def test_clear_removes_everything(rig: Rig) -> None:
 
 
 def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) -> None:
-    rig.listen("/diagnostics")
     rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     assert rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False)).success
     status = rig.status(": cycle")
@@ -115,7 +112,6 @@ def test_every_parameter_has_a_description_and_numbers_a_range(rig: Rig) -> None
 
 
 def test_the_rate_changes_at_run_time(rig: Rig) -> None:
-    rig.listen("/diagnostics")
     assert all(result.successful for result in rig.set(rate=5.0))
     rig.next("/diagnostics")
     rig.until(lambda: 2.0 < float(rig.status(": cycle")["rate (Hz)"]) < 9.0, "slower")
@@ -186,7 +182,6 @@ def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:
     rig.send_transform("a/1", pose(1.0)).answer()
     node = rig.node
     node.reporting.publish()  # as every second while nobody subscribes
-    rig.listen("/diagnostics")
     status = rig.status("input objects")
     assert float(status["rate (Hz)"]) == 0.0
     assert status["messages"] == "50"
@@ -267,7 +262,6 @@ def test_all_that_was_latched_before_the_start_is_received_and_who_does_not_latc
             rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair")
             monitor = rig.monitor("objects")
             assert (monitor.messages, monitor.lost, monitor.refused.total()) == (300, 0, 0)
-            rig.listen("/diagnostics")
             rig.until(lambda: rig.status(": qos").get("objects") == "1", "the volatile one")
             status = rig.status(": qos")
             assert status["level"] == "01"

@@ -140,7 +140,6 @@ def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
 
 @each("seconds", [0, 7])
 def test_overload_is_said_with_the_age_of_state(rig: Rig, monkeypatch: Patch, seconds: int) -> None:
-    rig.listen("/diagnostics")
     subscribed = rig.node.subscribed
     taken = subscribed.take_wait
     monkeypatch.setattr(subscribed, "take_wait", lambda: (wait := taken()) and wait + seconds)
@@ -163,7 +162,6 @@ def test_no_message_has_no_delay(rig: Rig) -> None:
     rig.send(cube(A1)).answer()
     rig.cycles(1)
     assert rig.node.subscribed.take_wait() == 0.0
-    rig.listen("/diagnostics")
     rig.next("/diagnostics")
     assert "longest delay (s)" not in rig.status(": cycle")
 

@@ -79,7 +79,6 @@ def test_a_bad_pose_is_refused_and_its_object_collides(rig: Rig, topic: str, rea
 )
 def test_a_bad_marker_is_refused_never_free(rig: Rig, reason: str, fields: dict[str, Any]) -> None:
     bad = cube(A1, **fields)
-    rig.listen("/diagnostics")
     rig.send(bad, cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == set(), "the rest of the message is used"
     rig.refuses("objects", {reason: 1})
@@ -320,7 +319,6 @@ def test_of_several_publishers_all_losses_are_counted(seed: int) -> None:
 
 
 def test_more_messages_than_a_queue_holds_are_counted_as_lost_and_superseded(rig: Rig) -> None:
-    rig.listen("/diagnostics")
     rig.send(cube(A1)).answer()
     rig.send_states(["a/1"], [pose(-1)]).answer()
     for step in range(40):  # 10 of them fit into the queue, as nobody reads meanwhile

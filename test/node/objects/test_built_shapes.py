@@ -52,7 +52,6 @@ def gone(rig: Rig, key: tuple[str, int]) -> None:
 
 
 def test_a_new_object_is_unplaceable_until_its_shape_is_there(rig: Rig, gate: Gate) -> None:
-    rig.listen("/diagnostics", "obb_collision/markers")
     rig.send(cube(BOX), triangle())
     assert rig.pairs() == set()
     status = rig.status(": objects")
@@ -69,7 +68,6 @@ def test_a_new_object_is_unplaceable_until_its_shape_is_there(rig: Rig, gate: Ga
 
 
 def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, gate: Gate) -> None:
-    rig.listen("/diagnostics")
     rig.send(cube(BOX, (3.0, 0.0, 0.0)), cube(BODY))
     assert rig.pairs() == set()
     rig.send(triangle(size=4.0))
@@ -213,7 +211,6 @@ def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) 
 def test_without_a_process_that_builds_the_rest_goes_on_with_no_folder(monkeypatch: Patch) -> None:
     monkeypatch.setattr(sys, "executable", "/no/python")
     with Rig(own_builder=True) as rig:
-        rig.listen("/diagnostics")
         rig.send(cube(BOX), cube(OTHER), triangle())
         assert named(rig.pairs()) == named({("box/1", "body/2")})
         rig.refuses("objects", {"shape builder failed": 1})
@@ -280,7 +277,6 @@ def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
     with Rig(accuracy="mesh" if at_start else "obb") as rig:
         for name in ("mesh_tree", "hull_mesh"):
             monkeypatch.setattr(pool, name, build)
-        rig.listen("/diagnostics")
         other = mesh_marker(file, OTHER)
         other.pose.position.x = other.pose.position.y = 1.5  # the boxes collide, the balls do not
         rig.send(mesh_marker(file), other)

@@ -226,11 +226,10 @@ def test_with_tf2_no_look_up_waits_and_each_is_made_once(tf2_ros: Any, monkeypat
 
 def test_with_tf2_what_cannot_be_placed_is_told_coloured_and_never_free(tf2_ros: Any) -> None:
     with Rig(tf2=True, transform_timeout=0.1) as rig:
-        rig.listen("collision_status", "/diagnostics", "obb_collision/markers")
         set_transform(rig, 5.0, rig.stamp + 1_000_000)
         rig.send(cube(A1), cube(A2, frame="robot"))
         assert rig.pairs() == set()
-        rig.until(lambda: rig.next("collision_status").status[0].level == FREE, "free")
+        rig.says(FREE)
 
         def colors() -> list[Any]:
             return [color(marker) for marker in rig.next("obb_collision/markers").markers]
@@ -239,13 +238,7 @@ def test_with_tf2_what_cannot_be_placed_is_told_coloured_and_never_free(tf2_ros:
         rig.send_transform("a/2", pose(1.0), "robot")  # whose transform never comes
         rig.send(cube(("new", 1), frame="nowhere"))
 
-        def unknown() -> bool:
-            (status,) = rig.next("collision_status").status
-            named = "a/2" in status.message and "new/1" in status.message
-            return bool(status.level == UNKNOWN and named)
-
-        rig.until(unknown, "a status that names both")
-        assert rig.last["in_collision"].data, "never free"
+        rig.until(lambda: "new/1" in rig.says(UNKNOWN, "a/2", True)["message"], "both names")
         rig.until(lambda: colors() == [COLORS[GREEN], COLORS[DOUBTFUL]], "grey at the last place")
         found = rig.status(": objects")
         assert (found["unplaceable"], found["names unplaceable"]) == ("1", "new/1")
@@ -416,8 +409,7 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
     frames = FakeFrames()
     with Rig(frames, transform_timeout=30.0) as rig:
         rig.send(cube(A1))
-        rig.listen("points_inside")
-        rig.until(lambda: "points_inside" in rig.last, "points_inside")
+        rig.next("points_inside")
         frames.spans["lidar"] = 0, rig.stamp
         stamps: list[int] = []
         obstacles = rig.node.obstacles

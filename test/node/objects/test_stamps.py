@@ -146,7 +146,6 @@ def test_stamps_that_no_clock_gives_are_refused_by_topic(rig: Rig, topic: str) -
 
 
 def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> None:
-    rig.listen("/diagnostics")
     rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     ahead = stamp_to_ros(rig.now() + HOUR)
     message = states_to_ros(["a/2"], np.array([pose(0.5)]), rig.header())
@@ -164,7 +163,7 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
 
 
 def test_by_topics_the_points_of_the_future_carry_their_time_of_receipt(rig: Rig) -> None:
-    rig.hear("points_inside")
+    rig.next("points_inside")
     rig.send(cube(A1)).answer()
     send_stamped(rig, "points", stamp_to_ros(rig.now() + HOUR))
     message = rig.until(lambda: (m := rig.last.get("points_inside")) and m.width and m, "inside")
@@ -239,7 +238,6 @@ BAR, LONG = ("bar", 1), (8.0, 0.5, 0.5)
 
 @each("topic", POSES)
 def test_it_is_normalised_counted_and_told_once(topic: str, rig: Rig, capfd: Printed) -> None:
-    rig.listen("/diagnostics")
     rig.send(cube(BAR, size=LONG), cube(("post", 1), (0.0, 3.0, 0.0)))
     assert rig.pairs() == set()
     rig.send_by(topic, {BAR: [0.0, 0.0, 0.0, 0.0, 0.0, 0.7, 0.7]}, LONG)

@@ -97,7 +97,6 @@ def test_with_unknown_is_collision_off_the_flag_tells_of_collisions_only() -> No
 
 def test_a_cycle_that_does_not_end_is_told_by_another_thread(monkeypatch: Patch) -> None:
     with Rig(cycle_timeout=0.1) as rig:
-        rig.listen(STATUS)
         rig.send(cube(A1)).answer()
         rig.says(FREE, flag=False)
         publisher = rig.node.outputs.publishers[STATUS]

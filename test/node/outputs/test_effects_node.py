@@ -139,8 +139,7 @@ def test_subscriptions_start_and_stop_effects(
     scene: Scene, calls: Counter[str], effect: str
 ) -> None:
     rig, topic = scene.rig, NAMES[effect]
-    rig.listen(topic)
-    rig.until(lambda: topic in rig.last, topic)
+    rig.next(topic)
     settled(scene, calls)
     assert of(calls, effect) > 0
     described = effect in ("collisions", "text", "events")
@@ -190,8 +189,7 @@ def test_the_latched_flag_is_sent_when_it_changes_or_is_subscribed(monkeypatch: 
         rig.until(lambda: sent()[-1:] == [True], "flag")
         rig.cycles(3)
         assert sent() == [False, True], "sent where it changes"
-        rig.listen("in_collision")
-        assert rig.until(lambda: rig.last.get("in_collision"), "flag").data is True
+        assert rig.next("in_collision").data is True
         rig.until(lambda: len(sent()) > 3, "every cycle")
         rig.set(**{"effects.in_collision": "off"})
         publish.reset_mock()
@@ -202,7 +200,6 @@ def test_the_latched_flag_is_sent_when_it_changes_or_is_subscribed(monkeypatch: 
 
 def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
     with Rig(given={"effects.contacts": "on", "effects.points": "off"}) as rig:
-        rig.listen("/diagnostics")
         scene = Scene(rig)
         times = {"effect contacts mean (ms)", "effect contacts max (ms)"}
         for _ in range(20):  # what it took since the last message, in which nothing may have moved
@@ -225,7 +222,6 @@ def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: Patch) -> None:
         publish = rig.node.reporting.publish
         publish()
         built.assert_not_called()
-        rig.listen("/diagnostics")
         rig.next("/diagnostics")
         built.assert_called()
         rig.set(**{"effects.diagnostics": False})  # what YAML makes of an unquoted off
@@ -236,9 +232,8 @@ def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: Patch) -> None:
 
 def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(monkeypatch: Patch) -> None:
     with Rig() as rig:
-        rig.listen("/diagnostics", "contacts")
         scene = Scene(rig)
-        rig.until(lambda: "contacts" in rig.last, "contacts")
+        rig.next("contacts")
         broken = Mock(side_effect=FloatingPointError("no patch today"))
         monkeypatch.setattr(contacts, "pair_contacts", broken)
         scene.step()
@@ -257,9 +252,8 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(monkeypatch: Pat
 
 def test_only_objects_that_call_for_an_effect_get_it() -> None:
     with Rig(given={"effects.contacts_objects": ["a/2"]}) as rig:
-        rig.listen("contacts", "/diagnostics")
         rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4))).answer()
-        rig.until(lambda: rig.last.get("contacts") and rig.next("contacts").width > 0, "contacts")
+        rig.until(lambda: rig.next("contacts").width > 0, "contacts")
         rows = contacts_from_ros(rig.next("contacts"))
         ids = set(zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True))
         assert ids == {(0, 2), (1, 2), (2, 3)}

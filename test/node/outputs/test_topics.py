@@ -19,17 +19,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
-from diagnostic_msgs.msg import DiagnosticStatus
 from each import each
 from rig import POSES, FakeFrames, Patch, Rig, cube, pose, spy, sync
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision import Verdict
 from obb_collision.node import collisions_from_ros, named_points_inside, namespace_number
+from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.inputs import clouds as obstacles
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-NAN = float("nan")
 
 
 def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
@@ -111,7 +110,6 @@ def test_the_older_of_two_states_is_dropped_whatever_its_way(rig: Rig) -> None:
 def test_text_for_people_is_capped_and_states_the_total(rig: Rig) -> None:
     rig.set(max_text_pairs=2)
     rig.send(*(cube(("a", number)) for number in range(4))).answer()
-    rig.listen("collisions_text")
     message = rig.next("collisions_text")
     assert message.status[0].message == "6 pairs in collision, the first 2 named"
     assert [status.name for status in message.status[1:]] == ["a/0 - a/1", "a/0 - a/2"]
@@ -125,7 +123,6 @@ def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
     rows = collisions_from_ros(rig.answer())
     assert rows["verdict"].tolist() == [Verdict.TOUCHING]
     assert rows["depth"].tolist() == [0.0]
-    rig.listen("collisions_text")
     assert rig.next("collisions_text").status[1].message == "touching"
     rig.send_transform("a/2", pose(0.5))
     assert collisions_from_ros(rig.answer())["verdict"].tolist() == [Verdict.OVERLAP]
@@ -133,14 +130,11 @@ def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
 
 def test_more_pairs_than_a_message_holds_are_said_and_all_objects_marked() -> None:
     with Rig(max_pairs=5) as rig:
-        rig.listen("collisions_text", "collision_status", "/diagnostics")
         rig.send(*(cube(("a", number)) for number in range(8)), cube(("a", 8), (50.0, 0.0, 0.0)))
         assert len(collisions_from_ros(rig.answer())) == 5
         text = rig.next("collisions_text").status[0]
         assert text.message == "at least 28 pairs in collision"
-        status = rig.next("collision_status").status[0]
-        assert status.level == DiagnosticStatus.ERROR
-        assert status.message == "at least 28 pairs collide"
+        assert rig.says(COLLIDING, "at least")["message"] == "at least 28 pairs collide"
         said = "at least 28 pairs collide (the first 5 published)"
         status = rig.until(lambda: (s := rig.status(": objects"))["level"] == "01" and s, "warning")
         assert said in status["message"]
@@ -159,14 +153,14 @@ def inside(rig: Rig) -> list[tuple[str, int]]:
 
 @each("kind", ["<f4", "<f8", ">f4", ">f8"])
 def test_clouds_of_any_float_and_endianness_are_taken(rig: Rig, kind: str) -> None:
-    rig.hear("points_inside")
+    rig.next("points_inside")
     rig.send(cube(("a", 1))).answer()
     rig.send_points([[0.0, 0, 0], [0.5, 0, 0], [0.75, 0, 0]], kind=kind)
     assert inside(rig) == [("a/1", 2)]
 
 
 def test_the_latest_cloud_counts_and_an_empty_one_has_no_points(rig: Rig) -> None:
-    rig.hear("points_inside")
+    rig.next("points_inside")
     rig.send(cube(("a", 1))).answer()
     rig.send_points([[0.0, 0, 0]])
     assert inside(rig) == [("a/1", 1)]
@@ -188,7 +182,7 @@ def test_points_of_other_frames_are_placed_in_doubles() -> None:
     turn = np.sqrt(0.5)
     frames.known["lidar"] = [1e6, 2.0, 3.0, 0.0, 0.0, turn, turn]
     with Rig(frames) as rig:
-        rig.hear("points_inside")
+        rig.next("points_inside")
         rig.send(cube(("a", 1), (1e6, 3.0, 3.0), (2e-3, 2e-3, 2e-3))).answer()
         rig.send_points([[1.0, 0.0, 0.0], [1.002, 0.0, 0.0]], "lidar")
         assert inside(rig) == [("a/1", 1)]
@@ -198,7 +192,7 @@ def test_points_of_other_frames_are_placed_in_doubles() -> None:
 def test_a_cloud_waits_for_its_frame_and_no_longer_than_the_timeout() -> None:
     frames = FakeFrames()
     with Rig(frames, transform_timeout=60.0) as rig:
-        rig.hear("points_inside")
+        rig.next("points_inside")
         rig.send(cube(("a", 1))).answer()
         rig.send_points([[0.0, 0, 0]], "late")
         rig.until(lambda: any(frame == "late" for frame, _ in frames.asked), "look-up")
@@ -219,8 +213,7 @@ def latest(rig: Rig) -> int:
 
 
 def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> None:
-    rig.hear("points_inside")
-    rig.listen("/diagnostics")
+    rig.next("points_inside")
     rig.send(cube(("a", 1))).answer()
     rig.pubs["points"].publish(PointCloud2())
     rig.refuses("points", {"field layout": 1})
@@ -241,7 +234,7 @@ def test_a_cloud_that_nobody_asks_about_is_not_looked_at(rig: Rig, monkeypatch: 
     rig.until(lambda: latest(rig) == rig.stamp, "the last cloud")
     rig.cycles(2)
     taken.assert_not_called()
-    rig.hear("points_inside")
+    rig.next("points_inside")
     assert inside(rig) == [("a/1", 1)]
     assert taken.call_count == 1, "the latest one only"
 

@@ -132,7 +132,6 @@ def test_groups_are_limited_with_all_they_stand_for_and_words_with_spaces_are_in
 @each("form", ["cubes", "lines"])
 def test_padding_shows_in_the_markers(form: str) -> None:
     with Rig(padding=0.125, marker_form=form, marker_rate=100.0) as rig:
-        rig.listen("obb_collision/markers")
         rig.send(cube(("arm", 1)), cube(("cup", 1), (9.0, 0, 0))).answer()
 
         def edges() -> dict[float, float]:
@@ -158,7 +157,6 @@ def test_padding_shows_in_the_markers(form: str) -> None:
 
 def test_only_pairs_of_the_region_are_published_and_only_what_is_near_is_drawn() -> None:
     with Rig(region=["x: -inf to 5.0"]) as rig:
-        rig.listen("obb_collision/markers", "/diagnostics", "collision_status")
         rig.send(*(cube(("a", n), (x, 0, 0)) for n, x in enumerate((0.0, 0.5, 5.75, 6.0, 50.0))))
         assert rig.pairs() == {("a/0", "a/1")}
         assert rig.status(": objects")["near the region"] == "4"
@@ -199,7 +197,6 @@ def test_a_region_is_the_same_after_it_was_a_parameter() -> None:
 
 
 def test_the_accuracy_changes_at_run_time_and_is_told(rig: Rig) -> None:
-    rig.listen("collisions_text", "/diagnostics")
     rig.send(ring(), crate())
     rig.built(RING)
     assert sync(rig) == {("mesh/1", "box/1")}
@@ -218,7 +215,6 @@ def test_the_accuracy_changes_at_run_time_and_is_told(rig: Rig) -> None:
 def test_diagnostics_say_what_effects_are_computed_on_and_that_a_budget_lowers_them() -> None:
     given = {"effects.clearance": "on", "effects.clearance_max_distance": 5.0}
     with Rig(accuracy="mesh", given=given) as rig:
-        rig.listen("/diagnostics")
         rig.send(ring(), crate())
         rig.built(RING)
         seen = said(rig, "clearance on mesh")

@@ -130,7 +130,6 @@ def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
 
 
 def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> None:
-    arm.listen("predicted_collisions", "clearances")
     arm.send(cube(CRATE, (1.0, 0.0, 1.05), EDGES))
     arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0).answer()
 

@@ -215,8 +215,7 @@ def test_no_swing_begins_with_a_velocity_that_is_not_known() -> None:
 
 
 def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides(rig: AskingRig) -> None:
-    rig.listen("collision_status")
-    rig.until(lambda: "collision_status" in rig.last, "a status")
+    rig.next("collision_status")
     rig.run()
     rig.put((5.0, 5.0, 5.0))
     rig.cycles(2)

@@ -58,7 +58,7 @@ CLOUDS = {topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cl
 
 @each("topic", ["collisions", "contacts", "clearances", "predicted_collisions"])
 def test_messages_come_every_cycle_also_when_there_is_nothing(rig: Rig, topic: str) -> None:
-    rig.hear(topic)
+    rig.next(topic)
     first, second = rig.next(topic), rig.next(topic)
     assert (first.width, second.width) == (0, 0)
     assert first.header.frame_id == "map"
@@ -66,7 +66,7 @@ def test_messages_come_every_cycle_also_when_there_is_nothing(rig: Rig, topic: s
 
 
 def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig) -> None:
-    rig.hear("contacts")
+    rig.next("contacts")
     # sent so that scene indices and keys disagree on who is first
     rig.send(cube(("a", 2), (0.75, 0.25, 0.0)), cube(("a", 1)))
     message = rig.answer("contacts")
@@ -89,7 +89,7 @@ def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig)
 
 def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() -> None:
     with Rig(given={"effects.clearance_max_distance": 0.75}) as rig:
-        rig.hear("clearances")
+        rig.next("clearances")
         rig.send(cube(("a", 2), (1.5, 0, 0)), cube(("a", 1)), cube(("b", 1), (-1.8, 0, 0)))
         (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a", "b"))
         assert (found.a, found.b, found.distance) == ("a/1", "a/2", 0.5)
@@ -105,7 +105,7 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
 
 
 def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
-    rig.hear("predicted_collisions")
+    rig.next("predicted_collisions")
     rig.send(cube(("wall", 1), (2.0, 0, 0), (0.5, 4, 4)), cube(("fast", 1))).answer()
     rig.send_states(["fast/1"], [pose(0.0)], twists=[[2.5, 0, 0, 0, 0, 0]])
     (found,) = named_predictions(rig.answer("predicted_collisions"), rig.namespaces("wall", "fast"))
@@ -120,7 +120,7 @@ def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
 
 
 def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) -> None:
-    rig.hear("predicted_collisions")
+    rig.next("predicted_collisions")
     rig.send(cube(("wall", 1), (2.0, 0, 0), (0.25, 4, 4)), cube(("fast", 1), size=(0.5, 0.5, 0.5)))
     rig.answer()
     before = rig.stamp
@@ -198,7 +198,7 @@ def test_rows_are_aligned_and_drawn_by_rviz(cloud: Cloud[Any]) -> None:
 
 
 def test_points_inside_are_counted_by_object(rig: Rig) -> None:
-    rig.hear("points_inside")
+    rig.next("points_inside")
     rig.send(cube(("a", 1)), cube(("a", 2), (2.0, 0, 0)), cube(("b", 1), (9.0, 0, 0))).answer()
     inside = [[9.0, 9, 9], [2.4, 0, 0], [0.25, 0, 0], [np.nan, 0, 0], [0.125, 0, 0], [0.4, 0, 0]]
     rig.send_points(inside)
