@@ -47,13 +47,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.inputs import MarkerUpdate
-from obb_collision.node.messages.conversions import (
-    duration_to_ros,
-    name_from_key,
-    stamp_to_ros,
-    states_to_ros,
-    transform_to_ros,
-)
+from obb_collision.node.messages import conversions as cv
 from obb_collision.node.node import CollisionNode
 from obb_collision.scene.building.builder import Outcome
 from obb_collision.scene.building.jobs import BuildError
@@ -266,7 +260,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         objects, things = self.node.objects, self.model.things
         table, scene = objects.table, objects.scene
         owners = {
-            name_from_key(key): bool(table.of_set[slot])
+            cv.name_from_key(key): bool(table.of_set[slot])
             for key, slot in table.slots.items()
             if not table.of_robot[slot]
         }
@@ -328,7 +322,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.model.fail("objects")
         elif names:
             message = TransformStamped(header=Header(frame_id="map"), child_frame_id=names[0])
-            message.transform = transform_to_ros(pose(0.0))
+            message.transform = cv.transform_to_ros(pose(0.0))
             with patch.object(node.objects.states, "store", FAIL):
                 self.send("object_transform", message)
             self.model.fail("object_transform")
@@ -411,7 +405,7 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     def header(self, frame: str, ahead: float | None, fault: str = "") -> tuple[Header, float]:
         stamp = 0.0 if ahead is None else self.world.now + ahead
-        header = Header(frame_id=frame, stamp=stamp_to_ros(round(stamp * SECOND)))
+        header = Header(frame_id=frame, stamp=cv.stamp_to_ros(round(stamp * SECOND)))
         if fault == "stamp":
             header.stamp.nanosec = 4_000_000_000
         return header, stamp
@@ -438,7 +432,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         for name in names:
             marker = cube(key(name), (x, 0, 0), [0.0 if fault == "scale" else size] * 3)
             marker.header, marker.action = header, 7 if fault == "action" else Marker.ADD
-            marker.lifetime = duration_to_ros(life)
+            marker.lifetime = cv.duration_to_ros(life)
             if fault == "pose":
                 marker.pose.position.x = nan
             sent.append(marker)
@@ -473,7 +467,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     ) -> None:
         header, stamp = self.header(frame, ahead, fault)
         message = TransformStamped(header=header, child_frame_id=name)
-        message.transform = transform_to_ros(self.pose(x, fault))
+        message.transform = cv.transform_to_ros(self.pose(x, fault))
         if self.send("object_transform", message, cut and fault == "zero"):
             self.model.named(name, x, frame, stamp, fault)
 
@@ -487,7 +481,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, fault)
         poses = [self.pose(x + 0.7 * k, fault) for k, _ in enumerate(names)]
-        message = states_to_ros(names, np.reshape(poses, (-1, 7)), header)
+        message = cv.states_to_ros(names, np.reshape(poses, (-1, 7)), header)
         if missing == 5 and names:
             message.transforms.pop()
             fault = "missing"
@@ -547,7 +541,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         life = life if ahead == 0.0 else 0.0
         corners = [Point(), Point(x=size), Point(y=size)]
         marker = cube(key(name), (x, 0, 0), type=Marker.TRIANGLE_LIST, points=corners)
-        marker.header, marker.lifetime = header, duration_to_ros(life)
+        marker.header, marker.lifetime = header, cv.duration_to_ros(life)
         self.apply()
         self.send("objects", MarkerArray(markers=[marker]))
         self.apply()
@@ -577,7 +571,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         """Send where the robot stands."""
         header, stamp = self.header(frame, ahead, fault)
         message = TransformStamped(header=header, child_frame_id=ARM)
-        message.transform = transform_to_ros(self.pose(x, fault))
+        message.transform = cv.transform_to_ros(self.pose(x, fault))
         self.send("object_transform", message)
         self.model.take_base(x, frame, stamp, fault)
 

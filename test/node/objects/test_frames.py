@@ -36,26 +36,14 @@ from rig import FRAME, POSES, FakeFrames, Patch, Rig, color, cube, pose
 from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
+from obb_collision.node.messages import conversions as cv
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.box_markers import FREE as GREEN
 from obb_collision.node.messages.clouds import cloud_to_ros
-from obb_collision.node.messages.conversions import (
-    stamp_from_ros,
-    stamp_to_ros,
-    transform_from_ros,
-    transform_to_ros,
-)
 from obb_collision.node.objects import frames as frames_of_node
+from obb_collision.node.objects import placement
 from obb_collision.node.objects.conditions import STALE, UNPLACED
 from obb_collision.node.objects.frames import EXTRAPOLATION
-from obb_collision.node.objects.placement import (
-    LONGEST_LAG,
-    MAX_LATE,
-    MOST_LATE,
-    STATE,
-    WaitingStates,
-    spaced,
-)
 from obb_collision.node.objects.states import State
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -73,20 +61,10 @@ class TransformException(Exception):  # noqa: N818 - tf2's name
     """Whatever makes a lookup fail."""
 
 
-class LookupException(TransformException):
-    """A frame is not known."""
-
-
-class ConnectivityException(TransformException):
-    """Both frames are known, but nothing connects them."""
-
-
-class InvalidArgumentException(TransformException):
-    """A name that can't be a frame's."""
-
-
-class ExtrapolationException(TransformException):
-    """A frame is known, but not at this time."""
+KINDS = "Lookup", "Connectivity", "Extrapolation", "InvalidArgument"
+"""A frame is not known; nothing connects two; none is known at that time; no name of a frame."""
+FAILURES: list[Any] = [type(f"{kind}Exception", (TransformException,), {}) for kind in KINDS]
+UNKNOWN_FRAME, UNCONNECTED, TOO_FAR, _ = FAILURES
 
 
 class Buffer:
@@ -97,22 +75,22 @@ class Buffer:
 
     def set_transform(self, transform: TransformStamped, authority: str) -> None:
         names = transform.header.frame_id, transform.child_frame_id
-        poses = self._poses.setdefault(names, {})
-        poses[stamp_from_ros(transform.header.stamp)] = transform_from_ros(transform.transform)
+        stamp = cv.stamp_from_ros(transform.header.stamp)
+        self._poses.setdefault(names, {})[stamp] = cv.transform_from_ros(transform.transform)
 
     def lookup_transform(self, target: str, source: str, time: Time) -> TransformStamped:
         poses = self._poses.get((target, source))
         if poses is None:
             if {target, source} <= {name for names in self._poses for name in names}:
-                raise ConnectivityException(f"{source!r} and {target!r} are not connected")
-            raise LookupException(f"{source!r} or {target!r} does not exist")
+                raise UNCONNECTED(f"{source!r} and {target!r} are not connected")
+            raise UNKNOWN_FRAME(f"{source!r} or {target!r} does not exist")
         stamps = sorted(poses)
         at = time.nanoseconds or stamps[-1]
         if not stamps[0] <= at <= stamps[-1]:
-            raise ExtrapolationException(f"{at} is outside of {stamps[0]} to {stamps[-1]}")
+            raise TOO_FAR(f"{at} is outside of {stamps[0]} to {stamps[-1]}")
         numbers = np.array([poses[stamp] for stamp in stamps])
         found = [np.interp(at, stamps, column) for column in numbers.T]
-        return TransformStamped(transform=transform_to_ros(found))
+        return TransformStamped(transform=cv.transform_to_ros(found))
 
 
 class TransformListener:
@@ -123,11 +101,7 @@ class TransformListener:
 
 
 STAND_IN = SimpleNamespace(
-    **{
-        kind.__name__: kind
-        for kind in (Buffer, TransformListener, *TransformException.__subclasses__())
-    },
-    TransformException=TransformException,
+    **{one.__name__: one for one in (Buffer, TransformListener, TransformException, *FAILURES)}
 )
 """What the node uses of tf2_ros, for machines without it: the same names, the same answers.
 
@@ -148,8 +122,8 @@ def set_transform(
     rig: Rig, x: float, stamp: int, child: str = "robot", parent: str = FRAME
 ) -> None:
     """Give the node a transform of a frame, as tf2's listener does."""
-    transform = TransformStamped(child_frame_id=child, transform=transform_to_ros(pose(x)))
-    transform.header = Header(stamp=stamp_to_ros(stamp), frame_id=parent)
+    transform = TransformStamped(child_frame_id=child, transform=cv.transform_to_ros(pose(x)))
+    transform.header = Header(stamp=cv.stamp_to_ros(stamp), frame_id=parent)
     frames: Any = rig.node.frames
     frames.buffer.set_transform(transform, "test")
 
@@ -306,18 +280,17 @@ def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> N
 def test_few_states_wait_for_a_transform_and_all_follow(lag: int, every: int, seed: int) -> None:
     """lag: in ms; every: of so many cycles one has a state of the first object."""
     rig, rng = ObjectsRig(A1, A2), np.random.default_rng(seed)
-    placement, behind = rig.objects.placement, lag * MILLISECOND
-    limit = round(placement.timeout * SECOND)
-    span = 2 * LONGEST_LAG // MOST_LATE  # one state of each is kept at least
+    behind, limit = lag * MILLISECOND, round(rig.objects.placement.timeout * SECOND)
+    span = 2 * placement.LONGEST_LAG // placement.MOST_LATE  # one state of each is kept at least
     for step in range((lag + 2000) // 20):
         rig.now += PERIOD
         for row in np.flatnonzero((step % every == 0, rng.random() < 0.5)).tolist():
             rig.send(rig.now, "robot", row)
         rig.frames.spans["robot"] = START - SECOND, rig.now - behind
         rig.cycle()
-        waiting = placement.waiting.rows
+        waiting = rig.objects.placement.waiting.rows
         late = waiting[rig.now - waiting["received"] > limit]
-        assert np.bincount(late["slot"], minlength=1).max() <= MOST_LATE
+        assert np.bincount(late["slot"], minlength=1).max() <= placement.MOST_LATE
         if rig.now - START > behind + SECOND:
             furthest = place(rig.now - behind)
             assert furthest - (span + every * PERIOD) / SECOND <= rig.x() <= furthest
@@ -327,14 +300,14 @@ def test_few_states_wait_for_a_transform_and_all_follow(lag: int, every: int, se
 def test_states_that_are_late_are_few_of_each_object_and_of_all(objects: int) -> None:
     rng = np.random.default_rng(objects)
     slots = rng.integers(0, objects, 60_000)
-    received = START + np.sort(rng.integers(0, LONGEST_LAG, len(slots)))
-    kept = spaced(slots, received)
+    received = START + np.sort(rng.integers(0, placement.LONGEST_LAG, len(slots)))
+    kept = placement.spaced(slots, received)
     counts = np.bincount(slots[kept], minlength=objects)
-    assert counts.max() <= MOST_LATE
-    assert kept.sum() <= max(MAX_LATE, 2 * objects)
+    assert counts.max() <= placement.MOST_LATE
+    assert kept.sum() <= max(placement.MAX_LATE, 2 * objects)
     oldest = np.unique(slots, return_index=True)[1]
     assert kept[oldest].all(), "they reach back as far as before"
-    assert spaced(slots[kept], received[kept]).all(), "and stay"
+    assert placement.spaced(slots[kept], received[kept]).all(), "and stay"
 
 
 @each("topic", POSES)
@@ -391,9 +364,9 @@ def test_frames_that_fail_otherwise_are_internal_errors_and_the_rest_goes_on() -
 
 
 def test_states_that_wait_are_bounded_and_reach_back_as_far_as_before() -> None:
-    waiting = WaitingStates(most=1000)
+    waiting = placement.WaitingStates(most=1000)
     for number in range(5000):
-        states = np.zeros(3, STATE)
+        states = np.zeros(3, placement.STATE)
         states["slot"], states["number"] = range(3), number
         waiting.add(states)
         assert len(waiting) <= 1000
@@ -427,7 +400,7 @@ def test_clouds_that_wait_are_bounded() -> None:
         obstacles = rig.node.obstacles
         rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
         for number in range(100):
-            header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")
+            header = Header(stamp=cv.stamp_to_ros(number + 1), frame_id="lidar")
             obstacles.take(serialize_message(cloud_to_ros(rows, header)), rig.node.now())
         stamps = [cloud.stamp for cloud in obstacles.waiting.clouds]
         assert len(stamps) <= 16

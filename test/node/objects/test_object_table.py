@@ -37,58 +37,44 @@ from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import stand_in
 from obb_collision.node.objects import conditions
-from obb_collision.node.objects.conditions import (
-    ALL,
-    LIVE,
-    STALE,
-    STATES,
-    TIRED,
-    WAITING,
-    Event,
-    begin,
-    end,
-    happen,
-    judge,
-)
 from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import COLLIDE, COLUMNS, FIRST_ROWS, IGNORE, ObjectTable
 from obb_collision.scene.store import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere
 from obb_collision.typing import Floats
 
-EVENTS = {name: value for name, value in vars(conditions).items() if isinstance(value, Event)}
-WRITER = "conditions.py"
+EVENTS = {name: one for name, one in vars(conditions).items() if isinstance(one, conditions.Event)}
 
 
 @each("event", EVENTS.values())
-def test_an_event_changes_its_facts_only_and_needs_others(event: Event) -> None:
-    assert event.needs & LIVE
-    for before in range(0, ALL + 1, 61):
+def test_an_event_changes_its_facts_only_and_needs_others(event: conditions.Event) -> None:
+    assert event.needs & conditions.LIVE
+    for before in range(0, conditions.ALL + 1, 61):
         column = np.array([before], np.uint16)
         if before & event.needs == event.needs:
-            happen(column, np.array([0]), event)
+            conditions.happen(column, np.array([0]), event)
             assert column[0] == before & ~event.ends | event.begins
-            assert column[0] & LIVE
+            assert column[0] & conditions.LIVE
         else:
             with pytest.raises(ValueError, match="that cannot be"):
-                happen(column, np.array([0]), event)
+                conditions.happen(column, np.array([0]), event)
             assert column[0] == before
 
 
 def test_what_is_refused_is_never_placed_and_who_waits_no_longer_is_not_tired() -> None:
     for name, event in EVENTS.items():
-        assert not name.endswith("_REFUSED") or event.begins & STATES["refused"]
-        assert bool(event.ends & WAITING) <= bool(event.ends & TIRED)
+        assert not name.endswith("_REFUSED") or event.begins & conditions.STATES["refused"]
+        assert bool(event.ends & conditions.WAITING) <= bool(event.ends & conditions.TIRED)
 
 
 def test_a_new_object_is_unplaced_and_one_that_ended_has_no_fact() -> None:
-    column = np.full(3, ALL, np.uint16)
-    end(column, slice(0, 2))
-    begin(column, np.array([1]))
-    judge(column, STALE, np.array([True, False, True]))
-    assert column.tolist() == [0, LIVE | STATES["unplaced"], ALL]
+    column = np.full(3, conditions.ALL, np.uint16)
+    conditions.end(column, slice(0, 2))
+    conditions.begin(column, np.array([1]))
+    conditions.judge(column, conditions.STALE, np.array([True, False, True]))
+    assert column.tolist() == [0, conditions.LIVE | conditions.STATES["unplaced"], conditions.ALL]
     with pytest.raises(ValueError, match="judged"):
-        judge(column, LIVE, column > 0)
+        conditions.judge(column, conditions.LIVE, column > 0)
 
 
 def test_nothing_else_writes_conditions() -> None:
@@ -96,7 +82,9 @@ def test_nothing_else_writes_conditions() -> None:
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store):
                 written = ast.unparse(node.value)
-                assert "condition" not in written.split(".")[-1] or file.name == WRITER, file
+                assert "condition" not in written.split(".")[-1] or file.name == "conditions.py", (
+                    file
+                )
 
 
 SPACES = ("", "/", "a", "/a", "a/b", "b", "5", "#7", "é", stand_in(namespace_number("b")))
@@ -186,13 +174,13 @@ def test_an_object_without_room_in_tables_leaves_no_trace(failing: int, monkeypa
 
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-SPEED, REACH = 2.0, 3.0
+SPEED = 2.0
 
 
 def lost_sight(policy: str = COLLIDE, x: float = 4.0) -> ObjectsRig:
     """Return a cube at the origin whose sender stops, and one at ``x`` whose sender goes on."""
     rig = ObjectsRig(A1, A2)
-    rig.limit(0.5, policy, speed=SPEED, reach=REACH)
+    rig.limit(0.5, policy, speed=SPEED, reach=3.0)
     send(rig, 0, 0.0)
     rig.beside = x  # type: ignore[attr-defined]
     step(rig, 0.0)
@@ -292,7 +280,7 @@ def test_what_is_sent_once_does_not_age_and_each_object_has_its_own_limit() -> N
         rig.now += SECOND // 10
     rig.now += SECOND
     rig.cycle()
-    assert rig.objects.table.has(STALE, rig.slots).tolist() == [False, False, True]
+    assert rig.objects.table.has(conditions.STALE, rig.slots).tolist() == [False, False, True]
     assert rig.known().message == "free; 1 stale (accepted): b/1"
     rig.now += SECOND
     rig.cycle()

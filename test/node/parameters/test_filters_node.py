@@ -27,13 +27,7 @@ from test_parameters import ask_for_all, message
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import collisions_from_ros
-from obb_collision.node.parameters.entries import (
-    Groups,
-    group_from_text,
-    pair_from_text,
-    range_from_text,
-    text_from_region,
-)
+from obb_collision.node.parameters import entries
 from obb_collision.regions import Region
 
 
@@ -120,13 +114,13 @@ def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together
 
 
 def test_groups_are_limited_with_all_they_stand_for_and_words_with_spaces_are_in_quotes() -> None:
-    many = [group_from_text("many: " + " ".join(f"a/{k}" for k in range(50)))]
-    assert len(Groups(many).meant("many")) == 50
+    many = [entries.group_from_text("many: " + " ".join(f"a/{k}" for k in range(50)))]
+    assert len(entries.Groups(many).meant("many")) == 50
     names = [("many", tuple(f"a/{k}" for k in range(20001)))]
     with pytest.raises(ValueError, match="more than 20000 members"):
-        Groups(names)
-    assert pair_from_text("'my arm/*' table/1") == ("my arm/*", "table/1")
-    assert group_from_text("my group: 'my arm/*' b/1") == ("my group", ("my arm/*", "b/1"))
+        entries.Groups(names)
+    assert entries.pair_from_text("'my arm/*' table/1") == ("my arm/*", "table/1")
+    assert entries.group_from_text("my group: 'my arm/*' b/1") == ("my group", ("my arm/*", "b/1"))
 
 
 @each("form", ["cubes", "lines"])
@@ -191,9 +185,9 @@ def test_a_halo_smaller_than_what_effects_look_beyond_is_refused(rig: Rig) -> No
 
 def test_a_region_is_the_same_after_it_was_a_parameter() -> None:
     region = Region([-math.inf, 0.1, 1 / 3], [0.1 + 0.2, math.inf, 1e300])
-    entries = [range_from_text(text) for text in text_from_region(region)]
-    assert entries == [("x", -math.inf, 0.1 + 0.2), ("y", 0.1, math.inf), ("z", 1 / 3, 1e300)]
-    assert text_from_region(Region([-math.inf] * 3, [math.inf] * 3)) == [""]
+    found = [entries.range_from_text(text) for text in entries.text_from_region(region)]
+    assert found == [("x", -math.inf, 0.1 + 0.2), ("y", 0.1, math.inf), ("z", 1 / 3, 1e300)]
+    assert entries.text_from_region(Region([-math.inf] * 3, [math.inf] * 3)) == [""]
 
 
 def test_the_accuracy_changes_at_run_time_and_is_told(rig: Rig) -> None:

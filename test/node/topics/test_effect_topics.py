@@ -32,18 +32,7 @@ from rig import FIRST_STAMP, Rig, cube, pose
 from sensor_msgs.msg import PointField
 
 import obb_collision
-from obb_collision.node import (
-    clearances_from_ros,
-    contacts_from_ros,
-    named_clearances,
-    named_contacts,
-    named_passed_collisions,
-    named_points_inside,
-    named_predictions,
-    namespace_number,
-    points_inside_from_ros,
-    predictions_from_ros,
-)
+from obb_collision import node as ros
 from obb_collision.node.messages.clouds import DATATYPE_OF, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
@@ -70,20 +59,15 @@ def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig)
     # sent so that scene indices and keys disagree on who is first
     rig.send(cube(("a", 2), (0.75, 0.25, 0.0)), cube(("a", 1)))
     message = rig.answer("contacts")
-    rows = contacts_from_ros(message)
-    assert rows["index"].tolist() == [0, 1, 2, 3]
-    assert rows["count"].tolist() == [4] * 4
-    found = named_contacts(message, rig.namespaces("a"))
+    rows = ros.contacts_from_ros(message)
+    assert rows[["index", "count"]].tolist() == [(n, 4) for n in range(4)]
+    found = ros.named_contacts(message, rig.namespaces("a"))
     assert {(c.a, c.b, c.normal) for c in found} == {("a/1", "a/2", (1.0, 0.0, 0.0))}
-    assert sorted({(round(y, 9), round(z, 9)) for _, y, z in (c.point for c in found)}) == [
-        (-0.25, -0.5),
-        (-0.25, 0.5),
-        (0.5, -0.5),
-        (0.5, 0.5),
-    ]
-    for contact in found:
-        assert 0.25 <= contact.point[0] <= 0.5
-        assert contact.depth == pytest.approx(0.25)
+    places = np.array([contact.point for contact in found])
+    corners = {tuple(place) for place in places[:, 1:].round(9).tolist()}
+    assert corners == {(y, z) for y in (-0.25, 0.5) for z in (-0.5, 0.5)}
+    assert np.all((places[:, 0] >= 0.25) & (places[:, 0] <= 0.5))
+    assert [contact.depth for contact in found] == pytest.approx([0.25] * 4)
     assert np.allclose(rows["x"], rows["point_x"])
 
 
@@ -91,16 +75,16 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
     with Rig(given={"effects.clearance_max_distance": 0.75}) as rig:
         rig.next("clearances")
         rig.send(cube(("a", 2), (1.5, 0, 0)), cube(("a", 1)), cube(("b", 1), (-1.8, 0, 0)))
-        (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a", "b"))
+        (found,) = ros.named_clearances(rig.answer("clearances"), rig.namespaces("a", "b"))
         assert (found.a, found.b, found.distance) == ("a/1", "a/2", 0.5)
         assert (found.point_a[0], found.point_b[0]) == (0.5, 1.0)
         assert found.point_a[1:] == found.point_b[1:]
-        (row,) = clearances_from_ros(rig.last["clearances"])
+        (row,) = ros.clearances_from_ros(rig.last["clearances"])
         assert (row["normal_x"], row["x"]) == (1.0, 0.75)
         rig.set(**{"effects.clearance_max_distance": 0.9})
         rig.until(lambda: rig.next("clearances").width == 2, "another limit")
         rig.send(cube(("b", 1), (-9, 0, 0)), cube(("a", 2), (0.75, 0, 0)))
-        (found,) = named_clearances(rig.answer("clearances"), rig.namespaces("a"))
+        (found,) = ros.named_clearances(rig.answer("clearances"), rig.namespaces("a"))
         assert found.distance == -0.25, "they overlap"
 
 
@@ -108,13 +92,13 @@ def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
     rig.next("predicted_collisions")
     rig.send(cube(("wall", 1), (2.0, 0, 0), (0.5, 4, 4)), cube(("fast", 1))).answer()
     rig.send_states(["fast/1"], [pose(0.0)], twists=[[2.5, 0, 0, 0, 0, 0]])
-    (found,) = named_predictions(rig.answer("predicted_collisions"), rig.namespaces("wall", "fast"))
+    message = rig.answer("predicted_collisions")
+    (found,) = ros.named_predictions(message, rig.namespaces("wall", "fast"))
     assert (found.a, found.b) == ("wall/1", "fast/1")
     assert found.time == pytest.approx(0.5)
     assert found.point[0] == pytest.approx(1.75)
     assert found.normal == pytest.approx((-1.0, 0.0, 0.0))
-    (row,) = predictions_from_ros(rig.last["predicted_collisions"])
-    assert row["passed"] == 0
+    assert ros.predictions_from_ros(message)["passed"].tolist() == [0]
     assert rig.set(**{"effects.sweep_horizon": 0.4})[0].successful
     rig.until(lambda: rig.next("predicted_collisions").width == 0, "beyond the horizon")
 
@@ -130,14 +114,14 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
     assert rig.pairs() == set(), "neither before nor after"
     seconds = 1e-9 * (rig.stamp - before)
     table = rig.namespaces("wall", "fast")
-    assert named_predictions(message, table) == [], "a rule for what is to come must not see it"
-    ((a, b, time, point, normal),) = named_passed_collisions(message, table)
+    assert ros.named_predictions(message, table) == [], "a rule for what is to come must not see it"
+    ((a, b, time, point, normal),) = ros.named_passed_collisions(message, table)
     assert (a, b) == ("wall/1", "fast/1")
     share = (1.875 - 0.25) / 4.0  # of the way, when the faces meet
     assert time == pytest.approx((share - 1.0) * seconds)
     assert point[0] == pytest.approx(1.875)
     assert normal == pytest.approx((-1.0, 0.0, 0.0))
-    assert predictions_from_ros(message)["passed"].tolist() == [1]
+    assert ros.predictions_from_ros(message)["passed"].tolist() == [1]
     rig.until(lambda: rig.next("predicted_collisions").width == 0, "over")
 
 
@@ -163,20 +147,20 @@ def test_passed_coming_and_undecided_each_have_their_marks() -> None:
     assert rows["time"].tolist() == pytest.approx([-0.025, 0.25, -0.05, 0.125])
     assert np.isnan(rows["point_x"]).tolist() == [False, False, True, True]
     message = cloud_to_ros(rows)
-    assert [r.undecided for r in named_predictions(message, ["a"])] == [False, True]
-    assert [r.undecided for r in named_passed_collisions(message, ["a"])] == [False, True]
+    assert [r.undecided for r in ros.named_predictions(message, ["a"])] == [False, True]
+    assert [r.undecided for r in ros.named_passed_collisions(message, ["a"])] == [False, True]
     old = cloud_to_ros(rfn.drop_fields(rows, "undecided"))
-    assert len(named_predictions(old, ["a"])) == 2, "recorded with an earlier version"
+    assert len(ros.named_predictions(old, ["a"])) == 2, "recorded with an earlier version"
 
 
 @each("topic", CLOUDS)
 def test_readers_refuse_other_messages_and_older_tables(topic: str) -> None:
     read, rows = CLOUDS[topic].named, np.zeros(1, CLOUDS[topic].dtype)
-    rows["ns" if topic == "points_inside" else "ns_b"] = namespace_number("arm")
+    rows["ns" if topic == "points_inside" else "ns_b"] = ros.namespace_number("arm")
     message = cloud_to_ros(rows)
     named = read(message, ["arm", ""])
     assert "arm/0" in named[0]
-    assert named == read(message, {0: "", namespace_number("arm"): "arm"})
+    assert named == read(message, {0: "", ros.namespace_number("arm"): "arm"})
     with pytest.raises(RefusedError, match="unknown namespace"):
         read(message, [""])
     with pytest.raises(RefusedError, match=f"not a {topic} message"):
@@ -203,11 +187,11 @@ def test_points_inside_are_counted_by_object(rig: Rig) -> None:
     inside = [[9.0, 9, 9], [2.4, 0, 0], [0.25, 0, 0], [np.nan, 0, 0], [0.125, 0, 0], [0.4, 0, 0]]
     rig.send_points(inside)
     message = rig.answer("points_inside")
-    assert named_points_inside(message, rig.namespaces("a", "b")) == [
+    assert ros.named_points_inside(message, rig.namespaces("a", "b")) == [
         ("a/1", 3, 2, 4, 0.125),
         ("a/2", 1, 1, 1, pytest.approx(0.4)),
     ]
-    rows = points_inside_from_ros(message)
+    rows = ros.points_inside_from_ros(message)
     assert rows["x"].tolist() == [0.125, pytest.approx(2.4)]
     assert FIRST_STAMP < stamp_from_ros(message.header.stamp) == rig.stamp, "that of the cloud"
 
@@ -283,26 +267,19 @@ scene.set_effect("heights", floor=0.5)
 found = scene.check(effects=["heights"]).result("heights")
 with Rig() as rig:
     rig.send(cube(("a", 2)), cube(("a", 1), (0, 0, 0.25)))
-    rig.listen("object_heights", "/diagnostics")
-    rig.until(lambda: "object_heights" in rig.last and rig.last["object_heights"].width, "rows")
+    rig.until(lambda: rig.next("object_heights").width, "rows")
     named = TOPICS["heights"].named(rig.last["object_heights"], ["a"])
-    states = {rig.status(": cycle")["effect heights"]}
-print(json.dumps({
-    "package": oc.__file__,
-    "pairs": found.pairs.tolist(),
-    "heights": found.heights.tolist(),
-    "named": named,
-    "states": sorted(states),
-    "parameters": {s.name: s.description for s in SPECS if s.name.startswith("effects.heights")},
-    "steps": [step for step in NODE_STEPS if "heights" in step],
-}))
+    state = rig.status(": cycle")["effect heights"]
+parameters = {s.name: s.description for s in SPECS if s.name.startswith("effects.heights")}
+steps = [step for step in NODE_STEPS if "heights" in step]
+found = found.pairs.tolist(), found.heights.tolist()
+print(json.dumps([oc.__file__, *found, named, state, parameters, steps]))
 """
 
 
 def test_an_effect_is_one_file_and_one_entry(tmp_path: Path) -> None:
     """Run a program with a copy of the package that has one more effect."""
-    folder = tmp_path
-    package = folder / "obb_collision"
+    package = tmp_path / "obb_collision"
     ignored = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(obb_collision.__file__).parent, package, ignore=ignored)
     (package / "scene" / "effects" / "heights.py").write_text(FILE)
@@ -310,16 +287,12 @@ def test_an_effect_is_one_file_and_one_entry(tmp_path: Path) -> None:
         table.write(ENTRY)
     tools = Path(__file__).parents[1]
     others = os.environ.get("PYTHONPATH", "").split(os.pathsep)  # what is needed may be there
-    path = os.pathsep.join(map(str, (folder, tools, tools.parent / "support", *others)))
-    done = run_python("-c", PROGRAM, cwd=folder, PYTHONPATH=path)
-    seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    assert seen["package"].startswith(str(folder))
-    assert (seen["pairs"], seen["heights"]) == ([[0, 1]], [0.25])
-    assert seen["named"] == [["a/1", "a/2", -0.25]]
-    assert seen["states"] == ["auto, computed"]
-    parameters = seen["parameters"]
-    assert parameters["effects.heights"] == (
-        "How far one object is above the other: the topic object_heights."
-    )
+    path = os.pathsep.join(map(str, (tmp_path, tools, tools.parent / "support", *others)))
+    done = run_python("-c", PROGRAM, cwd=tmp_path, PYTHONPATH=path)
+    file, pairs, heights, named, state, parameters, steps = json.loads(done.stdout.splitlines()[-1])
+    assert file.startswith(str(tmp_path))
+    assert (pairs, heights, named) == ([[0, 1]], [0.25], [["a/1", "a/2", -0.25]])
+    assert (state, steps) == ("auto, computed", ["effect heights"])
+    says = "How far one object is above the other: the topic object_heights."
+    assert parameters["effects.heights"] == says
     assert set(parameters) == {f"effects.heights{end}" for end in ("", "_objects", "_floor")}
-    assert seen["steps"] == ["effect heights"]
