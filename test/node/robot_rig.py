@@ -37,8 +37,8 @@ validity.LONGEST_CHECK = 30.0  # slow enough for a loaded machine
 CRATE, HAND = ("crate", 1), ("arm/hand", 1)
 EDGES = (0.1, 0.1, 0.1)
 BOTH = ("lift", "turn")
-VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
-"""Reasons of ``state_validity``, as documented."""
+REASONS = "valid", "collides", "out of limits", "bad state", "unknown"
+"""Those of ``state_validity``, by their documented numbers."""
 ROW = ("distance", "index", "ns_a", "id_a", "ns_b", "id_b", "valid", "reason")
 
 
@@ -196,12 +196,12 @@ class AskingRig(RobotRig):
         assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
         return cloud_from_ros(self.answers[0], ROW)
 
-    def reasons(self, states: Any, **options: Any) -> list[int]:
-        """Return why states are not valid; valid and reason must fit."""
+    def reasons(self, states: Any, **options: Any) -> list[str]:
+        """Return why states are not valid, in words; valid and reason must fit."""
         rows = self.ask(states, **options)
         assert rows["index"].tolist() == list(range(len(states)))
-        np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == VALID)
-        return list(rows["reason"].tolist())
+        np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == 0)
+        return [REASONS[reason] for reason in rows["reason"]]
 
     def publish(
         self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None

@@ -30,20 +30,7 @@ from each import each
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from rig import FakeFrames, Patch, cube, pose
-from robot_rig import (
-    BOTH,
-    COLLIDES,
-    CRATE,
-    EDGES,
-    HAND,
-    NOT_KNOWN,
-    ROW,
-    SRDF,
-    URDF,
-    VALID,
-    AskingRig,
-    RobotRig,
-)
+from robot_rig import BOTH, CRATE, EDGES, HAND, REASONS, ROW, SRDF, URDF, AskingRig, RobotRig
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -102,16 +89,16 @@ def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: AskingRig)
     arm.send(cube(CRATE, (0.0, 1.1, 0.5), EDGES))
     arm.move(turn=np.pi / 2)
     assert ("crate/1", NAME) in arm.pairs()
-    assert arm.reasons([HERE]) == [COLLIDES]
+    assert arm.reasons([HERE]) == ["collides"]
     arm.set(robot_touch_links=["arm/hand: arm/col*"])
     arm.move()
     arm.until(lambda: not arm.pairs(), "no pair")
-    assert arm.reasons([HERE]) == [VALID]
+    assert arm.reasons([HERE]) == ["valid"]
     other = held((1.35, 0.0, 0.0))
     other.id = 2
     put(arm, held(), other)
     assert arm.pairs() == set(), "two that one link holds may touch"
-    assert arm.reasons([HERE]) == [VALID]
+    assert arm.reasons([HERE]) == ["valid"]
 
 
 @each("hand", [True, False])
@@ -125,15 +112,16 @@ def test_it_may_touch_the_end_effector_whose_link_holds_it(arm: AskingRig, hand:
     arm.until(lambda: arm.robot.links.robot.end_effectors, "the SRDF")
     put(arm, held(*LONG))
     assert arm.pairs() == (set() if hand else {("arm/column/0", NAME)})
-    assert arm.reasons([HERE]) == [VALID if hand else COLLIDES]
+    assert arm.reasons([HERE]) == ["valid" if hand else "collides"]
 
 
 @each("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW])
 def test_states_are_checked_with_it_as_a_part_of_the_robot(arm: AskingRig, kind: int) -> None:
     arm.send(cube(CRATE, BEYOND, EDGES), held(type=kind))
     arm.built(TOOL, CRATE)
-    rows = arm.ask([HERE, THERE, [0.0, -0.3]])
-    assert rows["reason"].tolist() == [VALID, COLLIDES, VALID]  # where it is now is no obstacle
+    states = [HERE, THERE, [0.0, -0.3]]
+    assert arm.reasons(states) == ["valid", "collides", "valid"], "where it is is no obstacle"
+    rows = arm.ask(states)
     table = arm.node.objects.table
     slots = table.find_named([NAME, "crate/1"])
     ids = zip(table.ns[slots].tolist(), table.id[slots].tolist(), strict=True)
@@ -143,15 +131,15 @@ def test_states_are_checked_with_it_as_a_part_of_the_robot(arm: AskingRig, kind:
 def test_it_can_be_exchanged_moved_and_detached(arm: AskingRig) -> None:
     put(arm, cube(CRATE, BEYOND, EDGES))
     for marker, reason in (
-        (held(), COLLIDES),
-        (held((1.5, 0.0, 0.0)), VALID),
-        (held((1.5, 0.0, 0.0), (0.5, 0.1, 0.1)), COLLIDES),
-        (held(action=Marker.DELETE), VALID),
+        (held(), "collides"),
+        (held((1.5, 0.0, 0.0)), "valid"),
+        (held((1.5, 0.0, 0.0), (0.5, 0.1, 0.1)), "collides"),
+        (held(action=Marker.DELETE), "valid"),
     ):
         put(arm, marker)
         assert arm.reasons([THERE]) == [reason]
     put(arm, held(), cube(TOOL, (0.0, -1.0, 0.5), EDGES))  # put down where the hand may be
-    assert arm.reasons([THERE, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
+    assert arm.reasons([THERE, [0.0, -np.pi / 2]]) == ["valid", "collides"]
 
 
 def test_it_is_detached_at_once_by_markers_applied_between_two_cycles(arm: AskingRig) -> None:
@@ -175,23 +163,23 @@ def test_it_is_grey_without_its_joints_or_its_link_and_no_state_valid() -> None:
         assert table.unplaceable[slot], "it may come before its robot"
         rig.start_robot()
         rig.until(lambda: not table.has(UNPLACED, slot), "its place")
-        assert rig.reasons([HERE]) == [VALID]
+        assert rig.reasons([HERE]) == ["valid"]
         rig.send_joints(turn=float("nan"))
         rig.until(lambda: table.doubtful[slot], "grey")
-        assert rig.reasons([HERE]) == [NOT_KNOWN]
+        assert rig.reasons([HERE]) == ["unknown"]
         rig.move()
         assert not table.doubtful[slot]
-        assert rig.reasons([HERE]) == [VALID]
+        assert rig.reasons([HERE]) == ["valid"]
         rig.read(URDF.replace('"hand"', '"palm"'))
         rig.send_joints(turn=0.0, lift=0.0)
         rig.until(lambda: table.doubtful[slot], "grey: it has no such link")
-        assert rig.reasons([HERE]) == [NOT_KNOWN]
+        assert rig.reasons([HERE]) == ["unknown"]
 
 
 def test_the_frame_of_no_link_is_refused_and_states_are_not_valid(arm: AskingRig) -> None:
     put(arm, held(frame="arm/foot"))
     assert arm.refused("objects") == {"unknown frame": 1}
-    assert arm.reasons([HERE]) == [NOT_KNOWN]
+    assert arm.reasons([HERE]) == ["unknown"]
 
 
 @each("by_tf", [False, True])
@@ -205,7 +193,7 @@ def test_the_frame_may_be_that_of_tf(by_tf: bool) -> None:
         height = 0.7 if by_tf else 0.5
         at(rig, (1.3, 0.0, height))
         put(rig, cube(CRATE, (0.0, 1.3, height), EDGES))
-        assert rig.reasons([HERE, THERE]) == [VALID, COLLIDES]
+        assert rig.reasons([HERE, THERE]) == ["valid", "collides"]
 
 
 def test_trajectories_are_refused_and_stopped_for_what_is_attached(arm: AskingRig) -> None:
@@ -334,7 +322,7 @@ def test_descriptions_that_cannot_be_used_leave_a_robot_unknown_and_pairs(arm: A
         arm.until(lambda: "refused" in arm.robot.fault, "the refusal")
         assert reason in arm.robot.fault
         assert len(arm.robot.fault) < 1000
-        assert arm.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
+        assert arm.reasons([[0.0, 0.0]]) == ["unknown"]
         arm.put((9.0, 0.0, 0.75))
         assert arm.pairs() == set()
         arm.known("robot_unknown", reason)
@@ -374,11 +362,9 @@ def test_states_that_cannot_be_read_are_never_valid(arm: AskingRig) -> None:
         if answered:
             arm.until(lambda: arm.answers, "the answer")
             answer = cloud_from_ros(arm.answers[0], ROW)
-            assert answer["reason"].tolist() == [NOT_KNOWN] * 3
-            assert not answer["valid"].any()
-        rows = arm.ask([[0.25, 0.0], [NAN, 0.0], [9.0, 0.0]])
-        assert rows["valid"].tolist() == [1, 0, 0]
-        assert rows["reason"][0] == VALID
+            assert answer[["valid", "reason"]].tolist() == [(0, REASONS.index("unknown"))] * 3
+        states = [[0.25, 0.0], [NAN, 0.0], [9.0, 0.0]]
+        assert arm.reasons(states) == ["valid", "bad state", "out of limits"]
         assert_well(arm)
 
 
@@ -388,14 +374,14 @@ def test_a_base_that_jumps_to_no_pose_leaves_the_robot_unknown() -> None:
     given: dict[str, Any] = {"robot_bases": ["arm: stand"]}
     with AskingRig(given, frames=frames, transform_timeout=0.0) as rig:
         rig.start_robot()
-        assert rig.reasons([[0.0, 0.0]]) == [VALID]
+        assert rig.reasons([[0.0, 0.0]]) == ["valid"]
         for bad in ([NAN] * 7, [1e308] * 7, [0.0] * 7, [0, 0, np.inf, 0, 0, 0, 1]):
             frames.known["stand"] = bad
-            assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
+            assert rig.reasons([[0.0, 0.0]]) == ["unknown"]
             rig.cycles(2)
             frames.known["stand"] = pose(0.0)
             assert_well(rig)
-            assert rig.reasons([[0.0, 0.0]]) == [VALID]
+            assert rig.reasons([[0.0, 0.0]]) == ["valid"]
 
 
 def test_a_reading_that_does_not_begin_is_said(arm: AskingRig, monkeypatch: Patch) -> None:
