@@ -57,9 +57,8 @@ class ObjectsRig:
         self.objects.placement.timeout = timeout
         self.limit(object_timeout)
         self.now = START
-        self.slots = np.array(
-            [self.objects.shapes.put(key, Box([1.0, 1.0, 1.0])) for key in keys], np.int64
-        )
+        put = self.objects.shapes.put
+        self.slots = np.array([put(key, Box([1.0, 1.0, 1.0])) for key in keys], np.int64)
 
     @property
     def refused(self) -> Counter[tuple[str, str]]:
@@ -76,7 +75,7 @@ class ObjectsRig:
         return self._noted[is_refused]
 
     def send(
-        self, stamp: int, frame: str = "", row: int | None = None, topic: str = "object_states"
+        self, stamp: int, frame: str = "", row: Any = None, topic: str = "object_states"
     ) -> int:
         """Store a state of all objects, or of one; returns how many were too old."""
         slots = self.slots if row is None else self.slots[[row]]
@@ -142,21 +141,19 @@ def named(pairs: set[tuple[str, str]]) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in pairs}
 
 
-def triangle(
-    key: tuple[str, int] = BODY, size: float = 1.0, x: float = 0.0, **fields: Any
-) -> Marker:
+def triangle(key: Key = BODY, size: float = 1.0, x: float = 0.0, **fields: Any) -> Marker:
     """Return a TRIANGLE_LIST marker: one triangle, from the origin along x and y."""
     corners = ((0.0, 0.0), (size, 0.0), (0.0, size))
     points = [Point(x=u, y=v, z=0.0) for u, v in corners]
     return cube(key, (x, 0.0, 0.0), type=Marker.TRIANGLE_LIST, points=points, **fields)
 
 
-def mesh_marker(path: Path | str, key: tuple[str, int] = BODY, **fields: Any) -> Marker:
+def mesh_marker(path: Path | str, key: Key = BODY, **fields: Any) -> Marker:
     uri = path if isinstance(path, str) else path.as_uri()
     return cube(key, type=Marker.MESH_RESOURCE, mesh_resource=uri, **fields)
 
 
-RING, ROD, CRATE = ("mesh", 1), ("mesh", 2), ("box", 1)
+RING, CRATE = ("mesh", 1), ("box", 1)
 SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 """Corners of a frame, around whose middle nothing is."""
 
@@ -173,11 +170,11 @@ def frame_points(half: float = 1.0, width: float = 0.25) -> list[Point]:
     return points
 
 
-def ring(key: tuple[str, int] = RING) -> Marker:
+def ring(key: Key = RING) -> Marker:
     return cube(key, type=Marker.TRIANGLE_LIST, points=frame_points())
 
 
-def crate(key: tuple[str, int] = CRATE, x: float = 0.0) -> Marker:
+def crate(key: Key = CRATE, x: float = 0.0) -> Marker:
     return cube(key, (x, 0.0, 0.0), (0.5, 0.5, 0.5))
 
 

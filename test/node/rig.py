@@ -85,9 +85,7 @@ INPUTS: dict[str, Any] = {
 }
 POSES = ("objects", "object_transform", "object_states", "object_poses")
 """Topics that move objects."""
-OUTPUTS = {
-    topic.name.replace("~", "obb_collision"): topic for topic in (*TOPICS.values(), NAMESPACES)
-}
+OUTPUTS = {t.name.replace("~", "obb_collision"): t for t in (*TOPICS.values(), NAMESPACES)}
 HEARD = ("collisions", "in_collision", "namespaces")
 """Outputs that every rig listens to."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -101,9 +99,8 @@ def cube(
     **fields: Any,
 ) -> Marker:
     """Return an ADD marker of a cube; more fields by name."""
-    marker = Marker(
-        ns=key[0], id=key[1], type=Marker.CUBE, pose=pose_to_ros((*position, 0, 0, 0, 1))
-    )
+    marker = Marker(ns=key[0], id=key[1], type=Marker.CUBE)
+    marker.pose = pose_to_ros((*position, 0, 0, 0, 1))
     marker.header.frame_id = frame
     marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in size)
     for name, value in fields.items():
@@ -137,9 +134,8 @@ class Client:
         end_shared()
         self.executor = executor
         self.client = Node("client", context=context, namespace=NAMESPACE)
-        self.pubs = {
-            topic: self.client.create_publisher(kind, topic, 100) for topic, kind in INPUTS.items()
-        }
+        create = self.client.create_publisher
+        self.pubs = {topic: create(kind, topic, 100) for topic, kind in INPUTS.items()}
         self.last: dict[str, Any] = {}
         self.subscriptions: dict[str, Any] = {}
         self.services: dict[str, Any] = {}
@@ -201,9 +197,7 @@ class Client:
         self.pubs["object_transform"].publish(message)
         return self
 
-    def send_states(
-        self, names: list[str], poses: Any, frame: str = FRAME, twists: Any = None
-    ) -> Client:
+    def send_states(self, names: Any, poses: Any, frame: str = FRAME, twists: Any = None) -> Client:
         message = cv.states_to_ros(names, poses, self.header(frame), twists)
         self.pubs["object_states"].publish(message)
         return self
@@ -479,9 +473,7 @@ class Rig(Client):
 
     def set(self, **parameters: Any) -> list[Any]:
         """Set parameters of the node as a remote client would; returns the results."""
-        return self.node.set_parameters(
-            [Parameter(name, value=value) for name, value in parameters.items()]
-        )
+        return self.node.set_parameters([Parameter(n, value=v) for n, v in parameters.items()])
 
     def __enter__(self: AnyRig) -> AnyRig:
         return self

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -36,6 +36,7 @@ validity.LONGEST_CHECK = 30.0  # slow enough for a loaded machine
 
 CRATE, HAND = ("crate", 1), ("arm/hand", 1)
 EDGES = (0.1, 0.1, 0.1)
+Velocities: TypeAlias = "Mapping[str, float] | None"
 BOTH = ("lift", "turn")
 REASONS = "valid", "collides", "out of limits", "bad state", "unknown"
 """Those of ``state_validity``, by their documented numbers."""
@@ -43,10 +44,8 @@ ROW = ("distance", "index", "ns_a", "id_a", "ns_b", "id_b", "valid", "reason")
 
 
 def box(edge: float, place: str = "0 0 0") -> str:
-    size = f"{edge} {edge} {edge}"
-    return (
-        f'<collision><origin xyz="{place}"/><geometry><box size="{size}"/></geometry></collision>'
-    )
+    geometry = f'<geometry><box size="{edge} {edge} {edge}"/></geometry>'
+    return f'<collision><origin xyz="{place}"/>{geometry}</collision>'
 
 
 def joint(name: str, kind: str, parent: str, child: str, place: str) -> str:
@@ -94,9 +93,7 @@ class RobotRig(Rig):
     def describe(self, urdf: str = URDF) -> None:
         self.descriptions.publish(String(data=urdf))
 
-    def send_joints(
-        self, velocities: Mapping[str, float] | None = None, /, **values: float
-    ) -> Client:
+    def send_joints(self, velocities: Velocities = None, /, **values: float) -> Client:
         message = JointState(header=self.header(), name=list(values))
         message.position = [float(value) for value in values.values()]
         message.velocity = [float((velocities or {}).get(name, 0.0)) for name in values]
@@ -133,7 +130,7 @@ class RobotRig(Rig):
     def put(self, place: Sequence[float], size: Sequence[float] = EDGES) -> None:
         self.send(cube(CRATE, place, size)).answer()
 
-    def move(self, velocities: Mapping[str, float] | None = None, /, **values: float) -> None:
+    def move(self, velocities: Velocities = None, /, **values: float) -> None:
         """Send values of joints, and wait for the answer to them; others are zero."""
         self.send_joints(velocities, **({"lift": 0.0, "turn": 0.0} | values)).answer()
 
@@ -212,11 +209,10 @@ class AskingRig(RobotRig):
         message = JointTrajectory(joint_names=list(names))
         if stamp is not None:
             message.header = stamp
+        fields = ("positions", "velocities", "accelerations")
         for time, *values in points:
-            point = JointTrajectoryPoint(time_from_start=duration_to_ros(time))
-            fields = ("positions", "velocities", "accelerations")
-            for field, given in zip(fields, values, strict=False):
-                setattr(point, field, [float(value) for value in given])
+            given = {f: [*map(float, rows)] for f, rows in zip(fields, values, strict=False)}
+            point = JointTrajectoryPoint(time_from_start=duration_to_ros(time), **given)
             message.points.append(point)
         self.wanted.publish(message)
         return message

@@ -33,6 +33,7 @@ from evidence_model import ARM, EDGE, OFFSET, ORDER, REACH, SPEED, WAIT, Model, 
 from geometry_msgs.msg import Point, TransformStamped
 from hypothesis import given, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from objects_rig import SECOND
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
@@ -53,7 +54,6 @@ from obb_collision.scene.building.builder import Outcome
 from obb_collision.scene.building.jobs import BuildError
 from obb_collision.shapes import Box
 
-SECOND = 1_000_000_000
 FAIL = Mock(side_effect=ZeroDivisionError)
 START = 1000.0
 

@@ -133,9 +133,7 @@ def test_cleaned_up_and_configured_again_it_starts_anew(tmp_path: Path) -> None:
         scene.write_text(SCENE.format(padding=0.125))
         rig.go_through(CONFIGURE, ACTIVATE)
         rig.says(FREE, "free", False)
-        assert [rig.node.objects.table.key(slot) for slot in rig.node.objects.scene.indices] == [
-            ("part", 1)
-        ]
+        assert rig.node.objects.table.keys(rig.node.objects.scene.indices) == [("part", 1)]
         assert rig.node.objects.scene.padding == 0.125
         assert rig.node.get_parameter("rate").value == 40.0
         assert not any(rig.monitor(topic).messages for topic in rig.pubs)

@@ -308,14 +308,11 @@ def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
 )
 def test_overrides_out_of_range_are_refused_and_why(policies: dict[str, Any], reason: str) -> None:
     for end in ("objects.subscription", "collisions.publisher"):
-        given = [
-            Parameter(name, value=value)
-            for name, value in overrides(f"{NAMESPACE}/{end}", **policies).items()
-        ]
+        named = overrides(f"{NAMESPACE}/{end}", **policies)
+        given = [Parameter(name, value=value) for name, value in named.items()]
         with node_apart("observer") as observer:
+            options: dict[str, Any] = {"context": observer.context, "namespace": NAMESPACE}
             with pytest.raises(InvalidQosOverridesError, match=reason):
-                CollisionNode(
-                    context=observer.context, namespace=NAMESPACE, parameter_overrides=given
-                )
+                CollisionNode(parameter_overrides=given, **options)
             left = [observer.count_subscribers(topic) for topic in ("objects", "points")]
             assert left == [0, 0], "a node that can't start receives nothing any more"

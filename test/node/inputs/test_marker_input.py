@@ -23,6 +23,7 @@ from builtin_interfaces.msg import Duration
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from objects_rig import SECOND
 from rclpy.serialization import serialize_message
 from rig import FRAME, POSES, Patch, Rig, cube, pose, spy, sync
 from std_msgs.msg import Header
@@ -33,8 +34,7 @@ from obb_collision.node.inputs.batch import Batch, find_faults, gather, settle
 from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
 
-SECOND = 1_000_000_000
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+A1, A2 = ("a", 1), ("a", 2)
 CLEAR = Marker(action=Marker.DELETEALL)
 
 
@@ -282,9 +282,7 @@ def test_a_backlog_comes_to_its_messages_in_order(sent: list[list[Action]], now:
     assert results(markers, sent, now) == (model.rows, model.doubtful)
 
 
-def results(
-    markers: Batch, sent: list[list[Action]], now: int
-) -> tuple[dict[Key, int], dict[Key, int]]:
+def results(markers: Batch, sent: list[list[Action]], now: int) -> tuple[dict[Key, int], ...]:
     """Return the number of the marker that each object has in the end, and of that it refused."""
     found = settle(markers, find_faults(markers, lambda frame: 0), now * SECOND, ANY)
     rows = {(ns, number): -1 for ns in NAMESPACES for number in (-1, 0, 1)}

@@ -181,9 +181,7 @@ kinds = each("kind", KINDS)
 @kinds
 @settings(max_examples=60)
 @given(st.data())
-def test_messages_are_read_as_rclpy_reads_them_and_damaged_ones_or_refused(
-    kind: str, draw: Any
-) -> None:
+def test_messages_are_read_as_rclpy_reads_them_or_refused_if_damaged(kind: str, draw: Any) -> None:
     strategy, read, same = KINDS[kind]
     message = draw.draw(strategy)
     data = bytearray(serialize_message(message))

@@ -118,12 +118,10 @@ def tf2_ros(request: pytest.FixtureRequest, monkeypatch: Patch) -> Any:
     return STAND_IN
 
 
-def set_transform(
-    rig: Rig, x: float, stamp: int, child: str = "robot", parent: str = FRAME
-) -> None:
+def set_transform(rig: Rig, x: float, stamp: int, frame: str = "robot", of: str = FRAME) -> None:
     """Give the node a transform of a frame, as tf2's listener does."""
-    transform = TransformStamped(child_frame_id=child, transform=cv.transform_to_ros(pose(x)))
-    transform.header = Header(stamp=cv.stamp_to_ros(stamp), frame_id=parent)
+    transform = TransformStamped(child_frame_id=frame, transform=cv.transform_to_ros(pose(x)))
+    transform.header = Header(stamp=cv.stamp_to_ros(stamp), frame_id=of)
     frames: Any = rig.node.frames
     frames.buffer.set_transform(transform, "test")
 

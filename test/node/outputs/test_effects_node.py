@@ -135,9 +135,7 @@ def scene(calls: Counter[str]) -> Iterator[Scene]:
 
 
 @each("effect", RUNNING)
-def test_subscriptions_start_and_stop_effects(
-    scene: Scene, calls: Counter[str], effect: str
-) -> None:
+def test_subscribers_start_and_end_effects(scene: Scene, calls: Counter[str], effect: str) -> None:
     rig, topic = scene.rig, NAMES[effect]
     rig.next(topic)
     settled(scene, calls)

@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from objects_rig import SECOND
 from rclpy.qos import QoSProfile
 from rig import Patch, Rig, cube
 from sensor_msgs.msg import PointCloud2
@@ -37,9 +38,9 @@ from obb_collision.node.outputs import events as outputs_events
 from obb_collision.node.topics.rows import BEGIN, END, LASTING, NOT_CHECKED, REMOVED
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS
 
-SECOND = 1_000_000_000
 # numbers of namespaces are any int32, and zeros at the end of a key must count
 OBJECTS = [(-(2**31), 0), (-1, -1), (0, 0), (0, 256), (2**31 - 1, 2**31 - 1)]
+KEY = ["ns_a", "id_a", "ns_b", "id_b"]
 PAIRS: list[Any] = [(*a, *b) for a, b in combinations(OBJECTS, 2)][:6]
 DEEP, SHALLOW, NEAR, APART, GONE, UNCHECKED = range(6)
 
@@ -54,6 +55,7 @@ class Step(NamedTuple):
     shift: int
 
 
+second = st.integers(0, 4)
 steps = st.lists(
     st.builds(
         Step,
@@ -127,23 +129,16 @@ def rows_of(states: dict[int, int]) -> Any:
     """Return the rows of ``collisions`` of the pairs that collide."""
     found = [n for n, state in states.items() if state <= SHALLOW]
     rows = np.zeros(len(found), COLLISIONS.dtype)
-    for name, values in zip(
-        ("ns_a", "id_a", "ns_b", "id_b"),
-        np.array([PAIRS[n] for n in found]).reshape(-1, 4).T,
-        strict=True,
-    ):
-        rows[name] = values
+    rows[KEY] = np.array([PAIRS[n] for n in found], rows[KEY].dtype)
     rows["depth"] = [0.5 if states[n] == DEEP else 0.05 for n in found]
-    return np.sort(rows, order=["ns_a", "id_a", "ns_b", "id_b"])
+    return np.sort(rows, order=KEY)
 
 
 def number(row: Any) -> int:
-    return PAIRS.index(tuple(int(row[name]) for name in ("ns_a", "id_a", "ns_b", "id_b")))
+    return PAIRS.index(row[KEY].tolist())
 
 
-@given(
-    steps, st.builds(EventLimits, st.just(0.1), st.just(0.1), st.integers(0, 4), st.integers(0, 4))
-)
+@given(steps, st.builds(EventLimits, st.just(0.1), st.just(0.1), second, second))
 def test_events_are_those_of_all_history(given_steps: list[Step], limits: EventLimits) -> None:
     pairs, oracle = PairEvents(EVENTS.dtype), Oracle(limits)
     now = 1000
@@ -167,11 +162,9 @@ def test_events_are_those_of_all_history(given_steps: list[Step], limits: EventL
             for n, state in step.states.items()
             if (found := oracle.look(now, n, state, step.whole, first=count == 0))
         }
-        assert {
-            number(row): (row["event"], row["reason"], row["duration"]) for row in events
-        } == expected
-        keys = [tuple(row[["ns_a", "id_a", "ns_b", "id_b"]].tolist()) for row in events]
-        assert keys == sorted(keys)
+        told = events[["event", "reason", "duration"]].tolist()
+        assert dict(zip(map(number, events), told, strict=True)) == expected
+        assert events[KEY].tolist() == sorted(events[KEY].tolist())
         lasting = pairs.lasting(now * SECOND)
         assert {number(row): row["duration"] for row in lasting} == {
             n: now - start for n, start in oracle.start.items()
@@ -243,9 +236,6 @@ class Listener:
         self.rig.until(lambda: len(self.changes()) >= len(changes), f"{changes}")
         assert self.changes() == changes
 
-    def close(self) -> None:
-        self.rig.client.destroy_subscription(self.end)
-
 
 @pytest.fixture
 def events(rig: Rig) -> Listener:
@@ -293,7 +283,7 @@ def test_what_lasts_comes_again_and_again(rig: Rig, events: Listener, monkeypatc
 
 
 def test_without_a_subscriber_nothing_is_counted(rig: Rig, events: Listener) -> None:
-    events.close()
+    rig.client.destroy_subscription(events.end)
     publisher = rig.node.outputs.publishers["events"]
     rig.until(lambda: publisher.get_subscription_count() == 0, "nobody")
     rig.cycles(2)

@@ -136,9 +136,8 @@ def test_types_and_names_that_are_none_end_nothing(rig: Rig) -> None:
 
 
 def test_a_change_that_cannot_be_applied_is_told_and_ends_nothing(rig: Rig) -> None:
-    with patch.object(
-        rig.node.parameters, "on_change", Mock(side_effect=RuntimeError("not today"))
-    ):
+    fails = Mock(side_effect=RuntimeError("not today"))
+    with patch.object(rig.node.parameters, "on_change", fails):
         (result,) = ask(rig, message("padding", "double", 0.25))
     assert not result.successful
     assert "not today" in result.reason

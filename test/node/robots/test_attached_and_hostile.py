@@ -50,9 +50,7 @@ LONG = (0.5, 0.0, 0.0), (1.1, 0.1, 0.1)
 """From the column to the end of the hand."""
 
 
-def held(
-    place: Any = (1.3, 0.0, 0.0), size: Any = EDGES, frame: str = LINK, **fields: Any
-) -> Marker:
+def held(place: Any = (1.3, 0, 0), size: Any = EDGES, frame: str = LINK, **fields: Any) -> Marker:
     """Return a cube beyond the boxes of the hand, attached to it."""
     return cube(TOOL, place, size, frame, **({"frame_locked": True} | fields))
 
@@ -214,9 +212,7 @@ def test_trajectories_are_refused_and_stopped_for_what_is_attached(arm: AskingRi
 NAN = float("nan")
 
 
-def send(
-    rig: RobotRig, names: Sequence[str], positions: Sequence[float], *velocities: float
-) -> None:
+def send(rig: RobotRig, names: Any, positions: Sequence[float], *velocities: float) -> None:
     """Send joint states as they are, and wait for what comes of them."""
     message = JointState(header=rig.header(), name=list(names))
     message.position, message.velocity = [float(x) for x in positions], list(velocities)

@@ -39,7 +39,6 @@ import obb_collision as oc
 from obb_collision import Accuracy, Robot
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
-from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.robots import AttachedObjects, LinkObjects
 from obb_collision.node.runtime import warm_up
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
@@ -133,19 +132,15 @@ def test_velocities_of_joints_predict_collisions_of_links(arm: AskingRig) -> Non
     arm.send(cube(CRATE, (1.0, 0.0, 1.05), EDGES))
     arm.send_joints({"lift": 0.5}, lift=0.0, turn=0.0).answer()
 
-    def coming() -> list[object]:
-        message = arm.next("predicted_collisions")
-        return list(named_predictions(message, arm.last["namespaces"]))
-
-    (found,) = arm.until(coming, "a prediction")
+    arm.until(lambda: arm.next("predicted_collisions").width, "a prediction")
+    (found,) = named_predictions(arm.last["predicted_collisions"], arm.last["namespaces"])
     assert {found.a, found.b} == {"arm/hand/1", "crate/1"}
     assert found.time == pytest.approx(0.8, abs=1e-3)
     arm.send_joints(lift=0.37, turn=0.0).answer()
-    near = arm.until(
-        lambda: named_clearances(arm.next("clearances"), arm.last["namespaces"]), "clearance"
-    )
-    assert {near[0].a, near[0].b} == {"arm/hand/1", "crate/1"}
-    assert near[0].distance == pytest.approx(0.03, abs=1e-6)
+    arm.until(lambda: arm.next("clearances").width, "a clearance")
+    near = named_clearances(arm.last["clearances"], arm.last["namespaces"])[0]
+    assert {near.a, near.b} == {"arm/hand/1", "crate/1"}
+    assert near.distance == pytest.approx(0.03, abs=1e-6)
 
 
 def test_links_are_no_ones_but_the_robots(arm: AskingRig) -> None:
@@ -236,9 +231,6 @@ def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
     assert counted is not None
     rows, columns = (each.ravel() for each in np.indices(allowed.shape))
     np.testing.assert_array_equal(counted(rows, columns), ~allowed.ravel())
-
-
-PAST = 60 * NANOSECONDS
 
 
 def statuses(rig: RobotRig) -> list[Any]:

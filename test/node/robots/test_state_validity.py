@@ -284,9 +284,8 @@ def test_of_some_joints_of_unknown_velocity_no_two_cancel_out(speed: Speed) -> N
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
 """Of moveit_msgs/ContactInformation."""
 QUARTER = {"lift": 0.0, "turn": np.pi / 2}
-GROUPS = (
-    '<group name="top"><link name="hand"/></group><group name="lower"><joint name="lift"/></group>'
-)
+TOP = '<group name="top"><link name="hand"/></group>'
+LOWER = '<group name="lower"><joint name="lift"/></group>'
 
 
 def request_of(values: Mapping[str, float], group: str = "") -> Any:
@@ -312,16 +311,15 @@ class ServiceRig(AskingRig):
 
     def __init__(self) -> None:
         super().__init__()
-        self.semantics.publish(String(data=SRDF.replace("</robot>", GROUPS + "</robot>")))
+        self.semantics.publish(String(data=SRDF.replace("</robot>", TOP + LOWER + "</robot>")))
         self.start_robot()
         self.until(lambda: self.robot.links.robot.groups, "the SRDF")
         monitor = self.monitor("arm/states_to_check")
         self.service = validity.StateService(self.ends.checked, monitor, contact)
 
     def call_it(self, request: Any) -> Any:
-        return self.service.answer(
-            request, SimpleNamespace(valid=True, contacts=[], cost_sources=[])
-        )
+        response = SimpleNamespace(valid=True, contacts=[], cost_sources=[])
+        return self.service.answer(request, response)
 
     def is_valid(self, values: Mapping[str, float], group: str = "") -> bool:
         return bool(self.call_it(request_of(values, group)).valid)

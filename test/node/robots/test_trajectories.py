@@ -168,9 +168,7 @@ def test_joints_that_are_not_named_stay_where_they_are(rig: AskingRig) -> None:
         ([(0.0, [])] * 20_000, (), "refused: too many pieces: 20000 points, 5000 is the limit"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
-    points: Any, names: Any, reason: str, rig: AskingRig
-) -> None:
+def test_what_makes_no_sense_is_refused(points: Any, names: Any, reason: str, rig: Any) -> None:
     rig.refused_for(reason, points, names)
     assert rig.node.guard.total == 0
 

@@ -42,15 +42,11 @@ from obb_collision.node.topics.topics import TOPICS
 ROOT = Path(__file__).parents[3]
 
 
-def displays() -> dict[str, Any]:
-    content = yaml.safe_load((ROOT / "config" / "obb_collision.rviz").read_text())
-    return {display["Name"]: display for display in content["Visualization Manager"]["Displays"]}
-
-
 def test_the_rviz_configuration_shows_the_boxes_the_contacts_and_effects_switched_off() -> None:
+    content = yaml.safe_load((ROOT / "config" / "obb_collision.rviz").read_text())
     shown = {
         (display["Class"].removeprefix("rviz_default_plugins/"), display["Topic"]["Value"]): display
-        for display in displays().values()
+        for display in content["Visualization Manager"]["Displays"]
         if "Topic" in display
     }
     assert ("MarkerArray", "obb_collision/markers") in shown
@@ -63,13 +59,13 @@ def test_the_rviz_configuration_shows_the_boxes_the_contacts_and_effects_switche
 def test_parameters_before_the_start_are_those_that_ros_finds_for_the_node(tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text(PARAMETERS)
-    in_cell = initial_parameters("obb_collision", "cell", str(file))
-    assert (in_cell["fixed_frame"], in_cell["rate"]) == ("odom", 30.0)
-    assert (in_cell["use_sim_time"], in_cell["scene_file"]) == (True, "tabletop")
-    elsewhere = initial_parameters("obb_collision", "", str(file))
-    assert (elsewhere["fixed_frame"], elsewhere["rate"]) == ("odom", 20.0)
-    assert elsewhere["use_sim_time"] is False
-    assert "scene_file" not in elsewhere
+    names = ("fixed_frame", "rate", "use_sim_time", "scene_file")
+    for namespace, *expected in (
+        ("cell", "odom", 30.0, True, "tabletop"),
+        ("", "odom", 20.0, False, None),
+    ):
+        found = initial_parameters("obb_collision", namespace, str(file))
+        assert [found.get(name) for name in names] == expected
 
 
 PARAMETERS = """
@@ -119,17 +115,19 @@ class Launched:
         # by submodule: the folder launch/ of this project also answers to "launch"
         for name in ("launch.actions", "launch_ros.actions"):
             pytest.importorskip(name, reason="launch is not installed (not on PyPI)")
-        self._folder = folder
+        self.folder, self.file = folder, folder / "mine.yaml"
+        self.file.write_text(PARAMETERS)
+        self.install("obb_collision", "obb_collision_node")
 
     def install(self, package: str, executable: str) -> None:
         """Install a stand-in that writes its arguments and parameter files down."""
-        prefix = self._folder / "prefix"
+        prefix = self.folder / "prefix"
         for place in ("share/ament_index/resource_index/packages", f"share/{package}"):
             (prefix / place).mkdir(parents=True, exist_ok=True)
         (prefix / "share/ament_index/resource_index/packages" / package).touch()
         file = prefix / "lib" / package / executable
         file.parent.mkdir(parents=True, exist_ok=True)
-        record = str(self._folder / executable)
+        record = str(self.folder / executable)
         file.write_text(STAND_IN.format(python=sys.executable, record=record))
         file.chmod(0o755)
         config = prefix / "share" / package / "config"
@@ -142,27 +140,28 @@ class Launched:
     ) -> Iterator[subprocess.Popen[str]]:
         """Launch; killed at the end if it still runs."""
         before = os.environ.get("AMENT_PREFIX_PATH", "")
-        path = environment(AMENT_PREFIX_PATH=f"{self._folder / 'prefix'}:{before}")
+        path = environment(AMENT_PREFIX_PATH=f"{self.folder / 'prefix'}:{before}")
         launch = str(ROOT / "launch" / file)
         with started("-c", LAUNCH, launch, *arguments, cwd=ROOT, **path) as process:
             yield process
 
-    def run(self, *arguments: str, **which: str) -> tuple[int, str]:
-        """Launch, to the end; returns exit code and output."""
+    def run(self, *arguments: str, code: int = 0, **which: str) -> str:
+        """Launch, to the end with an exit code; returns the output."""
         with self.running(*arguments, **which) as process:
             output, _ = process.communicate(timeout=60)
-        return process.returncode, output
+        assert process.returncode == code, output
+        return str(output)
 
     def started(self, executable: str) -> tuple[list[str], list[str]] | None:
         """Return arguments and contents of the parameter files of a stand-in, if it was run."""
-        record = self._folder / executable
+        record = self.folder / executable
         return tuple(json.loads(record.read_text())) if record.exists() else None
 
-    def parameters(self, tmp_path: Path, namespace: str = "") -> dict[str, Any]:
+    def parameters(self, namespace: str) -> dict[str, Any]:
         """Return the parameters that the node gets from all its files together."""
         started = self.started("obb_collision_node")
         assert started is not None
-        files = [tmp_path / f"given_{number}.yaml" for number in range(len(started[1]))]
+        files = [self.folder / f"given_{number}.yaml" for number, _ in enumerate(started[1])]
         for file, content in zip(files, started[1], strict=True):
             file.write_text(content)
         return initial_parameters("obb_collision", namespace, *map(str, files))
@@ -177,10 +176,8 @@ exec {python} -c "from obb_collision.commands import node; raise SystemExit(node
     ("who", "state"),
     [("", "active"), ("true", "active"), ("launch", "active"), ("false", "unconfigured")],
 )
-def test_the_node_is_configured_and_activated_by_whom_launch_is_told(
-    launched: Launched, tmp_path: Path, who: str, state: str
-) -> None:
-    node = tmp_path / "prefix/lib/obb_collision/obb_collision_node"
+def test_a_node_is_configured_by_whom_launch_says(launched: Launched, who: str, state: str) -> None:
+    node = launched.folder / "prefix/lib/obb_collision/obb_collision_node"
     node.write_text(REAL.format(python=sys.executable))
     arguments = (f"namespace:={NAMESPACE}", *([f"autostart:={who}"] if who else ()))
     with launched.running(*arguments) as process, client_apart() as other:
@@ -196,16 +193,11 @@ def test_the_node_is_configured_and_activated_by_whom_launch_is_told(
 @pytest.fixture
 def launched(tmp_path: Path) -> Launched:
     """Return the launch file with a stand-in for the node."""
-    made = Launched(tmp_path)
-    made.install("obb_collision", "obb_collision_node")
-    return made
+    return Launched(tmp_path)
 
 
-def test_launch_starts_the_node_with_the_parameters_of_its_file(
-    launched: Launched, tmp_path: Path
-) -> None:
-    code, output = launched.run()
-    assert code == 0, output
+def test_launch_starts_the_node_with_the_parameters_of_its_file(launched: Launched) -> None:
+    launched.run()
     started = launched.started("obb_collision_node")
     assert started is not None
     assert started[1] == [(ROOT / "config/obb_collision.yaml").read_text()]
@@ -213,18 +205,21 @@ def test_launch_starts_the_node_with_the_parameters_of_its_file(
 
 
 @pytest.mark.parametrize("given", [True, False])
-def test_what_is_given_to_launch_wins_over_the_users_file_and_its_defaults_do_not(
-    launched: Launched, tmp_path: Path, given: bool
-) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text(PARAMETERS)
+def test_what_is_given_to_launch_wins_over_the_users_file(launched: Launched, given: bool) -> None:
+    launched.install("rviz2", "rviz2")
     more = ("scene_file:=warehouse", "use_sim_time:=false", "fixed_frame:=world") if given else ()
-    code, output = launched.run(f"params_file:={file}", "namespace:=cell", *more)
-    assert code == 0, output
-    found = launched.parameters(tmp_path, "cell")
+    launched.run(f"params_file:={launched.file}", "namespace:=cell", "rviz:=true", *more)
+    found = launched.parameters("cell")
     names = ("scene_file", "use_sim_time", "fixed_frame", "rate")
     expected = ("warehouse", False, "world", 30.0) if given else ("tabletop", True, "odom", 30.0)
     assert tuple(found[name] for name in names) == expected
+    started = launched.started("rviz2")
+    assert started is not None
+    options, (parameters,) = started
+    assert options[options.index("-f") + 1] == ("world" if given else "odom")
+    assert Path(options[options.index("-d") + 1]).name == "obb_collision.rviz"
+    assert f"use_sim_time: {str(not given).lower()}" in parameters
+    assert "__ns:=/cell" in options
 
 
 def test_regions_have_the_parameters_of_a_split_and_read_the_same_inputs() -> None:
@@ -240,13 +235,10 @@ def test_regions_have_the_parameters_of_a_split_and_read_the_same_inputs() -> No
         region_parameters("0 0 0", "1 1 1", "0 1 1", "1")
 
 
-def test_launch_of_regions_starts_a_node_per_region_and_the_merger(
-    launched: Launched, tmp_path: Path
-) -> None:
+def test_launch_of_regions_starts_a_node_per_region_and_the_merger(launched: Launched) -> None:
     launched.install("obb_collision", "obb_collision_merge")
-    code, output = launched.run("parts:=2 1 1", "only:=1", file="regions.launch.py")
-    assert code == 0, output
-    assert launched.parameters(tmp_path, "region_1")["region"] == ["x: 5.0 to inf"]
+    launched.run("parts:=2 1 1", "only:=1", file="regions.launch.py")
+    assert launched.parameters("region_1")["region"] == ["x: 5.0 to inf"]
     assert launched.started("obb_collision_merge") is not None
 
 
@@ -257,27 +249,7 @@ def test_without_rviz2_nothing_is_started_and_the_reason_is_said(launched: Launc
         pass
     else:
         pytest.skip("rviz2 is installed")
-    code, output = launched.run("rviz:=true")
-    assert code == 1
+    output = launched.run("rviz:=true", code=1)
     assert "rviz2 is not installed: nothing was started" in output
     assert "Traceback" not in output
     assert launched.started("obb_collision_node") is None
-
-
-@pytest.mark.parametrize("given", [True, False])
-def test_rviz_gets_the_frame_and_the_clock_of_the_node(
-    launched: Launched, tmp_path: Path, given: bool
-) -> None:
-    launched.install("rviz2", "rviz2")
-    file = tmp_path / "mine.yaml"
-    file.write_text(PARAMETERS)
-    arguments = ["use_sim_time:=false", "fixed_frame:=world"] if given else []
-    code, output = launched.run(f"params_file:={file}", "namespace:=cell", "rviz:=true", *arguments)
-    assert code == 0, output
-    started = launched.started("rviz2")
-    assert started is not None
-    options, (parameters,) = started
-    assert options[options.index("-f") + 1] == ("world" if given else "odom")
-    assert Path(options[options.index("-d") + 1]).name == "obb_collision.rviz"
-    assert f"use_sim_time: {str(not given).lower()}" in parameters
-    assert "__ns:=/cell" in options

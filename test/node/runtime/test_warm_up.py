@@ -107,9 +107,7 @@ def cache(monkeypatch: Patch) -> Cache:
     return made
 
 
-def test_what_is_compiled_already_is_loaded_when_asked_for_in_silence(
-    cache: Cache, log: Log
-) -> None:
+def test_what_is_compiled_already_is_loaded_when_asked_for_silently(cache: Cache, log: Log) -> None:
     cache.kept = set(NODE_STEPS)
     log.warm.start([Accuracy.HULL])
     assert log.warm.is_ready(Accuracy.HULL)
