@@ -375,7 +375,7 @@ class Model:
         self.robot.base = base = self.robot.base.after(x, stamp, self.now, fault, frame)
         self.robot.changed |= base.at == self.now
 
-    def take_joints(self, values: list[float | None], stamp: float, fault: str) -> None:
+    def take_joints(self, values: Sequence[Any], stamp: float, fault: str) -> None:
         assert self.robot is not None
         self.robot.changed = True
         for k, value in enumerate(values if self.robot.links else ()):

@@ -19,7 +19,7 @@ The node is the real one, with its clocks in the hand of the test; the model sha
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from math import nan
 from typing import Any, ClassVar
@@ -203,12 +203,12 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.model.ignored = self.given["ignored_objects"]
         self.tick(0.1103)
         for name, x in zip(("a/0", "a/1", "b/0"), self.scene, strict=False):
-            self.markers([name], x, 1.0, "map", 0.0, "", 0.0, False)
+            self.markers([name], x)
         if robot is not None:
             self.describe(EDGE)
-            self.base(0.0, "map", 0.0, "")
-            self.joints([1.4, 3.0], 0.0, "")
-            self.tick(0.0503)
+            self.base()
+            self.joints([1.4, 3.0])
+            self.tick()
 
     def teardown(self) -> None:
         if self.is_started:
@@ -230,7 +230,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.model.ignored = given["ignored_objects"]
 
     @rule(step=STEPS)
-    def tick(self, step: float) -> None:
+    def tick(self, step: float = 0.0503) -> None:
         self.world.advance(step)
         self.cycle()
 
@@ -291,7 +291,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         """Let an error be, or end it."""
         if clears:
             self.clear()
-        self.tick(0.0503)
+        self.tick()
 
     @rule(what=st.sampled_from(["check", "update", "sets", "robots"]), clears=USUALLY)
     def fail_in_a_cycle(self, what: str, clears: bool) -> None:
@@ -329,7 +329,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.heal(clears)
 
     @rule(by=st.sampled_from([-100.0, -0.3, 100.0]), fails=st.booleans(), clears=USUALLY)
-    def jump(self, by: float, fails: bool, clears: bool) -> None:
+    def jump(self, by: float = -100.0, fails: bool = False, clears: bool = False) -> None:
         """Set the clock to another time; forwards a simulation goes as fast as it likes."""
         markers, fails = self.node.inputs.markers, fails and by < 0.0
         self.apply()  # a stamp that waits would order those that come after it
@@ -346,11 +346,11 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(silence=st.sampled_from([0.3017, 0.8917]))
     def block(self, silence: float) -> None:
         """Let no cycle end for some time."""
-        self.tick(0.0503)
+        self.tick()
         self.world.steady += silence
         self.node.status.look()
         self.compare(*["blocked"] * (silence > CYCLE_LIMIT))
-        self.tick(0.0503)
+        self.tick()
 
     @rule()
     def overload(self) -> None:
@@ -374,10 +374,10 @@ class EvidenceMachine(RuleBasedStateMachine):
             rows = [(name, thing) for name, thing in named if thing.of_set]
             if rows:
                 first = key(rows[0][0])[1]
-                self.boxes([(t.x or 0.0, t.size, "") for _, t in rows], first, "map", 0.0, 0)
+                self.boxes([(t.x or 0.0, t.size, "") for _, t in rows], first)
             if self.has_robot:
-                self.base(0.7, "map", 0.0, "")
-                self.joints([1.4, 3.0], None if shift else 0.0, "")
+                self.base(0.7)
+                self.joints([1.4, 3.0], None if shift else 0.0)
             self.tick(step)
             kinds.append(self.node.status.answer.kind)
         assert len({*kinds[6:]}) == 1, kinds
@@ -421,8 +421,9 @@ class EvidenceMachine(RuleBasedStateMachine):
         life=st.sampled_from([0.0, 0.0, 1.0, 2.5]), cut=st.integers(0, 9).map(lambda k: k == 9),
     )  # fmt: skip
     def markers(
-        self, names: list[str], x: float, size: float, frame: str, ahead: float | None,
-        fault: str, life: float, cut: bool,
+        self, names: Sequence[str] = ("b/0",), x: float = 0.0, size: float = 1.0,
+        frame: str = "map", ahead: float | None = 0.0, fault: str = "", life: float = 0.0,
+        cut: bool = False,
     ) -> None:  # fmt: skip
         if frame != "map":  # of markers of an object that come together only the last one counts
             self.apply()
@@ -455,16 +456,16 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.apply()  # else nobody remembers what came and went at once
         self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
         names = {**self.model.things, **self.model.newcomers}
-        start = namespace and f"{namespace}/"
-        gone = [n for n in names if n.startswith(start) and not self.model.is_of_set(n)]
+        gone = [n for n in names if n.startswith(namespace) and not self.model.is_of_set(n)]
         self.model.delete(*gone, is_named=False)
         if not namespace:
             self.model.declare()
 
     @rule(name=ANY, x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS, cut=st.booleans())
     def transform(
-        self, name: str, x: float, frame: str, ahead: float | None, fault: str, cut: bool
-    ) -> None:
+        self, name: str = "z/0", x: float = 0.0, frame: str = "map", ahead: float | None = 0.0,
+        fault: str = "", cut: bool = False,
+    ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, fault)
         message = TransformStamped(header=header, child_frame_id=name)
         message.transform = cv.transform_to_ros(self.pose(x, fault))
@@ -495,8 +496,9 @@ class EvidenceMachine(RuleBasedStateMachine):
         broken=st.sampled_from(["", "", "", "", "cut", "qw", "x", "step"]),
     )  # fmt: skip
     def poses(
-        self, names: list[str], x: float, frame: str, ahead: float | None, fault: str, broken: str
-    ) -> None:
+        self, names: list[str], x: float = 0.0, frame: str = "map", ahead: float | None = 0.0,
+        fault: str = "", broken: str = "",
+    ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, fault)
         keys = [key(name) for name in names]
         rows = [self.pose(x + 0.7 * k, fault) for k, _ in enumerate(names)]
@@ -518,8 +520,8 @@ class EvidenceMachine(RuleBasedStateMachine):
         first=st.integers(0, 1), frame=FRAMES, ahead=STAMPS, broken=st.integers(0, 9),
     )  # fmt: skip
     def boxes(
-        self, rows: list[tuple[float, float, str]], first: int, frame: str, ahead: float | None,
-        broken: int,
+        self, rows: list[tuple[float, float, str]], first: int = 0, frame: str = "map",
+        ahead: float | None = 0.0, broken: int = 0,
     ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, "stamp" if broken == 8 else "")
         ids = [first + k for k, _ in enumerate(rows)]
@@ -551,7 +553,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def deliver(self, what: str) -> None:
         """Deliver all shapes that are wanted, or say that they cannot be built."""
         self.builder.delivers = self.model.delivers = what
-        self.tick(0.0503)
+        self.tick()
 
     @precondition(lambda self: self.has_robot)
     @rule(edge=st.sampled_from([EDGE, 2 * EDGE, 0.0]))
@@ -563,11 +565,13 @@ class EvidenceMachine(RuleBasedStateMachine):
         if reading is not None:
             reading.join()
         self.model.describe(edge)
-        self.tick(0.0503)
+        self.tick()
 
     @precondition(lambda self: self.has_robot)
     @rule(x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS)
-    def base(self, x: float, frame: str, ahead: float | None, fault: str) -> None:
+    def base(
+        self, x: float = 0.0, frame: str = "map", ahead: float | None = 0.0, fault: str = ""
+    ) -> None:
         """Send where the robot stands."""
         header, stamp = self.header(frame, ahead, fault)
         message = TransformStamped(header=header, child_frame_id=ARM)
@@ -582,7 +586,9 @@ class EvidenceMachine(RuleBasedStateMachine):
         ).filter(any),
         ahead=STAMPS, fault=st.sampled_from(["", "", "", "stamp", "length", "cut"]),
     )  # fmt: skip
-    def joints(self, values: list[float | None], ahead: float | None, fault: str) -> None:
+    def joints(
+        self, values: Sequence[Any] = (0.0, 1.4), ahead: float | None = 0.0, fault: str = ""
+    ) -> None:
         """Send values of some joints."""
         header, stamp = self.header("map", ahead, fault)
         named = {f"j{k}": value for k, value in enumerate(values) if value is not None}
@@ -634,68 +640,48 @@ TestEvidenceMachine.settings = settings(max_examples=100, stateful_step_count=15
 
 LISTS = "object_timeout_overrides stale_policy_overrides required_objects required_inputs"
 PLAIN: dict[str, Any] = {name: [] for name in (*LISTS.split(), "ignored_objects")}
-PLAIN |= {
-    "object_timeout": 0.0,
-    "joint_timeout": 0.0,
-    "stale_policy": "unknown",
-    "expect_empty": False,
-}
-GOOD = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": "", "cut": False}
-MARKER = {**GOOD, "names": ["b/0"], "size": 1.0, "life": 0.0}
-STATE = {**GOOD, "name": "z/0"}
-BULK = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": "", "broken": ""}
-JOINTS: dict[str, Any] = {"values": [0.0, 1.4], "ahead": 0.0, "fault": ""}
-BASE = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": ""}
-LIMITS = PLAIN | {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
-SILENT = ("configure", {"given": LIMITS})
-SET = {"rows": [], "first": 0, "frame": "map", "ahead": 0.0, "broken": 0}
-REFUSED = [(0.0, 1.0, "scale")]
-FOUND: dict[str, list[tuple[str, dict[str, Any]]]] = {
-    "clear before a cycle": [("markers", MARKER), ("clear", {})],
-    "set cleared before a cycle": [("boxes", {**SET, "rows": [(0.0, 1.0, "")]}), ("clear", {})],
-    "ignored": [("configure", {"given": PLAIN | {"ignored_objects": ["z/*"]}}),
-                ("transform", STATE)],
-    "policies": [("configure", {"given": PLAIN | {"stale_policy_overrides": ["b/*: keep"]}})],
-    "deleted at once": [("markers", MARKER), ("delete", {"names": ["b/0"]})],
-    "newcomer deleted": [("markers", {**MARKER, "fault": "scale"}), ("tick", {"step": 0.0503}),
-                         ("delete", {"names": ["b/0"]})],
-    "newcomer ended": [("clear", {}), ("markers", {**MARKER, "fault": "scale", "life": 1.0}),
-                       ("tick", {"step": 0.7117}), ("tick", {"step": 0.4703})],
-    "bulk after delete": [("delete", {"names": ["a/0"]}),
-                          ("poses", {**BULK, "names": ["a/0"]})],
-    "refused box": [("boxes", {**SET, "rows": REFUSED}), ("tick", {"step": 0.0503}),
-                    ("delete_all", {"namespace": ""})],
-    "refused box alone": [("clear", {}), ("boxes", {**SET, "rows": REFUSED})],
-    "empty after cut": [("markers", {**MARKER, "cut": True}), ("delete", {"names": []})],
-    "refused for longer": [("markers", {**MARKER, "life": 1.0}), ("tick", {"step": 0.7117}),
-                           ("markers", {**MARKER, "life": 1.0, "fault": "scale"}),
-                           ("tick", {"step": 0.4703})],
-    "named by a number": [("poses", {**BULK, "names": ["b/0"]}), ("markers", MARKER)],
-    "error in a jump": [("transform", STATE), ("markers", {**MARKER, "life": 1.0}),
-                        ("jump", {"by": -100.0, "fails": True, "clears": False})],
-    "robot: joint not finite": [("joints", {**JOINTS, "values": [nan, 1.4]})],
-    "robot: joint missing": [("clear", {}), ("joints", {**JOINTS, "values": [None, 1.4]})],
-    "robot: joints silent": [SILENT, ("tick", {"step": 0.7117})],
-    "robot: base not finite": [("base", {**BASE, "fault": "pose"}), ("joints", JOINTS)],
-    "robot: base silent": [SILENT, ("tick", {"step": 0.7117}), ("joints", JOINTS),
-                           ("tick", {"step": 0.2311}), ("joints", JOINTS)],
-    "robot: clock set back": [SILENT, ("jump", {"by": -100.0, "fails": False, "clears": False}),
-                              ("tick", {"step": 0.7117}), ("tick", {"step": 0.2311})],
-    "newer set refused": [("boxes", {**SET, "rows": [(0.0, 1.0, "")]}),
-                          ("boxes", {**SET, "rows": [(0.7, 1.0, "")], "frame": "lost"}),
-                          ("tick", {"step": 0.4703})],
+PLAIN |= {"object_timeout": 0.0, "joint_timeout": 0.0}
+PLAIN |= {"stale_policy": "unknown", "expect_empty": False}
+SILENT = PLAIN | {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
+GOOD, REFUSED = [(0.0, 1.0, "")], [(0.0, 1.0, "scale")]
+FOUND: dict[str, Callable[[Any], Any]] = {
+    "clear before a cycle": lambda m: (m.markers(), m.clear()),
+    "set cleared before a cycle": lambda m: (m.boxes(GOOD), m.clear()),
+    "ignored": lambda m: (m.configure(PLAIN | {"ignored_objects": ["z/*"]}), m.transform()),
+    "policies": lambda m: m.configure(PLAIN | {"stale_policy_overrides": ["b/*: keep"]}),
+    "deleted at once": lambda m: (m.markers(), m.delete(["b/0"])),
+    "newcomer deleted": lambda m: (m.markers(fault="scale"), m.tick(), m.delete(["b/0"])),
+    "newcomer ended": lambda m: (
+        m.clear(), m.markers(fault="scale", life=1.0), m.tick(0.7117), m.tick(0.4703)),
+    "bulk after delete": lambda m: (m.delete(["a/0"]), m.poses(["a/0"])),
+    "refused box": lambda m: (m.boxes(REFUSED), m.tick(), m.delete_all("")),
+    "refused box alone": lambda m: (m.clear(), m.boxes(REFUSED)),
+    "empty after cut": lambda m: (m.markers(cut=True), m.delete([])),
+    "refused for longer": lambda m: (
+        m.markers(life=1.0), m.tick(0.7117), m.markers(life=1.0, fault="scale"), m.tick(0.4703)),
+    "named by a number": lambda m: (m.poses(["b/0"]), m.markers()),
+    "error in a jump": lambda m: (m.transform(), m.markers(life=1.0), m.jump(fails=True)),
+    "robot: joint not finite": lambda m: m.joints([nan, 1.4]),
+    "robot: joint missing": lambda m: (m.clear(), m.joints([None, 1.4])),
+    "robot: joints silent": lambda m: (m.configure(SILENT), m.tick(0.7117)),
+    "robot: base not finite": lambda m: (m.base(fault="pose"), m.joints()),
+    "robot: base silent": lambda m: (
+        m.configure(SILENT), m.tick(0.7117), m.joints(), m.tick(0.2311), m.joints()),
+    "robot: clock set back": lambda m: (
+        m.configure(SILENT), m.jump(), m.tick(0.7117), m.tick(0.2311)),
+    "newer set refused": lambda m: (
+        m.boxes(GOOD), m.boxes([(0.7, 1.0, "")], frame="lost"), m.tick(0.4703)),
 }  # fmt: skip
 """Sequences after which the node claimed something else, and what is rare of robots."""
 
 
-def run(steps: list[tuple[str, dict[str, Any]]], has_robot: bool = False) -> None:
+def run(steps: Callable[[Any], Any], has_robot: bool = False) -> None:
     """Let the machine go through some steps."""
     machine = EvidenceMachine()
     machine.begin(PLAIN, has_robot=has_robot, scene=[])
     try:
-        for name, values in steps:
-            getattr(machine, name)(**values)
-        machine.tick(0.0503)
+        steps(machine)
+        machine.tick()
     finally:
         machine.teardown()
 
@@ -708,27 +694,31 @@ def test_what_the_machine_found(what: str) -> None:
     run(FOUND[what], has_robot)
 
 
-def some(name: str, given: dict[str, Any], **drawn: Any) -> Any:
+def some(name: str, **drawn: Any) -> Any:
     """Return steps of one kind, some of whose arguments are drawn."""
-    arguments = st.fixed_dictionaries({key: st.just(one) for key, one in given.items()} | drawn)
-    return st.tuples(st.just(name), arguments)
+    return st.tuples(st.just(name), st.fixed_dictionaries(drawn))
 
 
 FAULTS = st.sampled_from(["", "", "scale"])
 ROWS = st.lists(st.sampled_from([(0.0, 1.0, ""), (0.7, 2.0, ""), (1.4, 1.0, "scale")]), max_size=2)
 SHARED = st.sampled_from([["boxes/0"], ["boxes/1"], ["a/0", "boxes/0"]])
 BOX_STEPS = st.one_of(
-    some("boxes", SET, rows=ROWS, first=st.integers(0, 1)),
-    some("boxes", SET, rows=ROWS, first=st.integers(0, 1)),
-    some("markers", MARKER, names=SHARED, x=PLACES, size=SIZES, fault=FAULTS),
-    some("poses", BULK, names=SHARED, x=PLACES),
-    some("delete", {}, names=SHARED),
-    some("delete_all", {}, namespace=st.sampled_from(["", "a", "boxes"])),
+    *[some("boxes", rows=ROWS, first=st.integers(0, 1))] * 2,
+    some("markers", names=SHARED, x=PLACES, size=SIZES, fault=FAULTS),
+    some("poses", names=SHARED, x=PLACES),
+    some("delete", names=SHARED),
+    some("delete_all", namespace=st.sampled_from(["", "a", "boxes"])),
 )
 
 
 @settings(max_examples=80)
 @given(st.lists(BOX_STEPS, min_size=3, max_size=10))
 def test_sets_of_boxes_and_markers_of_equal_names(steps: list[tuple[str, dict[str, Any]]]) -> None:
-    said = ("markers", {**MARKER, "names": ["boxes/9"]})  # the name that sets have a number of
-    run([step for one in (said, *steps) for step in (one, ("tick", {"step": 0.0503}))])
+    def go(machine: Any) -> None:
+        machine.markers(["boxes/9"])  # the name that sets have a number of
+        machine.tick()
+        for name, arguments in steps:
+            getattr(machine, name)(**arguments)
+            machine.tick()
+
+    run(go)
