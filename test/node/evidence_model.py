@@ -32,6 +32,7 @@ ORDER = (
 ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.23
 """The robot, its links, and the edge of the first one: the other is moved by joints along x. With
 this edge nothing just touches."""
+Rows = list[tuple[str, float, float, str]]
 OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
 """Where odom is, and for how long (s) states wait for it."""
 REORDERED, MEMORY, AHEAD = 1.0, 1.0, 0.5
@@ -160,7 +161,7 @@ class Model:
         self.deleted: dict[str, float] = {}
         self.unreadable: set[str] = set()
         self.heard: dict[str, float] = {}
-        self.sets: list[tuple[str, float, float, list[tuple[str, float, float, str]]]] = []
+        self.sets: list[tuple[str, float, float, Rows]] = []
         self.set_order = self.set_received = 0.0
         self.declared = False
         self.ignored: list[str] = []
@@ -255,7 +256,7 @@ class Model:
         else:
             self.state(thing, x, frame, stamp)
 
-    def take_set(self, frame: str, stamp: float, rows: list[tuple[str, float, float, str]]) -> None:
+    def take_set(self, frame: str, stamp: float, rows: Rows) -> None:
         if 0 < stamp < self.set_order and self.now - self.set_received <= REORDERED:
             return
         self.set_received = self.now
@@ -292,9 +293,7 @@ class Model:
                     self.newcomers[name] = True, inf
         self.see()
 
-    def use_set(
-        self, frame: str, stamp: float, received: float, rows: list[tuple[str, float, float, str]]
-    ) -> None:
+    def use_set(self, frame: str, stamp: float, received: float, rows: Rows) -> None:
         self.newcomers = {name: one for name, one in self.newcomers.items() if not one[0]}
         for name in [n for n, thing in self.things.items() if thing.of_set]:
             if name not in [row[0] for row in rows]:
@@ -389,9 +388,8 @@ class Model:
             robot.changed, base = False, robot.base
             stamp = max(base.stamp, *(joint.stamp for joint in robot.joints))
             now, self.now = self.now, max(joint.at for joint in robot.joints)
-            for thing, x in zip(
-                robot.links.values(), (0.0, sum(j.x for j in robot.joints)), strict=True
-            ):
+            places = 0.0, sum(joint.x for joint in robot.joints)
+            for thing, x in zip(robot.links.values(), places, strict=True):
                 self.state(thing, base.x + x, base.frame, stamp)
             self.now = now
         for thing in robot.links.values():

@@ -328,9 +328,8 @@ class Client:
         message = self.next("/diagnostics")
         (found,) = [status for status in message.status if status.name.endswith(name)]
         assert found.name.startswith(NAMESPACE[1:])
-        return {"message": found.message, "level": found.level.hex()} | {
-            pair.key: pair.value for pair in found.values
-        }
+        values = {pair.key: pair.value for pair in found.values}
+        return {"message": found.message, "level": found.level.hex()} | values
 
 
 @contextmanager

@@ -200,9 +200,7 @@ class AskingRig(RobotRig):
         np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == 0)
         return [REASONS[reason] for reason in rows["reason"]]
 
-    def publish(
-        self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None
-    ) -> JointTrajectory:
+    def publish(self, points: Any, names: Any = BOTH, stamp: Any = None) -> JointTrajectory:
         """Send points (time, positions, velocities, accelerations), and return the message."""
         self.said.clear()
         self.forwarded.clear()

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from math import nan
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 from unittest.mock import Mock, patch
 
 import hypothesis.strategies as st
@@ -142,35 +142,37 @@ def nodes() -> Iterator[None]:
     World.made.clear()
 
 
-NAMES = st.sampled_from(["a/0", "a/1", "b/0", "boxes/0"])
-ANY = st.sampled_from(["a/0", "a/1", "b/0", "boxes/0", "boxes/1", "a/7", "z/0"])
+one_of = st.sampled_from
+NAMES = one_of(["a/0", "a/1", "b/0", "boxes/0"])
+ANY = one_of(["a/0", "a/1", "b/0", "boxes/0", "boxes/1", "a/7", "z/0"])
 PLACES = st.integers(0, 5).map(lambda k: 0.7 * k)
-SIZES = st.sampled_from([1.0, 2.0])
-FRAMES = st.sampled_from(["map", "map", "map", "odom", "lost"])
-STAMPS = st.sampled_from([0.0, 0.0, 0.0, -0.3, 5.0, None])
+SIZES = one_of([1.0, 2.0])
+FRAMES = one_of(["map", "map", "map", "odom", "lost"])
+STAMPS = one_of([0.0, 0.0, 0.0, -0.3, 5.0, None])
 """Seconds from now on; None: no stamp."""
-POSE_FAULTS = st.sampled_from(["", "", "", "pose", "zero", "stamp"])
+POSE_FAULTS = one_of(["", "", "", "pose", "zero", "stamp"])
 USUALLY = st.integers(0, 2).map(bool)
 CYCLE_LIMIT = 0.52
 """Seconds that the node's parameters give a cycle by default."""
-STEPS = st.sampled_from([0.0503, 0.1103, 0.2311, 0.4703, 0.7117])
+STEPS = one_of([0.0503, 0.1103, 0.2311, 0.4703, 0.7117])
 GIVEN = st.fixed_dictionaries(
     {
-        "object_timeout": st.sampled_from([0.0, 0.5]),
-        "object_timeout_overrides": st.sampled_from(
+        "object_timeout": one_of([0.0, 0.5]),
+        "object_timeout_overrides": one_of(
             [[], ["a/1: 0.3"], ["a/*: 0.8", "a/0: 0"], ["arm*: 0.9"]]
         ),
-        "joint_timeout": st.sampled_from([0.0, 0.6]),
-        "stale_policy": st.sampled_from(["unknown", "collide", "keep", "ignore"]),
-        "stale_policy_overrides": st.sampled_from(
-            [[], ["b/*: keep", "arm/*: collide"], ["a/0: ignore"]]
-        ),
-        "required_objects": st.sampled_from([[], [], [], ["b/*"]]),
-        "required_inputs": st.sampled_from([[], [], [], ["object_states: 0.7"]]),
-        "ignored_objects": st.sampled_from([[], [], ["z/*"]]),
+        "joint_timeout": one_of([0.0, 0.6]),
+        "stale_policy": one_of(["unknown", "collide", "keep", "ignore"]),
+        "stale_policy_overrides": one_of([[], ["b/*: keep", "arm/*: collide"], ["a/0: ignore"]]),
+        "required_objects": one_of([[], [], [], ["b/*"]]),
+        "required_inputs": one_of([[], [], [], ["object_states: 0.7"]]),
+        "ignored_objects": one_of([[], [], ["z/*"]]),
         "expect_empty": st.booleans(),
     }
 )
+
+
+Ahead: TypeAlias = "float | None"
 
 
 class EvidenceMachine(RuleBasedStateMachine):
@@ -293,7 +295,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.clear()
         self.tick()
 
-    @rule(what=st.sampled_from(["check", "update", "sets", "robots"]), clears=USUALLY)
+    @rule(what=one_of(["check", "update", "sets", "robots"]), clears=USUALLY)
     def fail_in_a_cycle(self, what: str, clears: bool) -> None:
         node, has_robot = self.node, self.has_robot
         owner, name = {
@@ -307,7 +309,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.cycle(what if has_robot else what.replace("robots", "check"))
         self.heal(clears and what in ("sets", "robots"))
 
-    @rule(what=st.sampled_from(["transform", "marker", "clear"]), clears=USUALLY)
+    @rule(what=one_of(["transform", "marker", "clear"]), clears=USUALLY)
     def fail_in_a_message(self, what: str, clears: bool) -> None:
         """Let an error leave objects other than they were sent; until ``clear`` nobody knows."""
         node, names = self.node, sorted(self.model.things)
@@ -328,7 +330,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.model.fail("object_transform")
         self.heal(clears)
 
-    @rule(by=st.sampled_from([-100.0, -0.3, 100.0]), fails=st.booleans(), clears=USUALLY)
+    @rule(by=one_of([-100.0, -0.3, 100.0]), fails=st.booleans(), clears=USUALLY)
     def jump(self, by: float = -100.0, fails: bool = False, clears: bool = False) -> None:
         """Set the clock to another time; forwards a simulation goes as fast as it likes."""
         markers, fails = self.node.inputs.markers, fails and by < 0.0
@@ -343,7 +345,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.model.broken |= fails
         self.heal(fails and clears)
 
-    @rule(silence=st.sampled_from([0.3017, 0.8917]))
+    @rule(silence=one_of([0.3017, 0.8917]))
     def block(self, silence: float) -> None:
         """Let no cycle end for some time."""
         self.tick()
@@ -382,7 +384,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             kinds.append(self.node.status.answer.kind)
         assert len({*kinds[6:]}) == 1, kinds
 
-    @rule(step=st.sampled_from([0.0503, 0.2311]), known=st.booleans())
+    @rule(step=one_of([0.0503, 0.2311]), known=st.booleans())
     def transforms(self, step: float, known: bool) -> None:
         """Let odom be known up to now; a cycle long enough after that looks at all states."""
         self.model.until = self.world.now + (1.0 if known else -0.1)
@@ -417,12 +419,12 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(
         names=st.lists(NAMES, min_size=1, max_size=2, unique=True),
         x=PLACES, size=SIZES, frame=FRAMES, ahead=STAMPS,
-        fault=st.sampled_from(["", "", "", "", "scale", "pose", "stamp", "action"]),
-        life=st.sampled_from([0.0, 0.0, 1.0, 2.5]), cut=st.integers(0, 9).map(lambda k: k == 9),
+        fault=one_of(["", "", "", "", "scale", "pose", "stamp", "action"]),
+        life=one_of([0.0, 0.0, 1.0, 2.5]), cut=st.integers(0, 9).map(lambda k: k == 9),
     )  # fmt: skip
     def markers(
         self, names: Sequence[str] = ("b/0",), x: float = 0.0, size: float = 1.0,
-        frame: str = "map", ahead: float | None = 0.0, fault: str = "", life: float = 0.0,
+        frame: str = "map", ahead: Ahead = 0.0, fault: str = "", life: float = 0.0,
         cut: bool = False,
     ) -> None:  # fmt: skip
         if frame != "map":  # of markers of an object that come together only the last one counts
@@ -450,7 +452,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         things, is_of_set = self.model.things, self.model.is_of_set
         self.model.delete(*(n for n in names if n not in things or not is_of_set(n)))
 
-    @rule(namespace=st.sampled_from(["", "a", "b", "boxes"]))
+    @rule(namespace=one_of(["", "a", "b", "boxes"]))
     def delete_all(self, namespace: str) -> None:
         if self.model.deleting or not all(thing.seen for thing in self.model.things.values()):
             self.apply()  # else nobody remembers what came and went at once
@@ -463,7 +465,7 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     @rule(name=ANY, x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS, cut=st.booleans())
     def transform(
-        self, name: str = "z/0", x: float = 0.0, frame: str = "map", ahead: float | None = 0.0,
+        self, name: str = "z/0", x: float = 0.0, frame: str = "map", ahead: Ahead = 0.0,
         fault: str = "", cut: bool = False,
     ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, fault)
@@ -493,10 +495,10 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(
         names=st.lists(ANY.filter(lambda n: n != "z/0"), min_size=1, max_size=3, unique=True),
         x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS,
-        broken=st.sampled_from(["", "", "", "", "cut", "qw", "x", "step"]),
+        broken=one_of(["", "", "", "", "cut", "qw", "x", "step"]),
     )  # fmt: skip
     def poses(
-        self, names: list[str], x: float = 0.0, frame: str = "map", ahead: float | None = 0.0,
+        self, names: list[str], x: float = 0.0, frame: str = "map", ahead: Ahead = 0.0,
         fault: str = "", broken: str = "",
     ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, fault)
@@ -515,13 +517,13 @@ class EvidenceMachine(RuleBasedStateMachine):
                 self.model.named(name, x + 0.7 * k, frame, stamp, fault)
 
     @rule(
-        rows=st.lists(st.tuples(PLACES, SIZES, st.sampled_from(["", "", "scale", "pose"])),
+        rows=st.lists(st.tuples(PLACES, SIZES, one_of(["", "", "scale", "pose"])),
                       max_size=2),
         first=st.integers(0, 1), frame=FRAMES, ahead=STAMPS, broken=st.integers(0, 9),
     )  # fmt: skip
     def boxes(
         self, rows: list[tuple[float, float, str]], first: int = 0, frame: str = "map",
-        ahead: float | None = 0.0, broken: int = 0,
+        ahead: Ahead = 0.0, broken: int = 0,
     ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, "stamp" if broken == 8 else "")
         ids = [first + k for k, _ in enumerate(rows)]
@@ -536,7 +538,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             named = [(f"boxes/{i}", *row) for i, row in zip(ids, rows, strict=True)]
             self.model.take_set(frame, stamp, named)
 
-    @rule(name=NAMES, x=PLACES, size=SIZES, ahead=STAMPS, life=st.sampled_from([0.0, 0.0, 2.5]))
+    @rule(name=NAMES, x=PLACES, size=SIZES, ahead=STAMPS, life=one_of([0.0, 0.0, 2.5]))
     def mesh(self, name: str, x: float, size: float, ahead: float | None, life: float) -> None:
         """Send a marker whose shape has to be built."""
         header, stamp = self.header("map", ahead)
@@ -549,14 +551,14 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.apply()
         self.model.add(name, x, size, "map", stamp, "", life, mesh=True)
 
-    @rule(what=st.sampled_from(["built", "built", "failed"]))
+    @rule(what=one_of(["built", "built", "failed"]))
     def deliver(self, what: str) -> None:
         """Deliver all shapes that are wanted, or say that they cannot be built."""
         self.builder.delivers = self.model.delivers = what
         self.tick()
 
     @precondition(lambda self: self.has_robot)
-    @rule(edge=st.sampled_from([EDGE, 2 * EDGE, 0.0]))
+    @rule(edge=one_of([EDGE, 2 * EDGE, 0.0]))
     def describe(self, edge: float) -> None:
         """Send a description, or with 0 a text that is none."""
         self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
@@ -569,9 +571,7 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     @precondition(lambda self: self.has_robot)
     @rule(x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS)
-    def base(
-        self, x: float = 0.0, frame: str = "map", ahead: float | None = 0.0, fault: str = ""
-    ) -> None:
+    def base(self, x: float = 0.0, frame: str = "map", ahead: Ahead = 0.0, fault: str = "") -> None:
         """Send where the robot stands."""
         header, stamp = self.header(frame, ahead, fault)
         message = TransformStamped(header=header, child_frame_id=ARM)
@@ -582,13 +582,11 @@ class EvidenceMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.has_robot)
     @rule(
         values=st.lists(
-            st.sampled_from([0.0, 1.4, 3.0, nan, None]), min_size=2, max_size=2
+            one_of([0.0, 1.4, 3.0, nan, None]), min_size=2, max_size=2
         ).filter(any),
-        ahead=STAMPS, fault=st.sampled_from(["", "", "", "stamp", "length", "cut"]),
+        ahead=STAMPS, fault=one_of(["", "", "", "stamp", "length", "cut"]),
     )  # fmt: skip
-    def joints(
-        self, values: Sequence[Any] = (0.0, 1.4), ahead: float | None = 0.0, fault: str = ""
-    ) -> None:
+    def joints(self, values: Any = (0.0, 1.4), ahead: Ahead = 0.0, fault: str = "") -> None:
         """Send values of some joints."""
         header, stamp = self.header("map", ahead, fault)
         named = {f"j{k}": value for k, value in enumerate(values) if value is not None}
@@ -699,15 +697,15 @@ def some(name: str, **drawn: Any) -> Any:
     return st.tuples(st.just(name), st.fixed_dictionaries(drawn))
 
 
-FAULTS = st.sampled_from(["", "", "scale"])
-ROWS = st.lists(st.sampled_from([(0.0, 1.0, ""), (0.7, 2.0, ""), (1.4, 1.0, "scale")]), max_size=2)
-SHARED = st.sampled_from([["boxes/0"], ["boxes/1"], ["a/0", "boxes/0"]])
+FAULTS = one_of(["", "", "scale"])
+ROWS = st.lists(one_of([(0.0, 1.0, ""), (0.7, 2.0, ""), (1.4, 1.0, "scale")]), max_size=2)
+SHARED = one_of([["boxes/0"], ["boxes/1"], ["a/0", "boxes/0"]])
 BOX_STEPS = st.one_of(
     *[some("boxes", rows=ROWS, first=st.integers(0, 1))] * 2,
     some("markers", names=SHARED, x=PLACES, size=SIZES, fault=FAULTS),
     some("poses", names=SHARED, x=PLACES),
     some("delete", names=SHARED),
-    some("delete_all", namespace=st.sampled_from(["", "a", "boxes"])),
+    some("delete_all", namespace=one_of(["", "a", "boxes"])),
 )
 
 

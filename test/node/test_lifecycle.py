@@ -39,12 +39,12 @@ PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
 NAMED = {("a/1", "a/2")}
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
-SHUTDOWN = {
-    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
-    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
-    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
+STATES: dict[str, tuple[tuple[int, ...], set[int], int]] = {
+    "unconfigured": ((), {CONFIGURE}, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN),
+    "inactive": ((CONFIGURE,), {ACTIVATE, CLEANUP}, Transition.TRANSITION_INACTIVE_SHUTDOWN),
+    "active": ((CONFIGURE, ACTIVATE), {DEACTIVATE}, Transition.TRANSITION_ACTIVE_SHUTDOWN),
 }
-WAYS = {"unconfigured": (), "inactive": (CONFIGURE,), "active": (CONFIGURE, ACTIVATE)}
+"""The way to each, what is possible there, and its shut down."""
 MARKERS = "obb_collision/markers"
 SCENE = """
 padding: {padding}
@@ -185,19 +185,15 @@ def test_parameters_count_once_it_is_configured_without_waiting(monkeypatch: Pat
         assert rig.pairs() == NAMED
 
 
-@each("way", [*WAYS])
-def test_impossible_transitions_change_nothing_and_a_shut_down_is_for_good(way: str) -> None:
-    with managed(*WAYS[way]) as rig:
-        possible = {
-            "unconfigured": {CONFIGURE},
-            "inactive": {ACTIVATE, CLEANUP},
-            "active": {DEACTIVATE},
-        }[way] | {SHUTDOWN[way]}
-        others = {*range(12), 255, *SHUTDOWN.values()} - possible
+@each("state", STATES)
+def test_impossible_transitions_change_nothing_and_a_shut_down_is_for_good(state: str) -> None:
+    way, possible, shutdown = STATES[state]
+    with managed(*way) as rig:
+        others = {*range(12), 255} - possible - {shutdown}
         assert not any(rig.change(transition) for transition in others)
         assert not rig.change(0, "no such transition")
-        assert rig.state() == way
-        assert rig.change(SHUTDOWN[way])
+        assert rig.state() == state
+        assert rig.change(shutdown)
         assert rig.state() == "finalized"
         rig.says(UNKNOWN, "shutting down", True)
         assert not rig.change(CONFIGURE)

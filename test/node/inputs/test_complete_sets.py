@@ -125,8 +125,8 @@ def test_a_set_that_cannot_be_read_changes_nothing_but_marks_the_boxes(rig: Rig)
     headers = {
         "unknown frame": Header(frame_id="elsewhere"),
         "bad name": Header(frame_id="x" * 300),
-        "bad stamp": late,
     }
+    headers["bad stamp"] = late
     expected: dict[str, int] = {}
     for reason in (*headers, "field layout"):
         good.header = headers.get(reason, late)

@@ -57,9 +57,7 @@ def test_of_a_backlog_only_last_states_are_looked_at(rig: Rig, monkeypatch: Patc
     put = spy(monkeypatch, rig.node.objects.shapes, "put_primitives")
     wait(rig, *(serialized(cube(A1, (x, 0, 0)), cube(A2, (x + 0.5, 0, 0))) for x in range(50)))
     assert sync(rig) == {("a/1", "a/2")}
-    assert sum(len(call.args[0][0]) for call in put.call_args_list) == 3, (
-        "two of the backlog and one of sync"
-    )
+    assert sum(len(call.args[0][0]) for call in put.call_args_list) == 3, "two, and that of sync"
     assert rig.pose_of(A1)[0] == 49.0
     wait(rig, *(serialized(cube(A1, (x, 0, 0))) for x in range(50)))
     put.reset_mock()

@@ -36,9 +36,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.node.messages import cdr
 from obb_collision.node.messages.errors import RefusedError
 
-TEXTS = st.sampled_from(["", "a", "crate"]) | st.text(
-    st.characters(exclude_characters="\0", codec="utf-8"), max_size=9
-)
+LETTERS = st.characters(exclude_characters="\0", codec="utf-8")
+TEXTS = st.sampled_from(["", "a", "crate"]) | st.text(LETTERS, max_size=9)
 NUMBERS: dict[str, st.SearchStrategy[Any]] = {
     "double": st.floats(),
     "float": st.floats(width=32, allow_nan=False),
@@ -200,12 +199,7 @@ MARKER = Marker(ns="abc", text="t", points=[Point()], colors=[ColorRGBA()])
 MARKER.mesh_file.data = b"123"
 EXAMPLES: dict[str, tuple[Any, int]] = {
     "pose": (TransformStamped(header=MAP, child_frame_id="a/1"), 2),
-    "states": (
-        MultiDOFJointState(
-            header=MAP, joint_names=["a/1"], transforms=[Transform()], twist=[Twist()]
-        ),
-        6,
-    ),
+    "states": (MultiDOFJointState(joint_names=["a"], transforms=[Transform()], twist=[Twist()]), 6),
     "cloud": (PointCloud2(header=MAP, fields=[PointField(name="x")], data=bytes(5)), 4),
     "markers": (MarkerArray(markers=[MARKER, MARKER]), 2 * 13),
 }

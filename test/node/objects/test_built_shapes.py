@@ -242,9 +242,7 @@ def test_an_item_beyond_the_limits_is_refused_alone(rig: Rig) -> None:
     assert named(sync(rig)) == named({("box/1", "body/2")})
 
 
-def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
-    rig: Rig, monkeypatch: Patch, tmp_path: Path
-) -> None:
+def test_cycles_do_nothing_that_takes_long(rig: Rig, monkeypatch: Patch, tmp_path: Path) -> None:
     monkeypatch.setattr(meshes, "fit_points", Mock(side_effect=AssertionError("in this process")))
     for name in ("open", "stat"):
         real = getattr(os, name)

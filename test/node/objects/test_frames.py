@@ -100,9 +100,8 @@ class TransformListener:
         self.buffer = buffer
 
 
-STAND_IN = SimpleNamespace(
-    **{one.__name__: one for one in (Buffer, TransformListener, TransformException, *FAILURES)}
-)
+USED = Buffer, TransformListener, TransformException, *FAILURES
+STAND_IN = SimpleNamespace(**{one.__name__: one for one in USED})
 """What the node uses of tf2_ros, for machines without it: the same names, the same answers.
 
 One level of frames only: each transform is stored by its child frame, and looked up in its parent.

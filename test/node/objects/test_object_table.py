@@ -81,10 +81,8 @@ def test_nothing_else_writes_conditions() -> None:
     for file in (Path(obb_collision.__file__).parent / "node").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store):
-                written = ast.unparse(node.value)
-                assert "condition" not in written.split(".")[-1] or file.name == "conditions.py", (
-                    file
-                )
+                written = ast.unparse(node.value).split(".")[-1]
+                assert "condition" not in written or file.name == "conditions.py", file
 
 
 SPACES = ("", "/", "a", "/a", "a/b", "b", "5", "#7", "é", stand_in(namespace_number("b")))
@@ -112,13 +110,8 @@ def slot_of(name: str, table: ObjectTable) -> int:
 
 
 @settings(max_examples=300, deadline=None)
-@given(
-    changes=st.lists(st.tuples(st.booleans(), KEYS), max_size=20),
-    names=st.lists(NAMES, max_size=20),
-)
-def test_the_slots_are_those_of_a_search(
-    changes: list[tuple[bool, tuple[str | int, int]]], names: list[str]
-) -> None:
+@given(st.lists(st.tuples(st.booleans(), KEYS), max_size=20), st.lists(NAMES, max_size=20))
+def test_the_slots_are_those_of_a_search(changes: list[Any], names: list[str]) -> None:
     table = ObjectTable()
     free = iter(range(len(changes)))
     for ends, (space, ident) in changes:
@@ -270,9 +263,8 @@ def test_a_new_shape_and_padding_keep_the_growth() -> None:
 
 def test_what_is_sent_once_does_not_age_and_each_object_has_its_own_limit() -> None:
     rig = ObjectsRig(A1, A2, B1)
-    rig.objects.staleness.limits = AgeLimits(
-        0.5, Overrides([("a/2", 2.0)]), policies=Overrides([("b/*", IGNORE)])
-    )
+    own, policies = Overrides([("a/2", 2.0)]), Overrides([("b/*", IGNORE)])
+    rig.objects.staleness.limits = AgeLimits(0.5, own, policies=policies)
     for _ in range(2):
         for row in (0, 1, 2) if rig.now == START else (1, 2):
             send(rig, row, 3.0 * row)

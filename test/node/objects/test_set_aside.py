@@ -154,9 +154,7 @@ def test_many_that_fail_are_found_over_several_cycles(monkeypatch: Patch) -> Non
 
 
 @each("error", [UnforeseenError, MemoryError])
-def test_what_fails_without_any_object_is_no_objects_fault(
-    error: type[Exception], monkeypatch: Patch
-) -> None:
+def test_what_fails_without_any_object_is_no_objects_fault(error: Any, monkeypatch: Patch) -> None:
     checked = Checked(5, monkeypatch)
     with monkeypatch.context() as patch:
         patch.setattr(checker.Checker, "find", Mock(side_effect=error))

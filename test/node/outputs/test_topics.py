@@ -53,9 +53,8 @@ def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
 
 def test_rows_are_sorted_with_the_smaller_key_first(rig: Rig) -> None:
     # sent in an order in which scene indices and keys disagree
-    rig.send(
-        cube(("z", 7), (0.2, 0, 0)), cube(("z", -7), (0.1, 0, 0)), cube(("b", 3)), cube(("b", 2))
-    )
+    rig.send(cube(("z", 7), (0.2, 0, 0)), cube(("z", -7), (0.1, 0, 0)))
+    rig.send(cube(("b", 3)), cube(("b", 2)))
     message = rig.answer()
     rows = collisions_from_ros(message)
     keys = [tuple(int(row[n]) for n in ("ns_a", "id_a", "ns_b", "id_b")) for row in rows]

@@ -330,9 +330,7 @@ def test_groups_stand_for_their_members_in_every_list() -> None:
         assert len(pairs) == 7
         scene = rig.node.objects.scene
         extents = {name: float(scene.obb(name).half_extents[0]) for name in scene.names}
-        assert extents == {"arm/1": 0.5, "arm/2": 0.5} | dict.fromkeys(
-            ("cup/1", "cup/2", "tray/1"), 0.75
-        )
+        assert extents == {"arm/1": 0.5, "arm/2": 0.5, "cup/1": 0.75, "cup/2": 0.75, "tray/1": 0.75}
         accuracies = {"arm/1": 3, "cup/1": 1, "cup/2": 1, "tray/1": 1}
         store = scene.objects.store
         assert accuracies == {n: int(store.accuracies[scene.index(n)]) for n in accuracies}

@@ -102,10 +102,8 @@ def test_it_collides_with_all_but_its_link_and_what_it_may_touch(arm: AskingRig)
 @each("hand", [True, False])
 def test_it_may_touch_the_end_effector_whose_link_holds_it(arm: AskingRig, hand: bool) -> None:
     links = '<link name="column"/><link name="hand"/>' if hand else '<link name="column"/>'
-    end = (
-        f'<group name="gripper">{links}</group>'
-        '<end_effector name="tool" parent_link="base" group="gripper"/></robot>'
-    )
+    end = f'<group name="gripper">{links}</group>'
+    end += '<end_effector name="tool" parent_link="base" group="gripper"/></robot>'
     arm.semantics.publish(String(data=SRDF.replace("</robot>", end)))
     arm.until(lambda: arm.robot.links.robot.end_effectors, "the SRDF")
     put(arm, held(*LONG))

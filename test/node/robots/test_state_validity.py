@@ -245,9 +245,7 @@ def test_the_scale_is_zero_while_anything_is_not_known() -> None:
 
 
 @each("velocity", [(), (NAN, NAN), (NAN, 0.0), (1e301, 0.0), (INF, 0.0)])
-def test_where_no_velocity_can_be_used_it_is_that_between_the_last_two_states(
-    speed: Speed, velocity: tuple[float, ...]
-) -> None:
+def test_without_velocities_they_are_differences(speed: Speed, velocity: tuple[float, ...]) -> None:
     speed.of(-4e-4, *velocity)
     assert speed.of(0.0, *velocity) == pytest.approx(0.3, abs=1e-4)  # a millisecond later
     speed.rig.stamp -= 1_000_000

@@ -189,10 +189,8 @@ def test_stamps_say_when_it_begins(rig: AskingRig) -> None:
     rig.forwards(points)  # at once: there is no time for a swing
     values = rig.refused_for(HIT, points, stamp=stamped(rig, 1.0))  # joints swing on until then
     assert values["index"] == "0"
-    around = [
-        *((0.0, [0.0, 0.0]), (1.0, [1.0, 0.0]), (2.0, [1.0, 1.0])),
-        *((3.0, [0.0, 1.0]), (30.0, [0.0, 1.1])),
-    ]
+    around = [(0.0, [0.0, 0.0]), (1.0, [1.0, 0.0]), (2.0, [1.0, 1.0])]
+    around += [(3.0, [0.0, 1.0]), (30.0, [0.0, 1.1])]
     rig.put((np.cos(0.5), np.sin(0.5), 0.5))
     rig.move()
     rig.forwards(around)

@@ -19,7 +19,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +29,7 @@ import pytest
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from node_process import environment
-from processes import started
+from processes import Process, started
 from rig import NAMESPACE, client_apart
 
 from obb_collision.node.inputs import DETECTIONS
@@ -135,14 +134,12 @@ class Launched:
             config.symlink_to(ROOT / "config")
 
     @contextmanager
-    def running(
-        self, *arguments: str, file: str = "obb_collision.launch.py"
-    ) -> Iterator[subprocess.Popen[str]]:
+    def running(self, *given: str, file: str = "obb_collision.launch.py") -> Iterator[Process]:
         """Launch; killed at the end if it still runs."""
         before = os.environ.get("AMENT_PREFIX_PATH", "")
         path = environment(AMENT_PREFIX_PATH=f"{self.folder / 'prefix'}:{before}")
         launch = str(ROOT / "launch" / file)
-        with started("-c", LAUNCH, launch, *arguments, cwd=ROOT, **path) as process:
+        with started("-c", LAUNCH, launch, *given, cwd=ROOT, **path) as process:
             yield process
 
     def run(self, *arguments: str, code: int = 0, **which: str) -> str:
@@ -172,11 +169,9 @@ exec {python} -c "from obb_collision.commands import node; raise SystemExit(node
 """
 
 
-@pytest.mark.parametrize(
-    ("who", "state"),
-    [("", "active"), ("true", "active"), ("launch", "active"), ("false", "unconfigured")],
-)
-def test_a_node_is_configured_by_whom_launch_says(launched: Launched, who: str, state: str) -> None:
+@pytest.mark.parametrize("who", ["", "true", "launch", "false"])
+def test_the_node_is_configured_and_activated_as_launch_says(launched: Launched, who: str) -> None:
+    state = "unconfigured" if who == "false" else "active"
     node = launched.folder / "prefix/lib/obb_collision/obb_collision_node"
     node.write_text(REAL.format(python=sys.executable))
     arguments = (f"namespace:={NAMESPACE}", *([f"autostart:={who}"] if who else ()))

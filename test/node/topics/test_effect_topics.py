@@ -136,9 +136,8 @@ def test_passed_coming_and_undecided_each_have_their_marks() -> None:
         pairs = np.array([[0, first], [0, first + 2]])
         return Sweeps(pairs, hits, undecided, np.array(times), np.array(free), points, points)
 
-    result = sweep.SweptPairs(
-        passed=sweeps(1, [0.75, nan], [0.75, 0.5]), predicted=sweeps(2, [0.25, nan], [0.25, 0.125])
-    )
+    passed = sweeps(1, [0.75, nan], [0.75, 0.5])
+    result = sweep.SweptPairs(passed, predicted=sweeps(2, [0.25, nan], [0.25, 0.125]))
     state: Any = SimpleNamespace(table=table, step=0.1)
     rows = PREDICTIONS.make_rows(result, state, PREDICTIONS.dtype)
     assert rows["id_b"].tolist() == [1, 2, 3, 4]
