@@ -109,6 +109,10 @@ def place(stamp: int) -> float:
     return (stamp - START) / SECOND
 
 
+class UnforeseenError(Exception):
+    """What nobody thought of."""
+
+
 class Gate:
     """Holds up what is built by a node until it is opened; counts the jobs.
 

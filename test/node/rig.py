@@ -65,6 +65,8 @@ DOMAIN = 1 + os.getpid() % 100
 NAMESPACE = f"/test_{os.getpid()}"
 """Namespace of all nodes of this run: where two runs share a domain by chance, they don't meet."""
 FRAME = "map"
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+"""Keys of objects."""
 PATIENCE = 300.0
 """Seconds after which a wait has failed: long, as on a loaded machine kernels are compiled."""
 REPORTS = 0.2

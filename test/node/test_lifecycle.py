@@ -26,7 +26,7 @@ from each import each
 from lifecycle_msgs.msg import Transition
 from objects_rig import Gate, triangle
 from rclpy.executors import SingleThreadedExecutor
-from rig import LATCHED, NAMESPACE, STATUS, Patch, Rig, cube, own_context, pose, spy, sync
+from rig import A1, A2, LATCHED, NAMESPACE, STATUS, Patch, Rig, cube, own_context, pose, spy, sync
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
@@ -34,7 +34,6 @@ from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED
 
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
 NAMED = {("a/1", "a/2")}
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE

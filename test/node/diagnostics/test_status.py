@@ -28,7 +28,7 @@ from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
-from rig import INPUTS, NAMESPACE, PATIENCE, Patch, Printed, Rig, cube, node_apart, pose
+from rig import A1, A2, B1, INPUTS, NAMESPACE, PATIENCE, Patch, Printed, Rig, cube, node_apart, pose
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
@@ -39,8 +39,6 @@ from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.topics.cloud import LATCHED, RELIABLE
-
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
 def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig: Rig) -> None:

@@ -25,7 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from objects_rig import SECOND
 from rclpy.serialization import serialize_message
-from rig import FRAME, POSES, Patch, Rig, cube, pose, spy, sync
+from rig import A1, A2, FRAME, POSES, Patch, Rig, cube, pose, spy, sync
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -34,7 +34,6 @@ from obb_collision.node.inputs.batch import Batch, find_faults, gather, settle
 from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
 
-A1, A2 = ("a", 1), ("a", 2)
 CLEAR = Marker(action=Marker.DELETEALL)
 
 
@@ -137,7 +136,7 @@ def test_what_is_deleted_and_comes_again_is_a_new_object(rig: Rig) -> None:
 
 
 @each("seconds", [0, 7])
-def test_overload_is_said_with_the_age_of_state(rig: Rig, monkeypatch: Patch, seconds: int) -> None:
+def test_overload_is_said_with_ages_of_states(rig: Rig, monkeypatch: Patch, seconds: int) -> None:
     subscribed = rig.node.subscribed
     taken = subscribed.take_wait
     monkeypatch.setattr(subscribed, "take_wait", lambda: (wait := taken()) and wait + seconds)

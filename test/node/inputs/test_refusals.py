@@ -28,7 +28,7 @@ import trimesh
 from each import each
 from geometry_msgs.msg import Twist
 from objects_rig import BOX, levels, mesh_marker, triangle
-from rig import POSES, Patch, Printed, Rig, cube, pose, sync
+from rig import A1, A2, B1, POSES, Patch, Printed, Rig, cube, pose, sync
 from robot_rig import URDF, RobotRig
 from visualization_msgs.msg import Marker
 
@@ -39,7 +39,6 @@ from obb_collision.node.messages.conversions import pose_to_ros, stamp_from_ros,
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE, Unplaceable
 from obb_collision.node.objects.table import NEVER
 
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
 BAD_POSES = {"bad pose": [0.0, NAN, 0.0, 0.0, 0.0, 0.0, 1.0], "zero quaternion": [0.0] * 7}
 
@@ -77,7 +76,7 @@ def test_a_bad_pose_is_refused_and_its_object_collides(rig: Rig, topic: str, rea
         ("no points", {"type": Marker.TRIANGLE_LIST}),
     ],
 )
-def test_a_bad_marker_is_refused_never_free(rig: Rig, reason: str, fields: dict[str, Any]) -> None:
+def test_a_bad_marker_is_refused_alone(rig: Rig, reason: str, fields: dict[str, Any]) -> None:
     bad = cube(A1, **fields)
     rig.send(bad, cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == set(), "the rest of the message is used"
@@ -223,7 +222,7 @@ def test_the_first_cycle_after_a_flood_has_the_newest_state(topic: str, rig: Rig
     assert monitor.superseded >= monitor.messages - 3, "what was taken and not used is counted"
 
 
-def test_one_message_that_takes_long_delays_a_cycle(rig: Rig, monkeypatch: Patch) -> None:
+def test_of_messages_that_take_long_one_alone_delays_a_cycle(rig: Rig, monkeypatch: Patch) -> None:
     rig.send(cube(A1), cube(A2, (9, 0, 0))).answer()
     seconds, monitor = count(), rig.monitor("object_states")
     monkeypatch.setattr(subscriptions, "monotonic", lambda: float(next(seconds)))

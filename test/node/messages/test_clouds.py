@@ -133,7 +133,7 @@ def test_one_wrong_number_in_a_good_cloud_is_refused_or_harmless(
 
 
 @given(width=whole, height=whole, step=st.sampled_from((0, 12, 16)), row_step=whole)
-def test_points_are_where_they_are(width: int, height: int, step: int, row_step: int) -> None:
+def test_points_are_read_at_their_places(width: int, height: int, step: int, row_step: int) -> None:
     data = np.arange(64, dtype="<f4").tobytes()
     rows = row_step or width * step
     fits = step > 0 and rows >= width * step and (height - 1) * rows + width * step <= len(data)

@@ -29,7 +29,7 @@ from each import each
 from geometry_msgs.msg import Point
 from objects_rig import named
 from rclpy.serialization import deserialize_message
-from rig import Patch, Rig, color, cube, pose, sync
+from rig import A1, A2, B1, Patch, Rig, color, cube, pose, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -42,7 +42,6 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_NAME_BYTES, FrameTable, NamespaceTable
 from obb_collision.node.outputs import NAMESPACES_RATE
 
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 POINTS = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.0, 0.0)]
 
 

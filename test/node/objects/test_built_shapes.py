@@ -208,7 +208,7 @@ def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) 
     assert named(sync(rig)) >= named(PAIR)
 
 
-def test_without_a_process_that_builds_the_rest_goes_on_with_no_folder(monkeypatch: Patch) -> None:
+def test_without_a_builder_or_temporary_folder_the_rest_goes_on(monkeypatch: Patch) -> None:
     monkeypatch.setattr(sys, "executable", "/no/python")
     with Rig(own_builder=True) as rig:
         rig.send(cube(BOX), cube(OTHER), triangle())

@@ -32,7 +32,7 @@ from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
-from rig import FRAME, POSES, FakeFrames, Patch, Rig, color, cube, pose
+from rig import A1, A2, B1, FRAME, POSES, FakeFrames, Patch, Rig, color, cube, pose
 from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
@@ -45,8 +45,6 @@ from obb_collision.node.objects import placement
 from obb_collision.node.objects.conditions import STALE, UNPLACED
 from obb_collision.node.objects.frames import EXTRAPOLATION
 from obb_collision.node.objects.states import State
-
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
 def test_without_tf2_the_node_says_so(monkeypatch: Patch) -> None:

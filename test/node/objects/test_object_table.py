@@ -26,7 +26,7 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from objects_rig import SECOND, START, ObjectsRig
-from rig import Patch, Rig, color, cube, pose
+from rig import A1, A2, B1, Patch, Rig, color, cube, pose
 from scipy.spatial.transform import Rotation
 
 import obb_collision
@@ -166,7 +166,6 @@ def test_an_object_without_room_in_tables_leaves_no_trace(failing: int, monkeypa
         objects.shapes.put(keys[-1], Box([1.0, 1.0, 1.0]))
 
 
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 SPEED = 2.0
 
 

@@ -22,8 +22,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from each import each
-from objects_rig import START, ObjectsRig
-from rig import Patch, Rig, color, cube, pose, sync
+from objects_rig import START, ObjectsRig, UnforeseenError
+from rig import A1, A2, Patch, Rig, color, cube, pose, sync
 
 from obb_collision import find_pairs
 from obb_collision.node import namespace_number
@@ -37,11 +37,7 @@ from obb_collision.scene import checker
 from obb_collision.scene.effects import clearance, contacts, points
 from obb_collision.scene.objects import SceneObjects
 
-A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
-
-
-class UnforeseenError(Exception):
-    """What nobody thought of."""
+BAD = ("bad", 1)
 
 
 class Failing:
@@ -178,7 +174,7 @@ def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(monkeypatch: P
 
 @each("stage", ["placing objects", "check"])
 def test_an_object_that_fails_is_unknown_alone(stage: str, rig: Rig, monkeypatch: Patch) -> None:
-    rig.send(cube(A), cube(B, (3, 0, 0)), cube(BAD, (6, 0, 0)))
+    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(BAD, (6, 0, 0)))
     assert rig.pairs() == set()
     table, place = rig.node.objects.table, SceneObjects.place
     bad = table.slots[BAD]
@@ -223,7 +219,7 @@ EFFECTS = {
 
 
 @each("topic", list(EFFECTS))
-def test_effects_that_fail_name_the_object_alone(topic: str, rig: Rig, monkeypatch: Patch) -> None:
+def test_an_effect_that_fails_names_its_object(topic: str, rig: Rig, monkeypatch: Patch) -> None:
     module, function, effect = EFFECTS[topic]
     given = getattr(module, function)
 
@@ -234,7 +230,8 @@ def test_effects_that_fail_name_the_object_alone(topic: str, rig: Rig, monkeypat
         return given(boxes, some, *args)
 
     monkeypatch.setattr(module, function, fail)
-    rig.send(cube(A), cube(B, (0.5, 0, 0)), cube(BAD, (0, FAR, 0)), cube(("bad", 2), (0.5, FAR, 0)))
+    bad = cube(BAD, (0, FAR, 0)), cube(("bad", 2), (0.5, FAR, 0))
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0)), *bad)
     rig.send_points([[0.0, 0, 0], [0.0, FAR, 0]])
     if effect != "points":
         rig.stamp -= 1_000_000  # that of the points is none of the states

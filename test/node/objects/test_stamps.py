@@ -26,14 +26,13 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
-from rig import FRAME, POSES, FakeFrames, Printed, Rig, cube, pose, sync
+from rig import A1, A2, FRAME, POSES, FakeFrames, Printed, Rig, cube, pose, sync
 from std_msgs.msg import Header
 
 from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros, states_to_ros
 from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.objects.states import AHEAD, ANEW
 
-A1, A2 = ("a", 1), ("a", 2)
 TOPIC = "object_states"
 HOUR = 3600 * SECOND
 
@@ -171,7 +170,6 @@ def test_by_topics_the_points_of_the_future_carry_their_time_of_receipt(rig: Rig
     assert dict(rig.monitor("points").doubted) == {AHEAD: 1}
 
 
-NAN = float("nan")
 FORWARD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
 
 
@@ -201,7 +199,7 @@ def test_twists_of_a_turned_frame_are_turned_with_it() -> None:
         assert twist(rig, "a/1") == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
 
 
-@each("bad", [[NAN, 0, 0, 0, 0, 0], [0, 0, 0, 0, np.inf, 0], [2e300] + [0] * 5])
+@each("bad", [[np.nan, 0, 0, 0, 0, 0], [0, 0, 0, 0, np.inf, 0], [2e300] + [0] * 5])
 def test_a_twist_that_is_no_number_is_refused_without_its_pose(rig: Rig, bad: list[float]) -> None:
     rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     rig.send_states(["a/1", "a/2"], [pose(2.5), pose(3.0)], twists=[bad, FORWARD])
@@ -230,8 +228,7 @@ def test_twists_are_not_used_where_sweeps_are_off() -> None:
 
 REASON = "doubtful: quaternion far from unit length"
 #: A quarter turn about z, twice as long as it should be: the bar then lies along y.
-FAR = [0.0, 0.0, 2.0**0.5, 2.0**0.5]
-PLACE = [0.0, 0.0, 0.0, *FAR]
+PLACE = [0.0, 0.0, 0.0, 0.0, 0.0, 2.0**0.5, 2.0**0.5]
 COLLIDE = ({("bar/1", "post/1")}, {("post/1", "bar/1")})
 BAR, LONG = ("bar", 1), (8.0, 0.5, 0.5)
 

@@ -30,7 +30,7 @@ from rclpy.duration import Duration as Seconds
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from rig import FRAME, OUTPUTS, STATUS, FakeFrames, Patch, Rig, cube, pose
+from rig import A1, A2, B1, FRAME, OUTPUTS, STATUS, FakeFrames, Patch, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
@@ -48,7 +48,6 @@ from obb_collision.node.runtime import warm_up
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.store import Overrides
 
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 A = namespace_number("a")
 APART = cube(A1), cube(A2, (3, 0, 0))
 MOST = 3

@@ -26,7 +26,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from objects_rig import SECOND
 from rclpy.qos import QoSProfile
-from rig import Patch, Rig, cube
+from rig import A1, A2, B1, Patch, Rig, cube
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
@@ -201,7 +201,6 @@ def test_an_unknown_depth_counts_as_deep_and_no_begin_is_lost_where_parting_fail
     assert {number(row): row["event"] for row in events} == {0: END, 1: BEGIN}
 
 
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 BEGUN, PARTED = ("begin", "a/1", "a/2"), ("end: apart", "a/1", "a/2")
 
 

@@ -20,15 +20,13 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from each import each
-from rig import POSES, FakeFrames, Patch, Rig, cube, pose, spy, sync
+from rig import A1, A2, B1, POSES, FakeFrames, Patch, Rig, cube, pose, spy, sync
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision import Verdict
 from obb_collision.node import collisions_from_ros, named_points_inside, namespace_number
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.inputs import clouds as obstacles
-
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 
 
 def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:

@@ -257,7 +257,7 @@ def ball(folder: Path) -> str:
     return f'{before}<mesh filename="file://{folder}/ball.obj"/>{after}'
 
 
-def test_links_whose_hulls_are_being_built_are_unknown_and_collide_not(tmp_path: Path) -> None:
+def test_links_whose_hulls_are_built_are_unknown_and_collide_with_nothing(tmp_path: Path) -> None:
     with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
         gate, levels = Gate(rig, trees=True), statuses(rig)
         rig.send(CORNER)

@@ -25,10 +25,10 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration, Time
 from each import each
-from objects_rig import SECOND, START, ObjectsRig
+from objects_rig import SECOND, START, ObjectsRig, UnforeseenError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from rig import NAMESPACE, Patch, Printed, Rig, cube, node_apart, pose, sync
+from rig import A1, A2, NAMESPACE, Patch, Printed, Rig, cube, node_apart, pose, sync
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -42,11 +42,7 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import spin
 from obb_collision.shapes import Box
 
-A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
-
-
-class UnforeseenError(Exception):
-    """What nobody thought of."""
+BAD = ("bad", 1)
 
 
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: Patch) -> None:
@@ -59,7 +55,7 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: Patch) -> No
         return put(keys, *more)
 
     monkeypatch.setattr(objects.shapes, "put_primitives", fail)
-    rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
+    rig.send(cube(A1), cube(BAD), cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}
     assert "bad/1" in rig.node.guard.last
@@ -67,7 +63,7 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: Patch) -> No
 
 
 def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: Patch) -> None:
-    rig.send(cube(A), cube(B, (0.5, 0, 0)))
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
     rig.next("contacts")
     monkeypatch.setattr(rig.node.outputs, "_publish_cloud", Mock(side_effect=UnforeseenError))
     assert sync(rig) == {("a/1", "a/2")}
@@ -76,7 +72,7 @@ def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: Patch) -> No
 
 
 def test_services_and_timers_go_on(rig: Rig, monkeypatch: Patch) -> None:
-    rig.send(cube(A)).answer()
+    rig.send(cube(A1)).answer()
     with monkeypatch.context() as patch:
         patch.setattr(rig.node.objects, "clear", Mock(side_effect=UnforeseenError))
         response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
@@ -121,7 +117,7 @@ def test_what_the_executor_raises_does_not_end_the_spinning_nor_leave_a_callback
 
 
 def test_a_queue_that_cannot_be_read_hides_no_other(rig: Rig, monkeypatch: Patch) -> None:
-    rig.send(cube(A), cube(B, (3, 0, 0))).answer()
+    rig.send(cube(A1), cube(A2, (3, 0, 0))).answer()
     subscribed = rig.node.subscribed
     drain, topic, before = subscribed._drain, "object_states", subscribed.open["object_states"]
 
@@ -134,7 +130,7 @@ def test_a_queue_that_cannot_be_read_hides_no_other(rig: Rig, monkeypatch: Patch
 
     def moved() -> bool:
         rig.send_states(["a/2"], [pose(0.5)])
-        return rig.pose_of(B)[0] == 0.5
+        return rig.pose_of(A2)[0] == 0.5
 
     rig.until(lambda: subscribed.open.get(topic) not in (None, before), "a new subscription")
     rig.says(UNKNOWN, reasons="input_unreadable")
@@ -229,7 +225,7 @@ BACK, FURTHER = START // SECOND, 7
         [(1, -BACK, 1, -BACK - 1), (1, 0, 1, 0), (1, FURTHER, 1, FURTHER), (0, 2, 1, 1)],
     ],
 )
-def test_jumps_are_steps_of_the_systems_clock_and_of_simulations_back(steps: list[Any]) -> None:
+def test_jumps_are_steps_of_the_clock_and_of_simulations_that_go_back(steps: list[Any]) -> None:
     times = Times(simulated=len(steps) == 3 and steps[0][0] == 1)
     for simulated, moved, elapsed, jump in steps:
         times.simulated = bool(simulated)
@@ -255,8 +251,8 @@ def test_the_steady_clock_does_not_go_back() -> None:
 
 @each("shift", [-500 * SECOND, 500 * SECOND])
 def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
-    rig = ObjectsRig(A, object_timeout=3.0)
-    slot = rig.objects.shapes.put(B, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
+    rig = ObjectsRig(A1, object_timeout=3.0)
+    slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
     rig.slots = np.append(rig.slots, slot)
     rig.objects.shapes.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
     rig.send(rig.now)
@@ -265,13 +261,13 @@ def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig.objects.clock_jumped(shift)
     rig.now += SECOND
     rig.cycle()
-    assert set(rig.objects.table.slots) == {A, B}
+    assert set(rig.objects.table.slots) == {A1, A2}
     assert not rig.objects.table.has(STALE).any()
     assert not rig.objects.table.doubtful.any()
     assert len(rig.objects.unplaceable) == 1
     rig.now += SECOND + 1
     rig.cycle()
-    assert set(rig.objects.table.slots) == {A}
+    assert set(rig.objects.table.slots) == {A1}
     assert rig.objects.unplaceable == {}
     rig.now += SECOND
     rig.cycle()
@@ -288,7 +284,7 @@ def set_clock(rig: Rig, at: Time) -> None:
 
 
 def test_by_topics_the_time_may_change_to_a_simulations_and_back(rig: Rig, capfd: Printed) -> None:
-    rig.send(cube(A), cube(B, (0.5, 0, 0), lifetime=Duration(sec=3600)))
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0), lifetime=Duration(sec=3600)))
     assert rig.pairs() == {("a/1", "a/2")}
     rig.set(use_sim_time=True)
     assert rig.now() == 0, "no message of /clock so far"
@@ -301,9 +297,9 @@ def test_by_topics_the_time_may_change_to_a_simulations_and_back(rig: Rig, capfd
     rig.set(use_sim_time=False)
     rig.cycles(2)
     assert "the clock jumped by +" in capfd.readouterr().err
-    assert set(rig.node.objects.table.slots) == {A, B}
+    assert set(rig.node.objects.table.slots) == {A1, A2}
     assert not rig.node.objects.table.doubtful.any()
-    rig.send(cube(B, (3, 0, 0)))
+    rig.send(cube(A2, (3, 0, 0)))
     assert rig.pairs() == set()
 
 

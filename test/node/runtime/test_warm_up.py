@@ -238,7 +238,7 @@ def late_cache(cache: Cache) -> Cache:
     return cache
 
 
-def test_cycles_go_on_on_obb_and_without_effects_until_these_are_ready(late_cache: Cache) -> None:
+def test_cycles_go_on_with_obb_and_no_effect_until_these_are_ready(late_cache: Cache) -> None:
     with Rig() as rig:
         rig.send(ring(), crate())
         rig.built(RING)
