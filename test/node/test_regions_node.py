@@ -87,16 +87,9 @@ class Shared(Rig):
         self.executor.add_node(self.merger)
         self.listen(*CLOUDS)
         for topic in (*CLOUDS, "in_collision", "collision_status"):
-
-            def take(message: Any, topic: str = topic) -> None:
-                self.merged[topic] = message
-
-            self.client.create_subscription(
-                OUTPUTS[topic].message,
-                f"merged/{topic}",
-                take,
-                LATCHED if OUTPUTS[topic].is_latched else 10,
-            )
+            output, take = OUTPUTS[topic], partial(self.merged.__setitem__, topic)
+            qos = LATCHED if output.is_latched else 10
+            self.client.create_subscription(output.message, f"merged/{topic}", take, qos)
 
     def start(self, region: str) -> None:
         """Start the node of a region, with outputs of its own and shared inputs."""

@@ -47,10 +47,6 @@ def gate(rig: Rig) -> Iterator[Gate]:
     made.open()
 
 
-def gone(rig: Rig, key: tuple[str, int]) -> None:
-    rig.until(lambda: key not in rig.node.objects.table.slots, f"{key} to be gone")
-
-
 def test_a_new_object_is_unplaceable_until_its_shape_is_there(rig: Rig, gate: Gate) -> None:
     rig.send(cube(BOX), triangle())
     assert rig.pairs() == set()
@@ -121,7 +117,7 @@ def test_what_is_deleted_does_not_come_back(rig: Rig, end: str, had_shape: bool)
     rig.send(triangle(size=size))
     rig.until(lambda: rig.node.objects.shapes.builder.is_busy, "the job")
     ENDS[end](rig)
-    gone(rig, BODY)
+    rig.until(lambda: BODY not in rig.node.objects.table.slots, "it to be gone")
     gate.open()
     rig.send(cube(BOX), triangle(OTHER, size=size, x=0.1))
     rig.built(OTHER)

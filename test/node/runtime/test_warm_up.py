@@ -315,10 +315,6 @@ LONGEST_SHARE = 0.2
 """Of the time that others compile: a cycle that waits for them takes about all of it."""
 
 
-FIRST_STAGES = 4
-"""One object, more of them, contacts, and all of them moved."""
-
-
 def ask_everything(folder: Path, *stages: str, **more: str) -> list[dict[str, Any]]:
     """Run the script that asks for everything; returns what it found of a robot and of a node."""
     done = run_python(str(EVERYTHING), str(folder), *stages, **environment(**more))
@@ -336,22 +332,19 @@ def test_no_cycle_loads_a_kernel(tmp_path: Path) -> None:
 
 @pytest.mark.slow  # test_warm_up.py holds up what compiles, and cycles go on
 def test_cycles_go_on_while_an_effect_is_compiled(tmp_path: Path) -> None:
-    (found,) = ask_everything(tmp_path, str(FIRST_STAGES), **cached(tmp_path))
+    stages = "4"  # one object, more of them, contacts, and all of them moved
+    (found,) = ask_everything(tmp_path, stages, **cached(tmp_path))
     assert found["new"] == found["compiled"] == []
     (numbers,) = (numbers for stage, numbers in found["stages"] if stage == "effect contacts")
     assert numbers["seconds"] > 2.0, "it takes so long to compile"
     assert numbers["longest"] < LONGEST_SHARE * numbers["seconds"]
 
 
-def copy_kernels(folder: Path) -> None:
-    for source in _kernel_cache.places[0].iterdir():
-        if source.is_dir():
-            shutil.copytree(source, folder / "obb_collision" / source.name)
-
-
 @pytest.mark.slow  # test_kernel_cache damages single files, in many ways
 def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path) -> None:
-    copy_kernels(tmp_path)
+    for source in _kernel_cache.places[0].iterdir():
+        if source.is_dir():
+            shutil.copytree(source, tmp_path / "obb_collision" / source.name)
     for file in tmp_path.rglob("*.kernel"):
         file.write_bytes(file.read_bytes()[:-1])
     with running(**cached(tmp_path)) as process:
