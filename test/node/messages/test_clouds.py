@@ -231,12 +231,13 @@ def test_the_namespace_table_comes_back(names: list[str]) -> None:
 def test_clouds_are_read_by_name_whatever_their_layout(
     rows: list[list[float]], layout: list[tuple[str, str]], padding: list[int], order: str
 ) -> None:
-    offsets, end = [], 0
+    begins, end = list[int](), 0
     for (_, kind), gap in zip(layout, padding, strict=False):
-        offsets.append(end + gap)
-        end = offsets[-1] + int(kind[1])
+        begins.append(end + gap)
+        end = begins[-1] + int(kind[1])
     names, codes = [name for name, _ in layout], [order + kind for _, kind in layout]
-    found = {"names": names, "formats": codes, "offsets": offsets, "itemsize": end + padding[-1]}
+    end += padding[-1]
+    found: Any = {"names": names, "formats": codes, "offsets": begins, "itemsize": end}
     cloud = np.zeros(len(rows), np.dtype(found))
     with np.errstate(over="ignore"):
         for column, name in enumerate(clouds.POSE_FIELDS):
