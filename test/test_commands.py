@@ -24,23 +24,22 @@ import sys
 from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from importlib import import_module
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from each import each
-from processes import NEED_ROS, PATIENCE, PROGRAMS, SCRIPTS, function_of, limited
+from processes import PATIENCE, PROGRAMS, SCRIPTS, function_of, limited
 
 pytest.importorskip("rclpy")
-
-from pathlib import Path
-
 import rig  # noqa: F401 - of this machine only
 
 import obb_collision
 from obb_collision import commands
 from obb_collision.cli import Progress, real, whole
 from obb_collision.node.runtime import environment
+
+Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)
@@ -53,13 +52,12 @@ def _signals_as_before() -> Iterator[None]:
 
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_help_prints_the_usage_and_starts_nothing(
-    script: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    script: str, monkeypatch: pytest.MonkeyPatch, capfd: Captured
 ) -> None:
-    module, function = SCRIPTS[script].split(":")
     monkeypatch.setattr(sys, "argv", [script, "--help"])
     handlers = {number: signal.getsignal(number) for number in environment.SIGNALS}
     with pytest.raises(SystemExit) as ended:
-        sys.exit(getattr(import_module(module), function)())
+        sys.exit(function_of(script)())  # type: ignore[call-arg]
     for number, handler in handlers.items():
         signal.signal(number, handler)  # what is alone in its process may end it without
     output, errors = capfd.readouterr()
@@ -68,44 +66,45 @@ def test_help_prints_the_usage_and_starts_nothing(
     assert "ready:" not in output + errors
 
 
-def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_version_is_said_and_what_is_no_command_refused(capsys: Captured) -> None:
     with pytest.raises(SystemExit, match="0"):
         function_of("obb_collision")(["--version"])
     assert capsys.readouterr().out == f"{obb_collision.__version__}\n"
+    for arguments in ([], ["nonsense"], ["--nonsense"]):
+        with pytest.raises(SystemExit, match="2"):
+            function_of("obb_collision")(arguments)
+        assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", [commands.node, commands.merge])
-def test_without_ros_they_say_what_is_missing(
-    command: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_ros_they_say_so(monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
     monkeypatch.setattr(environment, "find_spec", lambda name: None)
-    assert callable(command)
-    assert command([]) == 1
-    assert "needs rclpy" in capsys.readouterr().err
+    for command in (commands.node, commands.merge):
+        assert command([]) == 1
+        assert "needs rclpy" in capsys.readouterr().err
 
 
-@each(
-    "parameter, reason",
-    [
-        ("rate:=-1.0", "rate out of range"),
-        ("rate:=5", "expecting type 'DOUBLE'"),
-        ("rate:=5", "write it with a decimal point, as in rate:=50.0"),
-        ("trigger:=never", "trigger must be one of timer, arrival, not 'never'"),
-        ("fixed_frame:=''", "fixed_frame must not be empty"),
-        ("qos_overrides./objects.subscription.depth:=-3", "depth must be 1 to 100000, not -3"),
-        ("qos_overrides./objects.subscription.reliability:=maybe", "`reliability`: `maybe`"),
-    ],
-)
-def test_parameters_that_cannot_be_used_end_the_node_with_the_reason(
-    parameter: str, reason: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert commands.node(["--ros-args", "-p", parameter]) == 1
+QOS = "qos_overrides./objects.subscription."
+
+
+@each("parameter, reason", [
+    ("rate:=-1.0", "rate out of range"), ("rate:=5", "expecting type 'DOUBLE'"),
+    ("rate:=5", "write it with a decimal point, as in rate:=50.0"),
+    ("trigger:=never", "trigger must be one of timer, arrival, not 'never'"),
+    ("fixed_frame:=''", "fixed_frame must not be empty"),
+    (f"{QOS}depth:=-3", "depth must be 1 to 100000, not -3"),
+    (f"{QOS}reliability:=maybe", "`reliability`: `maybe`"),
+    ("rate:=fast", "obb_collision_demo: Trying to set parameter 'rate'"),
+])  # fmt: skip
+def test_bad_parameters_end_it_with_a_reason(parameter: str, reason: str, capfd: Captured) -> None:
+    given = ["--ros-args", "-p", parameter]
+    in_demo = "_demo" in reason
+    assert (commands.demo(["--no-picture", *given]) if in_demo else commands.node(given)) == 1
     error = capfd.readouterr().err
     assert reason in error
     assert "Traceback" not in error
 
 
-def test_parameters_that_look_misspelt_are_named(capfd: pytest.CaptureFixture[str]) -> None:
+def test_parameters_that_look_misspelt_are_named(capfd: Captured) -> None:
     given = ("acuracy:=mesh", "max_velocity:=1.0", "scene_file:=nowhere")  # the last one ends it
     words = [word for one in given for word in ("-p", one)]
     assert commands.node(["--ros-args", *words]) == 1
@@ -122,48 +121,29 @@ COMMANDS = {
 }
 
 
-def test_parameters_that_cannot_be_used_end_the_demo_with_the_reason(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    arguments = ["--no-picture", "--ros-args", "-p", "rate:=fast"]
-    assert commands.demo(arguments) == 1
-    error = capfd.readouterr().err
-    assert "obb_collision_demo: Trying to set parameter 'rate'" in error
-    assert "Traceback" not in error
-
-
-@each(
-    "arguments, reason",
-    [
-        (["--log-level", "loud"], "does not use a valid severity level"),
-        (["-p", "rate"], "parse parameter override rule: '-p rate'"),
-        (["-r", "__ns:=a b"], "parse remap rule"),
-        (["--params-file", "/nowhere.yaml"], "Error opening YAML file"),
-        (["--nonsense"], "['--nonsense']"),
-        (["--enclave", "x y"], "must be absolute"),
-        (["-p", "\udcff:=1"], "surrogates not allowed"),
-    ],
-)
+@each("arguments, reason", [
+    (["--log-level", "loud"], "does not use a valid severity level"),
+    (["-p", "rate"], "parse parameter override rule: '-p rate'"),
+    (["-r", "__ns:=a b"], "parse remap rule"), (["--nonsense"], "['--nonsense']"),
+    (["--params-file", "/nowhere.yaml"], "Error opening YAML file"),
+    (["--enclave", "x y"], "must be absolute"), (["-p", "\udcff:=1"], "surrogates not allowed"),
+])  # fmt: skip
 @each("name", COMMANDS)
 def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
-    name: str, arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
+    name: str, arguments: list[str], reason: str, capfd: Captured
 ) -> None:
-    command = COMMANDS[name]
-    assert command(["--ros-args", *arguments]) == environment.BAD_USAGE
+    assert COMMANDS[name](["--ros-args", *arguments]) == environment.BAD_USAGE
     error = capfd.readouterr().err
     (line,) = [line for line in error.splitlines() if line.startswith(f"{name}: ")]
     assert reason in line
     assert "Traceback" not in error
 
 
-def test_other_arguments_end_the_node_with_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+def test_other_arguments_end_the_node_and_two_dashes_those_of_ros(capfd: Captured) -> None:
     with pytest.raises(SystemExit, match=str(environment.BAD_USAGE)):
         commands.node(["--rate", "5", "--ros-args", "-p", "rate:=5.0"])
     error = capfd.readouterr().err
-    assert error == ("obb_collision_node: unrecognized arguments: --rate 5; see --help\n")
-
-
-def test_ros_arguments_end_with_two_dashes() -> None:
+    assert error == "obb_collision_node: unrecognized arguments: --rate 5; see --help\n"
     arguments = ["a", "--ros-args", "-p", "x:=1", "--", "b", "--ros-args", "-h", "--ros-args"]
     assert environment.without_ros_arguments(arguments) == ["a", "b"]
 
@@ -217,11 +197,7 @@ def test_limits_of_numbers_are_within_them() -> None:
 
 
 @pytest.mark.parametrize("script", sorted(set(PROGRAMS) - SAME))
-def test_arguments_that_cannot_be_used_are_refused_in_a_line(
-    script: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    if script in NEED_ROS:
-        pytest.importorskip("rclpy")
+def test_bad_arguments_are_refused_in_a_line(script: str, capsys: Captured) -> None:
     main = function_of(script)
     cases = [*bad_arguments(main), ["--nonsense"], ["--nonsense=\ud800\x1b"]]
     if script == "obb_collision srdf":
@@ -240,16 +216,6 @@ def test_arguments_that_cannot_be_used_are_refused_in_a_line(
         assert not arguments or arguments[0].split("=")[0] in told or arguments[0][0] != "-"
 
 
-def test_a_command_that_does_not_exist_is_refused_in_a_line(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    for arguments in ([], ["nonsense"], ["--nonsense"]):
-        with pytest.raises(SystemExit) as ended:
-            function_of("obb_collision")(arguments)
-        assert ended.value.code == 2
-        assert capsys.readouterr().err.count("\n") == 1
-
-
 def test_progress_is_a_line_that_changes_on_a_terminal_and_else_one_per_topic() -> None:
     said, terminal = [], StringIO()
     vars(terminal)["isatty"] = lambda: True
@@ -265,7 +231,7 @@ def test_progress_is_a_line_that_changes_on_a_terminal_and_else_one_per_topic() 
 
 @each("script", sorted(set(PROGRAMS) - SAME - END_OTHERWISE))
 def test_an_interrupt_is_one_line_and_exit_code_130(
-    script: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    script: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt

@@ -108,10 +108,13 @@ def test_an_edit_compiles_what_depends_on_it_and_nothing_else(tmp_path: Path) ->
     assert compiled_now() == ["geometry.poses._read_kernel"]
 
 
-def forget_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def _own_kernels() -> Iterator[None]:
     """Leave those of a test out of those of the package."""
-    monkeypatch.setattr(jit, "kernels", [])
-    monkeypatch.setattr(jit, "caches", [])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jit, "kernels", [*jit.kernels])
+        patch.setattr(jit, "caches", [*jit.caches])
+        yield
 
 
 @pytest.fixture
@@ -119,14 +122,20 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of an empty cache that this process uses."""
     folder = tmp_path / "obb_collision"
     monkeypatch.setattr(kernel_cache, "places", [folder])
-    forget_kernels(monkeypatch)
     return folder
+
+
+def defined(source: str) -> dict[str, Any]:
+    """Return the names of a module with this source."""
+    names: dict[str, Any] = {"__name__": "obb_collision.example"}
+    exec(source, names)
+    return names
 
 
 def use_example() -> list[str]:
     """Define kernels anew, as another process would, and use them; returns those compiled."""
     before = len(compiled.names)
-    exec(RUN)
+    assert defined(EXAMPLE)["kernel"](1.5) == 7.25
     return sorted(compiled.names[before:])
 
 
@@ -140,9 +149,7 @@ def test_folders_that_nobody_used_for_long_are_removed(home: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["empty", "zeroed", "garbage", "halved", "pipe"])
-def test_a_damaged_file_is_written_anew(
-    home: Path, damage: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_damage_is_written_over(home: Path, damage: str, caplog: pytest.LogCaptureFixture) -> None:
     assert use_example() == NAMES
     good = kernels(home)
     assert len(good) == 2
@@ -163,9 +170,7 @@ def test_a_damaged_file_is_written_anew(
     assert use_example() == []
 
 
-def test_what_only_loads_compiles_nothing_and_a_second_use_neither_compiles_nor_writes(
-    home: Path,
-) -> None:
+def test_loading_compiles_nothing_and_a_second_use_neither_compiles_nor_writes(home: Path) -> None:
     before = len(compiled.names)
     with kernel_cache.only_loading(), pytest.raises(kernel_cache.KernelMissingError):
         use_example()
@@ -197,9 +202,7 @@ assert list(cache.places[-1].rglob("*.kernel"))
 """
 
 
-def test_a_full_disk_is_said_once_and_a_private_folder_takes_kernels_until_the_process_ends(
-    tmp_path: Path,
-) -> None:
+def test_a_full_disk_is_said_once_and_a_private_folder_takes_kernels_then(tmp_path: Path) -> None:
     private = tmp_path / "private"
     private.mkdir()
     said = run(tmp_path, FULL, TMPDIR=str(private)).stderr
@@ -208,40 +211,29 @@ def test_a_full_disk_is_said_once_and_a_private_folder_takes_kernels_until_the_p
     assert list(private.iterdir()) == []
 
 
-def test_a_folder_that_is_a_file_is_said_and_stops_nothing(
+def test_a_folder_that_is_a_file_is_said_and_none_is_not_and_neither_stops_anything(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    (tmp_path / "file").write_text("")
-    folder = tmp_path / "file" / "obb_collision"
-    monkeypatch.setattr(kernel_cache, "places", [folder])
-    monkeypatch.setattr(kernel_cache, "unsaved", [])
-    forget_kernels(monkeypatch)
-    assert use_example() == NAMES
-    assert kernel_cache.unsaved == NAMES
-    assert f"kernels can't be kept in {folder}: Not a directory" in caplog.text
-
-
-def test_without_a_home_folder_nothing_is_said_and_nothing_stops(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(kernel_cache.config, "CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.setenv("HOME", "~")
     assert kernel_cache.cache_home() is None
     monkeypatch.setattr(kernel_cache, "places", [])
-    forget_kernels(monkeypatch)
     assert use_example() == NAMES
     assert "kept in" not in caplog.text
+    (tmp_path / "file").write_text("")
+    folder = tmp_path / "file" / "obb_collision"
+    monkeypatch.setattr(kernel_cache, "places", [folder])
+    monkeypatch.setattr(kernel_cache, "unsaved", [])
+    assert use_example() == NAMES
+    assert kernel_cache.unsaved == NAMES
+    assert f"kernels can't be kept in {folder}: Not a directory" in caplog.text
 
 
-def test_a_kernel_is_compiled_for_python_and_for_kernels_and_one_for_python_does_for_both(
-    home: Path,
-) -> None:
+def test_a_kernel_for_python_does_for_kernels_too_but_not_the_other_way_round(home: Path) -> None:
     assert use_example() == NAMES  # what Python calls, and its helper
-    names: dict[str, Any] = {"__name__": "obb_collision.example"}
-    exec(EXAMPLE, names)
     before = len(compiled.names)
-    assert names["helper"](1.5) == 2.5
+    assert defined(EXAMPLE)["helper"](1.5) == 2.5
     assert compiled.names[before:] == NAMES[:1], "for Python"
     (home / next(home.glob("example.kernel-*")).name).rename(home / "elsewhere")
     for file in home.glob("example.helper-*/inner-*"):
@@ -250,11 +242,10 @@ def test_a_kernel_is_compiled_for_python_and_for_kernels_and_one_for_python_does
 
 
 def test_a_number_written_out_is_no_kernel_of_its_own(home: Path) -> None:
-    names: dict[str, Any] = {"__name__": "obb_collision.example"}
     outer = "\n@njit\ndef outer(x, n):\n    return inner(x, 1) + inner(x, 2) + inner(x, n)\n"
-    exec(EXAMPLE + "@njit\ndef inner(x, n):\n    return x + n\n" + outer, names)
     before = len(compiled.names)
-    assert names["outer"](0.5, 3) == 7.5
+    source = EXAMPLE + "@njit\ndef inner(x, n):\n    return x + n\n" + outer
+    assert defined(source)["outer"](0.5, 3) == 7.5
     assert compiled.names[before:].count("example.inner") == 1
 
 
@@ -270,9 +261,7 @@ assert compiled.names.count("example.kernel") == 2
 """
 
 
-def test_compiling_is_logged_on_stderr_and_silenced_and_another_processor_is_another_file(
-    home: Path,
-) -> None:
+def test_compiling_is_logged_and_silenced_and_another_processor_is_another_file(home: Path) -> None:
     use_example()
     assert len(kernels(home)) == 2
     loud = run(home.parent, LOGGED, NUMBA_CPU_NAME="generic").stderr
@@ -306,39 +295,24 @@ def test_without_an_inner_part_of_numba_kernels_are_compiled_all_the_same(
     assert bool(kernel_cache.why_not_kept()) == (hidden == "CompileResult")
 
 
-@pytest.fixture(autouse=True)
-def _own_kernels() -> Iterator[None]:
-    """Leave those of a test out of those of the package."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jit, "kernels", [*jit.kernels])
-        patch.setattr(jit, "caches", [*jit.caches])
-        yield
-
-
 def key_of(source: str) -> str:
-    names: dict[str, Any] = {"__name__": "obb_collision.example"}
-    exec(source, names)
-    return kernel_key(names["kernel"])
+    return kernel_key(defined(source)["kernel"])
 
 
-@each(
-    "before, after, same",
-    [
-        ("Return something.", "Return something else.", True),
-        ("import numpy", "# a comment\nimport numpy", True),
-        ("FACTOR = 2.0", "OTHER = 1\nFACTOR = 2.0", True),
-        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004", False),
-        ("STEPS = (1, 2)", "STEPS = (1, 3)", False),
-        ("1.0, 2.0]", "1.0, 3.0]", False),
-        ("x + 1.0", "x + 2.0", False),
-        ("x + 1.0", "x - 1.0", False),
-        ("0.25", "0.5", False),
-        ("    x: float\n    y: float", "    y: float\n    x: float", False),
-    ],
-)
+@each("before, after, same", [
+    ("Return something.", "Return something else.", True),
+    ("import numpy", "# a comment\nimport numpy", True),
+    ("FACTOR = 2.0", "OTHER = 1\nFACTOR = 2.0", True),
+    ("FACTOR = 2.0", "FACTOR = 2.0000000000000004", False),
+    ("STEPS = (1, 2)", "STEPS = (1, 3)", False), ("1.0, 2.0]", "1.0, 3.0]", False),
+    ("x + 1.0", "x + 2.0", False), ("x + 1.0", "x - 1.0", False), ("0.25", "0.5", False),
+    ("    x: float\n    y: float", "    y: float\n    x: float", False),
+])  # fmt: skip
 def test_the_key_has_what_a_kernel_depends_on(before: str, after: str, same: bool) -> None:
     assert before in EXAMPLE
     assert (key_of(EXAMPLE) == key_of(EXAMPLE.replace(before, after, 1))) == same
+    with pytest.raises(TypeError, match="depends on a dict"):
+        key_of(EXAMPLE.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
 
 
 @each("flag", FLAGS)
@@ -346,11 +320,6 @@ def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.Monkey
     before = key_of(EXAMPLE)
     monkeypatch.setattr(config, flag, "another", raising=False)
     assert key_of(EXAMPLE) != before
-
-
-def test_what_a_key_cannot_be_made_of_is_refused() -> None:
-    with pytest.raises(TypeError, match="depends on a dict"):
-        key_of(EXAMPLE.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
 
 
 def test_every_kernel_has_a_key_of_its_own() -> None:
@@ -397,9 +366,7 @@ with pytest.raises(AssertionError, match="accesses out of bounds, called from"):
 """
 
 
-def test_an_access_out_of_bounds_raises_with_the_flag_and_is_found_where_it_is_caught(
-    tmp_path: Path,
-) -> None:
+def test_accesses_out_of_bounds_raise_with_the_flag_and_are_found_if_caught(tmp_path: Path) -> None:
     assert run(tmp_path, ACCESS, NUMBA_BOUNDSCHECK="0").stdout == "3.0\n"
     path = f"import sys; sys.path.append({str(Path(bounds_checks.__file__).parent)!r})"
     caught = path + CAUGHT if sys.version_info >= (3, 12) else ""  # it needs sys.monitoring

@@ -243,7 +243,7 @@ def test_tables_have_a_line_for_coal_at_its_best() -> None:
     ]
 
 
-def test_the_command_writes_what_it_measured(
+def test_the_command_writes_its_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("matplotlib")

@@ -125,9 +125,7 @@ def test_pairs_received_are_those_of_brute_force(demo: Demo) -> None:
         assert received == brute_force(demo.scene, float(time)), f"at {time} s"
 
 
-def test_a_short_run_tells_pairs_and_ends_with_summary_and_picture(
-    demo: Demo, lines: list[str], tmp_path: Path
-) -> None:
+def test_a_run_ends_with_summary_and_picture(demo: Demo, lines: list[str], tmp_path: Path) -> None:
     demo.run()
     assert demo.time == 2.0
     received = pairs_of(demo)

@@ -281,9 +281,7 @@ def spinning(rig: Rig) -> Iterator[None]:
         thread.join()
 
 
-def test_levels_are_exit_codes_the_screen_says_why_and_json_has_all_values(
-    rig: Rig, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_levels_are_exit_codes_with_reasons(rig: Rig, capsys: pytest.CaptureFixture[str]) -> None:
     with spinning(rig):
         assert commands.status(["--node", NODE[1:], "--timeout", "60"]) == 3
     assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
@@ -330,9 +328,7 @@ def test_a_ros_that_is_not_sourced_is_used_and_without_one_it_is_said_what_is_mi
 
 
 @each("count", [0, 2])
-def test_messages_of_strangers_are_unreadable(
-    rig: Rig, capsys: pytest.CaptureFixture[str], count: int
-) -> None:
+def test_strangers_are_unreadable(rig: Rig, capsys: pytest.CaptureFixture[str], count: int) -> None:
     stranger = Node("stranger", context=rig.context)
     try:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -209,9 +209,7 @@ def with_effects(scene: oc.Scene, level: str) -> oc.Scene:
 
 
 @each("level", ALL_LEVELS)
-def test_a_report_is_of_its_check_whatever_changes_before_it_is_read(
-    level: str, pairs: int
-) -> None:
+def test_a_report_is_of_its_check_whatever_changes_until_it_is_read(level: str, pairs: int) -> None:
     for seed in range(pairs // 150):
         twin = Twin(seed, {"accuracy": level}, 12)
         effects = str(twin.rng.choice(["pairs", "obb", "hull", "mesh"]))
@@ -337,9 +335,7 @@ BOTH = "separations", "contacts"
     reason="arguments of kernels settle in free lists after some 10,000 steps only",
 )
 @each("count, share, effects", [(20, 1.0, BOTH), (20, 0.0, BOTH), (99, 1.0, ()), (99, 0.05, BOTH)])
-def test_memory_does_not_grow_with_the_steps(
-    count: int, share: float, effects: tuple[str, ...]
-) -> None:
+def test_steps_leak_no_memory(count: int, share: float, effects: tuple[str, ...]) -> None:
     rng = np.random.default_rng(count)
     frames = [random_poses(count, rng, 0.5 * count ** (1 / 3)) for _ in range(4)]
     scene = boxes_at(frames[0])

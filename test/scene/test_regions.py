@@ -108,9 +108,7 @@ def check_union(whole: oc.Scene, parts: Sequence[oc.Scene]) -> None:
 
 @settings(max_examples=12, deadline=None)
 @given(st.lists(boxes, min_size=2, max_size=12), splits, st.lists(moves, max_size=4), st.booleans())
-def test_regions_find_together_what_one_scene_finds(
-    given_boxes: Any, parts: Any, steps: Any, padded: bool
-) -> None:
+def test_regions_find_all_together(given_boxes: Any, parts: Any, steps: Any, padded: bool) -> None:
     options: dict[str, Any] = {"padding": 0.75, "exact": True} if padded else {}
     regions = split_regions([-1.5] * 3, [1.5] * 3, parts, FAR)
     whole = scene_of(given_boxes, None, **options)
@@ -302,9 +300,7 @@ def test_rows_of_a_topic_are_joined_and_sorted_once_all_regions_have_a_stamp(run
     assert run.merger.repeated == 0
 
 
-def test_the_last_rows_of_a_stamp_count_and_a_later_stamp_ends_the_wait_for_earlier_ones(
-    run: Run,
-) -> None:
+def test_the_last_rows_of_a_stamp_count_and_a_later_stamp_ends_the_wait(run: Run) -> None:
     run.take("west", 1, pair_rows((1, 2)))
     run.take("west", 1, pair_rows((1, 3)))
     assert run.take("east", 1, pair_rows()) == [(1, 3)]
@@ -334,9 +330,7 @@ def test_several_rows_of_a_pair_stay_but_two_regions_that_report_it_are_counted(
     assert run.merger.repeated == 1  # passed and to come are two things
 
 
-def test_a_silent_region_is_missing_after_the_timeout_and_back_one_timeout_after_it_is_right(
-    run: Run,
-) -> None:
+def test_a_silent_region_is_missing_after_the_timeout_and_back_after_another(run: Run) -> None:
     del run.objects["east"]
     assert run.wait(0.4) == {}
     assert run.wait(0.3) == {"east": "silent for 0.7 s"}

@@ -132,9 +132,7 @@ def test_for_reports_in_use_what_few_objects_were_is_noted() -> None:
         assert report.contacts.positions.tobytes() == wanted.contacts.positions.tobytes()
 
 
-def test_a_report_is_read_while_another_thread_moves_objects(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_report_is_read_while_a_thread_moves_objects(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, moved = threading.Event(), threading.Event()
 
     def slow(boxes: oc.Boxes, pairs: Any) -> Any:
@@ -170,9 +168,7 @@ def test_only_objects_that_call_for_an_effect_get_it(calls: list[int]) -> None:
 
 
 @each("share", [1.0, 0.5, 0.01, 0.0001])
-def test_pairs_that_fail_are_named_and_the_others_computed_within_bounds(
-    share: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failures_are_named_and_bounded(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     count = 10_000
     scene = row_of_cubes(count + 1)
     bad = np.random.default_rng(1).random(count) < share
@@ -224,9 +220,7 @@ def test_what_cannot_be_set_is_refused(arguments: Any, message: str) -> None:
     assert scene.effects["separations"] == before
 
 
-def test_where_nothing_collides_no_kernel_of_an_effect_is_called(
-    monkeypatch: pytest.MonkeyPatch, calls: list[int]
-) -> None:
+def test_no_effect_runs_if_all_is_free(monkeypatch: pytest.MonkeyPatch, calls: list[int]) -> None:
     queries = (("contacts", "pair_contacts"), ("clearance", "near_pairs"), ("sweep", "box_sweeps"))
     for module, query in (*queries, ("points", "points_in_bodies")):
 
@@ -305,10 +299,7 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
 @each("accuracy", [level.label for level in oc.Accuracy])
 @each("room, rules", [(True, RULES), (False, RULES), (False, [])])
 def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
-    room: bool,
-    accuracy: str,
-    rules: list[tuple[str, str, bool]],
-    monkeypatch: pytest.MonkeyPatch,
+    room: bool, accuracy: str, rules: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not room:
         leave_no_room(monkeypatch)

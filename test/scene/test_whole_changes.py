@@ -189,9 +189,7 @@ def lines_of(change: Callable[[], Any], stop: int = -1) -> list[tuple[str, int]]
 
 @each("prepared", PREPARED)
 @each("name", CHANGES)
-def test_an_interrupted_change_has_happened_or_has_not(
-    name: str, prepared: str, pairs: int
-) -> None:
+def test_an_interrupted_change_has_happened_or_not(name: str, prepared: str, pairs: int) -> None:
     def scene() -> tuple[oc.Scene, oc.Report]:
         made, report = scene_before()
         PREPARED[prepared](made)
@@ -263,8 +261,8 @@ def test_the_last_pose_of_an_object_counts_whatever_its_quaternion() -> None:
 
 @each("quaternion", [(0, 0, 0, 1), (0, 0, 0, 2)])
 @pytest.mark.filterwarnings("ignore:poses .quaternion. far from unit length")
-def test_a_move_that_is_interrupted_can_be_made_again(
-    monkeypatch: pytest.MonkeyPatch, quaternion: tuple[float, ...]
+def test_interrupted_moves_can_be_redone(
+    monkeypatch: pytest.MonkeyPatch, quaternion: Any
 ) -> None:
     scene = two_boxes()
     monkeypatch.setattr(store, "run", interrupt)
@@ -276,9 +274,7 @@ def test_a_move_that_is_interrupted_can_be_made_again(
     assert scene.check().names() == [("a", "b")]
 
 
-def test_what_is_checked_is_kept_before_it_counts_as_checked(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_checked_is_kept_before_it_counts_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = two_boxes()
     scene.move("b", at(0.5))
     settle = store.ObjectStore.settle

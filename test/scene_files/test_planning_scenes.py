@@ -288,9 +288,7 @@ def test_a_robot_at_rest_stands_where_the_file_says(tmp_path: Path) -> None:
 
 @each("kind", ["urdf", "srdf"])
 @each("file", ["../arm.xml", "http://x/arm.xml", "package://nobody/arm.xml"])
-def test_a_description_elsewhere_is_refused_as_what_it_is(
-    tmp_path: Path, kind: str, file: str
-) -> None:
+def test_descriptions_elsewhere_are_refused_as_such(tmp_path: Path, kind: str, file: str) -> None:
     folder = tmp_path / "scenes"
     folder.mkdir(exist_ok=True)
     (tmp_path / "arm.xml").write_bytes((CONFIG / f"arm.{kind}").read_bytes())
@@ -303,9 +301,7 @@ def test_a_description_elsewhere_is_refused_as_what_it_is(
     assert "mesh file" not in str(refused.value)
 
 
-def test_joints_pass_the_waypoints_at_their_times_and_keep_what_is_not_named(
-    cell: SceneDescription,
-) -> None:
+def test_joints_pass_waypoints_in_time_and_keep_what_is_not_named(cell: SceneDescription) -> None:
     (arm,) = cell.robots
     rows = {name: row for row, name in enumerate(arm.robot.joint_names)}
     assert arm.joints(0.0)[0][rows["elbow"]] == 1.56
@@ -318,9 +314,7 @@ def test_joints_pass_the_waypoints_at_their_times_and_keep_what_is_not_named(
     np.testing.assert_allclose(last, first, atol=1e-8)
 
 
-def test_velocities_are_how_the_joints_change_and_all_is_within_the_limits(
-    cell: SceneDescription,
-) -> None:
+def test_velocities_are_how_joints_change_and_all_is_within_limits(cell: SceneDescription) -> None:
     (arm,) = cell.robots
     for time in np.arange(0.013, 14.0, 0.37):
         (before, velocities), (after, _) = arm.joints(time), arm.joints(time + 1e-6)
@@ -329,9 +323,7 @@ def test_velocities_are_how_the_joints_change_and_all_is_within_the_limits(
         assert (np.abs(velocities) <= arm.robot.velocity_limits).all()
 
 
-def test_the_arm_of_the_cell_collides_only_with_a_board_on_its_way_out(
-    cell: SceneDescription,
-) -> None:
+def test_the_arm_of_the_cell_collides_with_a_board_alone(cell: SceneDescription) -> None:
     (arm,) = cell.robots
     scene = oc.RobotScene({arm.name: arm.robot}, cell.build(), bases=[arm.pose])
     times = np.arange(0.0, 14.0, 0.1)
@@ -360,9 +352,7 @@ def test_the_arm_of_the_cell_collides_only_with_a_board_on_its_way_out(
     ("urdf: arm.urdf", "urdf: arm.srdf", "arm.srdf"),
     ("  - name: left", "  - {name: left, urdf: arm.urdf}\n  - name: left", "stands twice"),
 ])  # fmt: skip
-def test_what_cannot_be_used_is_refused_with_its_line(
-    tmp_path: Path, old: str, new: str, reason: str
-) -> None:
+def test_bad_robots_are_refused_by_line(tmp_path: Path, old: str, new: str, reason: str) -> None:
     with pytest.raises(SceneFileError, match="robots") as error:
         read(tmp_path, FILE.replace(old, new) if old else f"{FILE}    {new}\n")
     assert reason in str(error.value)

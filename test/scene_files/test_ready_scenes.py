@@ -90,9 +90,7 @@ def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:
     assert files.find_scene("kitchen.yaml") == Path("kitchen.yaml")
 
 
-def test_names_are_found_where_pip_puts_data_under_a_target(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scenes_are_found_in_a_pip_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = tmp_path / "share" / "obb_collision" / "config"
     config.mkdir(parents=True)
     (config / "tabletop.yaml").write_text("objects: [{name: a, shape: sphere, radius: 1}]")

@@ -113,9 +113,7 @@ def refusal_at(way: Way, path: Path) -> str:
 
 @each("source", CONTENTS)
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-def test_what_is_right_nowhere_is_refused_by_its_key_wherever_it_stands(
-    source: str, write: Any
-) -> None:
+def test_what_is_right_nowhere_is_refused_by_its_key_everywhere(source: str, write: Any) -> None:
     content = CONTENTS[source]
     load_scene(write(json.dumps(content)))
     for number, (way, place) in enumerate(ways_in(content)):
@@ -136,9 +134,7 @@ def test_what_is_right_nowhere_is_refused_by_its_key_wherever_it_stands(
 
 @each("word", BAD_WORDS)
 @each("source", CONTENTS)
-def test_words_that_cannot_be_used_are_refused_wherever_they_stand(
-    source: str, word: str, write: Any
-) -> None:
+def test_bad_words_are_refused_wherever_they_stand(source: str, word: str, write: Any) -> None:
     content = CONTENTS[source]
     words = [way for way, value in ways_in(content) if isinstance(value, str)]
     assert len(words) > 20

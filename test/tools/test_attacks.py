@@ -88,9 +88,7 @@ def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
     assert len({files.mutated_scene(1, number) for number in range(50)}) > 30
 
 
-def test_a_process_that_reads_and_ends_or_takes_long_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slow_and_dead_readers_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "READING", 0.0)
     with pytest.raises(FoundError, match=r"robot:\d+ took"):
         command.attack_reader("robot", tmp_path, 1, 0, 30)

@@ -179,9 +179,7 @@ def test_peers_agree_where_they_are_there(name: str) -> None:
 
 
 @pytest.mark.slow  # test_state_validity.py shows that a node answers, this that it is measured
-def test_a_node_answers_chunks_of_states(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_node_answers_many_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "latency.json"
     options = ["--packages", str(CONFIG), "--latency", "10", "--json", str(file)]
     assert robots.main([*ARM, *options]) == 0
@@ -475,9 +473,7 @@ def test_objects_that_are_missing_are_found(capfd: pytest.CaptureFixture[str]) -
     assert "wrong answers" in output
 
 
-def test_a_node_that_ends_is_found_and_written(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_node_that_ends_is_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "result.json"
     assert command.main(["--json", str(file), "--", "--no-such-argument"]) == 1
     assert "NOT held: the node ended with" in capfd.readouterr().out

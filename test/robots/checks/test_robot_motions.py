@@ -318,9 +318,7 @@ def test_distances_are_those_between_links_and_things(seed: int, boxes: bool) ->
 
 @settings(deadline=None, max_examples=10, suppress_health_check=[*HealthCheck])
 @given(seed=st.integers(0, 10**6), boxes=st.booleans())
-def test_distances_of_meshes_are_those_of_brute_force(
-    seed: int, boxes: bool, tmp_path: Path
-) -> None:
+def test_distances_of_meshes_are_as_by_brute_force(seed: int, boxes: bool, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     text = random_arm(rng, 3, shapes=(*SHAPES[not boxes :], *[cup(tmp_path)] * 4))
     (tmp_path / "arm.urdf").write_text(text)

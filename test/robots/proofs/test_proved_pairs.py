@@ -222,9 +222,7 @@ def test_it_prints_the_srdf_by_itself(capsys: pytest.CaptureFixture[str]) -> Non
     assert told.endswith("36 pairs: 8 adjacent, 16 never, 12 can collide\n")
 
 
-def test_what_cannot_be_read_is_said_in_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_files_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bad = tmp_path / "bad.urdf"
     bad.write_text('<robot name="r">\n<link/></robot>')
     for arguments, reason in (

@@ -38,6 +38,7 @@ from obb_collision.scene.broad_phase import find_pairs
 from tools.cases.placement import random_rotations
 
 Rng = np.random.Generator
+Maker = Callable[[Rng, int], oc.Boxes]
 SEPARATE = oc.Verdict.SEPARATE
 
 
@@ -50,7 +51,7 @@ def uniform(rng: Rng, n: int) -> oc.Boxes:
     return oc.Boxes(centers, random_rotations(rng, n), rng.uniform(0.05, 0.5, (n, 3)))
 
 
-def formed(form: str) -> Callable[[Rng, int], oc.Boxes]:
+def formed(form: str) -> Maker:
     """Return what makes boxes of a form of the benchmark."""
 
     def make(rng: Rng, n: int) -> oc.Boxes:
@@ -72,7 +73,7 @@ def diagonal(rng: Rng, n: int) -> oc.Boxes:
 def changed(
     centers: Callable[[Rng, np.ndarray], np.ndarray] = lambda rng, x: x,
     half: Callable[[Rng, np.ndarray], np.ndarray] = lambda rng, x: x,
-) -> Callable[[Rng, int], oc.Boxes]:
+) -> Maker:
     """Return what makes uniform boxes with other centres or half extents."""
 
     def make(rng: Rng, n: int) -> oc.Boxes:
@@ -97,7 +98,7 @@ def bricks(rng: Rng, n: int) -> oc.Boxes:
     return upright(cells * [1.0, 0.5, 0.25], np.tile([0.5, 0.25, 0.125], (len(cells), 1)))
 
 
-FAMILIES: list[Callable[[Rng, int], oc.Boxes]] = [
+FAMILIES: list[Maker] = [
     *(uniform, identical, diagonal, floor_plan, bricks, *map(formed, FORMS)),
     changed(half=lambda rng, half: np.where(np.arange(len(half))[:, None] == 1, 1e6, half)),
     changed(lambda rng, x: x + np.array([1e9, -1e8, 1e7])),
@@ -153,9 +154,7 @@ def keys(pairs: np.ndarray) -> set[tuple[int, int]]:
 
 @each("make", FAMILIES)
 @each("n", [0, 1, 2, 3, 7, 8, 9, 64, 300, 1000])
-def test_every_pair_is_found_whatever_the_number_of_threads(
-    make: Callable[[Rng, int], oc.Boxes], n: int
-) -> None:
+def test_every_pair_is_found_whatever_the_number_of_threads(make: Maker, n: int) -> None:
     boxes = make(np.random.default_rng(n), n)
 
     def search() -> tuple[np.ndarray, np.ndarray]:
@@ -181,9 +180,7 @@ def test_every_pair_is_found_whatever_the_number_of_threads(
 
 
 @each("make", FAMILIES)
-def test_a_scene_in_which_few_boxes_move_finds_what_a_search_anew_does(
-    make: Callable[[Rng, int], oc.Boxes],
-) -> None:
+def test_a_scene_in_which_few_boxes_move_finds_what_a_search_anew_does(make: Maker) -> None:
     boxes, rng = make(np.random.default_rng(2), 513), np.random.default_rng(1)
     scene, names = oc.Scene(accuracy="aabb"), [f"{k}" for k in range(len(boxes))]
     poses = np.column_stack([boxes.centers, boxes.quaternions])
@@ -234,7 +231,7 @@ NEAR = [partial(nearly_touching, exponents=each_way) for each_way in MAGNITUDES]
 
 
 @each("make", [*FAMILIES, *NEAR])
-def test_every_pair_is_found_by_exact_truth(make: Callable[[Rng, int], oc.Boxes]) -> None:
+def test_every_pair_is_found_by_exact_truth(make: Maker) -> None:
     """Against the oracle, which shares nothing with the library; bounds hold every corner."""
     boxes = make(np.random.default_rng(99), 20 if make in NEAR else 45)
     rows, found = all_pairs(len(boxes)), oc.find_pairs(boxes)
@@ -252,9 +249,7 @@ def test_every_pair_is_found_by_exact_truth(make: Callable[[Rng, int], oc.Boxes]
 
 @settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 300), st.booleans())
-def test_pairs_between_two_sets_are_those_of_brute_force(
-    seed: int, n: int, m: int, exact: bool
-) -> None:
+def test_pairs_between_sets_are_as_by_brute_force(seed: int, n: int, m: int, exact: bool) -> None:
     rng = np.random.default_rng(seed)
     both = uniform(rng, n + m)
     if seed % 3:
@@ -285,9 +280,7 @@ def test_the_order_of_the_boxes_does_not_matter_and_a_set_may_be_both_sides() ->
     assert len(twice) == 2 * len(expected) + len(boxes)
 
 
-def test_the_first_collision_ends_the_search_but_not_what_only_seems_to_touch(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_first_certain_collision_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     tested = counted(monkeypatch, find_pairs, "colliding_pairs", 1)
 
     def tests(a: oc.Boxes, b: oc.Boxes | None, exact: bool, expected: bool) -> int:

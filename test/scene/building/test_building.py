@@ -153,9 +153,7 @@ def signal_worker(builder: Builder, number: int) -> None:
     os.kill(worker, number)
 
 
-def test_a_process_that_hangs_is_not_waited_for_and_one_that_dies_is_started_again(
-    builder: Builder,
-) -> None:
+def test_one_that_hangs_is_not_waited_for_and_one_that_dies_is_replaced(builder: Builder) -> None:
     job = jobs.Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
     build(builder, job)
     signal_worker(builder, signal.SIGSTOP)  # it hangs
@@ -191,9 +189,7 @@ if died < {self.deaths}:
 
 
 @each("deaths", [1, 2])
-def test_a_job_whose_process_is_killed_is_tried_once_more(
-    builder: Builder, deaths: int, tmp_path: Path
-) -> None:
+def test_a_killed_job_is_tried_once_more(builder: Builder, deaths: int, tmp_path: Path) -> None:
     job = Doomed(tmp_path / "count", deaths)
     job.count.write_text("")
     if deaths == 1:
@@ -206,9 +202,7 @@ def test_a_job_whose_process_is_killed_is_tried_once_more(
     assert job.count.read_text() == "x" * deaths
 
 
-def test_without_a_process_everything_is_refused(
-    builder: Builder, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_is_refused_without_process(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
     builder.process.stop()
     for executable in ("", "/no/python", "/bin/false", "/bin/cat"):
         monkeypatch.setattr(sys, "executable", executable)
@@ -311,9 +305,7 @@ def test_what_has_begun_is_told_though_something_newer_is_wanted(own: Builder, h
     assert not own.wants("hold")
 
 
-def test_the_queue_is_bounded_in_jobs_and_in_bytes(
-    own: Builder, held: Held, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_queue_is_bounded(own: Builder, held: Held, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(building, "MOST_WAITING", 3)
     for name in "abc":
         own.request(name, name, Named(name))

@@ -81,11 +81,9 @@ def results(report: oc.Report) -> list[tuple[str, str, int, int]]:
     return sorted((str(a), str(b), verdict, level) for (a, b), verdict, level in rows)
 
 
-@each("accuracy", ["hull", "mesh"])
-def test_pairs_are_on_obb_until_their_trees_are_there(
-    builder: Builder, accuracy: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scenes = [oc.Scene(accuracy=accuracy), oc.Scene(accuracy=accuracy)]
+@each("level", ["hull", "mesh"])
+def test_pairs_wait_on_obb(builder: Builder, level: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenes = [oc.Scene(accuracy=level), oc.Scene(accuracy=level)]
     trees = scenes[0].objects.build_outside(builder)
     for scene in scenes:
         shapes: list[Shape] = [ball(1), ball(2), hull(3), hull(4), Box((1.0, 2.0, 0.5))]
@@ -114,9 +112,7 @@ def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
     assert settled(scene, trees, builder).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
-def test_small_shapes_are_built_at_once_or_in_the_time_of_several_checks(
-    builder: Builder, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = oc.Scene(accuracy="mesh")
     trees = scene.objects.build_outside(builder)
     scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
@@ -127,9 +123,7 @@ def test_small_shapes_are_built_at_once_or_in_the_time_of_several_checks(
     assert trees.waiting == 0
 
 
-def test_what_cannot_be_built_stays_on_obb_and_is_told(
-    builder: Builder, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_fails_is_told_and_on_obb(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
     run = builder.process.run
 
     def fails(task: Task, limits: Limits) -> None:
@@ -225,9 +219,7 @@ def triangle(number: int) -> Mesh:
     return Mesh(np.eye(3) * (1.0 + number), [[0, 1, 2]])
 
 
-def add_outside(
-    trees: shape_cache.PerShape[oc.MeshTrees], number: int
-) -> tuple[Any, oc.MeshTrees, int]:
+def add_outside(trees: shape_cache.PerShape[oc.MeshTrees], number: int) -> tuple[Any, Any, int]:
     """Build a triangle, and add its tree as another thread does."""
     job = BuildJob(triangle(number), trees)
     pool, item, row = job.finish(perform(job.task()))

@@ -88,9 +88,7 @@ def crowd(seed: int, accuracy: str, padding: float, thin: float) -> oc.Scene:
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.05]), st.sampled_from([1.0, 0.03, 1e-3]))
-def test_levels_are_in_order_and_effects_never_contradict_verdicts(
-    seed: int, padding: float, thin: float
-) -> None:
+def test_levels_are_in_order_and_effects_agree(seed: int, padding: float, thin: float) -> None:
     """A coarser level is never farther, less deep or without a point."""
     order = ORDER + OUTWARDS / thin
     made = [crowd(seed, level, padding, thin) for level in LEVELS]
@@ -119,7 +117,7 @@ def some_shapes() -> list[Shape]:
 SHAPES = some_shapes()
 
 
-def some_scene(
+def mixed(
     accuracy: str, padding: float = 0.0, spread: float = 0.6, order: int = 1
 ) -> oc.Scene:
     rng = np.random.default_rng(1)
@@ -133,7 +131,7 @@ def some_scene(
 
 @each("padding", [0.0, 0.02])
 def test_finer_levels_say_more_and_contacts_are_as_deep_as_separations(padding: float) -> None:
-    reports = [some_scene(level, padding).check(EFFECTS) for level in LEVELS]
+    reports = [mixed(level, padding).check(EFFECTS) for level in LEVELS]
     for coarse, fine in itertools.pairwise(reports):
         before, after = distances(coarse), distances(fine)
         assert sum(after[pair] > before[pair] + 0.01 for pair in before) > 10
@@ -152,7 +150,7 @@ def test_finer_levels_say_more_and_contacts_are_as_deep_as_separations(padding: 
 
 @each("level, padding", [("hull", 0.0), ("mesh", 0.0), ("mesh", 0.02)])
 def test_a_depth_parts_the_shapes(level: str, padding: float) -> None:
-    scene = some_scene(level, padding)
+    scene = mixed(level, padding)
     report = scene.check(EFFECTS)
     assert len(report) > 10
     for row, (i, j) in enumerate(report.pairs.tolist()):
@@ -170,7 +168,7 @@ def test_a_depth_parts_the_shapes(level: str, padding: float) -> None:
 
 @each("level", ["hull", "mesh"])
 def test_padding_is_a_ball_about_shapes(level: str) -> None:
-    bare, padded = some_scene(level, spread=1.0), some_scene(level, 0.01, 1.0)
+    bare, padded = mixed(level, spread=1.0), mixed(level, 0.01, 1.0)
     found, report = distances(bare.check("clearance")), padded.check("clearance")
     grown, colliding = distances(report), depths(report)
     shaped = [pair for pair in found if max(pair) < len(SHAPES) - 1]
@@ -187,7 +185,7 @@ def test_padding_is_a_ball_about_shapes(level: str) -> None:
 
 @each("order", [1, -1])
 def test_points_of_a_distance_at_mesh_are_that_far_apart(order: int) -> None:
-    report = some_scene("mesh", spread=1.0, order=order).check("clearance")
+    report = mixed("mesh", spread=1.0, order=order).check("clearance")
     found, whole = report.clearances, [isinstance(shape, Mesh) for shape in SHAPES[::order]]
     apart = np.array(whole)[found.pairs].any(axis=1) & (found.distances > 0.0)
     assert 30 < apart.sum() < len(found.pairs)
@@ -246,14 +244,12 @@ def test_flat_hulls_are_as_far_apart_as_fractions_say() -> None:
         assert far == 0.0 or -1e-9 <= report.clearances.distances[0] - far <= 0.0
 
 
-def test_separations_and_contacts_of_the_same_pairs_compute_their_distances_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_separations_and_contacts_compute_distances_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = counted(monkeypatch, placed_shapes, "convex_distances", 2)
-    together = some_scene("hull").check(("separations", "contacts"))
-    assert together.depths.tolist() == some_scene("hull").check("separations").depths.tolist()
+    together = mixed("hull").check(("separations", "contacts"))
+    assert together.depths.tolist() == mixed("hull").check("separations").depths.tolist()
     assert len(calls) == 2
-    alone = some_scene("hull").check("contacts").contacts
+    alone = mixed("hull").check("contacts").contacts
     assert len(calls) == 3
     for name, column in vars(together.contacts).items():
         assert np.array_equal(column, vars(alone)[name], equal_nan=True), name
@@ -261,7 +257,7 @@ def test_separations_and_contacts_of_the_same_pairs_compute_their_distances_once
 
 @each("own, pairs", [("hull", "obb"), ("mesh", "obb"), ("obb", "hull")])
 def test_an_effect_of_its_own_accuracy(own: str, pairs: str) -> None:
-    scene, whole = some_scene(pairs), some_scene(own).check(EFFECTS)
+    scene, whole = mixed(pairs), mixed(own).check(EFFECTS)
     for name in EFFECTS:
         scene.set_effect(name, accuracy=own)
     report = scene.check(EFFECTS)
@@ -272,9 +268,9 @@ def test_an_effect_of_its_own_accuracy(own: str, pairs: str) -> None:
 
 
 def test_a_budget_lowers_effects_with_their_pairs() -> None:
-    scene = some_scene("hull")
+    scene = mixed("hull")
     scene.time_budget = 1e-9  # too little for anything above boxes
-    report, boxes = scene.check(EFFECTS), some_scene("obb").check(EFFECTS)
+    report, boxes = scene.check(EFFECTS), mixed("obb").check(EFFECTS)
     assert report.cap == OBB
     assert report.separations.tolist() == boxes.separations.tolist()
     assert report.clearances.distances.tolist() == boxes.clearances.distances.tolist()

@@ -172,9 +172,7 @@ def corner_of_walls() -> Mesh:
 
 @each("padding, order", [(0.0, 1), (0.0, -1), (0.03, 1), (0.03, -1)])
 @each("gap", [-0.02, 0.02])
-def test_a_cylinder_on_the_floor_beside_a_wall_is_exact(
-    padding: float, order: int, gap: float
-) -> None:
+def test_a_cylinder_on_a_floor_by_a_wall_is_exact(padding: float, order: int, gap: float) -> None:
     """However it is turned about its axis; a mesh around it would be up to a few percent deeper."""
     for angle in (0.0, 0.1, 0.123, 1.0):
         lying = Rotation.from_euler("zx", [angle, 0.5 * np.pi]).as_quat()

@@ -131,9 +131,7 @@ def test_it_must_be_asked_for_at_the_check() -> None:
     assert len(scene.check(effects=["sweep"]).swept.passed) == 0
 
 
-def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_sweep_that_fails_is_named_and_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = bullet_and_wall()
 
     def failing(moving: Any, _: Any, pairs: Any, tolerance: float) -> Any:
@@ -324,9 +322,7 @@ def test_a_short_motion_through_something_thin_in_a_thick_box_is_seen() -> None:
 
 
 @each("height, passed", [(0.105 + 1e-9, 1), (0.05, 0)])
-def test_what_begins_within_the_tolerance_is_not_lost_and_what_collided_is_left_to_the_pairs(
-    height: float, passed: int
-) -> None:
+def test_what_begins_within_tolerance_is_swept_unless_colliding(height: float, passed: int) -> None:
     scene = oc.Scene(accuracy="hull")
     scene.add("wall", Cylinder(3.0, 0.01))
     scene.add("ball", Sphere(0.1), at(0, 0, height))

@@ -74,7 +74,7 @@ def counted(scene: oc.Scene, rules: Any, only: Any, within: Any) -> list[tuple[s
 
 
 @given(rules, only, within, st.data())
-def test_pairs_count_as_every_filter_says(
+def test_pairs_count_by_filters(
     rules: Any, only: Any, within: Any, data: st.DataObject
 ) -> None:
     scene = crowd(data.draw(st.integers(0, len(NAMES))))
@@ -277,9 +277,7 @@ def test_bad_boxes_are_refused_all_together() -> None:
 
 
 @each("renewed", [True, False])
-def test_what_is_renewed_or_in_place_of_another_did_not_pass_from_where_that_was(
-    renewed: bool,
-) -> None:
+def test_what_is_renewed_or_in_place_of_another_did_not_pass_from_there(renewed: bool) -> None:
     scene = oc.Scene()
     scene.add("wall", Box([0.1, 9, 9]))
     away = np.array([[2.0, 0, 0, 0, 0, 0, 1]])
