@@ -34,7 +34,7 @@ from xml.etree import ElementTree
 import numpy as np
 from each import each
 from processes import run_python
-from public_calls import public_methods, public_objects
+from public_calls import RESULTS, public_methods, public_objects
 
 import obb_collision
 import obb_collision as oc
@@ -206,71 +206,55 @@ def dependencies() -> set[str]:
     return tops - set(sys.stdlib_module_names) - {"obb_collision"}
 
 
-def test_what_is_imported_is_declared_for_rosdep() -> None:
+def test_what_is_imported_or_launched_is_declared_for_rosdep_and_both_descriptions_agree() -> None:
     declared = {element.text for element in PACKAGE.findall("exec_depend")}
     modules = dependencies() - EXTRAS - OPTIONAL_MESSAGES
     assert {"rclpy", "builtin_interfaces", "numpy"} <= modules, "the search finds imports"
     keys = {name: {KEYS.get(name, name), f"python3-{name}"} for name in modules}
     assert [name for name in modules if not keys[name] & declared] == []
-
-
-def test_what_the_launch_file_starts_is_declared() -> None:
     text = (ROOT / "launch" / "obb_collision.launch.py").read_text(encoding="utf-8")
-    started = set(re.findall(r'package="(\w+)"', text)) - {"obb_collision"}
-    assert started == {"rviz2"}
-    assert started <= {element.text for element in PACKAGE.findall("exec_depend")}
-
-
-def test_both_descriptions_of_the_package_agree() -> None:
+    assert set(re.findall(r'package="(\w+)"', text)) == {"obb_collision", "rviz2"}
+    assert "rviz2" in declared
     for key in ("version", "maintainer", "author", "license", "url"):
         assert f'{key}="{PACKAGE.findtext(key)}"' in SETUP
 
 
-def versions(text: str, between: str) -> dict[str, str]:
-    """Return versions by name, of ``name>=1.2`` and the like."""
-    return dict(re.findall(rf"^[^#\n]*?([\w-]+){between}([\d.]+)", text, re.MULTILINE))
+def versions(file: str) -> dict[str, str]:
+    """Return versions by name in a file of the CI."""
+    text = (ROOT / ".ci" / file).read_text(encoding="utf-8")
+    return dict(re.findall(r"^[^#\n]*?([\w-]+)==([\d.]+)", text, re.MULTILINE))
 
 
-def test_the_lower_bounds_are_what_the_long_ci_tries() -> None:
+def test_the_long_ci_tries_lower_bounds_and_slow_tests_and_ubuntus_versions_are_allowed() -> (
+    None
+):
     bounds = dict(re.findall(r'"([\w-]+)>=([\d.]+)"', SETUP))
     bounds.pop("python", None)
-    oldest = versions((ROOT / ".ci" / "oldest.txt").read_text(encoding="utf-8"), "==")
+    oldest, ubuntu = versions("oldest.txt"), versions("ubuntu-24.04.txt")
     assert {"numpy", "numba", "scipy", "pytest"} <= set(bounds)
     assert oldest == bounds
-    least = oldest["setuptools"].partition(".")[0]
-    assert f"setuptools>={least}" in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-
-
-def test_what_is_marked_slow_is_run_by_the_long_ci() -> None:
     settings = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert f"setuptools>={oldest['setuptools'].partition('.')[0]}" in settings
     assert '"-m", "not slow",' in settings
     assert re.search(r"pytest .* -m ''( |$)", (ROOT / ".ci" / "full").read_text(), re.MULTILINE)
-
-
-def test_ubuntus_versions_are_allowed() -> None:
-    bounds = dict(re.findall(r'"([\w-]+)>=([\d.]+)"', SETUP))
-    ubuntu = versions((ROOT / ".ci" / "ubuntu-24.04.txt").read_text(encoding="utf-8"), "==")
     for name in set(ubuntu) & set(bounds):
         found, least = ([int(part) for part in one[name].split(".")] for one in (ubuntu, bounds))
         assert found >= least, name
     assert {"numpy", "scipy", "numba"} <= set(ubuntu)
 
 
-FOLDERS = ("launch", "obb_collision", "test", "tools")
-SOURCES = [ROOT / "setup.py", *(file for name in FOLDERS for file in (ROOT / name).rglob("*.py"))]
-#: The comment block of this file: copyright, licence, where it is.
-HEADER = Path(__file__).read_text(encoding="utf-8").partition("\n\n")[0] + "\n\n"
-
-
 def test_source_files_begin_with_copyright_and_the_apache_license() -> None:
-    first, _, rest = HEADER.partition("\n")
+    header = Path(__file__).read_text(encoding="utf-8").partition("\n\n")[0] + "\n\n"
+    first, _, rest = header.partition("\n")
     assert first == "# Copyright 2026 The obb_collision developers"
     wanted = (ROOT / "LICENSE").read_text(encoding="utf-8").partition("Licensed under the Apache")
     text = " ".join(line.removeprefix("#").strip() for line in rest.splitlines()).split()
     assert text == ("Licensed under the Apache" + wanted[2]).split()
-    contents = {path: path.read_text(encoding="utf-8") for path in SOURCES}
+    folders = (ROOT / name for name in ("launch", "obb_collision", "test", "tools"))
+    files = [ROOT / "setup.py", *(file for folder in folders for file in folder.rglob("*.py"))]
+    contents = {path: path.read_text(encoding="utf-8") for path in files}
     assert len(contents) > 400
-    without = [path for path, text in contents.items() if text and not text.startswith(HEADER)]
+    without = [path for path, text in contents.items() if text and not text.startswith(header)]
     assert without == []
 
 
@@ -300,10 +284,6 @@ def test_examples_run(name: str) -> None:
     assert runner.failures == 0, "".join(said)
 
 
-#: What a user gets and does not make.
-MADE_BY_THE_LIBRARY = {"MeshTrees", "Report", "Robot", "SceneDescription", "shapes.Shape"}
-
-
 @each("name", DOCUMENTED)
 def test_what_is_public_has_its_sections_and_an_example(name: str) -> None:
     value = DOCUMENTED[name]
@@ -311,7 +291,7 @@ def test_what_is_public_has_its_sections_and_an_example(name: str) -> None:
     found = set(re.findall(r"^(\w+)\n-+$", text, re.MULTILINE))
     assert ">>> " in text or name in METHODS
     assert "Examples" in found or not (name in OBJECTS or names)
-    if name not in MADE_BY_THE_LIBRARY:
+    if name not in RESULTS:  # which a user gets and does not make
         assert not names or {"Parameters", "Raises"} <= found
         for one in names:
             assert re.search(rf"^\**(\w+, )*\**{one}\b.* : ", text, re.MULTILINE), one
