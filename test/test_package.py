@@ -225,9 +225,7 @@ def versions(file: str) -> dict[str, str]:
     return dict(re.findall(r"^[^#\n]*?([\w-]+)==([\d.]+)", text, re.MULTILINE))
 
 
-def test_the_long_ci_tries_lower_bounds_and_slow_tests_and_ubuntus_versions_are_allowed() -> (
-    None
-):
+def test_the_long_ci_tries_lower_bounds_and_slow_tests_and_those_of_ubuntu_are_allowed() -> None:
     bounds = dict(re.findall(r'"([\w-]+)>=([\d.]+)"', SETUP))
     bounds.pop("python", None)
     oldest, ubuntu = versions("oldest.txt"), versions("ubuntu-24.04.txt")

@@ -30,7 +30,7 @@ from processes import run_python
 from scenes import counted
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from support import by_threads, row_of, stored
+from support import by_threads, refused, row_of, stored
 
 import obb_collision as oc
 from obb_collision.benchmarks.contestants import FORMS, make_frames
@@ -109,19 +109,10 @@ FAMILIES: list[Maker] = [
 ]
 
 
-def all_pairs(n: int) -> np.ndarray:
-    return np.stack(np.triu_indices(n, 1), axis=1)
-
-
 def brute_force(boxes: oc.Boxes, exact: bool = False) -> np.ndarray:
     """Return every pair that is not SEPARATE, by asking about every pair."""
-    rows = all_pairs(len(boxes))
+    rows = np.stack(np.triu_indices(len(boxes), 1), axis=1)
     return rows[oc.verdicts(boxes, boxes, rows, exact=exact) != SEPARATE]
-
-
-def between(a: oc.Boxes, b: oc.Boxes, exact: bool) -> np.ndarray:
-    pairs = np.argwhere(np.ones((len(a), len(b))))
-    return pairs[oc.verdicts(a, b, pairs, exact=exact) != SEPARATE]
 
 
 def table(pairs: np.ndarray, n: int) -> np.ndarray:
@@ -227,14 +218,14 @@ def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> oc.Boxes:
 
 
 MAGNITUDES = [(-324, -300), (-170, -150), (-3, 3), (140, 170), (298, 300), (300, 300), (-324, 300)]
-NEAR = [partial(nearly_touching, exponents=each_way) for each_way in MAGNITUDES]
+NEAR = [partial(nearly_touching, exponents=exponents) for exponents in MAGNITUDES]
 
 
 @each("make", [*FAMILIES, *NEAR])
 def test_every_pair_is_found_by_exact_truth(make: Maker) -> None:
     """Against the oracle, which shares nothing with the library; bounds hold every corner."""
     boxes = make(np.random.default_rng(99), 20 if make in NEAR else 45)
-    rows, found = all_pairs(len(boxes)), oc.find_pairs(boxes)
+    rows, found = np.stack(np.triu_indices(len(boxes), 1), axis=1), oc.find_pairs(boxes)
     truth = rows[oracle.verdicts(*(stored(boxes[rows[:, k]]) for k in (0, 1))) != SEPARATE]
     np.testing.assert_array_equal(oc.find_pairs(boxes, exact=True), truth)
     np.testing.assert_array_equal(found, brute_force(boxes))
@@ -255,7 +246,8 @@ def test_pairs_between_sets_are_as_by_brute_force(seed: int, n: int, m: int, exa
     if seed % 3:
         both = nearly_touching(rng, 1 + (n + m) // 20, (-3, 3) if seed % 2 else (-324, 300))
     a, b = both[:n], both[n:]
-    expected = between(a, b, exact)
+    pairs = np.argwhere(np.ones((len(a), len(b))))
+    expected = pairs[oc.verdicts(a, b, pairs, exact=exact) != SEPARATE]
     np.testing.assert_array_equal(oc.find_pairs(a, b, exact=exact), expected)
     assert oc.any_collision(a, b, exact=exact) == (len(expected) > 0)
     assert oc.any_collision(both, exact=exact) == (len(brute_force(both, exact)) > 0)
@@ -338,7 +330,7 @@ def greedy(boxes: oc.Boxes, scores: list[float], threshold: float) -> list[int]:
 
 
 @each("seed", range(10))
-def test_what_is_kept_is_what_the_definition_keeps(seed: int) -> None:
+def test_what_is_kept_is_what_the_definition_keeps_and_nonsense_is_refused(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(0, 80))
     seen = rng.integers(0, max(count // 3, 1), count)  # each thing about three times, some the same
@@ -355,13 +347,7 @@ def test_what_is_kept_is_what_the_definition_keeps(seed: int) -> None:
         kept = oc.nms(boxes, scores, threshold)
         assert kept.tolist() == greedy(boxes, scores.tolist(), threshold)
         assert kept.dtype == np.int64
-
-
-@each("threshold", [-0.1, 1.1, np.nan])
-def test_what_cannot_be_compared_is_refused(threshold: float) -> None:
-    boxes = oc.Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
-    with pytest.raises(ValueError, match="threshold must be"):
-        oc.nms(boxes, [1.0, 0.0], threshold)
-    for scores in ([1.0, np.nan], [1.0]):
-        with pytest.raises(ValueError, match="scores"):
-            oc.nms(boxes, scores, 0.5)
+    for threshold in (-0.1, 1.1, np.nan):
+        refused("threshold must be", oc.nms, boxes, scores, threshold)
+    for wrong in ([*scores[1:], np.nan], np.zeros(count + 1)):
+        refused("scores", oc.nms, boxes, wrong, 0.5)
