@@ -243,9 +243,7 @@ def test_tables_have_a_line_for_coal_at_its_best() -> None:
     ]
 
 
-def test_the_command_writes_its_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     written, picture = tmp_path / "rows.json", tmp_path / "picture.svg"
     given = "--sizes 10 20 --forms uniform line --threads 1 --steps 1 --seconds 0.001 --peers coal"

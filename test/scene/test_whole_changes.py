@@ -37,27 +37,24 @@ from obb_collision.scene.store import placing, store
 from obb_collision.shapes import Box, Capsule, Mesh, Sphere
 
 PACKAGE = str(Path(oc.__file__).parent)
-FAR = [9.0, 0, 0, 0, 0, 0, 1]
-PYRAMID = Mesh(
-    np.array([[0, 0, 0.8], [1, 0, 0], [0, 1, 0], [-1, -1, 0]]),
-    np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]),
-)
-HALL = oc.regions.Region([-5, -5, -5], [5, 5, 5], halo=2.0)
+CORNERS = np.array([[0, 0, 0.8], [1, 0, 0], [0, 1, 0], [-1, -1, 0]])
+PYRAMID = Mesh(CORNERS, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]))
 
 
-def scene_before() -> tuple[oc.Scene, oc.Report]:
-    """Return a scene that has been checked, and what the check found."""
+def scene_before(prepared: str) -> tuple[oc.Scene, oc.Report]:
+    """Return a scene that has been checked and then prepared, and what the check found."""
     scene = oc.Scene(accuracy="mesh")
-    scene.add_boxes(
-        [f"box/{k}" for k in range(12)], np.full((12, 3), 0.5), [at(k) for k in range(12)]
-    )
+    names, poses = [f"box/{k}" for k in range(12)], [at(k) for k in range(12)]
+    scene.add_boxes(names, np.full((12, 3), 0.5), poses)
     scene.add("ball", Sphere(0.4), at(0.5))
     scene.add("pyramid", PYRAMID, at(3.0))
     scene.add("own", Capsule(0.2, 0.5), at(5.0), padding=0.1, accuracy="obb")
     scene.add("spare", Box([1, 1, 1]), at(7.0))  # and all 16 slots are taken
     scene.allow("box/1", "*")
     scene.allow("box/2", "box/*")
-    return scene, scene.check()
+    report = scene.check()
+    PREPARED[prepared](scene)
+    return scene, report
 
 
 def fill(scene: oc.Scene) -> None:
@@ -66,14 +63,15 @@ def fill(scene: oc.Scene) -> None:
 
 
 def leave(scene: oc.Scene) -> None:
-    scene.region = HALL
+    scene.region = oc.regions.Region([-5, -5, -5], [5, 5, 5], halo=2.0)
     scene.check()
-    scene.move("box/4", FAR)
+    scene.move("box/4", at(9.0))
 
 
 SIZES, PLACES = np.ones((2, 3)), np.array([at(1.2), at(6.7)])
 LEVELS, BALL = [oc.Accuracy.AABB, None], Sphere(0.5)
-CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
+Change = Callable[[oc.Scene], Any]
+CHANGES: dict[str, Change] = {
     "add": lambda s: s.add("new", PYRAMID, at(6.2), padding=0.01),
     "add in place": lambda s: s.add("pyramid", Sphere(0.3), at(4.4)),
     "add boxes": lambda s: s.add_boxes(["new", "ball"], SIZES, PLACES),
@@ -113,11 +111,7 @@ CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
 #: What is asked, and what a scene has whose effects show none of it.
 NO_CHANGE = ("query", "query of a box", "check", "ask", "renew", "twist")
 #: What comes before a change: nothing; changes not checked yet; and a region.
-PREPARED: dict[str, Callable[[oc.Scene], Any]] = {
-    "checked": lambda s: None,
-    "changed": fill,
-    "region": leave,
-}
+PREPARED: dict[str, Change] = {"checked": lambda s: None, "changed": fill, "region": leave}
 
 
 def seen(scene: oc.Scene) -> list[Any]:
@@ -152,11 +146,8 @@ def seen_later(scene: oc.Scene) -> list[Any]:
 @cache
 def seen_untouched(prepared: str) -> list[Any]:
     """Return what is seen later of a scene that was prepared and not changed."""
-    scene, report = scene_before()
-    PREPARED[prepared](scene)
-    found = seen_later(scene)
-    del report
-    return found
+    scene, _report = scene_before(prepared)  # which stays in use
+    return seen_later(scene)
 
 
 def lines_of(change: Callable[[], Any], stop: int = -1) -> list[tuple[str, int]]:
@@ -190,14 +181,9 @@ def lines_of(change: Callable[[], Any], stop: int = -1) -> list[tuple[str, int]]
 @each("prepared", PREPARED)
 @each("name", CHANGES)
 def test_an_interrupted_change_has_happened_or_not(name: str, prepared: str, pairs: int) -> None:
-    def scene() -> tuple[oc.Scene, oc.Report]:
-        made, report = scene_before()
-        PREPARED[prepared](made)
-        return made, report
-
-    warm, report = scene()
+    warm, report = scene_before(prepared)
     CHANGES[name](warm)  # loads kernels, which is not what is interrupted here
-    after, kept = scene()  # with a report in use, as later
+    after, kept = scene_before(prepared)  # with a report in use, as later
     lines = lines_of(partial(CHANGES[name], after))
     del kept
     allowed = seen_untouched(prepared), seen_later(after)
@@ -209,7 +195,7 @@ def test_an_interrupted_change_has_happened_or_not(name: str, prepared: str, pai
     assert stops
     step = max(1, 90000 // pairs)
     for stop in stops[sum(map(ord, name + prepared)) % step :: step]:
-        tried, report = scene()
+        tried, report = scene_before(prepared)
         where = lines_of(partial(CHANGES[name], tried), stop)[-1]
         assert seen_later(tried) in allowed, where
         assert report.separations.tolist() == separations, where
@@ -261,9 +247,7 @@ def test_the_last_pose_of_an_object_counts_whatever_its_quaternion() -> None:
 
 @each("quaternion", [(0, 0, 0, 1), (0, 0, 0, 2)])
 @pytest.mark.filterwarnings("ignore:poses .quaternion. far from unit length")
-def test_interrupted_moves_can_be_redone(
-    monkeypatch: pytest.MonkeyPatch, quaternion: Any
-) -> None:
+def test_interrupted_moves_can_be_redone(monkeypatch: pytest.MonkeyPatch, quaternion: Any) -> None:
     scene = two_boxes()
     monkeypatch.setattr(store, "run", interrupt)
     monkeypatch.setattr(placing, "place_boxes", interrupt)

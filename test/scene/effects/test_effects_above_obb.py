@@ -117,9 +117,7 @@ def some_shapes() -> list[Shape]:
 SHAPES = some_shapes()
 
 
-def mixed(
-    accuracy: str, padding: float = 0.0, spread: float = 0.6, order: int = 1
-) -> oc.Scene:
+def mixed(accuracy: str, padding: float = 0.0, spread: float = 0.6, order: int = 1) -> oc.Scene:
     rng = np.random.default_rng(1)
     scene = oc.Scene(accuracy=accuracy, padding=padding)
     scene.set_effect("clearance", max_distance=10.0)

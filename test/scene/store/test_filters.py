@@ -74,9 +74,7 @@ def counted(scene: oc.Scene, rules: Any, only: Any, within: Any) -> list[tuple[s
 
 
 @given(rules, only, within, st.data())
-def test_pairs_count_by_filters(
-    rules: Any, only: Any, within: Any, data: st.DataObject
-) -> None:
+def test_pairs_count_by_filters(rules: Any, only: Any, within: Any, data: st.DataObject) -> None:
     scene = crowd(data.draw(st.integers(0, len(NAMES))))
     report, everything = scene.check(), list(combinations(scene.names, 2))
     for rule in rules:
