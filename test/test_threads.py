@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 from each import each
 from processes import run_python
+from support import refused
 
 import obb_collision as oc
 from obb_collision._kernel_cache import KernelMissingError, only_loading
@@ -130,8 +131,7 @@ def test_a_kernel_is_loaded_in_the_calling_thread_before_others_use_it() -> None
 @each("number", [0, -1, 1025, 1.0, True, "2", 10**400])
 def test_a_bad_number_is_refused(number: int) -> None:
     before = oc.threads()
-    with pytest.raises(ValueError, match="number must be a whole number from 1 to 1024"):
-        oc.set_threads(number)
+    refused("number must be a whole number from 1 to 1024", oc.set_threads, number)
     assert oc.threads() == before
 
 
@@ -141,8 +141,7 @@ def test_the_variable_sets_the_number_or_is_named(monkeypatch: pytest.MonkeyPatc
     assert oc.threads() == 3
     for text in ("0", "two", "1.5", "-1", "9" * 30):
         monkeypatch.setenv(VARIABLE, text)
-        with pytest.raises(ValueError, match="OBB_COLLISION_THREADS must be a whole number from 1"):
-            oc.set_threads(None)
+        refused("OBB_COLLISION_THREADS must be a whole number from 1", oc.set_threads, None)
     monkeypatch.delenv(VARIABLE)
     oc.set_threads(None)
     assert 1 <= oc.threads() <= (os.cpu_count() or 1)

@@ -25,6 +25,7 @@ from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_poses
+from support import refused
 
 import obb_collision as oc
 from obb_collision.queries.verdict.coarse import meeting_bounds
@@ -197,15 +198,13 @@ def test_only_objects_far_away_that_move_leave_the_report_as_it_is() -> None:
 
 def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
     part = Region([0, 0, 0], [1, 1, 1], 0.05)
-    with pytest.raises(ValueError, match=r"halo .* at least 0\.1"):
-        oc.Scene(region=part)
+    refused(r"halo .* at least 0\.1", oc.Scene, region=part)
     scene = oc.Scene()
     scene.set_effect("clearance", "off")
     scene.region = part
     for effect, options in (("clearance", {"mode": "on"}), ("points", {"margin": 0.06})):
         before = scene.effects[effect]
-        with pytest.raises(ValueError, match="halo of the region must be at least"):
-            scene.set_effect(effect, **options)
+        refused("halo of the region must be at least", scene.set_effect, effect, **options)
         assert scene.effects[effect] == before
     scene.set_effect("points", margin=0.05)
     scene.region = Region([-np.inf] * 3, [np.inf] * 3)  # of everything: no halo is needed
@@ -232,8 +231,7 @@ def test_what_is_no_region_or_split_is_refused() -> None:
         (([0, 0, 0], [1, 1, 1], -1.0), "halo must not be negative"),
         (([0, 0, 0], [1, 1, 1], np.inf), "halo"),
     ):
-        with pytest.raises(ValueError, match=reason):
-            Region(*ends)
+        refused(reason, Region, *ends)
     for split, reason in (
         (([0, 0, 0], [1, 1, 1], [0, 1, 1]), "parts"),
         (([0, 0, 0], [1, 1, 1], [2, 2]), "three"),
@@ -242,8 +240,7 @@ def test_what_is_no_region_or_split_is_refused() -> None:
         (([0, 0, 0], [0, 1, 1], [2, 1, 1]), "along an axis"),
         (([1, 0, 0], [np.nextafter(1, 2), 1, 1], [9, 1, 1]), "below maximum"),
     ):
-        with pytest.raises(ValueError, match=reason):
-            split_regions(*split)
+        refused(reason, split_regions, *split)
 
 
 PAIRS = [(name, "<i4") for name in ("ns_a", "id_a", "ns_b", "id_b")]
@@ -357,15 +354,12 @@ def test_objects_that_come_and_go_make_no_region_missing(run: Run) -> None:
 
 
 def test_rows_without_objects_unknown_regions_and_bad_names_are_refused(run: Run) -> None:
-    with pytest.raises(ValueError, match="rows must be"):
-        run.merger.take("west", 1, np.zeros(2), run.now)
+    refused("rows must be", run.merger.take, "west", 1, np.zeros(2), run.now)
     with pytest.raises(KeyError, match="no region named 'north'"):
         run.merger.mark_alive("north", 1, run.now)
     for wrong in ([], ["a", "a"], [""]):
-        with pytest.raises(ValueError, match="regions"):
-            oc.regions.RegionMerger(wrong)
-    with pytest.raises(ValueError, match="timeout"):
-        oc.regions.RegionMerger(["a"], 0.0)
+        refused("regions", oc.regions.RegionMerger, wrong)
+    refused("timeout", oc.regions.RegionMerger, ["a"], 0.0)
 
 
 def test_stamps_that_never_become_complete_take_bounded_room(run: Run) -> None:
