@@ -29,6 +29,7 @@ import numpy as np
 import pytest
 import yaml
 from each import each
+from scenes import counted
 
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load, load_scene
@@ -168,37 +169,26 @@ def test_a_name_is_refused_with_file_line_and_reason(write: Any) -> None:
     assert "objects[0].name: must have at most 255 characters, got 256" in refusal(path)
 
 
-NO_YAML = {
-    'a: "\\UFFFFFFFF"': 1,
-    'a: 1\nb: "\\U00110000"': 2,
-    f"%YAML {'9' * 6000}.1\n---\na": 1,
-    f"%YAML 1.{'1' * 6000}\n---\na": 1,
-    "a: !<%FF> b": 1,
-    "\n\na: |9999999999\n b": 3,
-}
+def test_what_the_parser_itself_cannot_take_is_refused(write: Any) -> None:
+    for text, line in (
+        ('a: "\\UFFFFFFFF"', 1), ('a: 1\nb: "\\U00110000"', 2), ("a: !<%FF> b", 1),
+        (f"%YAML {'9' * 6000}.1\n---\na", 1), (f"%YAML 1.{'1' * 6000}\n---\na", 1),
+        ("\n\na: |9999999999\n b", 3),
+    ):  # fmt: skip
+        assert f".yaml:{line}: no YAML: " in refusal(write(text)), text[:50]
 
 
-@each("text", NO_YAML)
-def test_what_the_parser_itself_cannot_take_is_refused(text: str, write: Any) -> None:
-    assert f".yaml:{NO_YAML[text]}: no YAML: " in refusal(write(text))
-
-
-LONG_NUMBERS = [
-    *("1" * 50_000, "1" * 2_000_000 + "x", "1e999999999999", "-1e" + "9" * 5000, "." * 99_999),
-    *("0" * 5000 + ".5", "1e400", ":".join("1" * 50_000), "1_" * 50_000 + "1"),
-]
-
-
-@each("number", LONG_NUMBERS)
-def test_numbers_of_any_length_are_refused_in_one_pass(number: str, write: Any) -> None:
-    path = write(f"objects:\n- name: a\n  shape: sphere\n  radius: {number}")
-    assert f"{path}:4: objects[0].radius: must be a positive number, got " in refusal(path)
-
-
-@each("number", ["1.5", "1.", ".5", "+1e-3", f"{5e-324:.1074f}", "1" + "0" * 99])
-def test_long_numbers_that_floats_need_are_read(number: str, write: Any) -> None:
-    file = write(f"objects: [{{name: a, {BOX}, position: [{number}, 0, 0]}}]")
-    assert load_scene(file).objects[0].pose[0] == float(number)
+def test_numbers_of_any_length_are_read_where_floats_need_them_and_else_refused(write: Any) -> None:
+    for number in (
+        "1" * 50_000, "1" * 2_000_000 + "x", "1e999999999999", "-1e" + "9" * 5000, "." * 99_999,
+        "0" * 5000 + ".5", "1e400", ":".join("1" * 50_000), "1_" * 50_000 + "1",
+    ):  # fmt: skip
+        path = write(f"objects:\n- name: a\n  shape: sphere\n  radius: {number}")
+        reason = f"{path}:4: objects[0].radius: must be a positive number, got "
+        assert reason in refusal(path), number[:20]
+    for number in ("1.5", "1.", ".5", "+1e-3", f"{5e-324:.1074f}", "1" + "0" * 99):
+        file = write(f"objects: [{{name: a, {BOX}, position: [{number}, 0, 0]}}]")
+        assert load_scene(file).objects[0].pose[0] == float(number)
 
 
 def test_nesting_is_limited_and_told_by_its_line(write: Any) -> None:
@@ -212,18 +202,10 @@ def test_nesting_is_limited_and_told_by_its_line(write: Any) -> None:
         assert f":{line}: nested too deeply, more than 30 levels" in refusal(write(text))
 
 
-def bomb(levels: int, width: int) -> str:
-    """Return lists of aliases of lists: width ** levels values in a few lines."""
-    lines = ["x0: &x0 [1, 1]"]
-    for k in range(1, levels):
-        lines.append(f"x{k}: &x{k} [{', '.join([f'*x{k - 1}'] * width)}]")
-    return "\n".join(lines)
-
-
 def test_aliases_count_as_all_that_they_stand_for(write: Any) -> None:
-    assert ":6: there are more than 4000000 values, with what aliases add" in refusal(
-        write(bomb(9, 20))
-    )
+    lists = [f"x{k}: &x{k} [{', '.join([f'*x{k - 1}'] * 20)}]" for k in range(1, 9)]
+    text = refusal(write("\n".join(["x0: &x0 [1, 1]", *lists])))
+    assert ":6: there are more than 4000000 values, with what aliases add" in text
     vertices = "[" + ", ".join(["[0, 0, 0]"] * 3000) + "]"
     meshes = ", ".join(["{vertices: *v, triangles: []}"] * 400)
     text = f"name: &v {vertices}\nworld: {{collision_objects: [{{id: a, meshes: [{meshes}]}}]}}"
@@ -269,8 +251,8 @@ def test_a_mesh_path_of_any_length_is_refused(write: Any) -> None:
 
 def objects_text(*motions: str) -> str:
     """Return objects a0, a1 and so on with motions."""
-    lines = [f"- {{name: a{k}, {BOX}, motion: {motion}}}" for k, motion in enumerate(motions)]
-    return "objects:\n" + "\n".join(lines)
+    lines = (f"- {{name: a{k}, {BOX}, motion: {motion}}}" for k, motion in enumerate(motions))
+    return "\n".join(["objects:", *lines])
 
 
 def test_chains_of_followers_are_quick_and_limited(write: Any) -> None:
@@ -284,35 +266,27 @@ def test_chains_of_followers_are_quick_and_limited(write: Any) -> None:
 
 
 def test_who_follows_in_a_circle_is_told_once(write: Any) -> None:
-    text = objects_text("{follow: a1}", "{follow: a2}", "{follow: a1}", "{follow: a0}")
-    assert refusal(write(text)).splitlines()[0].endswith("motion: follows itself: a1 > a2 > a1")
-    assert len(refusal(write(text)).splitlines()) == 1
-    text = objects_text("{follow: a1}", "{follow: nobody}", "{follow: a0}")
-    assert refusal(write(text)).splitlines()[0].endswith("follows nobody, which is no object here")
-    assert len(refusal(write(text)).splitlines()) == 1
+    for names, reason in (
+        (("a1", "a2", "a1", "a0"), "motion: follows itself: a1 > a2 > a1"),
+        (("a1", "nobody", "a0"), "follows nobody, which is no object here"),
+    ):
+        (line,) = refusal(write(objects_text(*(f"{{follow: {x}}}" for x in names)))).splitlines()
+        assert line.endswith(reason)
 
 
-@each(
-    "motion",
-    [
-        "{twist: [0, 0, 0, 1e200, 0, 0]}",
-        "{twist: [1e300, 0, 0, 0, 0, 0]}",
-        "{twist: [1, 0, 0, 0, 0, 0], period: 1e-300}",
-        "{waypoints: [[0, 0, 0], [1e300, 0, 0]], period: 1}",
-        "{waypoints: [[0, 0, 0], [1e9, 0, 0]], period: 1}",
-        "{waypoints: [{position: [0, 0, 0], time: 0}, {position: [1, 0, 0], time: 1e-300}], "
-        "period: 1}",
-    ],
-)
-def test_motions_out_of_bounds_are_refused(motion: str, write: Any) -> None:
-    assert ":2: objects[0].motion" in refusal(write(objects_text(motion)))
-
-
-def test_what_moves_stays_finite(write: Any) -> None:
+def test_what_moves_stays_finite_and_motions_out_of_bounds_are_refused(write: Any) -> None:
+    for motion in (
+        "twist: [0, 0, 0, 1e200, 0, 0]", "twist: [1e300, 0, 0, 0, 0, 0]",
+        "twist: [1, 0, 0, 0, 0, 0], period: 1e-300",
+        "waypoints: [[0, 0, 0], [1e300, 0, 0]], period: 1",
+        "waypoints: [[0, 0, 0], [1e9, 0, 0]], period: 1",
+        "period: 1, waypoints: [{position: [0,0,0], time: 0}, {position: [1,0,0], time: 1e-300}]",
+    ):  # fmt: skip
+        assert ":2: objects[0].motion" in refusal(write(objects_text(f"{{{motion}}}"))), motion
     motions = ["{twist: [1e9, 0, 0, 1e9, 0, 0]}", "{follow: a0}", "{twist: [0, 0, 0, 0, 0, 1e-9]}"]
+    scene = load_scene(write(objects_text(*motions)))
     for time in (0.0, 1e-9, 86400.0):
-        assert all(np.isfinite(part).all() for part in load_scene(
-            write(objects_text(*motions))).states(time))  # fmt: skip
+        assert all(np.isfinite(part).all() for part in scene.states(time))
     path = write(f"objects:\n- {{name: a, {BOX}, position: [1e300, 0, 0], motion: {motions[0]}}}")
     assert "objects[0].position: what moves must be within 1e+09 m" in refusal(path)
 
@@ -330,13 +304,7 @@ def test_groups_of_groups_do_not_multiply(write: Any) -> None:
 
 
 def test_no_more_is_guessed_than_told(write: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[int] = []
-
-    def matches(word: str, known: list[str], number: int) -> list[str]:
-        calls.append(len(known))
-        return []
-
-    monkeypatch.setattr(values, "get_close_matches", matches)
+    calls = counted(monkeypatch, values, "get_close_matches", 1)
     lines = [f"- {{name: a{k}, {BOX}, postion{k}: 3}}" for k in range(2000)]
     rules = [f"- [b{k}, c{k}]" for k in range(500)]
     refusal(write("objects:\n" + "\n".join(lines) + "\nallowed:\n" + "\n".join(rules)))
@@ -345,7 +313,7 @@ def test_no_more_is_guessed_than_told(write: Any, monkeypatch: pytest.MonkeyPatc
     assert max(calls) <= values.MAX_GUESSES
 
 
-def test_a_bad_object_is_one_error_whoever_names_it(write: Any) -> None:
+def test_a_bad_object_or_frame_is_one_error_whoever_names_it(write: Any) -> None:
     text = f"""\
 objects:
   - {{name: cup, shape: box, size: [1, -1, 1]}}
@@ -362,8 +330,6 @@ lidar: {{count: 1, range: 1, sees: [cup]}}
     assert "objects[0].size: must be 3 positive numbers" in lines[0]
     assert "groups.wrong[0]: nothing is no group" in lines[1]
 
-
-def test_a_bad_frame_is_one_error_whoever_stands_in_it(write: Any) -> None:
     one = "{id: ID, header: {frame_id: stand}, primitives: [{type: sphere, dimensions: [1]}]}"
     text = f"""\
 fixed_frame_transforms: [{{child_frame_id: stand, transform: {{translation: [1, 2]}}}}]
