@@ -47,20 +47,13 @@ from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Sphere
 FOLDER = Path(__file__).parents[1] / "data" / "moveit"
 
 
-def test_objects_stand_where_the_file_says() -> None:
+def test_objects_stand_where_the_file_says_and_the_matrix_says_what_may_touch() -> None:
     description = load_scene(FOLDER / "shelf.yaml")
     assert description.names == ["tin", "board", "side"]
     tin, board, side = description.objects
     assert tin.shape == Cylinder(radius=0.03125, length=0.125)  # MoveIt names the height first
     assert tin.pose == (0.5, 0.25, 0.5625, 0, 0, 0.6, 0.8)
-    assert (board.shape, side.shape) == (
-        Box([0.5, 0.75, 0.03125]),
-        Box([0.5, 0.03125, 1]),
-    )
-
-
-def test_the_matrix_says_what_may_touch() -> None:
-    description = load_scene(FOLDER / "shelf.yaml")
+    assert (board.shape, side.shape) == (Box([0.5, 0.75, 0.03125]), Box([0.5, 0.03125, 1]))
     scene = description.build()
     assert scene.check().names() == [("board", "side")]  # the tin may stand on the board
     for name in ("arm_hand", "arm_link/0"):  # rules wait for the robot's links
@@ -99,18 +92,15 @@ def at_one_place(scene: oc.Scene, names: list[str]) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in scene.check().names()}
 
 
-def test_attached_objects_may_touch_their_links() -> None:
-    names = ["held", "arm_finger", "arm_hand", "cup"]
-    found = at_one_place(load_scene(FOLDER / "message.yaml").build(), names)
-    every = {frozenset(pair) for pair in combinations(names, 2)}
-    assert every - found == {frozenset(("held", "arm_hand")), frozenset(("held", "arm_finger"))}
-
-
-def test_defaults_of_the_matrix_count_where_it_has_no_entry() -> None:
-    names = ["crate", "floor", "sensor", "glass", "cup"]
-    found = at_one_place(load_scene(FOLDER / "message.yaml").build(), names)
-    free = {("floor", "sensor"), ("floor", "cup"), ("sensor", "crate"), ("sensor", "cup")}
-    assert {frozenset(pair) for pair in combinations(names, 2)} - found == set(map(frozenset, free))
+@each("names, free", [
+    ("held arm_finger arm_hand cup", "held arm_hand, held arm_finger"),
+    ("crate floor sensor glass cup", "floor sensor, floor cup, sensor crate, sensor cup"),
+])  # fmt: skip
+def test_attached_objects_may_touch_their_links_and_defaults_count(names: str, free: str) -> None:
+    """Defaults of the matrix where it has no entry."""
+    found = at_one_place(load_scene(FOLDER / "message.yaml").build(), names.split())
+    every = {frozenset(pair) for pair in combinations(names.split(), 2)}
+    assert every - found == {frozenset(pair.split()) for pair in free.split(", ")}
 
 
 NAMES = ["a", "b", "c[1]", "c*"]
@@ -127,17 +117,10 @@ def test_matrices_are_looked_up_as_moveit_does(tmp_path_factory: Any, data: st.D
     }
     matrix = [[flags[frozenset((i, j))] for j in range(count)] for i in range(count)]
     defaults = data.draw(st.dictionaries(st.sampled_from(OTHERS), st.booleans()))
-    content = {
-        "world": {"collision_objects": []},
-        "allowed_collision_matrix": {
-            "entry_names": NAMES[:count],
-            "entry_values": matrix,
-            "default_entry_names": list(defaults),
-            "default_entry_values": list(defaults.values()),
-        },
-    }
+    entries = {"entry_names": NAMES[:count], "entry_values": matrix}
+    entries |= {"default_entry_names": [*defaults], "default_entry_values": [*defaults.values()]}
     path = tmp_path_factory.mktemp("matrix") / "scene.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(yaml.safe_dump({"world": {}, "allowed_collision_matrix": entries}))
     found = at_one_place(load_scene(path).build(), OTHERS)
     for i, j in combinations(range(len(OTHERS)), 2):
         said = [defaults[OTHERS[k]] for k in (i, j) if OTHERS[k] in defaults]
@@ -265,8 +248,9 @@ robots:
 
 
 @pytest.fixture
-def cell() -> SceneDescription:
-    return load_scene("arm_cell")
+def arm() -> Any:
+    (found,) = load_scene("arm_cell").robots
+    return found
 
 
 def read(folder: Path, text: str) -> SceneDescription:
@@ -301,21 +285,17 @@ def test_descriptions_elsewhere_are_refused_as_such(tmp_path: Path, kind: str, f
     assert "mesh file" not in str(refused.value)
 
 
-def test_joints_pass_waypoints_in_time_and_keep_what_is_not_named(cell: SceneDescription) -> None:
-    (arm,) = cell.robots
-    rows = {name: row for row, name in enumerate(arm.robot.joint_names)}
-    assert arm.joints(0.0)[0][rows["elbow"]] == 1.56
-    assert arm.joints(1.5)[0][rows["elbow"]] == 1.62
-    assert arm.joints(0.75)[0][rows["elbow"]] == pytest.approx(1.59)
-    assert arm.joints(0.75)[1][rows["elbow"]] == pytest.approx(0.04)
-    assert arm.joints(5.0)[0][rows["grip"]] == 0.01
-    assert arm.joints(14.0 + 1.5)[0][rows["elbow"]] == arm.joints(1.5)[0][rows["elbow"]]
+def test_joints_pass_waypoints_in_time_and_keep_what_is_not_named(arm: Any) -> None:
+    elbow, grip = (arm.robot.joint_names.index(name) for name in ("elbow", "grip"))
+    assert [arm.joints(time)[0][elbow] for time in (0.0, 1.5, 14.0 + 1.5)] == [1.56, 1.62, 1.62]
+    values, velocities = arm.joints(0.75)
+    assert (values[elbow], velocities[elbow]) == (pytest.approx(1.59), pytest.approx(0.04))
+    assert arm.joints(5.0)[0][grip] == 0.01
     last, first = arm.joints(14.0 - 1e-9)[0], arm.joints(0.0)[0]
     np.testing.assert_allclose(last, first, atol=1e-8)
 
 
-def test_velocities_are_how_joints_change_and_all_is_within_limits(cell: SceneDescription) -> None:
-    (arm,) = cell.robots
+def test_velocities_are_how_joints_change_and_all_is_within_limits(arm: Any) -> None:
     for time in np.arange(0.013, 14.0, 0.37):
         (before, velocities), (after, _) = arm.joints(time), arm.joints(time + 1e-6)
         np.testing.assert_allclose((after - before) * 1e6, velocities, atol=1e-6)
@@ -323,9 +303,9 @@ def test_velocities_are_how_joints_change_and_all_is_within_limits(cell: SceneDe
         assert (np.abs(velocities) <= arm.robot.velocity_limits).all()
 
 
-def test_the_arm_of_the_cell_collides_with_a_board_alone(cell: SceneDescription) -> None:
-    (arm,) = cell.robots
-    scene = oc.RobotScene({arm.name: arm.robot}, cell.build(), bases=[arm.pose])
+def test_the_arm_of_the_cell_collides_with_a_board_alone(arm: Any) -> None:
+    world = load_scene("arm_cell").build()
+    scene = oc.RobotScene({arm.name: arm.robot}, world, bases=[arm.pose])
     times = np.arange(0.0, 14.0, 0.1)
     report = scene.check(np.array([arm.joints(time)[0] for time in times]))
     assert {pair for pair in report.pairs if pair} == {
@@ -386,32 +366,31 @@ def naming(scene: Path, file: str) -> Path:
     return scene
 
 
-def faces(mesh: object) -> int:
+def faces(scene: Path, file: str, *folders: Path) -> int:
+    """Return how many faces the mesh of a scene with this file has."""
+    mesh = load_scene(naming(scene, file), mesh_folders=folders).objects[0].shape
     assert isinstance(mesh, Mesh)
     return len(mesh.faces)
 
 
 def test_a_mesh_may_be_beside_the_scene_file_or_in_its_package(scene: Path) -> None:
     for file in ("part.stl", (scene.parent / "part.stl").as_uri()):
-        assert faces(load_scene(naming(scene, file)).objects[0].shape) == 12
-    naming(scene, "../meshes/part.stl")
+        assert faces(scene, file) == 12
     with pytest.raises(SceneFileError, match=OUTSIDE):
-        load_scene(scene)
+        faces(scene, "../meshes/part.stl")
     (scene.parents[1] / "package.xml").write_text("<package><name>arm</name></package>")
-    assert faces(load_scene(scene).objects[0].shape) == 12
-    assert faces(load_scene(naming(scene, "package://arm/meshes/part.stl")).objects[0].shape) == 12
+    for file in ("../meshes/part.stl", "package://arm/meshes/part.stl"):
+        assert faces(scene, file) == 12
     with pytest.raises(SceneFileError, match=OUTSIDE):
-        load_scene(naming(scene, "package://arm/../other/part.stl"))
+        faces(scene, "package://arm/../other/part.stl")
 
 
 def test_a_mesh_elsewhere_needs_its_folder_to_be_allowed(scene: Path, tmp_path: Path) -> None:
     (scene.parent / "link.stl").symlink_to(tmp_path / "other" / "part.stl")
     for file in ("../../other/part.stl", (tmp_path / "other/part.stl").as_uri(), "link.stl"):
-        naming(scene, file)
         with pytest.raises(SceneFileError, match=rf"objects\[0\].file: mesh file .*{OUTSIDE}"):
-            load_scene(scene)
-        loaded = load_scene(scene, mesh_folders=[tmp_path / "other"])
-        assert faces(loaded.objects[0].shape) == 12
+            faces(scene, file)
+        assert faces(scene, file, tmp_path / "other") == 12
 
 
 @each("folders", ["/tmp", [1], None, {"/tmp"}])

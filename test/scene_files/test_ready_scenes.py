@@ -20,12 +20,14 @@ import fnmatch
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from each import each
 from pages import ROOT, table_rows
 from scipy.spatial.transform import Rotation
+from support import refused
 
 import obb_collision as oc
 from obb_collision import scene_files as files
@@ -35,6 +37,8 @@ from obb_collision.scene_files import moveit, native, objects
 from obb_collision.scene_files.description import NODE_EFFECTS, NOISE
 from obb_collision.scene_files.objects import KINDS
 
+PAGE = ROOT / "docs" / "scene_files.md"
+DOCS = PAGE.read_text()
 #: Seconds between two poses of which the difference is compared with the twist.
 STEP = 1e-6
 TIMES = np.arange(0.013, 20.0, 0.37)
@@ -46,9 +50,11 @@ def ready(request: pytest.FixtureRequest) -> files.SceneDescription:
     return files.load_scene(request.param)
 
 
-def test_ready_scenes_are_those_of_the_folder() -> None:
+def test_ready_scenes_are_those_of_the_folder_and_of_the_page() -> None:
     found = (ROOT / "config").glob("*.yaml")
     assert {path.stem for path in found} == {*files.READY, "obb_collision"}
+    rows = re.findall(r"^\| `(\w+)\.yaml` \|", DOCS, re.MULTILINE)
+    assert tuple(rows) == files.READY
 
 
 def test_ready_scenes_build_and_collide_only_later(ready: files.SceneDescription) -> None:
@@ -84,13 +90,10 @@ def test_their_patterns_are_about_something(ready: files.SceneDescription) -> No
         assert fnmatch.filter([*ready.names, *links], pattern), pattern
 
 
-def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:
+def test_scenes_are_found_in_a_pip_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(files.SceneFileError, match="scenes of the package are tabletop, warehou"):
         files.load_scene("kitchen")
     assert files.find_scene("kitchen.yaml") == Path("kitchen.yaml")
-
-
-def test_scenes_are_found_in_a_pip_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = tmp_path / "share" / "obb_collision" / "config"
     config.mkdir(parents=True)
     (config / "tabletop.yaml").write_text("objects: [{name: a, shape: sphere, radius: 1}]")
@@ -119,14 +122,10 @@ def test_what_rests_has_its_pose_bit_for_bit_and_no_twist(ready: files.SceneDesc
     )
 
 
-def write(folder: Path, motion: str) -> files.SceneDescription:
-    path = folder / "scene.yaml"
-    path.write_text(f"objects: [{{name: a, shape: sphere, radius: 1, motion: {motion}}}]")
-    return files.load_scene(path)
-
-
-def test_waypoints_without_times_are_even(tmp_path: Path) -> None:
-    scene = write(tmp_path, "{period: 3, waypoints: [[0, 0, 0], [3, 0, 0, 0], [3, 3, 0]]}")
+def test_waypoints_without_times_are_even(write: Any) -> None:
+    motion = "{period: 3, waypoints: [[0, 0, 0], [3, 0, 0, 0], [3, 3, 0]]}"
+    path = write(f"objects: [{{name: a, shape: sphere, radius: 1, motion: {motion}}}]")
+    scene = files.load_scene(path)
     places = [scene.states(time)[0][0, :2].tolist() for time in (0.5, 1.5, 2.5)]
     np.testing.assert_allclose(places, [[1.5, 0], [3, 1.5], [1.5, 1.5]], atol=1e-12)
 
@@ -242,16 +241,9 @@ def test_states_agree_with_one_object_at_a_time(time: float) -> None:
         np.testing.assert_allclose(twists[row], np.r_[velocity, turn], atol=1e-12)
     assert poses[rows["post"]].tolist() == list(STARTS["post"])
     assert poses[rows["slide"], 3:].tolist() == pytest.approx(STARTS["slide"][3:], abs=1e-15)
-
-
-def test_a_circle_of_followers_is_refused() -> None:
-    circle = [files.Follow("b"), files.Follow("a")]
-    with pytest.raises(ValueError, match="follow one another in a circle"):
-        files.states_at(np.zeros((2, 7)), circle, {"a": 0, "b": 1}, 0.0)
-
-
-PAGE = ROOT / "docs" / "scene_files.md"
-DOCS = PAGE.read_text()
+    circle: list[files.Motion | None] = [files.Follow("b"), files.Follow("a")]
+    reason = "follow one another in a circle"
+    refused(reason, files.states_at, np.zeros((2, 7)), circle, {"a": 0, "b": 1}, time)
 
 
 def words(heading: str) -> set[str]:
@@ -274,11 +266,6 @@ def test_keys_are_those_of_the_code() -> None:
     for effect, values in EFFECTS.items():
         named = set(re.findall(r"`(\w+)`", rows[f"`{effect}`"]))
         assert named == {"mode", "objects", *values.options}
-
-
-def test_ready_scenes_are_listed() -> None:
-    rows = re.findall(r"^\| `(\w+)\.yaml` \|", DOCS, re.MULTILINE)
-    assert tuple(rows) == files.READY
 
 
 def test_the_errors_are_as_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

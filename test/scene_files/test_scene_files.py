@@ -55,13 +55,10 @@ def test_what_a_file_says_is_what_the_scene_has() -> None:
     expected.add("fan", Cone(1, 2))
     expected.add("rider", Capsule(1, 2))
     expected.add("tram", Ellipsoid([1, 2, 3]))
-    for part in ("centers", "rotations", "half_extents"):
-        np.testing.assert_allclose(
-            getattr(scene.boxes, part), getattr(expected.boxes, part), rtol=0, atol=1e-15
-        )
-    expected.allow("hand/*", "hand/*")
-    expected.allow("cup/*", "table/0")
-    expected.allow("box", "table/0")
+    for part, wanted in vars(expected.boxes).items():
+        np.testing.assert_allclose(getattr(scene.boxes, part), wanted, rtol=0, atol=1e-15)
+    for sides in (("hand/*", "hand/*"), ("cup/*", "table/0"), ("box", "table/0")):
+        expected.allow(*sides)
     assert scene.rules.allowed == expected.rules.allowed
     assert scene.check().names() == expected.check().names()
     assert scene.check().accuracies.tolist() == expected.check().accuracies.tolist()
@@ -69,13 +66,12 @@ def test_what_a_file_says_is_what_the_scene_has() -> None:
     assert (setting.mode, setting.objects) == ("on", ("hand/*",))
 
 
-def test_meshes_are_found_beside_their_file_and_shared(tmp_path: Path) -> None:
+def test_meshes_are_found_beside_their_file_and_shared(tmp_path: Path, write: Any) -> None:
     (tmp_path / "parts").mkdir()
     lines = ["v 0 0 0", "v 2 0 0", "v 0 2 0", "v 0 0 2", "f 1 3 2", "f 1 2 4", "f 1 4 3", "f 2 3 4"]
     (tmp_path / "parts" / "tip.obj").write_text("\n".join(lines))
     entries = [f"- {{name: tip/{k}, shape: mesh, file: parts/tip.obj, scale: 0.5}}" for k in (0, 1)]
-    path = tmp_path / "scene.yaml"
-    path.write_text("objects:\n" + "\n".join(entries))
+    path = write("\n".join(["objects:", *entries]))
     one, two = (thing.shape for thing in load_scene(path).objects)
     assert one is two
     assert isinstance(one, Mesh)
@@ -89,14 +85,12 @@ PLACES, TURNS = st.tuples(*[NUMBERS] * 3), st.tuples(*[NUMBERS] * 4).filter(any)
 
 @given(st.lists(st.tuples(PLACES, TURNS, SIZES), min_size=1, max_size=4))
 def test_numbers_arrive_as_yaml_writes_them(tmp_path_factory: Any, rows: list[Any]) -> None:
-    content = {
-        "objects": [
-            {"name": f"o/{k}", "shape": "box", "size": [*s], "position": [*p], "quaternion": [*q]}
-            for k, (p, q, s) in enumerate(rows)
-        ]
-    }
+    content = [
+        {"name": f"o/{k}", "shape": "box", "size": [*s], "position": [*p], "quaternion": [*q]}
+        for k, (p, q, s) in enumerate(rows)
+    ]
     path = tmp_path_factory.mktemp("round") / "scene.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(yaml.safe_dump({"objects": content}))
     objects = load_scene(path).objects
     assert [thing.pose for thing in objects] == [(*p, *q) for p, q, _ in rows]
     assert [thing.shape for thing in objects] == [Box(size) for *_, size in rows]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,12 +69,16 @@ def robot(*elements: str) -> oc.Robot:
     return oc.Robot.from_urdf(ARM, urdf(*elements))
 
 
-def test_links_are_adjacent_through_links_without_shapes() -> None:
+def bad(reason: str, *given: object, **more: Any) -> RobotError:
+    """Return the error of a description that is refused for this reason."""
+    with pytest.raises(RobotError, match=reason) as caught:
+        oc.Robot.from_urdf(*given, **more)  # type: ignore[arg-type]
+    return caught.value
+
+
+def test_links_are_adjacent_through_links_without_shapes_and_pairs_disabled_by_name() -> None:
     pairs = {("a", "b"), ("b", "c"), ("b", "d"), ("c", "d")}
     assert oc.Robot.from_urdf(ARM).adjacent_pairs == pairs
-
-
-def test_pairs_are_disabled_by_name_and_by_default() -> None:
     found = robot(
         '<disable_collisions link1="c" link2="a" reason="Never"/>',
         '<disable_default_collisions link="d"/>',
@@ -143,20 +148,17 @@ BAD_SRDF = {
 
 def test_bad_srdfs_are_refused_with_the_place_within_the_limits_of_urdfs() -> None:
     for element, reason in BAD_SRDF.items():
-        with pytest.raises(RobotError, match=rf"^srdf:2: .*{reason}"):
-            robot(element)
-    with pytest.raises(RobotError, match=r"^srdf:2: a document type"):
-        oc.Robot.from_urdf(ARM, '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot name="r"/>')
-    with pytest.raises(RobotError, match="the root of an SRDF"):
-        oc.Robot.from_urdf(ARM, "<sdf/>")
+        bad(rf"^srdf:2: .*{reason}", ARM, urdf(element))
+    document = '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot name="r"/>'
+    bad(r"^srdf:2: a document type", ARM, document)
+    bad("the root of an SRDF", ARM, "<sdf/>")
 
 
 def test_groups_and_doubts_have_limits() -> None:
-    with pytest.raises(RobotError, match="there are 1001 groups, 1000 is the limit"):
-        robot(*(f'<group name="g{k}"/>' for k in range(1001)))
+    groups = (f'<group name="g{k}"/>' for k in range(1001))
+    bad("there are 1001 groups, 1000 is the limit", ARM, urdf(*groups))
     chains = '<chain base_link="a" tip_link="c"/>' * 10_001
-    with pytest.raises(RobotError, match="there are 10001 parts of groups"):
-        robot(f'<group name="g">{chains}</group>')
+    bad("there are 10001 parts of groups", ARM, urdf(f'<group name="g">{chains}</group>'))
     nested = [f'<group name="g{k}"><group name="g{k + 1}"/></group>' for k in range(1000)]
     assert len(robot(*nested).groups) == 1000
     found = robot(*('<disable_collisions link1="x" link2="y"/>' for _ in range(200)))
@@ -210,28 +212,20 @@ def test_angles_are_about_fixed_axes_x_first() -> None:
         "<geometry>", '<origin rpy="0.1 0.2 0.3"/><geometry>'
     )
     ((_, pose),) = oc.Robot.from_urdf(text).shapes[0]
-    half = [np.sin(0.15), np.cos(0.15)]
-    assert oc.OBB.from_quaternion([0] * 3, pose[3:], [1] * 3).rotation[2, 0] == pytest.approx(
-        -np.sin(0.2)
-    )
+    turned = oc.OBB.from_quaternion([0] * 3, pose[3:], [1] * 3).rotation
+    assert turned[2, 0] == pytest.approx(-np.sin(0.2))
     alone = oc.Robot.from_urdf(text.replace("0.1 0.2 0.3", "0 0 0.3")).shapes[0][0][1]
-    np.testing.assert_allclose(alone[3:], (0, 0, *half), atol=1e-16)
+    np.testing.assert_allclose(alone[3:], (0, 0, np.sin(0.15), np.cos(0.15)), atol=1e-16)
 
 
 def test_meshes_are_found_by_every_way_of_naming_them(package: Path) -> None:
-    file = package / "urdf" / "bot.urdf"
-    corner = [1, 2, 3]
-    for name, folders in {
-        "../meshes/box.stl": None,
-        "package://bot/meshes/box.stl": None,  # the URDF's own package
-        f"file://{package}/meshes/box.stl": None,
-        str(package / "meshes" / "box.stl"): None,
-    }.items():
-        file.write_text(mesh(name))
-        assert vertices(oc.Robot.from_urdf(file, package_dirs=folders)).max(0).tolist() == corner
+    file, at = package / "urdf" / "bot.urdf", f"{package}/meshes/box.stl"
     text = mesh("package://bot/meshes/box.stl")
+    for name in ("../meshes/box.stl", "package://bot/meshes/box.stl", f"file://{at}", at):
+        file.write_text(mesh(name))  # which is in the package
+        assert vertices(oc.Robot.from_urdf(file)).max(0).tolist() == [1, 2, 3]
     for given in ([package.parent], {"bot": package}, str(package.parent), [package]):
-        assert vertices(oc.Robot.from_urdf(text, package_dirs=given)).max(0).tolist() == corner
+        assert vertices(oc.Robot.from_urdf(text, package_dirs=given)).max(0).tolist() == [1, 2, 3]
 
 
 def test_meshes_are_read_from_no_other_folders(package: Path, tmp_path: Path) -> None:
@@ -243,8 +237,7 @@ def test_meshes_are_read_from_no_other_folders(package: Path, tmp_path: Path) ->
         "../meshes/link.stl", "package://bot/meshes/link.stl",
     ):  # fmt: skip
         file.write_text(mesh(name))
-        with pytest.raises(RobotError, match=r"bot\.urdf:2: mesh of .*no folder from which meshes"):
-            oc.Robot.from_urdf(file)
+        bad(r"bot\.urdf:2: mesh of .*no folder from which meshes", file)
 
 
 def test_meshes_are_scaled_and_mirrored(package: Path) -> None:
@@ -262,8 +255,8 @@ def test_meshes_are_scaled_and_mirrored(package: Path) -> None:
 def test_a_mesh_that_cannot_be_read_is_named_with_its_line(package: Path) -> None:
     (package / "meshes" / "bad.stl").write_text("no mesh")
     for name in ("bad.stl", "none.stl", "box.exe", ""):
-        with pytest.raises(RobotError, match=r"^urdf:2: mesh of geometry"):
-            oc.Robot.from_urdf(mesh(f"package://bot/meshes/{name}"), package_dirs={"bot": package})
+        text = mesh(f"package://bot/meshes/{name}")
+        bad(r"^urdf:2: mesh of geometry", text, package_dirs={"bot": package})
 
 
 def test_each_mesh_is_read_once(package: Path) -> None:
@@ -362,24 +355,15 @@ BAD = [
 def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
     file = tmp_path / "r.urdf"
     for text, line, element, reason in BAD:
-        with pytest.raises(RobotError, match=reason) as caught:
-            oc.Robot.from_urdf(text)
-        error = caught.value
+        error = bad(reason, text)
         assert (error.file, error.line) == ("urdf", line), reason
         assert error.element.startswith(element), reason
         assert str(error).startswith(f"urdf:{line}: "), reason
         file.write_text(text)
         if reason != NEEDS_FILE:
-            with pytest.raises(RobotError, match=reason) as caught:
-                oc.Robot.from_urdf(file)
-            assert str(caught.value).startswith(f"{file}:{line}: "), reason
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match=r"none\.urdf: urdf: there is no such file"):
-        oc.Robot.from_urdf(tmp_path / "none.urdf")
-    with pytest.raises(RobotError, match="srdf: it is no regular file"):
-        oc.Robot.from_urdf(urdf(A), tmp_path)
+            assert str(bad(reason, file)).startswith(f"{file}:{line}: "), reason
+    bad(r"none\.urdf: urdf: there is no such file", tmp_path / "none.urdf")
+    bad("srdf: it is no regular file", urdf(A), tmp_path)
 
 
 def test_a_joint_that_mimics_nothing_moves_by_itself_and_is_named() -> None:
@@ -411,37 +395,27 @@ HOSTILE = {
 
 
 def test_hostile_xml_is_refused_in_every_encoding() -> None:
-    texts: list[str | bytes] = [*HOSTILE.values()]
+    for text in HOSTILE.values():
+        bad("", text)
     for encoding in ("utf-8", "utf-16", "utf-16-le", "latin-1", "utf-32"):
         text = f'<?xml version="1.0" encoding="{encoding}"?>' + HOSTILE["entity"]
-        texts.append(text.encode(encoding))
-    for each in texts:
-        with pytest.raises(RobotError):
-            oc.Robot.from_urdf(each)
+        bad("", text.encode(encoding))
 
 
 def test_limits_bound_what_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     many = urdf(A, "<x/>" * 20_000)
     assert oc.Robot.from_urdf(many).link_names == ("a",)
     monkeypatch.setattr(xml_values, "MOST_ELEMENTS", 10_000)
-    with pytest.raises(RobotError, match="more than 10000 elements"):
-        oc.Robot.from_urdf(many)
+    bad("more than 10000 elements", many)
     monkeypatch.setattr(xml_values, "LARGEST", 50_000)
-    with pytest.raises(RobotError, match="bytes, 50000 is the limit"):
-        oc.Robot.from_urdf(many)
+    bad("bytes, 50000 is the limit", many)
 
 
-def test_there_are_no_more_links_and_shapes_than_can_be_paired() -> None:
-    with pytest.raises(
-        RobotError, match=r"^urdf:1002: link 'l1000': there are 1001 links, 1000 is"
-    ):
-        oc.Robot.from_urdf(urdf(*(link(f"l{k}") for k in range(1001))))
-    many = ['<sphere radius="1"/>'] * 2001
-    with pytest.raises(RobotError, match="there are 2001 collision geometries, 2000 is the limit"):
-        oc.Robot.from_urdf(urdf(link("a", *many)))
-
-
-def test_as_many_links_as_there_may_be_are_read_whatever_connects_them() -> None:
+def test_there_are_no_more_links_and_shapes_than_can_be_paired_and_as_many_are_read() -> None:
+    links = urdf(*(link(f"l{k}") for k in range(1001)))
+    bad(r"^urdf:1002: link 'l1000': there are 1001 links, 1000 is", links)
+    balls = urdf(link("a", *['<sphere radius="1"/>'] * 2001))
+    bad("there are 2001 collision geometries, 2000 is the limit", balls)
     names = [f"l{k}" for k in range(999)]
     star = urdf(
         link("hub"), *(link(name, '<box size="1 1 1"/>') for name in names),
