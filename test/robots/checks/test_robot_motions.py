@@ -146,22 +146,18 @@ def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> Non
     assert 1.755 < 4.0 * report.parameters[0] <= 1.8 - np.sqrt(0.13**2 - 0.125**2)
 
 
-def test_planar_and_floating_joints_are_bounded() -> None:
+def test_planar_and_floating_joints_are_bounded_and_no_quaternion_goes_through_zero() -> None:
     rng = np.random.default_rng(2)
     checker = oc.RobotScene([oc.Robot.from_urdf(MOBILE)], random_world(rng, 6))
     states = rng.normal(0, 0.7, (2, 80, len(checker.joint_names)))
     assert 10 < compare(checker, *states) < 80
-
-
-def test_a_quaternion_through_zero_is_refused() -> None:
-    checker = oc.RobotScene([oc.Robot.from_urdf(MOBILE)])
     start = np.array([0, 0, 0, 0, 0, 1.0, 0, 0, 0, 1])
     end = start * [1, 1, 1, 1, 1, 1, 1, 1, 1, -1]
     reason = r"ends must not have quaternions opposite .* row 1"
     refused(reason, checker.check_motions, [start, start], [start, end])
 
 
-def test_where_a_ball_first_touches_a_wall() -> None:
+def test_where_a_ball_first_touches_a_wall_and_which_motion_of_a_path_is_bad() -> None:
     checker = ball(0.5, wall=True)
     report = checker.check_motions([[0.0], [0.0], [1.5]], [[2.0], [0.9], [0.0]], first=True)
     assert report.pairs == [("body", "wall"), None, ("body", "wall")]
@@ -171,6 +167,12 @@ def test_where_a_ball_first_touches_a_wall() -> None:
     assert report.parameters[2] == 0.0
     assert not report.undecided.any()
     assert report.first_invalid == 0
+    assert checker.check_path([[0.0], [0.5], [0.9]]).first_invalid is None
+    report = checker.check_path([[0.0], [0.5], [2.8], [0.0]], first=True)
+    assert report.first_invalid == 1
+    assert report.parameters[1] == pytest.approx((1.0 - 0.5) / 2.3, abs=1e-4)
+    assert checker.check_path([[0.5]]).valid.tolist() == [True]
+    assert checker.check_path([[1.5]]).valid.tolist() == [False]
 
 
 def test_near_misses_are_undecided_by_the_resolution() -> None:
@@ -197,16 +199,6 @@ def test_what_turns_too_often_beside_something_is_undecided(accuracy: str, turns
     assert report.valid.tolist() == [False, True]
     assert report.undecided.tolist() == [True, False]
     assert report.pairs[0] == ("blade", "wall")
-
-
-def test_a_path_names_its_first_bad_motion() -> None:
-    checker = ball(0.5, wall=True)
-    assert checker.check_path([[0.0], [0.5], [0.9]]).first_invalid is None
-    report = checker.check_path([[0.0], [0.5], [2.8], [0.0]], first=True)
-    assert report.first_invalid == 1
-    assert report.parameters[1] == pytest.approx((1.0 - 0.5) / 2.3, abs=1e-4)
-    assert checker.check_path([[0.5]]).valid.tolist() == [True]
-    assert checker.check_path([[1.5]]).valid.tolist() == [False]
 
 
 def test_motions_out_of_limits_are_not_valid() -> None:
@@ -270,12 +262,9 @@ def test_upper_bounds_are_those_of_the_cylinder_itself(accuracy: str, seed: int)
         assert found.upper_bounds[0] <= max(far, 0.0) + 0.013
 
 
-def test_padding_lessens_distances() -> None:
+def test_padding_lessens_distances_and_what_is_farther_does_not_count() -> None:
     found = walled(padding=0.2).distances([[0.0]])
     np.testing.assert_allclose(found.distances, [0.8], atol=1e-9)
-
-
-def test_what_is_farther_does_not_count() -> None:
     found = walled().distances([[0.0], [0.9]], max_distance=0.5)
     assert found.distances[0] == np.inf
     assert found.pairs == [None, ("body", "wall")]
@@ -362,14 +351,6 @@ STEP = 1e-6
 NEAR = 2.0
 
 
-def distances_by_pair(checker: oc.RobotScene, states: np.ndarray) -> list[dict[object, float]]:
-    found = checker.distances(states, max_distance=NEAR, all_pairs=True)
-    every: list[dict[object, float]] = [{} for _ in states]
-    for state, pair, distance in zip(found.states, found.pairs, found.distances, strict=True):
-        every[state][pair] = float(distance)
-    return every
-
-
 @each("accuracy", ["obb", "hull", "mesh"])
 @each("mobile", [False, True])
 def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) -> None:
@@ -385,7 +366,11 @@ def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) 
     assert every.jacobians is not None
     errors: list[float] = []
     steps = STEP * np.concatenate([np.eye(joints), -np.eye(joints)])
-    ends = distances_by_pair(checker, (states[:, None] + steps).reshape(-1, joints))
+    moved = (states[:, None] + steps).reshape(-1, joints)
+    found = checker.distances(moved, max_distance=NEAR, all_pairs=True)
+    ends: list[dict[object, float]] = [{} for _ in moved]
+    for state, pair, distance in zip(found.states, found.pairs, found.distances, strict=True):
+        ends[state][pair] = distance
     for row in np.flatnonzero(every.distances > 1e-3):
         first, pair = 2 * joints * every.states[row], every.pairs[row]
         around = ends[first : first + 2 * joints]

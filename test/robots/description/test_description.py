@@ -396,10 +396,10 @@ HOSTILE = {
 
 def test_hostile_xml_is_refused_in_every_encoding() -> None:
     for text in HOSTILE.values():
-        bad("", text)
+        bad("urdf", text)
     for encoding in ("utf-8", "utf-16", "utf-16-le", "latin-1", "utf-32"):
         text = f'<?xml version="1.0" encoding="{encoding}"?>' + HOSTILE["entity"]
-        bad("", text.encode(encoding))
+        bad("urdf", text.encode(encoding))
 
 
 def test_limits_bound_what_is_read(monkeypatch: pytest.MonkeyPatch) -> None:

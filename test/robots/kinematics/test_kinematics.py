@@ -89,9 +89,9 @@ def test_states_that_mean_nothing_are_refused_by_row() -> None:
     robot = oc.Robot.from_urdf(urdf(link("a"), link("b"), joint("j", "floating", "a", "b")))
     good = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 2.0]
     assert robot.link_poses(good)[1].tolist() == [1, 2, 3, 0, 0, 0, 1]
-    for bad, reason in (
-        ([1.0, np.nan, 3.0, 0, 0, 0, 1], "states must be finite"),
-        ([1.0, 2.0, 3.0, 0, 0, 0, 0], "states must have no quaternion of zeros"),
+    for reason, *bad in (
+        ("states must be finite", 1.0, np.nan, 3.0, 0, 0, 0, 1),
+        ("states must have no quaternion of zeros", 1.0, 2.0, 3.0, 0, 0, 0, 0),
     ):
         refused(f"{reason}.* in row 1", robot.link_poses, [good, bad])
         refused(reason, robot.link_poses, bad)
@@ -118,12 +118,9 @@ RNG = np.random.default_rng(7)
 
 def points(order: int, count: int = 2) -> list[Point]:
     """Return points with so many derivatives, at rising times."""
-    times = np.cumsum(RNG.uniform(0.1, 2.0, count))
-    rest = 2 - order
-    return [
-        Point(float(time), *RNG.uniform(-2.0, 2.0, (order + 1, 3)), *[None] * rest)
-        for time in times
-    ]
+    times = np.cumsum(RNG.uniform(0.1, 2.0, count)).tolist()
+    rest = [None] * (2 - order)
+    return [Point(time, *RNG.uniform(-2.0, 2.0, (order + 1, 3)), *rest) for time in times]
 
 
 def curve(some: list[Point], number: int, times: np.ndarray) -> np.ndarray:
@@ -139,9 +136,8 @@ def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name
         given = [list(point[1 : order + 2]) for point in (first, last)]
         exact = BPoly.from_derivatives([0.0, last.time - first.time], given)
         times = np.linspace(0.0, last.time - first.time, 21)
-        np.testing.assert_allclose(
-            curve([first, last], 0, times), exact(times), rtol=1e-9, atol=1e-9
-        )
+        ours = curve([first, last], 0, times)
+        np.testing.assert_allclose(ours, exact(times), rtol=1e-9, atol=1e-9)
 
 
 @each("order", [0, 1, 2])
@@ -180,12 +176,8 @@ def test_no_point_moves_farther_than_is_said() -> None:
             rotations = Rotation.from_quat(poses[:, 3:]).as_matrix()
             found.append(poses[:, None, :3] + np.einsum("lij,pj->lpi", rotations, points))
         assert np.linalg.norm(found[1] - found[0], axis=2).max() <= most
-
-
-def test_robots_that_move_freely_are_refused() -> None:
-    robot = oc.Robot.from_urdf(urdf(*map(link, "ab"), joint("j", "planar", "a", "b")))
-    zeros = np.zeros((1, 3))
-    refused("planar or floating", oc.RobotScene([robot]).displacements, zeros, zeros)
+    free = oc.Robot.from_urdf(urdf(*map(link, "ab"), joint("j", "planar", "a", "b")))
+    refused("planar or floating", oc.RobotScene([free]).displacements, states, states)
 
 
 def test_the_state_at_a_time_is_on_the_splines_and_at_their_ends() -> None:
@@ -202,10 +194,8 @@ def test_segments_between_points_of_any_kinds_are_those_of_each_pair() -> None:
     kinds = RNG.integers(0, 3, 200)
     some = [points(kind, 1)[0]._replace(time=float(n)) for n, kind in enumerate(kinds.tolist())]
     together = segments_between(some)
-    for number, pair in enumerate(pairwise(some)):
-        np.testing.assert_array_equal(
-            together.coefficients[number], segments_between(pair).coefficients[0]
-        )
+    for found, pair in zip(together.coefficients, pairwise(some), strict=True):
+        np.testing.assert_array_equal(found, segments_between(pair).coefficients[0])
 
 
 def test_a_jump_is_a_piece_of_its_own_of_the_first_segment() -> None:

@@ -17,9 +17,11 @@
 from __future__ import annotations
 
 import importlib.metadata
+from collections.abc import Iterable
 from functools import cache
 from itertools import combinations, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,26 +42,20 @@ SAMPLES = 2000
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 
 
-def robot_of(joints: list[OracleJoint]) -> oc.Robot:
-    """Return a robot of balls."""
-    limit = '<limit lower="-0.7" upper="1.1" velocity="1" effort="1"/>'
-    lines = [link(str(k), BALL) for k in range(len(joints) + 1)]
-    return oc.Robot.from_urdf(urdf(*lines, *(written(one, limit) for one in joints)))
-
-
-def distance(
-    robot: oc.Robot, joints: list[OracleJoint], state: np.ndarray, pair: tuple[str, str]
-) -> float:
-    """Return how far two balls are apart, by 4x4 matrices."""
-    places = link_matrices(joints, dict(zip(robot.joint_names, state.tolist(), strict=True)))
-    a, b = (places[name][:3, 3] for name in pair)
-    return float(np.linalg.norm(a - b)) - 2.0 * RADIUS
-
-
 @given(joint_trees(KINDS, 6, 2, 0.6), st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
 def test_no_random_state_contradicts_a_proof(joints: list[OracleJoint], seed: int) -> None:
-    robot = robot_of(joints)
+    """Of robots of balls."""
+    limit = '<limit lower="-0.7" upper="1.1" velocity="1" effort="1"/>'
+    lines = [link(str(k), BALL) for k in range(len(joints) + 1)]
+    robot = oc.Robot.from_urdf(urdf(*lines, *(written(one, limit) for one in joints)))
+
+    def distance(state: np.ndarray, pair: tuple[str, str]) -> float:
+        """Return how far two balls are apart, by 4x4 matrices."""
+        places = link_matrices(joints, dict(zip(robot.joint_names, state.tolist(), strict=True)))
+        a, b = (places[name][:3, 3] for name in pair)
+        return float(np.linalg.norm(a - b)) - 2.0 * RADIUS
+
     proofs = robot.prove_pairs(2.0)
     assert [proof.links for proof in proofs] == [
         (min(a, b), max(a, b)) for a, b in combinations(robot.link_names, 2)
@@ -72,14 +68,14 @@ def test_no_random_state_contradicts_a_proof(joints: list[OracleJoint], seed: in
         gaps = np.linalg.norm(poses[:, a, :3] - poses[:, b, :3], axis=1) - 2.0 * RADIUS
         if proof.verdict == "never":
             assert gaps.min() > 0.0
-            assert distance(robot, joints, states[gaps.argmin()], proof.links) > 0.0
+            assert distance(states[gaps.argmin()], proof.links) > 0.0
         elif proof.verdict == "always":
             assert gaps.max() < 0.0
         elif proof.verdict == "can collide":
             assert proof.witness is not None
             assert (proof.witness >= lower).all()
             assert (proof.witness <= upper).all()
-            assert distance(robot, joints, proof.witness, proof.links) < 1e-9
+            assert distance(proof.witness, proof.links) < 1e-9
         elif proof.verdict == "adjacent":
             assert proof.links in robot.adjacent_pairs
 
@@ -109,12 +105,17 @@ def test_the_arm_is_decided_and_its_srdf_has_just_these_pairs() -> None:
             assert not found.out_of_limits.any()
 
 
-def test_no_state_of_the_arm_contradicts_its_srdf() -> None:
-    others = [proof for proof in proofs_of_the_arm().values() if proof.verdict != "never"]
+def no_state_contradicts(proofs: Iterable[PairProof], file: Path, count: int, *more: Any) -> None:
+    """Assert that links which never collide do not in so many states; more: of the robot."""
+    others = [proof for proof in proofs if proof.verdict != "never"]
     elements = ['<disable_collisions link1="{}" link2="{}"/>'.format(*one.links) for one in others]
-    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf", urdf(*elements))
-    states = np.random.default_rng(3).uniform(robot.lower, robot.upper, (100_000, 7))
+    robot = oc.Robot.from_urdf(file, urdf(*elements), *more)
+    states = np.random.default_rng(3).uniform(robot.lower, robot.upper, (count, len(robot.lower)))
     assert oc.RobotScene([robot]).check(states).valid.all()
+
+
+def test_no_state_of_the_arm_contradicts_its_srdf() -> None:
+    no_state_contradicts(proofs_of_the_arm().values(), CONFIG / "arm.urdf", 100_000)
 
 
 def line_of(*places: float, kind: str = "revolute") -> oc.Robot:
@@ -128,16 +129,18 @@ def line_of(*places: float, kind: str = "revolute") -> oc.Robot:
     return oc.Robot.from_urdf(urdf(*lines))
 
 
-def test_links_that_overlap_in_every_state_collide_always() -> None:
-    proofs = proved(line_of(0.05, 0.05))
-    assert proofs["a", "c"].verdict == "always"
-    assert proved(line_of(0.05, 0.05, kind="fixed"))["a", "c"].verdict == "always"
-
-
-def test_links_that_do_not_move_against_each_other_are_decided_at_once() -> None:
-    proofs = proved(line_of(0.2, 0.2, kind="fixed"))
-    assert proofs["a", "c"].verdict == "never"
-    assert proofs["a", "c"].cells == 1
+@each("places, kind, verdict", [
+    ((0.05, 0.05), "revolute", "always"), ((0.05, 0.05), "fixed", "always"),
+    ((0.2, 0.2), "fixed", "never"), ((0.5, 0.5), "planar", "undecided"),
+    ((0.5, 0.5), "floating", "undecided"),  # which have no bounds
+    ((0.5, 0.15), "continuous", "never"), ((0.5, 0.25), "continuous", "can collide"),
+])  # fmt: skip
+def test_balls_in_a_row_are_decided(places: tuple[float, ...], kind: str, verdict: str) -> None:
+    """Joints without limits turn once around; what does not move is decided at once."""
+    proof = proved(line_of(*places, kind=kind))["a", "c"]
+    assert proof.verdict == verdict
+    assert proof.witness is None or verdict == "can collide"
+    assert proof.cells == 1 or (kind, verdict) != ("fixed", "never")
 
 
 @each("gap", [1e-2, 1e-4, 1e-6])
@@ -156,26 +159,11 @@ def test_small_gaps_are_proved(gap: float) -> None:
     assert proved(robot(angle + 8.0 * gap))["a", "c"].verdict == "can collide"
 
 
-def test_what_has_no_bounds_is_undecided() -> None:
-    for kind in ("planar", "floating"):
-        proof = proved(line_of(0.5, 0.5, kind=kind))["a", "c"]
-        assert (proof.verdict, proof.witness) == ("undecided", None)
-
-
-def test_joints_without_limits_turn_once_around() -> None:
-    assert proved(line_of(0.5, 0.15, kind="continuous"))["a", "c"].verdict == "never"
-    assert proved(line_of(0.5, 0.25, kind="continuous"))["a", "c"].verdict == "can collide"
-
-
-def test_time_that_is_up_leaves_pairs_undecided() -> None:
-    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf")
-    verdicts = {proof.verdict for proof in robot.prove_pairs(1e-9)}
-    assert verdicts <= {"adjacent", "can collide", "undecided"}
-    assert "undecided" in verdicts
-
-
-def test_progress_is_told_once_a_pair() -> None:
+def test_time_that_is_up_leaves_pairs_undecided_and_progress_is_told_once_a_pair() -> None:
     seen: list[PairProof] = []
+    proofs = oc.Robot.from_urdf(CONFIG / "arm.urdf").prove_pairs(1e-9)
+    assert {proof.verdict for proof in proofs} <= {"adjacent", "can collide", "undecided"}
+    assert "undecided" in {proof.verdict for proof in proofs}
     proofs = line_of(0.31, 0.31).prove_pairs(5.0, seen.append)
     assert sorted(proof.links for proof in seen) == [proof.links for proof in proofs]
 
@@ -244,7 +232,6 @@ except importlib.metadata.PackageNotFoundError:
     pytest.skip("example-robot-data is not installed", allow_module_level=True)
 #: Seconds per robot; both take about one.
 PATIENCE = 60.0
-STATES = 200_000
 
 
 @each("name", ["panda.urdf", "ur5_joint_limited_robot.urdf"])
@@ -253,12 +240,4 @@ def test_all_pairs_are_decided_and_none_is_contradicted(name: str) -> None:
     share = next(folder for folder in file.parents if folder.name == "share")
     proofs = oc.Robot.from_urdf(file, package_dirs=[share]).prove_pairs(PATIENCE)
     assert all(proof.verdict != "undecided" for proof in proofs)
-    others = "".join(
-        '<disable_collisions link1="{}" link2="{}"/>'.format(*proof.links)
-        for proof in proofs
-        if proof.verdict != "never"
-    )
-    robot = oc.Robot.from_urdf(file, f'<robot name="r">{others}</robot>', [share])
-    random = np.random.default_rng(11)
-    states = random.uniform(robot.lower, robot.upper, (STATES, len(robot.lower)))
-    assert oc.RobotScene([robot]).check(states).valid.all()
+    no_state_contradicts(proofs, file, 200_000, [share])
