@@ -59,24 +59,20 @@ PATIENCE = 120.0
 OBJECTS = 50
 
 
-def test_a_random_scene_follows_from_objects_and_seed() -> None:
+def test_a_random_scene_follows_from_objects_and_seed_and_has_all_states() -> None:
     one, two, other = random_scene(80, 3), random_scene(80, 3), random_scene(80, 4)
     for time in (0.0, 1.25, 30.0):
         assert one.states(time)[0].tobytes() == two.states(time)[0].tobytes()
         assert not np.array_equal(one.states(time)[0], other.states(time)[0])
     assert len(set(one.names)) == 80
-
-
-def test_a_random_scene_has_all_states() -> None:
     scene = random_scene(OBJECTS)
     moving = scene.moving()
     still = np.setdiff1d(np.arange(OBJECTS), moving)
     assert 0.2 * OBJECTS < len(moving) < 0.4 * OBJECTS
     assert np.array_equal(scene.states(3.3)[0][still], scene.states(0.0)[0][still])
     report = scene.build().check()
-    depths = report.depths
-    assert (depths < 1e-6).any()
-    assert (depths > 0.01).any()
+    assert report.depths.min() < 1e-6
+    assert report.depths.max() > 0.01
     assert len(report.names()) < OBJECTS  # most are free
     assert len(random_scene(MIN_OBJECTS).names) == MIN_OBJECTS
 
@@ -91,8 +87,11 @@ def brute_force(scene: DemoScene, time: float) -> set[tuple[str, ...]]:
     return {tuple(sorted((scene.names[a], scene.names[b]))) for a, b in pairs[colliding]}
 
 
-def pairs_of(demo: Demo) -> set[tuple[str, ...]]:
-    return {tuple(sorted((pair.a, pair.b))) for pair in demo.listener.pairs.rows}
+def check_pairs(demo: Demo, time: float) -> int:
+    """Return how many pairs were received, which must be those at a time."""
+    received = {tuple(sorted((pair.a, pair.b))) for pair in demo.listener.pairs.rows}
+    assert received == brute_force(demo.scene, time), f"at {time} s"
+    return len(received)
 
 
 @pytest.fixture
@@ -119,27 +118,25 @@ def demo(lines: list[str]) -> Iterator[Demo]:
 
 def test_pairs_received_are_those_of_brute_force(demo: Demo) -> None:
     demo.begin()
-    for time in np.arange(0.0, 12.0, 0.75):
-        demo.settle(float(time))
-        received = pairs_of(demo)
-        assert received == brute_force(demo.scene, float(time)), f"at {time} s"
+    for time in np.arange(0.0, 12.0, 0.75).tolist():
+        demo.settle(time)
+        check_pairs(demo, time)
 
 
 def test_a_run_ends_with_summary_and_picture(demo: Demo, lines: list[str], tmp_path: Path) -> None:
     demo.run()
     assert demo.time == 2.0
-    received = pairs_of(demo)
-    assert received == brute_force(demo.scene, 2.0)
+    count = check_pairs(demo, 2.0)
     assert lines[0].startswith("topics to watch: /obb_collision_demo/objects ")
     begun = [line for line in lines if " begins " in line]
     ended = [line for line in lines if " ends " in line]
-    assert len(begun) - len(ended) == len(received)
+    assert len(begun) - len(ended) == count
     assert any("touching" in line for line in begun)
     ends = demo.summary()
     assert ends[0].startswith(f"2.0 s, {OBJECTS} objects, {len(demo.scene.moving)} moving, ")
     assert "median" in ends[1]
     assert "pairs in all, at most " in ends[2]
-    assert f"at the end {len(received)}: " in ends[2]
+    assert f"at the end {count}: " in ends[2]
     pytest.importorskip("matplotlib")
     file = tmp_path / "scene.png"
     demo.save_picture(file)
@@ -148,16 +145,13 @@ def test_a_run_ends_with_summary_and_picture(demo: Demo, lines: list[str], tmp_p
 
 
 def test_it_is_always_known_what_collides_while_it_runs(demo: Demo) -> None:
-    answers: list[DiagnosticStatus] = []
+    said: list[DiagnosticArray] = []
     topic = f"{NAMESPACE}/collision_status"
     demo.begin()
     demo.settle(0.0)
-
-    def take(message: DiagnosticArray) -> None:
-        answers.append(message.status[0])
-
-    demo.listener.create_subscription(DiagnosticArray, topic, take, 100)
+    demo.listener.create_subscription(DiagnosticArray, topic, said.append, 100)
     demo.run()
+    answers = [message.status[0] for message in said]
     assert len(answers) > 5
     assert {status.level for status in answers} <= {DiagnosticStatus.OK, DiagnosticStatus.ERROR}
     assert not {pair.value for s in answers for pair in s.values if pair.key == "reasons"} - {""}
@@ -177,13 +171,10 @@ def test_without_rclpy_or_viser_it_says_how_to_get_it(
     ]
 
 
-DEMO = "-c", "from obb_collision.commands import demo_script; raise SystemExit(demo_script())"
-ELSEWHERE = {"ROS_DOMAIN_ID": str(DOMAIN + 1)}
-
-
 def test_ctrl_c_ends_it_with_its_summary() -> None:
+    code = "from obb_collision.commands import demo_script; raise SystemExit(demo_script())"
     few = ("--seconds", "3600", "--no-picture", "--objects", "20")
-    with started(*DEMO, *few, **ELSEWHERE) as demo:
+    with started("-c", code, *few, ROS_DOMAIN_ID=str(DOMAIN + 1)) as demo:
         received = output_until(demo, " begins ")
         demo.send_signal(signal.SIGINT)
         rest, _ = demo.communicate(timeout=PATIENCE)
@@ -197,8 +188,7 @@ def test_it_ends_while_it_waits_for_effects() -> None:
     asked: list[bool] = []
     with made(OBJECTS, 7, 1.0, print, stopped=lambda: bool(asked)) as running:
         asked.append(True)
-        with pytest.raises(ExternalShutdownException):
-            running.begin()
+        pytest.raises(ExternalShutdownException, running.begin)
 
 
 def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
@@ -269,8 +259,14 @@ def test_the_banner_says_level_reason_and_time_and_that_a_node_is_silent() -> No
     assert "STALE" in banner(status, 60.0)
 
 
-def test_the_view_follows_the_topics(live: Demo) -> None:
+def test_the_view_follows_the_topics_and_shows_edges_of_many_boxes(live: Demo) -> None:
     pytest.importorskip("viser")
+    with closing(BrowserView(port=0)) as view:
+        ends = np.random.default_rng(1).normal(size=(48, 3))
+        assert WAITING in view.panel.content
+        view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])
+        assert view.handles["edges of boxes"][0] == 36
+        assert view.panel.content == ""
     view = BrowserView(port=0)
     with closing(LiveView(view, live.listener, live.scene.shapes)):
         live.begin()
@@ -316,13 +312,3 @@ def test_boxes_come_out_of_the_bytes_of_markers() -> None:
         np.testing.assert_allclose(color, expected[:3], atol=1e-6)
     with pytest.raises(RefusedError):
         boxes_from_bytes(b"no markers")
-
-
-def test_edges_of_many_boxes_are_shown(live: Demo) -> None:
-    pytest.importorskip("viser")
-    with closing(BrowserView(port=0)) as view:
-        ends = np.random.default_rng(1).normal(size=(48, 3))
-        assert WAITING in view.panel.content
-        view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])
-        assert view.handles["edges of boxes"][0] == 36
-        assert view.panel.content == ""

@@ -54,22 +54,14 @@ def make_snapshot(count: int, notes: int = 0, **changes: Any) -> DrawnScene:
     poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (count, 1))
     poses[:, 0], poses[:, 1] = np.arange(count) % 20, np.arange(count) // 20
     boxes = oc.Boxes.from_poses(poses, random.uniform(0.1, 0.4, (count, 3)))
-    fields: dict[str, Any] = {
-        "names": [f"box/{k}" for k in range(count)],
-        "boxes": boxes,
-        "states": np.full(count, FREE),
-        "shapes": {},
-        "zones": {},
-        "contacts": NONE,
-        "predicted": NONE,
-        "near": np.empty((0, 2, 3)),
-        "cloud": NONE,
-        "inside": np.empty(0, np.bool_),
-        "notes": [
-            Label(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE, 1.0)
-            for k in range(notes)
-        ],
-    }
+    labels = [
+        Label(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE, 1.0)
+        for k in range(notes)
+    ]
+    fields: dict[str, Any] = {"names": [f"box/{k}" for k in range(count)], "boxes": boxes}
+    fields |= {"states": np.full(count, FREE), "shapes": {}, "zones": {}, "notes": labels}
+    fields |= {"near": np.empty((0, 2, 3)), "inside": np.empty(0, np.bool_)}
+    fields |= dict.fromkeys(("contacts", "predicted", "cloud"), NONE)
     return DrawnScene(**(fields | changes))
 
 
@@ -94,20 +86,13 @@ def test_a_snapshot_has_states_pairs_and_the_boxes_that_decided_one() -> None:
     poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (5, 1))
     poses[:, 0] = np.arange(5)
     doubtful = np.array([False, False, False, False, True])
+    touching_pair = NamedPair("box/0", "drum/0", 0.0, True)
+    deep_pair = NamedPair("arm/hand/0", "box/0", 0.004, False)
     listener: Any = SimpleNamespace(
         boxes=NO_BOXES._replace(names=names, poses=poses, sizes=np.ones((5, 3)), doubtful=doubtful),
-        pairs=SimpleNamespace(
-            rows=[
-                NamedPair("box/0", "drum/0", 0.0, True),
-                NamedPair("arm/hand/0", "box/0", 0.004, False),
-            ]
-        ),
-        places=np.array([[2.5, 0, 0], [np.nan] * 3]),
-        robots={"arm"},
-        by_box={"box/0", "drum/0"},
-        effects={},
-        points=NONE,
-    )
+        pairs=SimpleNamespace(rows=[touching_pair, deep_pair]), points=NONE, effects={},
+        places=np.array([[2.5, 0, 0], [np.nan] * 3]), robots={"arm"}, by_box={"box/0", "drum/0"},
+    )  # fmt: skip
     shapes = {"drum/0": oc.shapes.Cylinder(0.5, 1.0)}
     snapshot = take_snapshot(listener, shapes, {})
     assert snapshot.states.tolist() == [OVERLAPPING, ROBOT, OVERLAPPING, TOUCHING, DOUBTFUL]
@@ -129,13 +114,9 @@ def test_zones_wear_colours_of_their_own() -> None:
 
 def test_the_legend_names_what_is_there() -> None:
     cloud = np.array([[0.0, 0, 0], [9, 9, 9]])
-    snapshot = make_snapshot(
-        4,
-        states=np.array([FREE, FREE, TOUCHING, OVERLAPPING]),
-        contacts=cloud,
-        cloud=cloud,
-        inside=cloud[:, 0] < 1.0,
-    )
+    states = np.array([FREE, FREE, TOUCHING, OVERLAPPING])
+    points = {"contacts": cloud, "cloud": cloud, "inside": cloud[:, 0] < 1.0}
+    snapshot = make_snapshot(4, states=states, **points)
     assert [text for text, _, _ in snapshot.legend()] == [
         "2 free", "1 touching ≈", "1 overlapping", "other point", "point in a zone", "contact",
     ]  # fmt: skip
@@ -164,8 +145,7 @@ def test_a_picture_of_many_objects_is_written(tmp_path: Path) -> None:
 
 def test_all_of_a_scene_is_in_the_picture() -> None:
     for scale in (0.01, 1.0, 300.0):
-        boxes = oc.Boxes(
-            [[0, 0, -5 * scale], [scale, 0, 0]], [np.eye(3)] * 2, np.full((2, 3), scale)
-        )
+        centers = np.array([[0, 0, -5], [1, 0, 0]]) * scale
+        boxes = oc.Boxes(centers, [np.eye(3)] * 2, np.full((2, 3), scale))
         snapshot = make_snapshot(2, boxes=boxes)
         assert count_pixels(snapshot, EDGE_COLORS[FREE]) > 500
