@@ -112,13 +112,6 @@ def test_missed_collisions_are_counted_and_end_in_an_exit_code(
     assert "DEFECT" in capsys.readouterr().err
 
 
-def test_fits_are_compared_with_the_best() -> None:
-    rows = {row.fit: row for row in accuracy.measure_fits([FEW], 5.0, quiet)}
-    assert rows["best"].mean_volume == pytest.approx(1.0)
-    for row in rows.values():
-        assert row.worst_volume >= row.mean_volume >= 1.0
-
-
 def test_effects_on_finer_levels_are_nearer_to_the_finest_and_never_unsafe() -> None:
     ours = {(row.effect, row.name): row for row in effects.measure_effects(FEW, 60, 0.0, 4, quiet)}
     assert {effect for effect, _ in ours} == {"clearance", "contacts", "sweep"}
@@ -129,10 +122,13 @@ def test_effects_on_finer_levels_are_nearer_to_the_finest_and_never_unsafe() -> 
         assert ours[effect, "mesh"].worst_error == 0.0
 
 
-def test_ratios_are_medians_of_turns() -> None:
+def test_fits_are_compared_with_the_best_and_ratios_are_medians_of_turns() -> None:
+    rows = {row.fit: row for row in accuracy.measure_fits([FEW], 5.0, quiet)}
+    assert rows["best"].mean_volume == pytest.approx(1.0)
+    for row in rows.values():
+        assert row.worst_volume >= row.mean_volume >= 1.0
     times = Times({"a": np.array([1.0, 2.0, 9.0]), "b": np.array([3.0, 4.0, 9.0])})
-    assert times.best("a") == 1.0
-    assert times.ratio("b", "a") == 2.0
+    assert (times.best("a"), times.ratio("b", "a")) == (1.0, 2.0)
 
 
 def test_the_command_prints_tables_and_writes_its_files(
@@ -141,10 +137,10 @@ def test_the_command_prints_tables_and_writes_its_files(
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(accuracy, "generated_corpus", lambda seed: FEW)
     file, picture = tmp_path / "accuracy.json", tmp_path / "accuracy.svg"
-    sizes = ["--bodies", "40", "--pairs", "60", "--timed", "20", "--seconds", "1"]
     (tmp_path / "bad.stl").write_text("no mesh")
-    sizes += ["--meshes", str(tmp_path)]
-    assert command.accuracy([*sizes, "--json", str(file), "--picture", str(picture)]) == 0
+    sizes = ["--bodies", "40", "--pairs", "60", "--timed", "20", "--seconds", "1", "--meshes"]
+    files = [str(tmp_path), "--json", str(file), "--picture", str(picture)]
+    assert command.accuracy([*sizes, *files]) == 0
     printed = capsys.readouterr()
     for word in ("hull", "Fits of a box", "clearance mesh", "0 missed"):
         assert word in printed.out
@@ -156,11 +152,6 @@ def test_the_command_prints_tables_and_writes_its_files(
     drawn = picture.read_text()
     for level in LEVELS:
         assert f"<!-- {level} -->" in drawn
-
-
-def test_the_command_names_all_forms_and_peers() -> None:
-    assert tuple(contestants.FORMS) == command.FORMS
-    assert tuple(one.name for one in contestants.PEERS) == command.PEERS
 
 
 @each("form", contestants.FORMS)
@@ -199,10 +190,8 @@ def stand_in(name: str, wrong: Callable[[Rows], Rows]) -> contestants.Contestant
 
 
 def test_pairs_that_differ_are_counted_with_their_distance_from_touching() -> None:
-    wrong = [
-        stand_in("MuJoCo", lambda found: found[1:]),
-        stand_in("python-fcl", lambda found: np.vstack([found, 0 * found[:1]])),
-    ]
+    wrong = [stand_in("MuJoCo", lambda found: found[1:])]
+    wrong.append(stand_in("python-fcl", lambda found: np.vstack([found, 0 * found[:1]])))
     rows, _ = run_case(Case(boxes=50), [*contestants.OURS, *wrong], [1], QUICK, quiet)
     by_name = {row.name: row for row in rows}
     assert by_name["MuJoCo"].missed == 1
@@ -225,22 +214,15 @@ def row(name: str, boxes: int, median: float, form: str = "uniform", threads: in
     return StepRow(name, threads, form, boxes, 1.0, median, median, 20, 0.0, 1, 0, 0, 0.0)
 
 
-def test_slopes_are_those_of_the_medians() -> None:
+def test_slopes_are_those_of_the_medians_and_tables_have_a_line_for_coal_at_its_best() -> None:
     rows = [row("find_pairs", n, n / 1000.0) for n in (1000, 10_000)]
     rows += [row("find_pairs", n, 1.0, threads=1) for n in (1000, 10_000)]
     (line,) = speed.slopes(rows)
     assert line == "find_pairs, 2 threads, uniform: 10,000 / 1,000: 10.0; exponent at the end 1.00"
-
-
-def test_tables_have_a_line_for_coal_at_its_best() -> None:
     rows = [row("Scene, separations", 10, 1.0), row("coal tree", 10, 4.0, threads=1)]
-    rows.append(row("coal SSaP", 10, 3.0, threads=1))
-    (table,) = speed.tables(rows).values()
-    assert table[0] == ["ms per step", "10"]
-    assert table[1:] == [
-        ["Scene, separations, 2 threads", "1.00"],
-        ["coal, best broad phase", "3.00 SSaP (3.0)"],
-    ]
+    (table,) = speed.tables([*rows, row("coal SSaP", 10, 3.0, threads=1)]).values()
+    ours, theirs = ["Scene, separations, 2 threads", "1.00"], "coal, best broad phase"
+    assert table == [["ms per step", "10"], ours, [theirs, "3.00 SSaP (3.0)"]]
 
 
 def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -259,6 +241,8 @@ def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_by_default_every_size_form_and_share_of_motion_is_measured() -> None:
+    assert tuple(contestants.FORMS) == command.FORMS
+    assert tuple(one.name for one in contestants.PEERS) == command.PEERS
     cases = speed.cases_of(command.speed_parser("speed").parse_args([]))
     assert [c.boxes for c in cases[:6]] == [10, 100, 1_000, 10_000, 100_000, 1_000_000]
     assert {c.form for c in cases} == set(contestants.FORMS)

@@ -188,7 +188,8 @@ def test_it_ends_while_it_waits_for_effects() -> None:
     asked: list[bool] = []
     with made(OBJECTS, 7, 1.0, print, stopped=lambda: bool(asked)) as running:
         asked.append(True)
-        pytest.raises(ExternalShutdownException, running.begin)
+        with pytest.raises(ExternalShutdownException):
+            running.begin()
 
 
 def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:

@@ -251,10 +251,6 @@ README = ROOT / "README.md"
 LIBRARY, NUMERICS = (ROOT / "docs" / f"{name}.md" for name in ("library", "numerics"))
 
 
-def test_the_readme_is_short() -> None:
-    assert len(README.read_text(encoding="utf-8").splitlines()) < 200
-
-
 def anchors(page: Path) -> set[str]:
     """Return the anchors of a page's headings, as GitHub and myst-parser make them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
@@ -272,32 +268,24 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(file), target
 
 
-def test_every_page_is_linked_from_the_readme() -> None:
+def test_every_page_is_linked_from_the_readme_which_is_short() -> None:
     text = README.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 200
     for page in PAGES[1:]:
         assert f"]({page_name(page)})" in text, page
 
 
-def test_the_memory_table_is_that_of_the_arrays() -> None:
+def test_tables_of_memory_levels_and_effects_and_the_api_reference_are_those_of_the_code() -> None:
     rows = table_rows(LIBRARY, "## What a box takes in memory")
     assert {row[0]: tuple(map(int, row[1:])) for row in rows} == memory_table()
-
-
-def test_the_levels_of_accuracy_are_those_of_the_code() -> None:
     rows = table_rows(ROOT / "docs" / "accuracy.md", "## The levels")
     assert [row[0].strip("`") for row in rows] == [level.name.lower() for level in Accuracy]
-
-
-def test_the_api_reference_has_every_public_name_once() -> None:
-    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    named = re.findall(r"^\.\. auto(?:class|function|data):: (\w+)$", text, re.MULTILINE)
-    assert sorted(named) == sorted(set(oc.__all__) - {"regions", "shapes"})
-
-
-def test_the_effects_are_those_of_the_scene() -> None:
     rows = table_rows(LIBRARY, "## Only what you ask for")
     found = {row[0].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows}
     assert found == {name: set(effect.options) for name, effect in EFFECTS.items()}
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\.\. auto(?:class|function|data):: (\w+)$", text, re.MULTILINE)
+    assert sorted(named) == sorted(set(oc.__all__) - {"regions", "shapes"})
 
 
 def test_the_readme_repeats_what_other_pages_measured() -> None:
@@ -346,15 +334,12 @@ def first_line(folder: Path) -> str:
     return (docstring or "").partition("\n")[0]
 
 
-def test_the_tree_is_that_of_the_folders() -> None:
+def test_the_tree_is_that_of_the_folders_each_of_which_says_in_one_line_what_it_is() -> None:
     assert {file.parent.name for file in PACKAGE.glob("*/__init__.py")} == set(LAYERS)
     tree = [("obb_collision/", PACKAGE), *((f"  {name}/", PACKAGE / name) for name in LAYERS)]
     (shown,) = code_blocks(ROOT / "CONTRIBUTING.md", "text")
     lines = [f"{name:<22} {first_line(folder)}" for name, folder in [*tree, ("tools/", TOOLS)]]
     assert shown.splitlines() == lines
-
-
-def test_every_folder_says_in_one_line_what_it_is() -> None:
     for file in (*PACKAGE.rglob("__init__.py"), *TOOLS.rglob("__init__.py")):
         assert 0 < len(first_line(file.parent)) <= 80, file
         assert first_line(file.parent).endswith("."), file
@@ -399,12 +384,6 @@ def test_the_recording_leaves_out_what_is_computed_for_subscribers() -> None:
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
-def drawn() -> list[str]:
-    """Return the folders of the drawing that data passes, in its order."""
-    drawing = ARCHITECTURE.split("```")[1]
-    return re.findall(r"^ ((?:node|scene)/\w+)", drawing, re.MULTILINE)
-
-
 def test_a_pose_passes_the_folders_in_the_order_of_the_drawing() -> None:
     pytest.importorskip("rclpy")
     from rig import Rig, cube
@@ -434,18 +413,15 @@ def test_a_pose_passes_the_folders_in_the_order_of_the_drawing() -> None:
             rig.send_poses(range(count), poses[::-1], [number] * count).answer()
         finally:
             sys.setprofile(None)
-    assert len(drawn()) == 9
-    assert [folder for folder in entered if folder in drawn()] == drawn()
+    drawn = re.findall(r"^ ((?:node|scene)/\w+)", ARCHITECTURE.split("```")[1], re.MULTILINE)
+    assert len(drawn) == 9
+    assert [folder for folder in entered if folder in drawn] == drawn
 
 
-def test_the_page_is_short_and_names_every_layer_in_the_order_of_imports() -> None:
+def test_the_page_is_short_and_names_every_layer() -> None:
     assert len(ARCHITECTURE.split()) <= 600
-    named = [
-        name
-        for row in re.findall(r"^\| (`.*?) \|", ARCHITECTURE, re.MULTILINE)
-        for name in re.findall(r"`(\w+)`", row)
-    ]
-    folders = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
-    assert set(named) == folders
+    cells = re.findall(r"^\| (`.*?) \|", ARCHITECTURE, re.MULTILINE)
+    named = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
+    assert named == {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
     for folder in re.findall(r"queries/\w+|`([\w/]+\.py)`", ARCHITECTURE):
         assert not folder or (PACKAGE / folder).exists(), folder

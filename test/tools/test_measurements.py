@@ -51,14 +51,14 @@ from tools.weight import LIMITS, Project, figures, table
 def test_goals_are_measured_and_one_that_fails_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small: dict[str, object] = {
-        "SIZES": (10, 20),
-        "LARGE": (20, 30, 40),
-        "FORMS": ["uniform", "line"],
-    }
-    small |= {"SHORT_TURNS": 3, "BOXES_TURNS": 3, "FORM_BOXES": 30}
+    small: dict[str, object] = {"SIZES": (10, 20), "LARGE": (20, 30, 40)}
+    small |= {"FORMS": ["uniform", "line"], "SHORT_TURNS": 3, "BOXES_TURNS": 3, "FORM_BOXES": 30}
     for name, value in small.items():
         monkeypatch.setattr(goals, name, value)
+
+    def failing(self: object) -> Iterator[goals.Goal]:
+        raise RuntimeError("no such thing")
+
     for part in ("node", "starts", "per_pair"):
         monkeypatch.setattr(goals.Goals, part, failing)
     page = tmp_path / "page.md"
@@ -72,10 +72,6 @@ def test_goals_are_measured_and_one_that_fails_is_said(
     assert sum("no such thing" in goal for goal in found) == 3
     assert "10 boxes: move_indices, check, pairs read" in capsys.readouterr().out
     assert "| find_pairs, 20 boxes |" in text
-
-
-def failing(self: object) -> Iterator[goals.Goal]:
-    raise RuntimeError("no such thing")
 
 
 def test_a_goal_of_the_node_is_measured_and_needs_an_answer_to_every_frame() -> None:
@@ -121,9 +117,8 @@ POINTED = {name: generated_corpus(0).shapes[name] for name in ("table", "jack", 
 def test_effects_at_hull_and_mesh_are_those_of_peers(peer: str) -> None:
     """Within their tolerances; not depths of python-fcl, which are not least (docs/accuracy.md)."""
     pytest.importorskip({"coal": "coal", "python-fcl": "fcl", "MuJoCo": "mujoco"}[peer])
-    rows = measure_effects(
-        Corpus("pointed", POINTED), 150, 0.0, 5, lambda what: None, effects.installed
-    )
+    corpus = Corpus("pointed", POINTED)
+    rows = measure_effects(corpus, 150, 0.0, 5, lambda what: None, effects.installed)
     found = {(row.effect, row.name): row.differ for row in rows if row.name.startswith(peer)}
     for (effect, _), differ in found.items():
         if (peer, effect) != ("python-fcl", "contacts"):
@@ -138,8 +133,7 @@ ARM = ["--robot", str(CONFIG / "arm.urdf"), "--srdf", str(CONFIG / "arm.srdf")]
 
 
 def test_it_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "robots.json"
-    page = tmp_path / "page.md"
+    file, page = tmp_path / "robots.json", tmp_path / "page.md"
     options = ["--packages", str(CONFIG), "--json", str(file), "--markdown", str(page)]
     oc.set_threads(3)
     try:
@@ -322,7 +316,6 @@ def checker() -> Checker:
 
 
 def test_answers_with_any_changes_of_a_step_are_right_if_they_are(checker: Checker) -> None:
-    result = checker.result
     assert checker.judge(rows(right(checker.world.bodies)))
     for number in range(20):
         changes = checker.world.step()
@@ -334,19 +327,18 @@ def test_answers_with_any_changes_of_a_step_are_right_if_they_are(checker: Check
         assert checker.judge(rows(right(bodies))), number
         checker.end()
         assert checker.judge(rows(right(checker.world.bodies)))
-    assert result.wrong == 0
-    assert result.checked > 60
-    assert set(result.bodies) == {"came", "went", "moved"}
+    assert checker.result.wrong == 0
+    assert checker.result.checked > 60
+    assert set(checker.result.bodies) == {"came", "went", "moved"}
 
 
 def test_wrong_answers_are_found(checker: Checker) -> None:
     found = right(checker.world.bodies)
     first, depth = next(iter(found.items()))
     less = {pair: found[pair] for pair in found if pair != first}
-    spoiled = [
-        ("missing", rows(less)), ("too many", rows(found | {((1, 1), (2, 2)): 0.1})),
-        *(("wrong depth", rows(found | {first: depth + off})) for off in (1e-6, np.nan)),
-    ]  # fmt: skip
+    spoiled = [("missing", rows(less)), ("too many", rows(found | {((1, 1), (2, 2)): 0.1}))]
+    for off in (1e-6, np.nan):
+        spoiled.append(("wrong depth", rows(found | {first: depth + off})))
     spoiled.append(("twice", np.concatenate([rows(found), rows(found)[:1]])))
     for what, answer in spoiled:
         result = checker.result = Result(growth=1.0)
@@ -355,15 +347,11 @@ def test_wrong_answers_are_found(checker: Checker) -> None:
         assert "1 wrong answers" in result.faults()
         assert what in result.failure
         assert len(result.failure["bodies"]) == len(checker.world.bodies)
-
-
-def test_an_answer_to_the_step_before_is_wrong_afterwards(checker: Checker) -> None:
-    before = right(checker.world.bodies)
-    changes = checker.world.step()
-    checker.begin(changes)
+    result = checker.result = Result(growth=1.0)
+    checker.begin(checker.world.step())
     checker.end()
-    checker.judge(rows(before))
-    assert checker.result.wrong == 1
+    checker.judge(rows(found))  # right before the step
+    assert result.wrong == 1
 
 
 def test_single_poses_may_come_one_by_one_in_order(checker: Checker) -> None:
@@ -384,13 +372,12 @@ def test_single_poses_may_come_one_by_one_in_order(checker: Checker) -> None:
 
 def test_the_same_seed_is_the_same_steps() -> None:
     def steps(seed: int) -> list[str]:
-        world = worlds.World(seed, 20)
-        made = [world.first()]
-        world.apply(made[0])
-        for _ in range(50):
-            made.append(world.step())
-            world.apply(made[-1])
-        return [repr([(t, c.bodies, sorted(c.gone)) for t, c in one.items()]) for one in made]
+        world, made = worlds.World(seed, 20), []
+        for number in range(51):
+            changes = world.step() if number else world.first()
+            made.append(repr([(t, c.bodies, sorted(c.gone)) for t, c in changes.items()]))
+            world.apply(changes)
+        return made
 
     assert steps(1) == steps(1)
     assert steps(1) != steps(2)

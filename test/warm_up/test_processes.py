@@ -77,8 +77,8 @@ def test_where_nothing_can_be_kept_the_command_says_so_at_once(
 
 
 def test_without_ros_there_is_nothing_of_ros_to_compile() -> None:
-    done = run_python("-c", WITHOUT_ROS)
-    assert done.stdout.split()[-1] == str(len(steps.STEPS) - len(steps.NEEDS_ROS))
+    told = run_python("-c", WITHOUT_ROS).stdout
+    assert told.split()[-1] == str(len(steps.STEPS) - len(steps.NEEDS_ROS))
 
 
 def test_a_process_that_fails_and_one_that_ends_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,10 +102,8 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(subprocess, "Popen", noted)
     monkeypatch.setattr(processes, "CODE", "import time; time.sleep(1000)")
     progress = processes.compile_steps([steps.BOXES], stopped=lambda: True)
-    assert progress.stopped
-    assert progress.failed == {}
-    part = steps.BESIDE[steps.BOXES]  # for a second process
-    assert progress.steps == (steps.BOXES, *part)
+    assert (progress.stopped, progress.failed) == (True, {})
+    assert progress.steps == (steps.BOXES, *steps.BESIDE[steps.BOXES])  # for a second process
     assert begun
     assert all(process.poll() is not None for process in begun)
 
@@ -121,13 +119,11 @@ def noted(*arguments, **options):
 started, subprocess.Popen = subprocess.Popen, noted
 compile_steps([{step!r}], count=1, look=lambda progress: progress.kernels and os._exit(1))
 """
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", code.format(step=steps.accuracy_step(Accuracy.MESH))]
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
+    code = code.format(step=steps.accuracy_step(Accuracy.MESH))
+    with started("-c", code, NUMBA_CACHE_DIR=str(tmp_path)) as process:
+        told, _ = process.communicate(timeout=300)
     with suppress(ProcessLookupError):  # it has ended already
-        end = os.pidfd_open(int(done.stdout))
+        end = os.pidfd_open(int(told.splitlines()[0]))
         # its input has ended, which it notices while it compiles
         assert select.select([end], [], [], PATIENCE)[0], "it goes on"
         os.close(end)
