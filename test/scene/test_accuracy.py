@@ -284,9 +284,7 @@ def test_a_shape_has_every_effect_at_every_level(name: str, accuracy: oc.Accurac
         scene.remove(other)
 
 
-@each(
-    "shape", [*(make(0.5) for make in SIZED.values()), Hull(TETRAHEDRON[:1]), Hull(np.eye(3)[:2])]
-)
+@each("shape", [*[f(0.5) for f in SIZED.values()], Hull(TETRAHEDRON[:1]), Hull(np.eye(3)[:2])])
 def test_a_shape_is_drawn_as_what_fills_its_box(shape: Shape) -> None:
     pytest.importorskip("rclpy")
     from obb_collision.demo.snapshot import triangles_of

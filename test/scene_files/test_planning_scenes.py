@@ -70,9 +70,8 @@ def test_messages_as_ros_prints_them_are_read() -> None:
     # the stand is 1 m up; on it the crate is turned by a quarter, x to y
     np.testing.assert_allclose(scene.obb("crate/0").center, [1, 0, 1], atol=1e-15)
     np.testing.assert_allclose(scene.obb("crate/1").center, [1, 0.25, 1], atol=1e-15)
-    np.testing.assert_allclose(
-        scene.obb("crate/0").rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15
-    )
+    turned = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    np.testing.assert_allclose(scene.obb("crate/0").rotation, turned, atol=1e-15)
     assert np.all(scene.obb("wedge").contains([[3, 0, 0], [4, 0, 0], [3, 1, 0], [3, 0, 1]]))
     assert description.objects[3].shape == Cone(radius=0.125, length=0.25)
     np.testing.assert_array_equal(scene.obb("cable").center, [0, 0, 1])

@@ -117,9 +117,8 @@ def test_what_rests_has_its_pose_bit_for_bit_and_no_twist(ready: files.SceneDesc
         if thing.motion is None:
             assert (*poses[row].tolist(),) == thing.pose
             assert not twists[row].any()
-    np.testing.assert_allclose(
-        ready.states(0.0)[0], [thing.pose for thing in ready.objects], atol=1e-12
-    )
+    begins = [thing.pose for thing in ready.objects]
+    np.testing.assert_allclose(ready.states(0.0)[0], begins, atol=1e-12)
 
 
 def test_waypoints_without_times_are_even(write: Any) -> None:

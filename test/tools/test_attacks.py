@@ -77,16 +77,14 @@ def test_a_part_is_run_again_and_a_wrong_answer_is_found_with_what_reproduces_it
     assert "again: python -m tools.fuzz --seed 4 --only raw:19-20" in output
 
 
-GOOD = tuple("\n".join(text.splitlines()).encode() for text in (files.urdf(), files.SRDF))
-
-
 def test_files_are_good_before_they_are_changed(tmp_path: Path) -> None:
     files.place_files(tmp_path)
     path = tmp_path / "scene.yaml"
     for text in files.texts():
         path.write_text(text)
         assert files.read(path) == ""
-    numbers = [number for number in range(200) if files.mutated_robot(1, number) == GOOD]
+    good = tuple("\n".join(text.splitlines()).encode() for text in (files.urdf(), files.SRDF))
+    numbers = [number for number in range(200) if files.mutated_robot(1, number) == good]
     assert len(numbers) > 5
     for number in numbers:
         assert files.read_robot(tmp_path, 1, number) == ""

@@ -184,9 +184,8 @@ def test_a_node_answers_many_states(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "| 30 boxes | 50 | 10 |" in capsys.readouterr().out
 
 
-SETUP = 'entry_points={"console_scripts": ["one = a.b:main", "two = a:main"]}\n'
 PROJECT = {
-    "setup.py": SETUP,
+    "setup.py": 'entry_points={"console_scripts": ["one = a.b:main", "two = a:main"]}\n',
     "obb_collision/api.py": '__all__ = ["a", "b", "c"]\n',
     "obb_collision/accuracy.py": "class Accuracy(IntEnum):\n    SPHERE = 0\n    MESH = 1\n",
     "obb_collision/base.py": "class Base:\n    size: int\n\n    def grow(self):\n        pass\n",
@@ -242,27 +241,26 @@ def test_a_small_project_is_counted(tmp_path: Path) -> None:
     assert set(found) <= set(LIMITS)
 
 
-@each(
-    "row, text, more",
-    [
-        ("classes called Bodies or Sides", "class Bodies: ...\nclass Sides: ...\n", 2),
-        ("class names used twice", "class Base: ...\nclass New: ...\n", 1),
-        ("functions of ten or more arguments", "def f(a, b, c, d, e, f, g, h, *, i, j): ...\n", 1),
-        ("functions of ten or more arguments", "def f(a, b, c, d, e, f, g, h, *, i): ...\n", 0),
-        ("starred tuples", "f(*(a, b))\nf(*a)\n[*(a, b)]\n", 1),
-        ("fmt: skip", "a = 1  # fmt: skip\n", 1),
-        ("modules on inner parts of numba", "from numba.core import types, config\n", 0),
-        ("modules on inner parts of numba", "import numba\nnumba.core.types.f8\n", 0),
-        ("modules on inner parts of numba", "from numba.core import caching, types\n", 1),
-        ("modules on inner parts of numba", "import numba\nnumba.core.caching\n", 1),
-        ("modules on inner parts of numba", "from numba.extending import _Intrinsic\n", 1),
-        ("modules on inner parts of numba", "import numba\ndef f(a): a._inner\n", 1),
-        ("modules on inner parts of numba", "import numba\n_own = 1\ndef f(a): a._own\n", 0),
-        ("modules on inner parts of rclpy", "import rclpy\ndef f(a): a._inner\n", 1),
-        ("modules on inner parts of rclpy", "import rclpy\ngetattr(a, '_inner')\n", 1),
-        ("modules on inner parts of rclpy", "def f(a): a._inner, a._replace()\n", 0),
-    ],
-)
+NUMBA, RCLPY = (f"modules on inner parts of {name}" for name in ("numba", "rclpy"))
+
+
+@each("row, text, more", [
+    ("classes called Bodies or Sides", "class Bodies: ...\nclass Sides: ...\n", 2),
+    ("class names used twice", "class Base: ...\nclass New: ...\n", 1),
+    ("functions of ten or more arguments", "def f(a, b, c, d, e, f, g, h, *, i, j): ...\n", 1),
+    ("functions of ten or more arguments", "def f(a, b, c, d, e, f, g, h, *, i): ...\n", 0),
+    ("starred tuples", "f(*(a, b))\nf(*a)\n[*(a, b)]\n", 1), ("fmt: skip", "a  # fmt: skip\n", 1),
+    (NUMBA, "from numba.core import types, config\n", 0),
+    (NUMBA, "import numba\nnumba.core.types.f8\n", 0),
+    (NUMBA, "from numba.core import caching, types\n", 1),
+    (NUMBA, "import numba\nnumba.core.caching\n", 1),
+    (NUMBA, "from numba.extending import _Intrinsic\n", 1),
+    (NUMBA, "import numba\ndef f(a): a._inner\n", 1),
+    (NUMBA, "import numba\n_own = 1\ndef f(a): a._own\n", 0),
+    (RCLPY, "import rclpy\ndef f(a): a._inner\n", 1),
+    (RCLPY, "import rclpy\ngetattr(a, '_inner')\n", 1),
+    (RCLPY, "def f(a): a._inner, a._replace()\n", 0),
+])  # fmt: skip
 def test_what_a_module_adds(tmp_path: Path, row: str, text: str, more: int) -> None:
     before = counted(tmp_path)[row]
     assert before is not None

@@ -208,9 +208,8 @@ def test_every_geometry_becomes_a_shape_with_its_pose() -> None:
 
 
 def test_angles_are_about_fixed_axes_x_first() -> None:
-    text = urdf(link("a", '<sphere radius="1"/>')).replace(
-        "<geometry>", '<origin rpy="0.1 0.2 0.3"/><geometry>'
-    )
+    turn = '<origin rpy="0.1 0.2 0.3"/>'
+    text = urdf(link("a", BALL)).replace("<geometry>", f"{turn}<geometry>")
     ((_, pose),) = oc.Robot.from_urdf(text).shapes[0]
     turned = oc.OBB.from_quaternion([0] * 3, pose[3:], [1] * 3).rotation
     assert turned[2, 0] == pytest.approx(-np.sin(0.2))
@@ -266,10 +265,8 @@ def test_each_mesh_is_read_once(package: Path) -> None:
         read.append(path)
         return oc.shapes.Mesh.from_file(path, scale)
 
-    one = '<mesh filename="package://bot/meshes/box.stl"/>'
-    robot = oc.Robot.from_urdf(
-        urdf(link("a", one, one)), package_dirs={"bot": package}, read_mesh=counted
-    )
+    text = urdf(link("a", *['<mesh filename="package://bot/meshes/box.stl"/>'] * 2))
+    robot = oc.Robot.from_urdf(text, package_dirs={"bot": package}, read_mesh=counted)
     assert read == [package / "meshes" / "box.stl"]
     assert robot.shapes[0][0][0] is robot.shapes[0][1][0]
 
@@ -369,9 +366,8 @@ def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
 def test_a_joint_that_mimics_nothing_moves_by_itself_and_is_named() -> None:
     robot = oc.Robot.from_urdf(bad_joint(MIMIC + LIMIT))
     assert robot.joint_names == ("j",)
-    assert robot.doubts == (
-        "urdf:4: joint 'j': it mimics 'k', which is no joint: it moves by itself",
-    )
+    (doubt,) = robot.doubts
+    assert doubt == "urdf:4: joint 'j': it mimics 'k', which is no joint: it moves by itself"
 
 
 ENTITY = '<!DOCTYPE r [<!ENTITY {}>]>\n<robot name="r"><link name="{}"/></robot>'

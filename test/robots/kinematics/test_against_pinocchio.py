@@ -88,8 +88,6 @@ def configuration(robot: oc.Robot, model: Any, state: np.ndarray) -> np.ndarray:
             continue
         driver, multiplier, offset = driven(joints[name], joints)
         value = multiplier * values[driver] + offset
-        one = joint.nq == 1
-        numbers[joint.idx_q : joint.idx_q + joint.nq] = (
-            value if one else (np.cos(value), np.sin(value))
-        )
+        given = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        numbers[joint.idx_q : joint.idx_q + joint.nq] = given
     return numbers

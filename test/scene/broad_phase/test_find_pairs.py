@@ -39,6 +39,7 @@ from tools.cases.placement import random_rotations
 
 Rng = np.random.Generator
 Maker = Callable[[Rng, int], oc.Boxes]
+Change = Callable[[Rng, np.ndarray], np.ndarray]
 SEPARATE = oc.Verdict.SEPARATE
 
 
@@ -70,17 +71,13 @@ def diagonal(rng: Rng, n: int) -> oc.Boxes:
     return oc.Boxes(centers, random_rotations(rng, n), rng.uniform(0.05, 0.4, (n, 3)))
 
 
-def changed(
-    centers: Callable[[Rng, np.ndarray], np.ndarray] = lambda rng, x: x,
-    half: Callable[[Rng, np.ndarray], np.ndarray] = lambda rng, x: x,
-) -> Maker:
+def changed(centers: Change = lambda _, x: x, half: Change = lambda _, x: x) -> Maker:
     """Return what makes uniform boxes with other centres or half extents."""
 
     def make(rng: Rng, n: int) -> oc.Boxes:
         boxes = uniform(rng, n)
-        return oc.Boxes(
-            centers(rng, boxes.centers), boxes.rotations, half(rng, boxes.half_extents.copy())
-        )
+        moved, sized = centers(rng, boxes.centers), half(rng, boxes.half_extents.copy())
+        return oc.Boxes(moved, boxes.rotations, sized)
 
     return make
 

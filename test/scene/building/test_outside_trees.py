@@ -123,7 +123,7 @@ def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.Mo
     assert trees.waiting == 0
 
 
-def test_what_fails_is_told_and_on_obb(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_fails_is_on_obb_and_told(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
     run = builder.process.run
 
     def fails(task: Task, limits: Limits) -> None:

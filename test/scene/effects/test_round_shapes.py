@@ -104,9 +104,7 @@ def test_verdicts_say_what_effects_say(
     shape: Shape, padding: float, order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Near touching, where effects are those of the shapes, not corrected by verdicts."""
-    monkeypatch.setattr(
-        placed_shapes.PlacedShapes, "parted", lambda shapes, distances, *_: distances
-    )
+    monkeypatch.setattr(placed_shapes.PlacedShapes, "parted", lambda _, distances, *__: distances)
     rng = np.random.default_rng(17)
     outcomes = {True: 0, False: 0}
     for mesh in MESHES:

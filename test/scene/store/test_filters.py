@@ -292,9 +292,8 @@ def test_boxes_that_need_no_check_are_those_that_were_checked() -> None:
         scene.objects.remove(scene.add_boxes(["x", "y"], sizes[:2], poses[:2]))
     names = [f"b/{number}" for number in range(40)]
     levels = [oc.Accuracy.AABB if number % 7 == 0 else None for number in range(40)]
-    assert other.objects.begin_boxes(names, sizes, poses, levels).tolist() == (
-        one.add_boxes(names, sizes, poses, levels).tolist()
-    )
+    begun = other.objects.begin_boxes(names, sizes, poses, levels)
+    assert begun.tolist() == one.add_boxes(names, sizes, poses, levels).tolist()
     assert state(one) == state(other)
     some_rows = np.array([one.index(name) for name in names[3:9]])
     one.add_boxes(names[3:9], sizes[9:15], poses[3:9], levels[3:9])
