@@ -115,7 +115,7 @@ def test_zones_wear_colours_of_their_own() -> None:
 def test_the_legend_names_what_is_there() -> None:
     cloud = np.array([[0.0, 0, 0], [9, 9, 9]])
     states = np.array([FREE, FREE, TOUCHING, OVERLAPPING])
-    points = {"contacts": cloud, "cloud": cloud, "inside": cloud[:, 0] < 1.0}
+    points: dict[str, Any] = {"contacts": cloud, "cloud": cloud, "inside": cloud[:, 0] < 1.0}
     snapshot = make_snapshot(4, states=states, **points)
     assert [text for text, _, _ in snapshot.legend()] == [
         "2 free", "1 touching ≈", "1 overlapping", "other point", "point in a zone", "contact",

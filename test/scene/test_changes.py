@@ -20,6 +20,7 @@ import dataclasses
 import gc
 import tracemalloc
 from typing import Any
+from unittest.mock import Mock
 
 import numba
 import numpy as np
@@ -299,8 +300,8 @@ def test_places_and_effects_have_the_same_bits_for_any_number_of_threads() -> No
 
 
 def test_what_nothing_has_changed_about_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls, find = [], checker.Checker.find
-    monkeypatch.setattr(checker.Checker, "find", lambda *given: (calls.append(1), find(*given))[1])
+    find = Mock(side_effect=checker.Checker.find)
+    monkeypatch.setattr(checker.Checker, "find", lambda *given: find(*given))
     scene = boxes_at(some_poses(300, np.random.default_rng(9), 3.0))
     scene.check("contacts")
     for _ in range(5):  # nobody holds the report before
@@ -308,7 +309,7 @@ def test_what_nothing_has_changed_about_is_found_once(monkeypatch: pytest.Monkey
         assert report.costs["contacts"].count == 0, "nor is the effect computed again"
         assert len(report.contacts) == len(report) > 0
         assert report.names() == boxes_at(scene.objects.poses_of(scene.indices)).check().names()
-    assert len(calls) == 6
+    assert find.call_count == 6
     scene.set_effect("contacts", max_points=8)
     assert scene.check("contacts").costs["contacts"].count == len(report)
 

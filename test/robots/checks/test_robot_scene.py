@@ -234,7 +234,7 @@ def test_what_is_attached_moves_along_and_may_touch_some_links() -> None:
 
 def test_robots_are_checked_against_each_other() -> None:
     robot = oc.Robot.from_urdf(LIFT)
-    bases = [[0, 0, 0, 0, 0, 0, 1], [1.7, 0, 0, 0, 0, 1, 0]]  # the second one faces the first
+    bases = np.array([[0] * 6 + [1], [1.7, 0, 0, 0, 0, 1, 0]])  # the second one faces the first
     checker = oc.RobotScene({"a": robot, "b": robot}, bases=bases)
     assert checker.joint_names == ("a/lift", "a/out", "b/lift", "b/out")
     report = checker.check([[1, 0.2, 1, 0.2], [1, 0.3, 1.5, 0.3], [1, 0.3, 1, 0.3]])

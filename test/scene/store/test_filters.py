@@ -330,6 +330,6 @@ def test_a_renamed_object_is_the_same_under_its_new_name() -> None:
     slot, other = scene.index(NAMES[0]), NAMES[1]
     scene.allow("c", "*")
     assert scene.check().names() == [(NAMES[0], other)]
-    scene.objects.rename([slot], ["c"])
+    scene.objects.rename(np.array([slot]), ["c"])
     assert (scene.index("c"), NAMES[0] in scene, scene.names) == (slot, False, ["c", other])
     assert scene.check().names() == [], "rules count by the new name"
