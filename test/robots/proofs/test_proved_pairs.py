@@ -139,12 +139,12 @@ def test_balls_in_a_row_are_decided(places: tuple[float, ...], kind: str, verdic
     """Joints without limits turn once around; what does not move is decided at once."""
     proof = proved(line_of(*places, kind=kind))["a", "c"]
     assert proof.verdict == verdict
-    assert proof.witness is None or verdict == "can collide"
+    assert proof.witness is None or verdict != "undecided"
     assert proof.cells == 1 or (kind, verdict) != ("fixed", "never")
 
 
 @each("gap", [1e-2, 1e-4, 1e-6])
-def test_small_gaps_are_proved(gap: float) -> None:
+def test_small_gaps_are_proved(gap: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """At an angle of the middle one, the outer two of three balls are 0.62 cos(angle / 2) apart."""
     angle = float(2.0 * np.arccos((2.0 * RADIUS + gap) / 0.62))
 
@@ -156,7 +156,10 @@ def test_small_gaps_are_proved(gap: float) -> None:
     proof = proved(robot(angle))["a", "c"]
     assert proof.verdict == "never"
     assert proof.cells < 1000
-    assert proved(robot(angle + 8.0 * gap))["a", "c"].verdict == "can collide"
+    for _ in range(2):
+        assert proved(robot(angle + 8.0 * gap))["a", "c"].verdict == "can collide"
+        # what a descent finds first the search finds, too, and proves nothing else
+        monkeypatch.setattr(f"{PairProof.__module__}.descend_from", lambda *_: False)
 
 
 def test_time_that_is_up_leaves_pairs_undecided_and_progress_is_told_once_a_pair() -> None:
@@ -226,18 +229,14 @@ def test_bad_files_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixt
         assert told.count("\n") == 1
 
 
-try:
-    FILES = importlib.metadata.files("example-robot-data") or []
-except importlib.metadata.PackageNotFoundError:
-    pytest.skip("example-robot-data is not installed", allow_module_level=True)
-#: Seconds per robot; both take about one.
-PATIENCE = 60.0
-
-
 @each("name", ["panda.urdf", "ur5_joint_limited_robot.urdf"])
 def test_all_pairs_are_decided_and_none_is_contradicted(name: str) -> None:
-    file = next(Path(str(file.locate())).resolve() for file in FILES if file.name == name)
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    file = next(Path(str(file.locate())).resolve() for file in files if file.name == name)
     share = next(folder for folder in file.parents if folder.name == "share")
-    proofs = oc.Robot.from_urdf(file, package_dirs=[share]).prove_pairs(PATIENCE)
+    proofs = oc.Robot.from_urdf(file, package_dirs=[share]).prove_pairs(60.0)  # it takes about one
     assert all(proof.verdict != "undecided" for proof in proofs)
     no_state_contradicts(proofs, file, 200_000, [share])
