@@ -458,7 +458,8 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.apply()  # else nobody remembers what came and went at once
         self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
         names = {**self.model.things, **self.model.newcomers}
-        gone = [n for n in names if n.startswith(namespace) and not self.model.is_of_set(n)]
+        start = namespace and f"{namespace}/"
+        gone = [n for n in names if n.startswith(start) and not self.model.is_of_set(n)]
         self.model.delete(*gone, is_named=False)
         if not namespace:
             self.model.declare()
