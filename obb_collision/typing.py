@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,3 +33,5 @@ Vector = tuple[float, float, float]
 """A point or a vector in space; compiled, its numbers live in registers."""
 Axes = tuple[Vector, Vector, Vector]
 """The three axes of a box, as a rule the columns of its rotation."""
+Columns = tuple[NDArray[Any], ...]
+"""A NamedTuple of arrays as a plain tuple, which numba takes from Python a microsecond sooner."""

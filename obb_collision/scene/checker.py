@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.queries.verdict.coarse import bounds_kernel, sphere_bounds
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdicts, decide_exactly
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
@@ -215,7 +214,7 @@ class Checker:
         store = self._store
         self._bounds = self._tree = None
         (pairs, verdicts), old = self._room, self._old
-        boxes = BoxArrays(store.centers, store.rotations, store.half_extents)
+        boxes = store.centers, store.rotations, store.half_extents
         before = NO_PAIRS if last is None else last.pairs
         found, known = few_pairs(
             boxes, self._layout.active, store.changed, before, pairs, verdicts, old
@@ -401,7 +400,7 @@ class Checker:
         if layout.spheres:
             kept[0][anew], kept[1][anew] = sphere_bounds(store.boxes(anew))
         else:
-            boxes = BoxArrays(store.centers, store.rotations, store.half_extents)
+            boxes = store.centers, store.rotations, store.half_extents
             run(bounds_kernel, len(anew), LEAST_BOUNDS, boxes, anew, *kept)
         self._bounds = kept
         if self._tree is not None and not self._tree.update(changed):

@@ -25,7 +25,7 @@ from obb_collision.queries.verdict.coarse import bounds_kernel
 from obb_collision.queries.verdict.sat import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, box_verdict
 from obb_collision.scene.broad_phase.find_pairs import pairs_kernel
-from obb_collision.typing import Floats
+from obb_collision.typing import Columns, Floats
 
 #: Up to so many boxes all pairs of bounds are compared: 2,016 take 3 us, a tree and its calls 40.
 FEW = 64
@@ -33,7 +33,7 @@ FEW = 64
 
 @njit
 def few_pairs(
-    boxes: BoxArrays, slots: np.ndarray, changed: np.ndarray, last: np.ndarray,
+    columns: Columns, slots: np.ndarray, changed: np.ndarray, last: np.ndarray,
     pairs: np.ndarray, verdicts: np.ndarray, old: np.ndarray,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the colliding pairs of slots (n,), ascending, their verdicts, and where they were.
@@ -42,9 +42,9 @@ def few_pairs(
     changed, -1 for the others. All outputs have room for all pairs; returns how many there are, and
     how many of them were there before.
     """
-    count = len(slots)
+    count, boxes = len(slots), BoxArrays(*columns)
     minimum, maximum = np.empty_like(boxes.centers), np.empty_like(boxes.centers)
-    bounds_kernel(boxes, slots, minimum, maximum, 0, count)
+    bounds_kernel(columns, slots, minimum, maximum, 0, count)
     found, known, before = 0, 0, 0
     for n in range(count):
         i = slots[n]

@@ -30,10 +30,10 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.aabb import world_bounds_of
-from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import lengths, minus, norm, rows_at, sum_abs, vector_at
-from obb_collision.typing import Floats, Integers, Mask, Vector
+from obb_collision.typing import Columns, Floats, Integers, Mask, Vector
 
 #: Slack of the sphere test relative to the distance and the radii (see above).
 SPHERE_SLACK = 8192 * ROUNDOFF
@@ -50,7 +50,7 @@ def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     """Return minimum and maximum (n, 3) of bounds which overlap for all boxes not SEPARATE."""
     minimum, maximum = np.empty((len(boxes), 3)), np.empty((len(boxes), 3))
     rows = np.arange(len(boxes))
-    run(bounds_kernel, len(boxes), FEWEST_BOXES, boxes.arrays, rows, minimum, maximum)
+    run(bounds_kernel, len(boxes), FEWEST_BOXES, tuple(boxes.arrays), rows, minimum, maximum)
     return minimum, maximum
 
 
@@ -84,7 +84,7 @@ def bounds_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask
 
 @njit
 def bounds_kernel(
-    boxes: BoxArrays, rows: np.ndarray, minimum: Floats, maximum: Floats, start: int, stop: int
+    boxes: Columns, rows: np.ndarray, minimum: Floats, maximum: Floats, start: int, stop: int
 ) -> None:
     """Write the ``meeting_bounds`` of rows ``rows[start:stop]`` to the same rows."""
     centers, rotations, half_extents = boxes

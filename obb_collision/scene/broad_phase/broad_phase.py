@@ -41,7 +41,7 @@ from obb_collision.scene.broad_phase.bounds_tree import (
     overlapping,
     overlaps,
 )
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Columns, Floats, Rows
 
 Pairs = NDArray[np.int64]
 #: Writes pairs of rows from one to another as long as there is room; returns how many there are,
@@ -84,7 +84,7 @@ def find_some_candidates(tree: BoundsTree, most: int, each: Each | None = None) 
     """
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return _self_overlaps(tree, most, pairs, start, stop)
+        return _self_overlaps(tuple(tree), most, pairs, start, stop)
 
     return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, each)
 
@@ -175,12 +175,13 @@ class Room(NamedTuple):
 
 @njit
 def _self_overlaps(
-    tree: BoundsTree, most: int, pairs: np.ndarray, start: int, stop: int
+    given: Columns, most: int, pairs: np.ndarray, start: int, stop: int
 ) -> tuple[int, int]:
     """Write the overlapping pairs of leaves ``start`` to ``stop``, each with those from it on.
 
     Ends soon after ``most`` are found. See ``Search``.
     """
+    tree = BoundsTree(*given)
     levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     near, hits = np.empty((NEAR, 3), np.int64), np.empty((NEAR * LANES, 3), np.int64)
     room, found = Room(levels, waiting, near, hits), 0

@@ -60,7 +60,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_candidates_between,
 )
 from obb_collision.scene.broad_phase.crowds import growing_candidates
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Columns, Floats, Rows
 from obb_collision.words import shown
 
 #: Bits of a pair's key, below those of its rows, that are its verdict.
@@ -227,7 +227,7 @@ def all_colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
 def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
     """Return a number for each of the candidates (m, 2) that is not SEPARATE: pair and verdict."""
     keys = np.empty(len(candidates), np.int64)
-    return keys[: _keys_kernel(boxes.arrays, candidates, keys)]
+    return keys[: _keys_kernel(tuple(boxes.arrays), candidates, keys)]
 
 
 def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[Pairs, Verdicts]:
@@ -248,8 +248,9 @@ def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[P
 
 
 @njit
-def _keys_kernel(boxes: BoxArrays, pairs: np.ndarray, keys: np.ndarray) -> int:
+def _keys_kernel(columns: Columns, pairs: np.ndarray, keys: np.ndarray) -> int:
     """Write the keys of pairs (m, 2) of rows that are not SEPARATE; return how many there are."""
+    boxes = BoxArrays(*columns)
     bits = bits_of(len(boxes.centers))
     block = np.empty((ROWS, BLOCK))
     first, second = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.coarse import bounds_kernel
 from obb_collision.scene.broad_phase.bounds_tree import LANES, BoundsTree, move_kernel
 from obb_collision.scene.broad_phase.broad_phase import (
@@ -29,7 +29,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_some_candidates_of,
     row_overlaps,
 )
-from obb_collision.typing import Floats, Mask, Rows
+from obb_collision.typing import Columns, Floats, Mask, Rows
 
 #: A tree is built anew once so many rows have moved, as a part of all: its blocks have grown then.
 LIFETIME = 0.5
@@ -72,7 +72,7 @@ class KeptTree:
         if self._left < 0.0:
             return None
         pairs = np.empty((4 * ROOM_PER_ROW * len(slots) + LANES**2, 2), np.int64)
-        given = slots, changed, active, boxes.arrays
+        given = slots, changed, active, tuple(boxes.arrays)
         found = _changes_kernel(*given, self._tree, self._places, pairs)
         if found < 0:  # no room
             return find_some_candidates_of(self._tree, slots[active[slots]], UNLIMITED)
@@ -81,7 +81,7 @@ class KeptTree:
 
 @njit
 def _changes_kernel(
-    slots: np.ndarray, changed: np.ndarray, active: np.ndarray, boxes: BoxArrays,
+    slots: np.ndarray, changed: np.ndarray, active: np.ndarray, boxes: Columns,
     tree: BoundsTree, places: np.ndarray, pairs: np.ndarray,
 ) -> int:  # fmt: skip
     """Bound slots, write that to the tree, and write their pairs; return how many, -1: no room."""

@@ -35,7 +35,7 @@ from obb_collision.geometry.poses import (
     turn_block,
 )
 from obb_collision.numerics.constants import MAX_MAGNITUDE
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Columns, Floats, Rows
 
 #: Squared lengths of quaternions that need no second look: well within ``UNIT_TOLERANCE``.
 LEAST_SQUARE, MOST_SQUARE = 0.85, 1.15
@@ -84,13 +84,14 @@ def write_moves(
     new: Floats,
     which: np.ndarray,
     poses: Floats,
-    local: FrameArrays,
-    placed: FrameArrays,
+    local: Columns,
+    placed: Columns,
     changed: np.ndarray,
     start: int,
     stop: int,
 ) -> None:
     """Give rows the new poses that ``which[start:stop]`` names, and place their boxes."""
+    own, out = FrameArrays(*local), FrameArrays(*placed)
     block = np.empty((ROWS, BLOCK))
     for first in range(start, stop, BLOCK):
         count = min(BLOCK, stop - first)
@@ -106,7 +107,7 @@ def write_moves(
             changed[row] = True
             position = new[number, 0], new[number, 1], new[number, 2]
             rotation = matrix_in(block, n)
-            place_box(position, rotation, local, row, placed)
+            place_box(position, rotation, own, row, out)
 
 
 def about_origins(half_extents: Floats) -> LocalBoxes:

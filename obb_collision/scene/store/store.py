@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import FrameArrays, as_poses
+from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import as_array
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.placing import (
@@ -315,8 +315,7 @@ class ObjectStore:
             everything = ascending and len(which) == np.count_nonzero(self.used)
             self._detach(rows if everything else rows[which], everything)
         self.touched = True
-        local = FrameArrays(self.local_centers, self.local_rotations)
-        out = FrameArrays(self.centers, self.rotations)
+        local, out = (self.local_centers, self.local_rotations), (self.centers, self.rotations)
         # a row that is there twice is written by one thread, so that its last pose counts
         least = LEAST_MOVES if ascending else len(which)
         run(write_moves, len(which), least, rows, new, which, self.poses, local, out, self.changed)
