@@ -124,8 +124,10 @@ def test_no_collision_of_meshes_is_missed(seed: int, tmp_path: Path) -> None:
     compare(checker, starts, ends)
     found = checker.check_motions(starts, ends, first=True)
     assert not (found.colliding & ~hulls.colliding).any()
-    both = found.colliding
-    assert (found.parameters[both] >= hulls.parameters[both] - 1e-9).all()
+    both, checker.accuracy = found.colliding, "hull"
+    at = starts + found.parameters[:, None] * (ends - starts)
+    if both.any():  # within the resolution of motions, for either body of a pair
+        assert (checker.distances(at[both]).distances <= 2e-4).all()
 
 
 def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> None:
