@@ -225,7 +225,7 @@ class CollisionNode(ManagedNode):
         names = self.parameters.robots
         link_frames = LinkFrames(self.frames, fixed_frame, names)
         frames = link_frames if names else self.frames
-        self.objects = Objects(fixed_frame, frames, self.guard)
+        self.objects = Objects(fixed_frame, frames, self.guard, self.monitors)
         self._configured.callback(self.objects.close)
         self.inputs = Inputs(
             self.objects,
@@ -407,7 +407,6 @@ class CollisionNode(ManagedNode):
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""
         self.cycle.run(self.now())
-        self._count_notes()
         if self.robots is not None:
             with self.guard.catching("output robots"):
                 self.robots.publish()
@@ -419,18 +418,6 @@ class CollisionNode(ManagedNode):
         """Publish the current status of collisions; cycle: a cycle has just ended."""
         if not self.status.is_off:
             self.status.update(self.evidence.answer(), cycle)
-
-    def _count_notes(self) -> None:
-        """Count items that were refused, doubted or replaced after they had been stored."""
-        now = self.now()
-        superseded = self.objects.states.superseded
-        for topic, number in superseded.items():
-            self.monitors[topic].superseded += number
-        superseded.clear()
-        for note in self.objects.notices.take():
-            monitor = self.monitors[note.topic]
-            count = monitor.refuse if note.is_refused else monitor.doubt
-            count(now, note.reason, note.item, note.detail, note.total)
 
     def _pause(self) -> None:
         """Take back what is said about collisions, until the next check."""

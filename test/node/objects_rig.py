@@ -30,6 +30,8 @@ from visualization_msgs.msg import Marker
 from obb_collision import Accuracy
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.diagnostics.answer import Answer, objects_answer
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.objects import Objects
 from obb_collision.node.objects.states import AgeLimits, State
@@ -51,9 +53,10 @@ class ObjectsRig:
 
     def __init__(self, *keys: Key, timeout: float = 0.2, object_timeout: float = 0.0) -> None:
         self.frames = FakeFrames()
-        self._noted: dict[bool, Counter[tuple[str, str]]] = {True: Counter(), False: Counter()}
         self.errors: list[str] = []
-        self.objects = Objects("map", self.frames, Guard(self.errors.append, lambda: True))
+        guard = Guard(self.errors.append, lambda: True)
+        self._monitors = {topic: InputMonitor(topic, lambda text: None) for topic in INPUTS}
+        self.objects = Objects("map", self.frames, guard, self._monitors)
         self.objects.placement.timeout = timeout
         self.limit(object_timeout)
         self.now = START
@@ -62,17 +65,15 @@ class ObjectsRig:
 
     @property
     def refused(self) -> Counter[tuple[str, str]]:
-        return self._count(is_refused=True)
+        return self._counted("refused")
 
     @property
     def doubted(self) -> Counter[tuple[str, str]]:
-        return self._count(is_refused=False)
+        return self._counted("doubted")
 
-    def _count(self, is_refused: bool) -> Counter[tuple[str, str]]:
-        for note in self.objects.notices.take():
-            assert note.item
-            self._noted[note.is_refused][note.topic, note.reason] += note.total
-        return self._noted[is_refused]
+    def _counted(self, kind: str) -> Counter[tuple[str, str]]:
+        counts = {topic: getattr(monitor, kind) for topic, monitor in self._monitors.items()}
+        return Counter({(topic, why): n for topic in counts for why, n in counts[topic].items()})
 
     def send(
         self, stamp: int, frame: str = "", row: Any = None, topic: str = "object_states"

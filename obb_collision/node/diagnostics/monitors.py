@@ -76,20 +76,16 @@ class InputMonitor:
         self.last, self.heard = now, self.steady()
         self.unreadable = ""
 
-    def refuse_whole(self, now: int, reason: str, detail: str = "") -> None:
+    def refuse_whole(self, reason: str, detail: str = "") -> None:
         """Count a message that could not be read: nobody knows what it said."""
         self.unreadable = reason
-        self.refuse(now, reason, "whole message", detail)
+        self.refuse(reason, "whole message", detail)
 
-    def refuse(
-        self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1
-    ) -> None:
+    def refuse(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
         """Count refused items, and warn if there was no warning for this reason lately."""
         self._count(self.refused, "refused", reason, item, detail, count)
 
-    def doubt(
-        self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1
-    ) -> None:
+    def doubt(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
         """Count doubtful items, which are used; warn as for refused ones."""
         self._count(self.doubted, "doubtful", reason, item, detail, count)
 

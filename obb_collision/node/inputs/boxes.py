@@ -145,7 +145,7 @@ class BoxInput:
             if error.reason != OLDER:
                 self._doubt()
                 raise
-            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+            self._monitor.refuse(error.reason, "whole message", error.detail)
             return
         cloud = QueuedCloud(given, frame, stamp, now, size)
         self._monitor.superseded += self.waiting.add(cloud)
@@ -157,7 +157,7 @@ class BoxInput:
             most = f"{before / NANOSECONDS:.1f} s before the last one"
             if now - self._received <= states.order_timeout:
                 raise RefusedError(OLDER, most)
-            self._monitor.doubt(now, ANEW, "whole message", most)
+            self._monitor.doubt(ANEW, "whole message", most)
         self._received = now
         if stamp and stamp <= now + states.stamp_tolerance:
             self._order = stamp
@@ -199,7 +199,7 @@ class BoxInput:
             rows = np.flatnonzero(faults.number == number)
             if len(rows):
                 item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
-                self._monitor.refuse(now, error.reason, item, error.detail, len(rows))
+                self._monitor.refuse(error.reason, item, error.detail, len(rows))
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
         given: BoxRows = cloud.content

@@ -108,11 +108,11 @@ class WaitingClouds:
                 if error.reason in LATER and self._may_wait(cloud, now):
                     kept.insert(0, cloud)
                     continue
-                self._monitor.refuse(now, error.reason, detail=error.detail)
+                self._monitor.refuse(error.reason, detail=error.detail)
                 refused.append((cloud, error))
             except Exception as error:
                 self._guard.caught(f"input {self._monitor.topic}", error)
-                self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
+                self._monitor.refuse(INTERNAL_ERROR, "whole message", str(error))
                 refused.append((cloud, RefusedError(INTERNAL_ERROR, str(error))))
         for newer, reason in reversed(refused):
             refuse(newer, reason)
@@ -166,11 +166,11 @@ class Obstacles:
             message = cloud_from_bytes(data)
             stamp = stamp_from_ros(message.header.stamp)
         except RefusedError as error:
-            self._monitor.refuse(now, error.reason, detail=error.detail)
+            self._monitor.refuse(error.reason, detail=error.detail)
             return
         if stamp > now + self.stamp_tolerance:
             ahead = (stamp - now) / NANOSECONDS
-            self._monitor.doubt(now, AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
+            self._monitor.doubt(AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
         size = len(message.data)
         self.waiting.add(QueuedCloud(message, message.header.frame_id, stamp, now, size))
 

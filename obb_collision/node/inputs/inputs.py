@@ -122,12 +122,12 @@ class Inputs:
                         each.apply()
                 take(data, now)
             except RefusedError as error:
-                monitor.refuse_whole(now, error.reason, error.detail)
+                monitor.refuse_whole(error.reason, error.detail)
             except Exception as error:
                 self._guard.caught(f"input {topic}", error)
                 if changes and not isinstance(error, MemoryError):
                     self._objects.broken = f"input {topic}"
-                monitor.refuse_whole(self._clock(), INTERNAL_ERROR, str(error))
+                monitor.refuse_whole(INTERNAL_ERROR, str(error))
 
         return callback
 
@@ -146,7 +146,7 @@ class Inputs:
         names, poses = message.names, message.poses
         if len(names) != len(poses):  # then the pose of a name is ambiguous
             detail = f"{len(names)} joint_names, {len(poses)} transforms"
-            monitor.refuse(now, LENGTHS_DIFFER, detail=detail)
+            monitor.refuse(LENGTHS_DIFFER, detail=detail)
             slots = self._objects.table.find_named(names)
             self._objects.states.refuse(slots[slots >= 0])
             self._note_unknown(slots < 0, lambda row: names[row], now)
@@ -164,12 +164,12 @@ class Inputs:
         monitor, now = self._monitors["object_states"], self._clock()
         if len(twists) != len(names):
             detail = f"{len(twists)} twists, {len(names)} names; poses used"
-            monitor.refuse(now, LENGTHS_DIFFER, "twist", detail)
+            monitor.refuse(LENGTHS_DIFFER, "twist", detail)
             return None
         bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
         if bad.any():
             item, count = _shown(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
-            monitor.refuse(now, "bad twist", item, "pose used", count)
+            monitor.refuse("bad twist", item, "pose used", count)
             twists[bad] = 0.0
         return twists
 
@@ -185,7 +185,7 @@ class Inputs:
                 first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
                 self._note_unknown(~known, name, now)
                 monitor = self._monitors["object_poses"]
-                monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
+                monitor.refuse("unknown namespace", f"ns {first}", count=count)
                 slots, ids, poses = slots[known], ids[known], poses[known]
                 name = self._names_of(namespaces[known], ids)
         self._note_unknown(slots < 0, name, now)
@@ -245,7 +245,7 @@ class Inputs:
             ):
                 if rows.any():
                     item = describe(int(np.argmax(rows)))
-                    monitor.refuse(now, reason, item, count=int(np.count_nonzero(rows)))
+                    monitor.refuse(reason, item, count=int(np.count_nonzero(rows)))
             usable = free & (kinds != UNUSABLE) & (kinds != ZERO)
             refused = slots[free & ~usable]
             slots, poses = slots[usable], poses[usable]
@@ -255,9 +255,9 @@ class Inputs:
             state = State(header.frame_id, stamp, now, topic)
             old = self._objects.states.store(slots, poses, state, 0.0 if twists is None else twists)
             if old.any():
-                monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
+                monitor.refuse(OLDER, count=int(np.count_nonzero(old)))
         except RefusedError as error:
-            monitor.refuse(now, error.reason, detail=error.detail, count=max(1, len(slots)))
+            monitor.refuse(error.reason, detail=error.detail, count=max(1, len(slots)))
             self._objects.states.refuse(slots)
         self._objects.states.refuse(refused)
 

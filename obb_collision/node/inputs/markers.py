@@ -105,7 +105,7 @@ class MarkerInput:
             return
         for one in found:  # one that fails takes no other with it
             if not self._run([one]):
-                self._monitor.refuse_whole(self._clock(), INTERNAL_ERROR)
+                self._monitor.refuse_whole(INTERNAL_ERROR)
                 self._objects.broken = "input objects"
 
     def _scan_all(self, waiting: list[tuple[bytes, int]]) -> list[tuple[Items, int]]:
@@ -134,10 +134,10 @@ class MarkerInput:
         try:
             return markers_from_bytes(data)
         except RefusedError as error:
-            refuse(now, error.reason, error.detail)
+            refuse(error.reason, error.detail)
         except Exception as error:
             self._guard.caught("input objects", error, "whole message")
-            refuse(now, INTERNAL_ERROR, str(error))
+            refuse(INTERNAL_ERROR, str(error))
         if is_read_since:
             self._monitor.unreadable = ""
         return None
@@ -190,13 +190,13 @@ class MarkerUpdate:
         self._refuse(np.flatnonzero(outcome.late), RefusedError(OLDER))
         new = (self._markers.action == Marker.ADD) & (faults.number == GOOD) & ~outcome.late
         new[outcome.winner[outcome.winner >= 0]] = False
-        self._objects.states.superseded["objects"] += int(new.sum())
+        self._monitor.superseded += int(new.sum())
 
     def _refuse(self, rows: Rows, error: RefusedError, marks: bool = False) -> None:
         """Count refused markers; marks: their objects have not the shapes that were sent last."""
         if len(rows):
             item = name_from_key(self._markers.key(int(rows[-1])))
-            self._monitor.refuse(self._now, error.reason, item, error.detail, len(rows))
+            self._monitor.refuse(error.reason, item, error.detail, len(rows))
         for row in rows.tolist() if marks else ():
             self._mark(row, error.reason)
 

@@ -21,13 +21,15 @@ continues to collide with its last box.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.states import Staleness, States
 from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
@@ -37,23 +39,28 @@ from obb_collision.scene.building.process import Limits
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
+from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.typing import Mask
-
-NO_SLOTS: Slots = np.empty(0, np.int64)
 
 
 class Objects:
     """The table of objects, and what works on it: shapes, states, and their placement in the scene.
 
-    notices: items that were refused or are doubtful, until they are taken.
+    monitors: by input topic, count what is refused or doubtful.
     """
 
-    def __init__(self, fixed_frame: str, frames: FrameSource, guard: Guard) -> None:
-        self.scene, self.table, self.notices = Scene(), ObjectTable(), Notices()
-        self.placement = Placement(self.scene, self.table, frames, fixed_frame, self.notices, guard)
+    def __init__(
+        self,
+        fixed_frame: str,
+        frames: FrameSource,
+        guard: Guard,
+        monitors: Mapping[str, InputMonitor],
+    ) -> None:
+        self.scene, self.table, self.guard, self.monitors = Scene(), ObjectTable(), guard, monitors
+        self.placement = Placement(self.scene, self.table, frames, fixed_frame, monitors, guard)
         self.staleness = Staleness(self.scene, self.table, self.placement)
-        self.states = States(self.table, self.placement, self.notices)
-        self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notices)
+        self.states = States(self.table, self.placement, monitors)
+        self.shapes = ObjectShapes(self.scene, self.table, self.placement, monitors["objects"])
         self.unplaceable = self.shapes.unplaceable
         """Newcomers that were refused, and why."""
         self.table.namespaces.named = self._rename
@@ -62,7 +69,7 @@ class Objects:
         """Where an error nobody foresaw may have left objects other than what was sent."""
         self.is_declared_empty = False
         """Whether somebody has said that there is no object, and none has come since."""
-        self.links_on_boxes = NO_SLOTS
+        self.links_on_boxes: Slots = NO_ROWS
         """Links of robots in pairs that the last check left on boxes, their hulls being built."""
         self.trees = self.scene.objects.build_outside(self._tree_builder)
         """What is built of shapes for an accuracy above obb."""
@@ -89,7 +96,7 @@ class Objects:
         Those of robots, whose boxes collide far too often; their links are noted.
         """
         pairs, table = report.pairs, self.table
-        self.links_on_boxes = NO_SLOTS
+        self.links_on_boxes = NO_ROWS
         found = np.zeros(len(pairs), np.bool_)
         if report.behind and self.trees.waiting:
             links = table.of_robot[pairs]

@@ -23,18 +23,15 @@ then, for its frame may become known at last.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses, compose_poses
-from obb_collision.node.messages.conversions import (
-    NANOSECONDS,
-    name_from_key,
-    pose_faults,
-)
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
 from obb_collision.node.objects.conditions import (
@@ -53,7 +50,6 @@ from obb_collision.node.objects.conditions import (
     WAITING,
 )
 from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource, Transforms
-from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.scene import Scene
@@ -178,7 +174,7 @@ RETRY_PERIOD = NANOSECONDS // 2
 class Placement:
     """Moves objects to the poses stored in the table, and includes them in collisions.
 
-    notices: takes poses that could not be placed.
+    monitors: by input topic, count poses that could not be placed.
     """
 
     def __init__(
@@ -187,12 +183,12 @@ class Placement:
         table: ObjectTable,
         frames: FrameSource,
         fixed_frame: str,
-        notices: Notices,
+        monitors: Mapping[str, InputMonitor],
         guard: Guard,
     ) -> None:
         self._scene, self._table, self._frames, self.guard = scene, table, frames, guard
         self.frame_table = FrameTable(fixed_frame)
-        self._notices = notices
+        self._monitors = monitors
         self._topics: list[str] = []
         self._next_retry = 0
         self._count = 0
@@ -352,7 +348,8 @@ class Placement:
             some = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
             name = name_from_key(table.key(int(some["slot"][0])))
-            self._notices.add(self._topics[topic], error.reason, name, error.detail, len(some))
+            monitor = self._monitors[self._topics[topic]]
+            monitor.refuse(error.reason, name, error.detail, len(some))
 
     def _move(self, states: States, outer: Floats | None = None) -> None:
         """Move objects to states, given in a frame that is at ``outer`` (7,).

@@ -12,57 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Items and new objects that were refused, and names of objects that are not there."""
+"""New objects that were refused, and names of objects that are not there."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import islice
-from typing import NamedTuple
 
 from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
 from obb_collision.node.messages.marker_shapes import NO_BODY
 from obb_collision.node.messages.names import namespace_number, shortened, stand_in, whole_from_text
 from obb_collision.node.objects.table import NEVER, ObjectTable
 from obb_collision.scene.store.patterns import Overrides
-
-
-class Notice(NamedTuple):
-    """Items of a topic that are refused, or used but not trusted, for one reason; one is named."""
-
-    topic: str
-    reason: str
-    is_refused: bool
-    item: str
-    detail: str
-    total: int
-
-
-class Notices:
-    """Notices since they were last taken: one per topic and reason, with the latest item."""
-
-    def __init__(self) -> None:
-        self._notices: dict[tuple[str, str, bool], Notice] = {}
-
-    def add(
-        self,
-        topic: str,
-        reason: str,
-        item: str,
-        detail: str,
-        count: int = 1,
-        is_refused: bool = True,
-    ) -> None:
-        """Note items that could not be used, or are used but not trusted."""
-        notice = Notice(topic, reason, is_refused, item, detail, count)
-        before = self._notices.get(notice[:3])
-        total = count + (0 if before is None else before.total)
-        self._notices[notice[:3]] = notice._replace(total=total)
-
-    def take(self) -> list[Notice]:
-        """Return the notices, and reset them."""
-        notices, self._notices = self._notices, {}
-        return list(notices.values())
 
 
 MAX_UNPLACEABLE = 1000

@@ -23,6 +23,7 @@ import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
@@ -43,7 +44,7 @@ from obb_collision.node.objects.conditions import (
     UNSHAPED,
 )
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.refusals import Notices, Unplaceable
+from obb_collision.node.objects.refusals import Unplaceable
 from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
 from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
@@ -66,9 +67,9 @@ class ObjectShapes:
     """Adds objects to scene and table, and takes them out."""
 
     def __init__(
-        self, scene: Scene, table: ObjectTable, placement: Placement, notices: Notices
+        self, scene: Scene, table: ObjectTable, placement: Placement, monitor: InputMonitor
     ) -> None:
-        self.scene, self.table, self.placement, self._notices = scene, table, placement, notices
+        self.scene, self.table, self.placement, self._monitor = scene, table, placement, monitor
         self.unplaceable = Unplaceable()
         self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT
@@ -359,7 +360,7 @@ class ObjectShapes:
             return
         self.table.mark(slot, SHAPE_SETTLED)
         if error is not None:
-            self._notices.add("objects", error.reason, name_from_key(key), error.detail)
+            self._monitor.refuse(error.reason, name_from_key(key), error.detail)
             expiry = int(self.table.expiry[slot])
             if self.table.has(UNSHAPED, slot):
                 self.remove(np.array([slot]))

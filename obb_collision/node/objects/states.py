@@ -21,12 +21,13 @@ object wherever it is by now. Beyond ``reach`` boxes grow no more, and where it 
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from obb_collision.geometry.poses import unit_poses
+from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import FAR as FAR_KIND
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_kinds
 from obb_collision.node.objects.conditions import (
@@ -43,15 +44,7 @@ from obb_collision.node.objects.conditions import (
     UNPLACED,
 )
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.refusals import Notices
-from obb_collision.node.objects.table import (
-    COLLIDE,
-    IGNORE,
-    POLICIES,
-    UNKNOWN,
-    ObjectTable,
-    Slots,
-)
+from obb_collision.node.objects.table import COLLIDE, IGNORE, POLICIES, UNKNOWN, ObjectTable, Slots
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.placing import as_slice
@@ -82,12 +75,12 @@ class State:
 
 
 class States:
-    """Stores states in the table, and notices their faults."""
+    """Stores states in the table, and counts their faults by the monitors of their topics."""
 
-    def __init__(self, table: ObjectTable, placement: Placement, notices: Notices) -> None:
-        self._table, self._placement, self._notices = table, placement, notices
-        self.superseded: Counter[str] = Counter()
-        """States, by topic, that newer ones replaced before a cycle placed them."""
+    def __init__(
+        self, table: ObjectTable, placement: Placement, monitors: Mapping[str, InputMonitor]
+    ) -> None:
+        self._table, self._placement, self._monitors = table, placement, monitors
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not believed."""
         self.order_timeout = NANOSECONDS
@@ -111,7 +104,7 @@ class States:
             slots, poses, twists = slots[~old], poses[~old], twists[~old]
             stamps, received = stamps[~old], received[~old]
         if len(slots):
-            self.superseded[state.topic] += self._placement.supersede(slots, frame)
+            self._monitors[state.topic].superseded += self._placement.supersede(slots, frame)
             poses = self._unit(slots, poses, state.topic)
             table, rows = self._table, as_slice(slots)
             table.given[rows], table.twist[rows], table.frame[rows] = poses, twists, frame
@@ -168,7 +161,7 @@ class States:
 
     def _doubt(self, reason: str, slots: Slots, topic: str, detail: str) -> None:
         name = name_from_key(self._table.key(int(slots[0])))
-        self._notices.add(topic, reason, name, detail, len(slots), is_refused=False)
+        self._monitors[topic].doubt(reason, name, detail, len(slots))
 
     def lock(self, slots: Slots) -> None:
         """Place the stored poses in every cycle by the current transforms of their frames."""

@@ -141,7 +141,7 @@ class Joints(Arrivals):
             stamp = self._checked_stamp(message, rows)
         except RefusedError as error:
             self.bad[rows[rows >= 0]] = True
-            monitor.refuse(now, error.reason, "whole message", error.detail)
+            monitor.refuse(error.reason, "whole message", error.detail)
             if not message.names:
                 monitor.unreadable = error.reason
             return
@@ -151,22 +151,22 @@ class Joints(Arrivals):
             if row < 0 and name not in self._others
         ]
         if strange:
-            monitor.doubt(now, UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
+            monitor.doubt(UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
         known = np.flatnonzero(rows >= 0)
         late = self.find_late(rows[known], stamp, now, states.order_timeout)
         if late.any():
-            monitor.refuse(now, OLDER, count=int(np.count_nonzero(late)))
+            monitor.refuse(OLDER, count=int(np.count_nonzero(late)))
             known = known[~late]
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
         bad = known[~finite]
         if len(bad):
             self.bad[rows[bad]] = True
             name, value = repr(shortened(message.names[bad[0]])), message.positions[bad[0]]
-            monitor.refuse(now, BAD_POSITION, name, f"{value}", count=len(bad))
+            monitor.refuse(BAD_POSITION, name, f"{value}", count=len(bad))
         known = known[finite]
         believed = stamp <= now + states.stamp_tolerance
         if not believed:
-            monitor.doubt(now, AHEAD, detail=f"{(stamp - now) / NANOSECONDS:.1f} s ahead")
+            monitor.doubt(AHEAD, detail=f"{(stamp - now) / NANOSECONDS:.1f} s ahead")
         stamp = stamp if believed else 0
         kept, positions = rows[known], message.positions[known]
         self._remember(kept, stamp)
@@ -214,7 +214,7 @@ class Joints(Arrivals):
             return nothing
         if len(message.velocities) != len(message.names):
             detail = f"{len(message.velocities)} velocities, {len(message.names)} names"
-            monitor.refuse(now, LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
+            monitor.refuse(LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
             return nothing
         found = message.velocities[items]
         bad = ~(np.abs(found) <= LARGEST_COORDINATE)
@@ -222,7 +222,7 @@ class Joints(Arrivals):
         if odd.any():
             name = repr(shortened(message.names[items[np.argmax(odd)]]))
             count = int(np.count_nonzero(odd))
-            monitor.refuse(now, BAD_VELOCITY, name, "position used", count)
+            monitor.refuse(BAD_VELOCITY, name, "position used", count)
         return np.where(bad, np.nan, found)
 
     def rows_of(self, names: list[str], may_follow: bool = False) -> list[int]:

@@ -149,7 +149,7 @@ class RobotInput:
             if not text.lstrip("\ufeff \t\r\n").startswith(START):
                 raise RefusedError(BAD_DESCRIPTION, "no XML")
         except RefusedError as error:
-            self._monitors[kind].refuse(now, error.reason, "whole message", error.detail)
+            self._monitors[kind].refuse(error.reason, "whole message", error.detail)
             self._refused[kind] = f"{kind} refused: {error}"
             return
         was_refused = bool(self._refused.pop(kind, "")) or BOTH in self._refused
@@ -174,7 +174,7 @@ class RobotInput:
 
     def _refuse_description(self, why: str) -> None:
         self._refused[BOTH] = f"{DESCRIPTION} refused: {why}"
-        self._monitors[DESCRIPTION].refuse(self._clock(), BAD_DESCRIPTION, "whole message", why)
+        self._monitors[DESCRIPTION].refuse(BAD_DESCRIPTION, "whole message", why)
 
     def _abandon(self) -> None:
         if self.reading is not None:
@@ -200,7 +200,7 @@ class RobotInput:
                 raise RefusedError(OLDER)
             self._objects.placement.frame_index(message.header.frame_id)
         except RefusedError as error:
-            monitor.refuse(now, error.reason, repr(self.name), error.detail)
+            monitor.refuse(error.reason, repr(self.name), error.detail)
             if error.reason != OLDER:
                 self._base_refused = f"its latest pose was refused: {error.reason}"
             return
@@ -223,7 +223,7 @@ class RobotInput:
         elif found is not None:
             self._robot = found
             for doubt in found.doubts:
-                self._monitors[DESCRIPTION].doubt(now, "odd description", detail=doubt)
+                self._monitors[DESCRIPTION].doubt("odd description", detail=doubt)
             self._replace(found, now)
         self.look(now, timeout)
         if self.links is not None:
@@ -274,7 +274,7 @@ class RobotInput:
             links.add()
         except RefusedError as error:
             self._unadded = f"{DESCRIPTION} refused: {error}"
-            self._monitors[DESCRIPTION].refuse(now, error.reason, "whole message", error.detail)
+            self._monitors[DESCRIPTION].refuse(error.reason, "whole message", error.detail)
             return
         self.links, self.joints, self._changed, self._unplaced = links, Joints(robot), True, ""
         self._link_poses = None
@@ -294,7 +294,7 @@ class RobotInput:
             self._unplaced = ""
         except RefusedError as error:
             self._unplaced = f"links not placed: {error}"
-            self._monitors[JOINT_STATES].refuse(now, error.reason, "whole state", error.detail)
+            self._monitors[JOINT_STATES].refuse(error.reason, "whole state", error.detail)
         except Exception as error:  # not foreseen, and so not known
             self._unplaced = f"links not placed: {INTERNAL_ERROR}: {error}"
             self.faults = {BASE: self._unplaced}

@@ -263,7 +263,7 @@ class Trajectories:
         self._decide()
 
     def _refuse(self, error: RefusedError) -> None:
-        self._monitor.refuse(self._clock(), error.reason, "whole message", error.detail)
+        self._monitor.refuse(error.reason, "whole message", error.detail)
         self._say(DiagnosticStatus.ERROR, f"refused: {error}", error)
 
     def _decide(self) -> None:

@@ -98,14 +98,14 @@ class ValidityTopics:
             most = min(self._parameters.max_cloud_points, MAX_STATES)
             count = len(cloud_from_ros(message, (), most))
         except RefusedError as error:
-            monitor.refuse(now, error.reason, "whole message", error.detail)
+            monitor.refuse(error.reason, "whole message", error.detail)
             return
         rows = np.zeros(count, ROWS)
         rows["index"], rows["reason"], rows["distance"] = np.arange(count), NOT_KNOWN, np.nan
         try:
             self._fill(rows, message)
         except RefusedError as error:
-            monitor.refuse(now, error.reason, "whole message", error.detail)
+            monitor.refuse(error.reason, "whole message", error.detail)
         except Exception:
             self._publish(rows, stamp)  # nothing is known: what failed is counted
             raise
@@ -215,10 +215,10 @@ class StateService:
         try:
             self._answer(request, response)
         except RefusedError as error:
-            self._monitor.refuse(self._checked.clock(), error.reason, SERVICE, error.detail)
+            self._monitor.refuse(error.reason, SERVICE, error.detail)
         except Exception as error:
             response.valid = False
-            self._monitor.refuse(self._checked.clock(), INTERNAL_ERROR, SERVICE, str(error))
+            self._monitor.refuse(INTERNAL_ERROR, SERVICE, str(error))
         return response
 
     def _answer(self, request: Any, response: Any) -> None:
