@@ -227,22 +227,8 @@ class CollisionNode(ManagedNode):
         frames = link_frames if names else self.frames
         self.objects = Objects(fixed_frame, frames, self.guard, self.monitors)
         self._configured.callback(self.objects.close)
-        self.inputs = Inputs(
-            self.objects,
-            self.monitors,
-            self.now,
-            self._wants_twists,
-            self.guard,
-            self.frames,
-        )
-        self.obstacles = Obstacles(
-            self.objects.scene,
-            self.frames,
-            fixed_frame,
-            self.monitors["points"],
-            self.now,
-            self.guard,
-        )
+        self.inputs = Inputs(self.objects, self.now, self._wants_twists, self.frames)
+        self.obstacles = Obstacles(self.objects, self.frames)
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
         self.robots = Robots(self, link_frames) if names else None  # then they cost nothing
         if self.robots is not None:

@@ -114,10 +114,10 @@ def test_mutated_robots_are_read_or_refused_with_the_place(tmp_path: Path) -> No
 def answered(data: bytes, room: int) -> set[Pair]:
     """Return the pairs that a node with room for so many objects finds in a set of boxes."""
     frames, guard = FixedFrameOnly("map"), Guard(pytest.fail, lambda: True)
-    objects = Objects("map", frames, guard)
-    objects.shapes.max_objects = room
     monitors = {topic: InputMonitor(topic, lambda text: None) for topic in INPUTS}
-    inputs = Inputs(objects, monitors, lambda: 10**18, lambda: False, guard, frames)
+    objects = Objects("map", frames, guard, monitors)
+    objects.shapes.max_objects = room
+    inputs = Inputs(objects, lambda: 10**18, lambda: False, frames)
     inputs.callbacks()["object_boxes"](data)
     inputs.boxes.apply()
     objects.update(10**18)

@@ -21,7 +21,7 @@ what came before it; nothing else is left out that the order would not have undo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -91,24 +91,55 @@ class Names(NamedTuple):
     bad: dict[int, RefusedError]
 
 
-class Faults:
-    """Faults of markers: ``number`` (n,) into ``errors``, GOOD for none.
+class Fault(NamedTuple):
+    """Why an item can't be used; of_shape: it is for its shape, and not for its pose."""
 
-    of_shape: by error, whether it is the shape that can't be used, and not the pose.
-    """
+    error: RefusedError
+    of_shape: bool
+
+
+class Faults:
+    """Faults of n markers or boxes: of each the first one that is noted."""
 
     def __init__(self, count: int) -> None:
-        self.number = np.full(count, GOOD, np.int64)
-        self.errors: list[RefusedError] = []
-        self.of_shape: list[bool] = []
+        self._number = np.full(count, GOOD, np.int64)
+        self._found: list[Fault] = []
+
+    @property
+    def good(self) -> Mask:
+        """(n,) those without a fault."""
+        good: Mask = self._number == GOOD
+        return good
+
+    def __iter__(self) -> Iterator[tuple[Rows, Fault]]:
+        """Yield the faults, each with the rows that have it."""
+        for number, fault in enumerate(self._found):
+            yield np.flatnonzero(self._number == number), fault
+
+    def of(self, row: int) -> Fault:
+        """Return the fault of a row that has one."""
+        return self._found[self._number[row]]
 
     def note(self, bad: Mask, error: RefusedError, of_shape: bool = False) -> None:
-        """Add a fault to markers that have none so far."""
-        bad = bad & (self.number == GOOD)
+        """Add a fault to those that have none so far."""
+        bad = bad & self.good
         if bad.any():
-            self.number[bad] = len(self.errors)
-            self.errors.append(error)
-            self.of_shape.append(of_shape)
+            self._number[bad] = len(self._found)
+            self._found.append(Fault(error, of_shape))
+
+    def note_poses(self, poses: Floats, among: Mask | bool = True) -> None:
+        """Add the faults of poses (n, 7)."""
+        numbers, quaternions = pose_faults(poses)
+        self.note(among & numbers, RefusedError("bad pose", "not finite or too large"))
+        self.note(among & quaternions, RefusedError("zero quaternion"))
+
+    def note_sizes(self, sizes: Floats, reason: str, among: Mask | bool = True) -> None:
+        """Add the faults of edge lengths (n, 3)."""
+        legal = (sizes >= SMALLEST_MEANT) & (sizes <= LARGEST_COORDINATE)
+        bad = among & ~(legal[:, 0] & legal[:, 1] & legal[:, 2])
+        if bad.any():
+            detail = f"{sizes[int(np.argmax(bad))].tolist()} must be finite and positive"
+            self.note(bad, RefusedError(reason, detail), of_shape=True)
 
     def note_groups(
         self, rows: Mask, of: Rows, bad: dict[int, RefusedError], of_shape: bool = False
@@ -231,16 +262,9 @@ def find_faults(markers: Batch, index_frame: Callable[[str], int]) -> Faults:
     faults.note(~(adds | deletes), RefusedError("unknown action"), of_shape=True)
     faults.note_groups(adds, markers.ns.of, markers.ns.bad, of_shape=True)
     faults.note(adds & (markers.stamp < 0), RefusedError("bad stamp"))
-    numbers, quaternions = pose_faults(markers.poses)
-    faults.note(adds & numbers, RefusedError("bad pose", "not finite or too large"))
-    faults.note(adds & quaternions, RefusedError("zero quaternion"))
+    faults.note_poses(markers.poses, adds)
     faults.note_groups(adds, markers.frame.of, _bad_frames(markers.frame, index_frame))
-    primitive, scales = np.isin(markers.type, PRIMITIVES), markers.scales
-    meant = ((scales >= SMALLEST_MEANT) & (scales <= LARGEST_COORDINATE)).all(axis=1)
-    bad = adds & primitive & ~meant
-    if bad.any():
-        detail = f"{scales[int(np.argmax(bad))].tolist()} must be finite and positive"
-        faults.note(bad, RefusedError("bad scale", detail), of_shape=True)
+    faults.note_sizes(markers.scales, "bad scale", adds & np.isin(markers.type, PRIMITIVES))
     return faults
 
 
@@ -317,7 +341,7 @@ def settle(markers: Batch, faults: Faults, now: int, tolerance: int) -> Settled:
 
     A stamp further than ``tolerance`` (ns) ahead of the time of receipt orders nothing.
     """
-    count, good = len(markers), faults.number == GOOD
+    count, good = len(markers), faults.good
     rows = np.flatnonzero(markers.action != Marker.DELETEALL)
     keys = (markers.ns.of << ID_BITS) + markers.id + ID_OFFSET
     rows = rows[np.argsort(keys[rows], kind="stable")]

@@ -28,15 +28,12 @@ import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.poses import compose_poses
-from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.batch import GOOD, Faults, each
+from obb_collision.node.inputs.batch import Faults, each
 from obb_collision.node.inputs.clouds import QueuedCloud, WaitingClouds
 from obb_collision.node.messages.cdr import NO_LIMIT, cloud_from_bytes
 from obb_collision.node.messages.clouds import boxes_from_ros
 from obb_collision.node.messages.conversions import (
-    LARGEST_COORDINATE,
     NANOSECONDS,
-    SMALLEST_MEANT,
     Key,
     name_from_key,
     pose_faults,
@@ -50,7 +47,6 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE
 from obb_collision.node.objects.states import ANEW, OLDER, State
 from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, are_numbers, signed
-from obb_collision.node.runtime.guard import Guard
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
@@ -65,8 +61,9 @@ class Source(NamedTuple):
 BOXES = Source("object_boxes", "boxes", 1)
 REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
-UNMARKED = (REPEATED.reason, BAD_KEY.reason)
-"""Reasons that do not concern an object: another row has the same key, or the key is invalid."""
+UNMARKED = (REPEATED.reason, BAD_KEY.reason, OLDER)
+"""Reasons that put no object in doubt: another row has its key, the key is invalid, or a newer
+pose is known."""
 OWNED = RefusedError("object of another input", "markers, boxes and robots do not share objects")
 
 
@@ -119,17 +116,14 @@ class BoxInput:
         self,
         objects: Objects,
         frames: FrameSource,
-        monitor: InputMonitor,
         clock: Callable[[], int],
-        guard: Guard,
         source: Source = BOXES,
         read: Callable[[bytes, int], Message] = read_boxes,
     ) -> None:
-        self._objects, self._monitor, self._clock = objects, monitor, clock
+        self._objects, self._table, self._clock = objects, objects.table, clock
         self.source, self._read = source, read
-        fixed_frame = objects.placement.frame_table.name(0)
-        self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
-        self._table, self._guard = objects.table, guard
+        self._monitor = objects.monitors[source.topic]
+        self.waiting = WaitingClouds(objects, frames, self._monitor)
         self.max_points = NO_LIMIT
         """Rows of a set."""
         self._order = 0  # sets with an older stamp are late
@@ -181,25 +175,17 @@ class BoxInput:
         faults.note(~given.are_keys, BAD_KEY)
         if not given.are_keys.all():
             self._monitor.unreadable = BAD_KEY.reason
-        faults.note(_repeated(numbers, ids, faults.number == GOOD), REPEATED)
-        _note_bad(faults, poses, given.sizes)
+        faults.note(_repeated(numbers, ids, faults.good), REPEATED)
+        faults.note_sizes(given.sizes, "bad size")
+        faults.note_poses(poses)
         if frame is not None:
-            good = faults.number == GOOD
+            good = faults.good
             poses = poses.copy()
             poses[good] = compose_poses(frame, poses[good])
             bad = np.any(pose_faults(poses), axis=0)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
         state = State("", cloud.stamp, cloud.received, self.source.topic)
         self._update(numbers, ids, poses, given.sizes, faults, state)
-        self._count(numbers, ids, faults)
-
-    def _count(self, numbers: Rows, ids: Rows, faults: Faults) -> None:
-        now = self._clock()
-        for number, error in enumerate(faults.errors):
-            rows = np.flatnonzero(faults.number == number)
-            if len(rows):
-                item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
-                self._monitor.refuse(error.reason, item, error.detail, len(rows))
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
         given: BoxRows = cloud.content
@@ -241,19 +227,19 @@ class BoxInput:
         def refuse(beyond: Mask, error: RefusedError) -> None:
             faults.note(beyond, error, of_shape=True)
 
-        new = (slots < 0) & (faults.number == GOOD)
+        new = (slots < 0) & faults.good
         with self._removed(slots), self._objects.shapes.room(new, numbers, self._admit, refuse):
 
             def put(rows: Rows) -> None:
                 slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
 
-            rows = np.flatnonzero(faults.number == GOOD)
-            each(rows, put, fail, self._guard, f"input {self.source.topic}")
-        rows = np.flatnonzero(faults.number == GOOD)
+            rows = np.flatnonzero(faults.good)
+            each(rows, put, fail, self._objects.guard, f"input {self.source.topic}")
+        rows = np.flatnonzero(faults.good)
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
-        self._mark(numbers, ids, slots, faults)
         faults.note(old, RefusedError(OLDER, "a newer pose is known"))
+        self._report(numbers, ids, slots, faults)
 
     @contextmanager
     def _removed(self, slots: Rows) -> Iterator[None]:
@@ -285,24 +271,23 @@ class BoxInput:
             return self._table.namespaces.admit(self.source.namespace)
         return self._table.namespaces.admit_number(number)
 
-    def _mark(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults) -> None:
-        """Mark boxes whose latest row can't be used, and remember those that are not there."""
-        for index, error in enumerate(faults.errors):
-            rows = np.flatnonzero(faults.number == index)
+    def _report(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults) -> None:
+        """Count faults, mark their boxes, and remember those that are not there."""
+        for rows, (error, of_shape) in faults:
+            item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
+            self._monitor.refuse(error.reason, item, error.detail, len(rows))
             if error.reason in UNMARKED:
                 continue
             known = slots[rows] >= 0
             known[known] = self._own[slots[rows[known]]]
-            event = SHAPE_REFUSED if faults.of_shape[index] else POSE_REFUSED
-            self._table.mark(slots[rows[known]], event)
+            self._table.mark(slots[rows[known]], SHAPE_REFUSED if of_shape else POSE_REFUSED)
             self._refuse_new(numbers[rows[~known]], ids[rows[~known]], error.reason)
 
     def _refuse_new(self, numbers: Rows, ids: Rows, reason: str) -> None:
         numbers, ids = numbers[-MAX_UNPLACEABLE:], ids[-MAX_UNPLACEABLE:]
-        pairs = zip(numbers.tolist(), ids.tolist(), strict=True)
-        for pair in pairs:
-            source = self.source.number
-            self._objects.shapes.unplaceable.add(self._key(*pair), reason, of_set=source)
+        for pair in zip(numbers.tolist(), ids.tolist(), strict=True):
+            key, source = self._key(*pair), self.source.number
+            self._objects.shapes.unplaceable.add(key, reason, of_set=source)
 
 
 def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:
@@ -315,15 +300,3 @@ def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:
     order = np.argsort(keys, kind="stable")
     repeated[rows[order[:-1]]] = keys[order[:-1]] == keys[order[1:]]
     return repeated
-
-
-def _note_bad(faults: Faults, poses: Floats, sizes: Floats) -> None:
-    """Note which sizes (n, 3) and poses (n, 7) can't be used."""
-    legal = (sizes >= SMALLEST_MEANT) & (sizes <= LARGEST_COORDINATE)
-    meant = legal[:, 0] & legal[:, 1] & legal[:, 2]
-    if not meant.all():
-        detail = f"{sizes[int(np.argmin(meant))].tolist()} must be finite and positive"
-        faults.note(~meant, RefusedError("bad size", detail), of_shape=True)
-    numbers, quaternions = pose_faults(poses)
-    faults.note(numbers, RefusedError("bad pose", "not finite or too large"))
-    faults.note(quaternions, RefusedError("zero quaternion"))

@@ -32,11 +32,11 @@ from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LATER, FrameSource
+from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import AHEAD
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.scene.report import Report
-from obb_collision.scene.scene import Scene
 from obb_collision.typing import Floats
 
 MAX_CLOUDS = 16
@@ -57,11 +57,9 @@ class QueuedCloud(NamedTuple):
 class WaitingClouds:
     """Clouds of one topic in the order of receipt."""
 
-    def __init__(
-        self, frames: FrameSource, fixed_frame: str, monitor: InputMonitor, guard: Guard
-    ) -> None:
-        self._frames, self._fixed_frame = frames, fixed_frame
-        self._monitor, self._guard = monitor, guard
+    def __init__(self, objects: Objects, frames: FrameSource, monitor: InputMonitor) -> None:
+        self._frames, self._frame_table = frames, objects.placement.frame_table
+        self._monitor, self._guard = monitor, objects.guard
         self.clouds: list[QueuedCloud] = []
         """The newest one last."""
         self.timeout = 0.0
@@ -132,7 +130,7 @@ class WaitingClouds:
 
     def _is_elsewhere(self, cloud: QueuedCloud) -> bool:
         """Whether a cloud is in another frame than the fixed one."""
-        return cloud.frame not in ("", self._fixed_frame)
+        return not self._frame_table.is_fixed(cloud.frame)
 
     def _is_full(self) -> bool:
         size, count = sum(cloud.size for cloud in self.clouds), len(self.clouds)
@@ -142,17 +140,9 @@ class WaitingClouds:
 class Obstacles:
     """Keeps the points of the scene up to date with the topic ``points``."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        frames: FrameSource,
-        fixed_frame: str,
-        monitor: InputMonitor,
-        clock: Callable[[], int],
-        guard: Guard,
-    ) -> None:
-        self._scene, self._monitor, self._clock = scene, monitor, clock
-        self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
+    def __init__(self, objects: Objects, frames: FrameSource) -> None:
+        self._scene, self._monitor = objects.scene, objects.monitors["points"]
+        self.waiting = WaitingClouds(objects, frames, self._monitor)
         self.stamp = 0
         """Of the points in the scene (ns), 0 for none."""
         self.max_points = NO_LIMIT

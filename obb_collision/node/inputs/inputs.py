@@ -50,7 +50,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots, signed
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.typing import Floats, Mask, Rows
 
 LENGTHS_DIFFER = "array lengths differ"
@@ -63,27 +63,20 @@ class Inputs:
     def __init__(
         self,
         objects: Objects,
-        monitors: dict[str, InputMonitor],
         clock: Callable[[], int],
         wants_twists: Callable[[], bool],
-        guard: Guard,
         frames: FrameSource,
     ) -> None:
-        self._objects = objects
-        self._monitors = monitors
-        self._clock = clock
-        self._wants_twists = wants_twists
-        self._guard = guard
+        self._objects, self._monitors = objects, objects.monitors
+        self._clock, self._wants_twists = clock, wants_twists
         self.unknown = UnknownObjects(objects.table)
         """Names that states came for, and that have no object."""
-        self.markers = MarkerInput(objects, monitors["objects"], clock, guard, self.unknown)
-        self.boxes = BoxInput(objects, frames, monitors["object_boxes"], clock, guard)
+        self.markers = MarkerInput(objects, clock, self.unknown)
+        self.boxes = BoxInput(objects, frames, clock)
         self.sets = [self.boxes]
         """All inputs whose messages are complete sets of boxes."""
-        if DETECTIONS.topic in monitors:
-            monitor = monitors[DETECTIONS.topic]
-            given = objects, frames, monitor, clock, guard
-            self.sets.append(BoxInput(*given, DETECTIONS, read_detections))
+        if DETECTIONS.topic in objects.monitors:
+            self.sets.append(BoxInput(objects, frames, clock, DETECTIONS, read_detections))
         self.bases: dict[str, Callable[[NamedPose, int, InputMonitor], None]] = {}
         """By name of a robot: what takes a pose of its base."""
 
@@ -124,7 +117,7 @@ class Inputs:
             except RefusedError as error:
                 monitor.refuse_whole(error.reason, error.detail)
             except Exception as error:
-                self._guard.caught(f"input {topic}", error)
+                self._objects.guard.caught(f"input {topic}", error)
                 if changes and not isinstance(error, MemoryError):
                     self._objects.broken = f"input {topic}"
                 monitor.refuse_whole(INTERNAL_ERROR, str(error))
@@ -156,16 +149,16 @@ class Inputs:
         twists = self._twists(message)
         self._store_named("object_states", names, poses, message.header, now, twists)
 
-    def _twists(self, message: NamedStates) -> Floats | None:
-        """Return twists (n, 6), zero where they are invalid; None where they are not used."""
+    def _twists(self, message: NamedStates) -> Floats | float:
+        """Return twists (n, 6), zero where they are invalid; 0 where they are not used."""
         names, twists = message.names, message.twists
         if not (len(twists) and self._wants_twists()):
-            return None
-        monitor, now = self._monitors["object_states"], self._clock()
+            return 0.0
+        monitor = self._monitors["object_states"]
         if len(twists) != len(names):
             detail = f"{len(twists)} twists, {len(names)} names; poses used"
             monitor.refuse(LENGTHS_DIFFER, "twist", detail)
-            return None
+            return 0.0
         bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
         if bad.any():
             item, count = _shown(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
@@ -215,7 +208,7 @@ class Inputs:
         poses: Floats,
         header: Header,
         now: int,
-        twists: Floats | None = None,
+        twists: Floats | float = 0.0,
     ) -> None:
         slots = self._objects.table.find_named(names)
         self._note_unknown(slots < 0, lambda row: names[row], now)
@@ -229,7 +222,7 @@ class Inputs:
         header: Header,
         now: int,
         describe: Callable[[int], str],
-        twists: Floats | None = None,
+        twists: Floats | float = 0.0,
     ) -> None:
         """Store the good rows; count the others by reason and mark their objects."""
         monitor = self._monitors[topic]
@@ -249,11 +242,11 @@ class Inputs:
             usable = free & (kinds != UNUSABLE) & (kinds != ZERO)
             refused = slots[free & ~usable]
             slots, poses = slots[usable], poses[usable]
-            twists = None if twists is None else twists[usable]
+            twists = twists[usable] if isinstance(twists, np.ndarray) else twists
         try:
             stamp = stamp_from_ros(header.stamp)
             state = State(header.frame_id, stamp, now, topic)
-            old = self._objects.states.store(slots, poses, state, 0.0 if twists is None else twists)
+            old = self._objects.states.store(slots, poses, state, twists)
             if old.any():
                 monitor.refuse(OLDER, count=int(np.count_nonzero(old)))
         except RefusedError as error:

@@ -27,9 +27,7 @@ from contextlib import suppress
 import numpy as np
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.batch import (
-    GOOD,
     Batch,
     Faults,
     Settled,
@@ -54,7 +52,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import PRIMITIVES
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.typing import Mask, Rows
 
 MAX_WAITING_BYTES = 64 << 20
@@ -72,16 +70,9 @@ class MarkerInput:
     unknown: takes the names of objects that are deleted.
     """
 
-    def __init__(
-        self,
-        objects: Objects,
-        monitor: InputMonitor,
-        clock: Callable[[], int],
-        guard: Guard,
-        unknown: UnknownObjects,
-    ) -> None:
-        self._objects, self._monitor, self._clock, self._guard = objects, monitor, clock, guard
-        self._unknown = unknown
+    def __init__(self, objects: Objects, clock: Callable[[], int], unknown: UnknownObjects) -> None:
+        self._objects, self._clock, self._unknown = objects, clock, unknown
+        self._monitor, self._guard = objects.monitors["objects"], objects.guard
         self._waiting: list[tuple[bytes, int]] = []
         self.size = 0
         """Bytes that wait."""
@@ -130,14 +121,13 @@ class MarkerInput:
 
         is_read_since: whether a newer one could be read.
         """
-        now, refuse = self._clock(), self._monitor.refuse_whole
         try:
             return markers_from_bytes(data)
         except RefusedError as error:
-            refuse(error.reason, error.detail)
+            self._monitor.refuse_whole(error.reason, error.detail)
         except Exception as error:
             self._guard.caught("input objects", error, "whole message")
-            refuse(INTERNAL_ERROR, str(error))
+            self._monitor.refuse_whole(INTERNAL_ERROR, str(error))
         if is_read_since:
             self._monitor.unreadable = ""
         return None
@@ -145,9 +135,8 @@ class MarkerInput:
     def _run(self, messages: list[tuple[Items, int]]) -> bool:
         """Apply the markers of messages; return whether that went through."""
         with self._guard.catching("input objects", "whole message"):
-            markers, now = gather(*zip(*messages, strict=True)), self._clock()
-            given = self._objects, self._monitor, self._guard, self._unknown
-            MarkerUpdate(markers, now, *given).run()
+            markers = gather(*zip(*messages, strict=True))
+            MarkerUpdate(markers, self._clock(), self._objects, self._unknown).run()
             return True
         return False
 
@@ -155,18 +144,10 @@ class MarkerInput:
 class MarkerUpdate:
     """Applies the outcome of markers at a time (ns): objects are removed, added or changed."""
 
-    def __init__(
-        self,
-        markers: Batch,
-        now: int,
-        objects: Objects,
-        monitor: InputMonitor,
-        guard: Guard,
-        unknown: UnknownObjects,
-    ) -> None:
-        self._markers, self._now = markers, now
+    def __init__(self, markers: Batch, now: int, objects: Objects, unknown: UnknownObjects) -> None:
+        self._markers, self._now, self._unknown = markers, now, unknown
         self._objects, self._table, self._shapes = objects, objects.table, objects.shapes
-        self._monitor, self._guard, self._unknown = monitor, guard, unknown
+        self._monitor = objects.monitors["objects"]
         self._plans: dict[int, ShapePlan] = {}
 
     def run(self) -> None:
@@ -179,16 +160,16 @@ class MarkerUpdate:
         there = there[np.argsort(mine.winner[there])]
         self._add(mine.winner[there], slots[there], outcome.previous)
         for row in mine.bad[mine.bad >= 0].tolist():
-            number = faults.number[row]
-            self._mark(row, faults.errors[number].reason, faults.of_shape[number])
+            fault = faults.of(row)
+            self._mark(row, fault.error.reason, fault.of_shape)
         self._count(faults, outcome)
 
     def _count(self, faults: Faults, outcome: Settled) -> None:
         """Count what is refused, late or superseded."""
-        for number, error in enumerate(faults.errors):
-            self._refuse(np.flatnonzero(faults.number == number), error)
+        for rows, fault in faults:
+            self._refuse(rows, fault.error)
         self._refuse(np.flatnonzero(outcome.late), RefusedError(OLDER))
-        new = (self._markers.action == Marker.ADD) & (faults.number == GOOD) & ~outcome.late
+        new = (self._markers.action == Marker.ADD) & faults.good & ~outcome.late
         new[outcome.winner[outcome.winner >= 0]] = False
         self._monitor.superseded += int(new.sum())
 
@@ -344,7 +325,7 @@ class MarkerUpdate:
         def name(row: int) -> str:
             return name_from_key(self._markers.key(row))
 
-        return each(rows, put, fail, self._guard, "input objects", name)
+        return each(rows, put, fail, self._objects.guard, "input objects", name)
 
     def _touch(self, rows: Rows) -> None:
         """Extend objects whose shapes are unchanged."""

@@ -25,7 +25,6 @@ from obb_collision.node.messages.names import namespace_number, shortened, stand
 from obb_collision.node.objects.table import NEVER, ObjectTable
 from obb_collision.scene.store.patterns import Overrides
 
-
 MAX_UNPLACEABLE = 1000
 """Maximum refused objects stored, the latest ones: bounds the memory that senders can use."""
 OTHERS, NO_ID = "others", 1 << 32
