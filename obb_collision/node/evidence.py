@@ -66,10 +66,10 @@ class Evidence:
     def answer(self) -> Answer:
         """Return what is known of collisions now."""
         now = self._now()
-        faults = [] if self._robots is None else list(self._robots.faults())
+        faults = list(self._robots.faults())
         found = objects_answer(self._objects, now, [slots for *_, slots in faults])
         pairs, more = self._cycle.pairs_left()
-        notes = found.notes if self._robots is None else (*found.notes, *self._robots.notes())
+        notes = *found.notes, *self._robots.notes()
         counts = dict(found.counts)
         if self._parameters.mode("clearance") != OFF:
             setting = self._parameters.setting("clearance")

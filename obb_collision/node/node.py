@@ -212,17 +212,12 @@ class CollisionNode(ManagedNode):
 
     def _make_inputs(self) -> None:
         """Create the inputs; nothing is subscribed yet."""
-        fixed_frame = self.parameters.fixed_frame
-        self.topics: dict[str, Input] = {
-            **INPUTS,
-            **detections.INPUTS,
-            **robot_inputs(self.parameters),
-        }
+        fixed_frame, names = self.parameters.fixed_frame, self.parameters.robots
+        self.topics: dict[str, Input] = {**INPUTS, **detections.INPUTS, **robot_inputs(names)}
         warn = self.get_logger().warning
         self.monitors = {
             topic: InputMonitor(topic, warn, steady=self.steady) for topic in self.topics
         }
-        names = self.parameters.robots
         link_frames = LinkFrames(self.frames, fixed_frame, names)
         frames = link_frames if names else self.frames
         self.objects = Objects(fixed_frame, frames, self.guard, self.monitors)
@@ -230,9 +225,8 @@ class CollisionNode(ManagedNode):
         self.inputs = Inputs(self.objects, self.now, self._wants_twists, self.frames)
         self.obstacles = Obstacles(self.objects, self.frames)
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
-        self.robots = Robots(self, link_frames) if names else None  # then they cost nothing
-        if self.robots is not None:
-            self._configured.callback(self.robots.close)
+        self.robots = Robots(self, link_frames)
+        self._configured.callback(self.robots.close)
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
@@ -242,7 +236,10 @@ class CollisionNode(ManagedNode):
         self.evidence = Evidence(self)
         self._schedule = Schedule(self)
         self._configured.callback(self._schedule.close)
-        self.subscribed = self._make_subscriptions()
+        points = self.inputs.guarded("points", self.obstacles.take, changes=False)
+        callbacks = {**self.inputs.callbacks(), "points": points}
+        callbacks |= self.robots.callbacks(self.inputs)
+        self.subscribed = Subscriptions(self, callbacks, self._schedule.arrived)
         self._configured.callback(self.subscribed.close)
 
     def _add_objects(self, scene_file: SceneFile) -> None:
@@ -311,15 +308,6 @@ class CollisionNode(ManagedNode):
             self.parameters.max_triangles,
         )
 
-    def _make_subscriptions(self) -> Subscriptions:
-        points = self.inputs.guarded("points", self.obstacles.take, changes=False)
-        callbacks = {**self.inputs.callbacks(), "points": points}
-        if self.robots is not None:
-            callbacks |= self.robots.callbacks(self.inputs)
-        latched = ("objects",) if self.parameters.latched_objects else ()
-        arrived = self._schedule.arrived
-        return Subscriptions(self, callbacks, self.monitors, arrived, latched, self.topics)
-
     def collect(self) -> float:
         """Read and apply the queued messages; returns their maximum waiting time (s)."""
         with self.guard.catching("inputs"):  # what is lost marks its input
@@ -327,8 +315,7 @@ class CollisionNode(ManagedNode):
         self._change("input objects", self.inputs.markers.apply)
         for each in self.inputs.sets:
             self._change(f"input {each.source.topic}", each.apply)
-        if self.robots is not None:
-            self._change("input robots", self._apply_robots)
+        self._change("input robots", self._apply_robots)
         return self.subscribed.take_wait()
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
@@ -339,7 +326,6 @@ class CollisionNode(ManagedNode):
         self.objects.broken = where
 
     def _apply_robots(self) -> None:
-        assert self.robots is not None
         if self.robots.apply():
             self.settings.allow([*self._allowed, *self.robots.rules()])
 
@@ -393,9 +379,8 @@ class CollisionNode(ManagedNode):
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""
         self.cycle.run(self.now())
-        if self.robots is not None:
-            with self.guard.catching("output robots"):
-                self.robots.publish()
+        with self.guard.catching("output robots"):
+            self.robots.publish()
         with self.guard.catching("output collision_status"):
             self._update_status(cycle=True)
         self._schedule.last = perf_counter()
@@ -416,8 +401,7 @@ class CollisionNode(ManagedNode):
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Remove all objects and forget all names."""
         try:
-            if self.robots is not None:
-                self.robots.hold("all objects were removed")
+            self.robots.hold("all objects were removed")
             self.inputs.markers.apply()  # what came before has come before
             for each in self.inputs.sets:
                 each.waiting.clouds.clear()
@@ -425,8 +409,7 @@ class CollisionNode(ManagedNode):
             count = self.objects.clear()
             for monitor in self.monitors.values():
                 monitor.unreadable = ""
-            if self.robots is not None:
-                self.robots.cleared()
+            self.robots.cleared()
             self._update_status()
             response.success, response.message = True, f"{count} objects removed"
         except Exception as error:
@@ -449,20 +432,16 @@ class CollisionNode(ManagedNode):
             f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
-        robots = () if self.robots is None else (self.robots,)
-        for each in (  # one that fails leaves none of the others in the old time
-            *(self.inputs.markers, self.inputs.unknown, *self.inputs.sets),
-            *(self.objects, self.obstacles, *robots, self.outputs.events.pairs),
-            *self.monitors.values(),
-        ):
+        inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.sets, self.obstacles
+        others = self.objects, self.robots, self.outputs.events.pairs, *self.monitors.values()
+        for each in (*inputs, *others):  # one that fails leaves none of the others in the old time
             self._change("clock jump", partial(each.clock_jumped, shift))
 
     def say_farewell(self) -> None:
         """Stop robots, and publish the status unknown: a signal waits, in another thread."""
         try:
-            robots: Robots | None = getattr(self, "robots", None)  # none before it is configured
-            if robots is not None:
-                robots.stop()
+            if hasattr(self, "robots"):  # not before it is configured
+                self.robots.stop()
         finally:
             self.status.close()
 

@@ -234,7 +234,7 @@ class Reporting:
             yield input_part(topic, monitor, now, elapsed)
         policy = self._outputs.parameters.stale_policy
         yield objects_part(self._objects, policy, self._cycle.report)
-        for robot in () if self._node.robots is None else self._node.robots.robots:
+        for robot in self._node.robots.robots:
             faults = [robot.fault] if robot.fault else []
             yield Part(f"robot {robot.name}", faults, "known", robot.describe().items())
         yield self._cycle_part(elapsed)

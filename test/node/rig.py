@@ -424,7 +424,7 @@ class Rig(Client):
 
     def another_case(self) -> None:
         """Take objects away, but not robots, and what was counted: one node serves many cases."""
-        if self.node.robots is None:
+        if not self.node.robots.robots:
             self.node.objects.clear()
         for topic in self.pubs.keys() & self.node.monitors.keys():
             monitor = self.monitor(topic)

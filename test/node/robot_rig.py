@@ -118,13 +118,11 @@ class RobotRig(Rig):
 
     @property
     def robot(self) -> Any:
-        assert self.node.robots is not None
         return self.node.robots.robots[0]
 
     @property
     def ends(self) -> Any:
         """What answers for the robot."""
-        assert self.node.robots is not None
         return self.node.robots.answers[0]
 
     def put(self, place: Sequence[float], size: Sequence[float] = EDGES) -> None:

@@ -563,7 +563,6 @@ class EvidenceMachine(RuleBasedStateMachine):
     def describe(self, edge: float) -> None:
         """Send a description, or with 0 a text that is none."""
         self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
-        assert self.node.robots is not None
         reading = self.node.robots.robots[0].reading
         if reading is not None:
             reading.join()

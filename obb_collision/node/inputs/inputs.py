@@ -23,7 +23,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.boxes import OWNED, BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
@@ -77,7 +76,7 @@ class Inputs:
         """All inputs whose messages are complete sets of boxes."""
         if DETECTIONS.topic in objects.monitors:
             self.sets.append(BoxInput(objects, frames, clock, DETECTIONS, read_detections))
-        self.bases: dict[str, Callable[[NamedPose, int, InputMonitor], None]] = {}
+        self.bases: dict[str, Callable[[NamedPose, int], None]] = {}
         """By name of a robot: what takes a pose of its base."""
 
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
@@ -128,7 +127,7 @@ class Inputs:
         """Store one pose."""
         message = pose_from_bytes(data)
         if message.name in self.bases:
-            self.bases[message.name](message, now, self._monitors["object_transform"])
+            self.bases[message.name](message, now)
         else:
             names = [message.name]
             self._store_named("object_transform", names, message.pose, message.header, now)

@@ -16,21 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from time import monotonic, time_ns
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.node.diagnostics.monitors import InputMonitor, overridable
+from obb_collision.node.diagnostics.monitors import overridable
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 NO_NUMBER = 2**63
 """Numbers from here on mean that the middleware gives none."""
@@ -125,21 +127,16 @@ class Subscriptions:
     Messages are received serialised: see ``messages/cdr``.
 
     callbacks: callback per input topic; arrived: called with the topic once a message is stored.
-    latched: topics of which publishers keep messages for subscribers that come later.
     """
 
     def __init__(
         self,
-        node: Node,
+        node: CollisionNode,
         callbacks: Mapping[str, Callable[[bytes], None]],
-        monitors: Mapping[str, InputMonitor],
         arrived: Callable[[str], None],
-        latched: Collection[str] = (),
-        inputs: Mapping[str, Input] = INPUTS,
     ) -> None:
-        self._inputs = inputs
-        self._node, self._callbacks, self._monitors = node, callbacks, monitors
-        self._arrived, self._latched = arrived, latched
+        self._node, self._callbacks, self._arrived = node, callbacks, arrived
+        self._monitors = node.monitors
         self._oldest = 0
         self._losses: dict[str, Losses] = {}
         self._closed: set[str] = set()  # to be subscribed to again
@@ -225,11 +222,10 @@ class Subscriptions:
             self._arrived(topic)
 
     def _subscribe(self, topic: str) -> Subscription:
-        kind, depth, reliability, durability = self._inputs[topic][:4]
+        kind, depth, reliability, durability = self._node.topics[topic][:4]
         qos = QoSProfile(depth=depth, reliability=reliability, durability=durability)
-        if topic in self._latched:
+        if topic == "objects" and self._node.parameters.latched_objects:
             qos.depth, qos.durability = LATCHED_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL
-
         subscription = self._node.create_subscription(
             kind,
             topic,

@@ -29,11 +29,7 @@ from std_msgs.msg import String
 from obb_collision.node.diagnostics.answer import some
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import Header, Reader
-from obb_collision.node.messages.conversions import (
-    LARGEST_COORDINATE,
-    NANOSECONDS,
-    stamp_from_ros,
-)
+from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.states import AHEAD, OLDER, States
@@ -170,7 +166,7 @@ class Joints(Arrivals):
         stamp = stamp if believed else 0
         kept, positions = rows[known], message.positions[known]
         self._remember(kept, stamp)
-        velocities = self._velocities(message, known, now, monitor)
+        velocities = self._velocities(message, known, monitor)
         lacking = np.isnan(velocities)
         velocities[lacking] = self._differences(kept, positions, stamp, states)[lacking]
         self.unclear[kept] = unclear = np.isnan(velocities)
@@ -205,9 +201,7 @@ class Joints(Arrivals):
         found = (positions - self._before[rows]) / np.where(known, time, 1) * NANOSECONDS
         return np.where(known & (np.abs(found) <= LARGEST_COORDINATE), found, np.nan)
 
-    def _velocities(
-        self, message: JointMessage, items: Rows, now: int, monitor: InputMonitor
-    ) -> Floats:
+    def _velocities(self, message: JointMessage, items: Rows, monitor: InputMonitor) -> Floats:
         """Return the velocities of items, NaN where none can be used."""
         nothing = np.full(len(items), np.nan)
         if len(message.velocities) == 0:

@@ -20,13 +20,12 @@ refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from threading import Thread
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import NamedPose
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
@@ -36,20 +35,17 @@ from obb_collision.node.messages.conversions import (
     stamp_from_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
-from obb_collision.node.robots.joints import (
-    Arrivals,
-    Joints,
-    joints_from_bytes,
-    text_from_bytes,
-)
+from obb_collision.node.robots.joints import Arrivals, Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
+
+if TYPE_CHECKING:
+    from obb_collision.node.node import CollisionNode
 
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
 JOINT_STATES = "joint_states"
@@ -94,22 +90,13 @@ class DescriptionReading(Thread):
 
 
 class RobotInput:
-    """A robot, by its name; base: where it stands; meshes: how its mesh files are read."""
+    """A robot, by its name; base: where it stands."""
 
-    def __init__(
-        self,
-        base: Base,
-        objects: Objects,
-        monitors: Mapping[str, InputMonitor],
-        clock: Callable[[], int],
-        meshes: Callable[[], MeshReading],
-    ) -> None:
+    def __init__(self, base: Base, node: CollisionNode) -> None:
         self.name, self.base = base.robot, base
-        self._objects, self._clock = objects, clock
+        self._objects, self._meshes = node.objects, node.mesh_reading
         kinds = (DESCRIPTION, SEMANTIC, JOINT_STATES)
-        self._topics = {kind: f"{self.name}/{kind}" for kind in kinds}
-        self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
-        self._meshes = meshes
+        self._monitors = {kind: node.monitors[f"{self.name}/{kind}"] for kind in kinds}
         self.reading: DescriptionReading | None = None
         """Of the latest description, or of one before, abandoned; None where it was taken."""
         self._texts: dict[str, str] = {}  # the latest of each kind
@@ -156,7 +143,8 @@ class RobotInput:
         if text != self._texts.get(kind) or was_refused or self._unadded:
             self._texts[kind] = text
             if DESCRIPTION in self._texts:
-                self._abandon()
+                if self.reading is not None:
+                    self.reading.abandon()
                 self.read()
 
     def read(self) -> None:
@@ -176,10 +164,6 @@ class RobotInput:
         self._refused[BOTH] = f"{DESCRIPTION} refused: {why}"
         self._monitors[DESCRIPTION].refuse(BAD_DESCRIPTION, "whole message", why)
 
-    def _abandon(self) -> None:
-        if self.reading is not None:
-            self.reading.abandon()
-
     def take_joints(self, data: bytes, now: int) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
         message = joints_from_bytes(data)
@@ -187,7 +171,7 @@ class RobotInput:
             self.joints.take(message, now, self._monitors[JOINT_STATES], self._objects.states)
             self._changed, self._link_poses = True, None
 
-    def take_base(self, message: NamedPose, now: int, monitor: InputMonitor) -> None:
+    def take_base(self, message: NamedPose, now: int) -> None:
         """Store where the root link is, by ``object_transform``."""
         try:
             if self.base.frame != BY_TOPIC:
@@ -200,6 +184,7 @@ class RobotInput:
                 raise RefusedError(OLDER)
             self._objects.placement.frame_index(message.header.frame_id)
         except RefusedError as error:
+            monitor = self._objects.monitors["object_transform"]
             monitor.refuse(error.reason, repr(self.name), error.detail)
             if error.reason != OLDER:
                 self._base_refused = f"its latest pose was refused: {error.reason}"
@@ -224,7 +209,7 @@ class RobotInput:
             self._robot = found
             for doubt in found.doubts:
                 self._monitors[DESCRIPTION].doubt("odd description", detail=doubt)
-            self._replace(found, now)
+            self._replace(found)
         self.look(now, timeout)
         if self.links is not None:
             if not self.faults and self._changed:
@@ -264,7 +249,7 @@ class RobotInput:
         old = 0.0 < most * NANOSECONDS < now - self._bases.received[0]
         return f"no base by {BY_TOPIC} for longer than {most:g} s" if old else ""
 
-    def _replace(self, robot: Robot, now: int) -> None:
+    def _replace(self, robot: Robot) -> None:
         """Take a robot in place of the one before."""
         if self.links is not None:
             self.links.remove()
@@ -287,7 +272,7 @@ class RobotInput:
         pose, frame = self._base or (IDENTITY_POSE, self.base_frame)
         stamp = max(joints.stamp, int(self._bases.stamps[0]))
         received = joints.newest if len(joints.names) else now
-        state = State(frame, stamp, received, self._topics[JOINT_STATES])
+        state = State(frame, stamp, received, f"{self.name}/{JOINT_STATES}")
         self._changed = False
         try:
             self.links.place(joints.positions, joints.velocities, pose, state)
@@ -359,12 +344,12 @@ class RobotInput:
         texts = {"odd": "; ".join(robot.doubts), "speed_scale is 0": self.halt}
         return counts | {key: text for key, text in texts.items() if text}
 
-    def cleared(self, now: int) -> None:
+    def cleared(self) -> None:
         """Add the links again, whose joints are not known: all objects were removed."""
         self.links = self.joints = None
         self._renewed = True
         if self._robot is not None:
-            self._replace(self._robot, now)
+            self._replace(self._robot)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
@@ -374,6 +359,6 @@ class RobotInput:
 
     def close(self) -> None:
         """End what is being read."""
-        self._abandon()
         if self.reading is not None:
+            self.reading.abandon()
             self.reading.join(ENDING)

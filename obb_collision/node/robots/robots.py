@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,6 @@ from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
 from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import (
@@ -106,9 +105,9 @@ OUTPUTS = (
 """Its output topics, after its name and a slash."""
 
 
-def robot_inputs(parameters: Parameters) -> dict[str, Input]:
-    """Return the input topics of all robots."""
-    return {f"{name}/{kind}": given for name in parameters.robots for kind, given in KINDS.items()}
+def robot_inputs(names: Iterable[str]) -> dict[str, Input]:
+    """Return the input topics of robots."""
+    return {f"{name}/{kind}": given for name in names for kind, given in KINDS.items()}
 
 
 class RobotAnswers:
@@ -155,10 +154,7 @@ class Robots:
         self._parameters, self._clock, self._objects = node.parameters, node.now, node.objects
         self._touch_links: list[tuple[str, str]] = []
         self._frames = frames
-        self.robots = [
-            RobotInput(base, node.objects, node.monitors, node.now, node.mesh_reading)
-            for base in node.parameters.bases.values()
-        ]
+        self.robots = [RobotInput(base, node) for base in node.parameters.bases.values()]
         frames.robots = self.robots
         self.answers = [
             RobotAnswers(node, CheckedRobot(robot, node, frames)) for robot in self.robots
@@ -240,9 +236,8 @@ class Robots:
 
     def cleared(self) -> None:
         """Make anew what ``~/clear`` has removed."""
-        now = self._clock()
         for robot in self.robots:
-            robot.cleared(now)
+            robot.cleared()
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""

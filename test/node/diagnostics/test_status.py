@@ -276,7 +276,7 @@ def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
     subscribed = [end.topic_name for end in rig.node.subscribed.open.values()]
     published = [end.topic_name for end in rig.node.outputs.ends.values()]
     assert {*subscribed} == {f"{NAMESPACE}/{topic}" for topic in INPUTS}
-    assert rig.node.robots is None, "without robots none of theirs"
+    assert not rig.node.robots.robots, "without robots none of theirs"
     for policy in ("depth", "durability", "reliability"):
         assert {f"qos_overrides.{name}.subscription.{policy}" for name in subscribed} <= declared
         assert {f"qos_overrides.{name}.publisher.{policy}" for name in published} <= declared

@@ -75,7 +75,6 @@ def test_joints_between_clear_and_the_next_cycle_keep_nothing_running(rig: Askin
 
     rig.known()
     node = rig.node
-    assert node.robots is not None
     point = JointTrajectoryPoint(positions=NONE, velocities=NONE, accelerations=NONE)
     trajectory = JointTrajectory(joint_names=list(BOTH), points=[point])
     for begin, end in ((0.0, 0.3), (1.4, 1.45)):
