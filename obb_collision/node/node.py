@@ -342,15 +342,9 @@ class CollisionNode(ManagedNode):
 
     def _apply_parameters(self) -> None:
         """Apply the parameters to all parts."""
-        parameters, objects = self.parameters, self.objects
+        parameters = self.parameters
         self.settings.apply()
-        apply_limits(parameters, objects)
-        self.obstacles.waiting.timeout = parameters.transform_timeout
-        for each in self.inputs.sets:
-            each.waiting.timeout = parameters.transform_timeout
-            each.max_points = parameters.max_cloud_points
-        self.obstacles.stamp_tolerance = objects.states.stamp_tolerance
-        self.obstacles.max_points = parameters.max_cloud_points
+        apply_limits(parameters, self.objects)
         self.subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
             self.obstacles.forget()

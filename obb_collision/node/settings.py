@@ -172,7 +172,7 @@ def effect_levels(parameters: Parameters, name: str) -> list[Accuracy]:
 def apply_limits(parameters: Parameters, objects: Objects) -> None:
     """Apply the limits of objects and states."""
     shapes, table = objects.shapes, objects.table
-    shapes.max_objects = parameters.max_objects
+    shapes.max_objects, objects.max_points = parameters.max_objects, parameters.max_cloud_points
     objects.set_limits(build_limits(parameters))
     shapes.requests.limits = ShapeLimits(
         parameters.mesh_file_size * MEGABYTE,

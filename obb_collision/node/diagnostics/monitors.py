@@ -31,6 +31,7 @@ from rclpy.qos import QoSCompatibility, QoSPolicyKind, QoSProfile, qos_check_com
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
+from obb_collision.node.messages.errors import RefusedError
 from obb_collision.scene.report import Cost
 
 NANOSECONDS_F = 1e9
@@ -76,10 +77,10 @@ class InputMonitor:
         self.last, self.heard = now, self.steady()
         self.unreadable = ""
 
-    def refuse_whole(self, reason: str, detail: str = "") -> None:
+    def refuse_whole(self, error: RefusedError) -> None:
         """Count a message that could not be read: nobody knows what it said."""
-        self.unreadable = reason
-        self.refuse(reason, "whole message", detail)
+        self.unreadable = error.reason
+        self.refuse(error.reason, "whole message", error.detail)
 
     def refuse(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
         """Count refused items, and warn if there was no warning for this reason lately."""

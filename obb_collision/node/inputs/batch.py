@@ -41,7 +41,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_FRAMES, check_name, shortened
 from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, PRIMITIVES
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.jobs import NO_MEMORY
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -76,10 +76,7 @@ def each(
         row = int(rows[0])
         if isinstance(error, MemoryError):
             error = RefusedError(NO_MEMORY)
-        if not isinstance(error, RefusedError):
-            guard.caught(where, error, name(row))
-            error = RefusedError(INTERNAL_ERROR, str(error))
-        fail(row, error)
+        fail(row, guard.refusal(where, error, name(row)))
         return False
 
 

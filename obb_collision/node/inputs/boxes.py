@@ -30,7 +30,7 @@ from visualization_msgs.msg import Marker
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.inputs.batch import Faults, each
 from obb_collision.node.inputs.clouds import QueuedCloud, WaitingClouds
-from obb_collision.node.messages.cdr import NO_LIMIT, cloud_from_bytes
+from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import boxes_from_ros
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
@@ -124,15 +124,13 @@ class BoxInput:
         self.source, self._read = source, read
         self._monitor = objects.monitors[source.topic]
         self.waiting = WaitingClouds(objects, frames, self._monitor)
-        self.max_points = NO_LIMIT
-        """Rows of a set."""
         self._order = 0  # sets with an older stamp are late
         self._received = 0
 
     def take(self, data: bytes, now: int) -> None:
         """Queue a complete set, serialised, for the next cycle."""
         try:
-            frame, stamp, given, size = self._read(data, self.max_points)
+            frame, stamp, given, size = self._read(data, self._objects.max_points)
             check_name(frame, "frame")
             self._note_order(stamp, now)
         except RefusedError as error:

@@ -27,14 +27,13 @@ import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.messages.cdr import NO_LIMIT, cloud_from_bytes
+from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LATER, FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import AHEAD
-from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.scene.report import Report
 from obb_collision.typing import Floats
@@ -58,12 +57,9 @@ class WaitingClouds:
     """Clouds of one topic in the order of receipt."""
 
     def __init__(self, objects: Objects, frames: FrameSource, monitor: InputMonitor) -> None:
-        self._frames, self._frame_table = frames, objects.placement.frame_table
-        self._monitor, self._guard = monitor, objects.guard
+        self._objects, self._frames, self._monitor = objects, frames, monitor
         self.clouds: list[QueuedCloud] = []
         """The newest one last."""
-        self.timeout = 0.0
-        """Maximum time that a cloud waits for its frame (s)."""
 
     def add(self, cloud: QueuedCloud) -> int:
         """Queue a cloud; returns the number of unused clouds that are dropped."""
@@ -102,16 +98,14 @@ class WaitingClouds:
             try:
                 use(cloud, self._place(cloud))
                 break
-            except RefusedError as error:
-                if error.reason in LATER and self._may_wait(cloud, now):
+            except Exception as error:
+                refusal = self._objects.guard.refusal(f"input {self._monitor.topic}", error)
+                if refusal.reason in LATER and self._may_wait(cloud, now):
                     kept.insert(0, cloud)
                     continue
-                self._monitor.refuse(error.reason, detail=error.detail)
-                refused.append((cloud, error))
-            except Exception as error:
-                self._guard.caught(f"input {self._monitor.topic}", error)
-                self._monitor.refuse(INTERNAL_ERROR, "whole message", str(error))
-                refused.append((cloud, RefusedError(INTERNAL_ERROR, str(error))))
+                item = "" if refusal is error else "whole message"
+                self._monitor.refuse(refusal.reason, item, refusal.detail)
+                refused.append((cloud, refusal))
         for newer, reason in reversed(refused):
             refuse(newer, reason)
         return len(waiting)
@@ -125,12 +119,12 @@ class WaitingClouds:
         return frame
 
     def _may_wait(self, cloud: QueuedCloud, now: int) -> bool:
-        late = now - cloud.received > int(self.timeout * NANOSECONDS)
+        late = now - cloud.received > int(self._objects.placement.timeout * NANOSECONDS)
         return self._frames.waits and not late
 
     def _is_elsewhere(self, cloud: QueuedCloud) -> bool:
         """Whether a cloud is in another frame than the fixed one."""
-        return not self._frame_table.is_fixed(cloud.frame)
+        return not self._objects.placement.frame_table.is_fixed(cloud.frame)
 
     def _is_full(self) -> bool:
         size, count = sum(cloud.size for cloud in self.clouds), len(self.clouds)
@@ -141,14 +135,10 @@ class Obstacles:
     """Keeps the points of the scene up to date with the topic ``points``."""
 
     def __init__(self, objects: Objects, frames: FrameSource) -> None:
-        self._scene, self._monitor = objects.scene, objects.monitors["points"]
+        self._objects, self._monitor = objects, objects.monitors["points"]
         self.waiting = WaitingClouds(objects, frames, self._monitor)
         self.stamp = 0
         """Of the points in the scene (ns), 0 for none."""
-        self.max_points = NO_LIMIT
-        """Of a cloud."""
-        self.stamp_tolerance = NANOSECONDS // 2
-        """Stamps further than this ahead of the node's clock (ns) are not published."""
 
     def take(self, data: bytes, now: int) -> None:
         """Keep a serialised cloud."""
@@ -158,7 +148,7 @@ class Obstacles:
         except RefusedError as error:
             self._monitor.refuse(error.reason, detail=error.detail)
             return
-        if stamp > now + self.stamp_tolerance:
+        if stamp > now + self._objects.states.stamp_tolerance:
             ahead = (stamp - now) / NANOSECONDS
             self._monitor.doubt(AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
         size = len(message.data)
@@ -170,9 +160,10 @@ class Obstacles:
 
     def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Give the scene a cloud; RefusedError if it can't be used."""
-        points = points_from_ros(cloud.content, self.max_points)
-        self._scene.obstacle_points = points if frame is None else placed_points(points, frame)
-        believed = cloud.stamp <= cloud.received + self.stamp_tolerance
+        points = points_from_ros(cloud.content, self._objects.max_points)
+        placed = points if frame is None else placed_points(points, frame)
+        self._objects.scene.obstacle_points = placed
+        believed = cloud.stamp <= cloud.received + self._objects.states.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
 
     def note(self, report: Report) -> None:
@@ -183,7 +174,7 @@ class Obstacles:
 
     def forget(self) -> None:
         """Take all points away."""
-        self._scene.obstacle_points = None
+        self._objects.scene.obstacle_points = None
         self.waiting.clouds.clear()
         self.stamp = 0
 

@@ -49,7 +49,6 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots, signed
-from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.typing import Floats, Mask, Rows
 
 LENGTHS_DIFFER = "array lengths differ"
@@ -113,13 +112,11 @@ class Inputs:
                     for each in self.sets:
                         each.apply()
                 take(data, now)
-            except RefusedError as error:
-                monitor.refuse_whole(error.reason, error.detail)
             except Exception as error:
-                self._objects.guard.caught(f"input {topic}", error)
-                if changes and not isinstance(error, MemoryError):
+                refusal = self._objects.guard.refusal(f"input {topic}", error)
+                if changes and not isinstance(error, (RefusedError, MemoryError)):
                     self._objects.broken = f"input {topic}"
-                monitor.refuse_whole(INTERNAL_ERROR, str(error))
+                monitor.refuse_whole(refusal)
 
         return callback
 
@@ -168,7 +165,7 @@ class Inputs:
     def _poses(self, data: bytes, now: int) -> None:
         """Store bulk poses by namespace number and id."""
         message, table = cloud_from_bytes(data), self._objects.table
-        namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
+        namespaces, ids, poses = poses_from_ros(message, self._objects.max_points)
         slots = table.find(namespaces, ids)
         name = self._names_of(namespaces, ids)
         if namespaces is not None and (slots < 0).any():

@@ -96,7 +96,7 @@ class MarkerInput:
             return
         for one in found:  # one that fails takes no other with it
             if not self._run([one]):
-                self._monitor.refuse_whole(INTERNAL_ERROR)
+                self._monitor.refuse_whole(RefusedError(INTERNAL_ERROR))
                 self._objects.broken = "input objects"
 
     def _scan_all(self, waiting: list[tuple[bytes, int]]) -> list[tuple[Items, int]]:
@@ -123,11 +123,8 @@ class MarkerInput:
         """
         try:
             return markers_from_bytes(data)
-        except RefusedError as error:
-            self._monitor.refuse_whole(error.reason, error.detail)
         except Exception as error:
-            self._guard.caught("input objects", error, "whole message")
-            self._monitor.refuse_whole(INTERNAL_ERROR, str(error))
+            self._monitor.refuse_whole(self._guard.refusal("input objects", error, "whole message"))
         if is_read_since:
             self._monitor.unreadable = ""
         return None

@@ -27,7 +27,7 @@ from obb_collision.node.messages.conversions import pose_faults, transform_from_
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.optional import optional_module, optional_type
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.typing import Floats, Mask
 
 tf2_ros: Any = optional_type("tf2_msgs.msg", "TFMessage") and optional_module("tf2_ros")
@@ -140,11 +140,8 @@ class Transforms:
             if any(fault.any() for fault in pose_faults(found[None])):
                 raise RefusedError("bad transform", f"{name!r}: {found.tolist()}")
             return found
-        except RefusedError as error:
-            self.errors[frame] = error
         except Exception as error:
-            self._guard.caught("look-up of frames", error, name)
-            self.errors[frame] = RefusedError(INTERNAL_ERROR, str(error))
+            self.errors[frame] = self._guard.refusal("look-up of frames", error, name)
         return None
 
     def reach(self, frames: Slots, all_stamps: Slots) -> Mask:

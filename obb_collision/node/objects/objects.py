@@ -27,6 +27,7 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.cdr import NO_LIMIT
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
@@ -65,6 +66,8 @@ class Objects:
         """Newcomers that were refused, and why."""
         self.table.namespaces.named = self._rename
         self._tree_builder = Builder()
+        self.max_points = NO_LIMIT
+        """Points of a cloud, and rows of bulk poses and sets of boxes."""
         self.broken = ""
         """Where an error nobody foresaw may have left objects other than what was sent."""
         self.is_declared_empty = False

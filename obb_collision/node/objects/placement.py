@@ -51,7 +51,7 @@ from obb_collision.node.objects.conditions import (
 )
 from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource, Transforms
 from obb_collision.node.objects.table import ObjectTable, Slots
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
@@ -370,15 +370,12 @@ class Placement:
                 for row in range(len(states)):
                     self._move(states[row : row + 1], outer)
                 return
-            slot = int(states["slot"][0])
+            slot, frame, number = states[["slot", "frame", "number"]].tolist()[0]
             name = name_from_key(self._table.key(slot))
-            self.guard.caught("placing objects", error, name)
-            if self._table.number[slot] <= states["number"][0]:
+            if self._table.number[slot] <= number:
                 self._table.mark(slot, UNPLACEABLE)
-            self._table.world_number[slot] = states["number"][0]  # it is not tried again
-            self._refuse(
-                states, {int(states["frame"][0]): RefusedError(INTERNAL_ERROR, str(error))}
-            )
+            self._table.world_number[slot] = number  # it is not tried again
+            self._refuse(states, {frame: self.guard.refusal("placing objects", error, name)})
 
     def _set(self, slots: Slots, poses: Floats, twists: Floats, columns: Sequence[Slots]) -> None:
         """Move objects; columns: stamp, time of receipt and number of the states."""

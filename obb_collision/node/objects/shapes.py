@@ -47,7 +47,6 @@ from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.refusals import Unplaceable
 from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
 from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
-from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
@@ -350,11 +349,8 @@ class ObjectShapes:
         if given.shape is not None:
             try:
                 self._give(key, given.shape, given.signature)
-            except RefusedError as refused:
-                error = refused
             except Exception as failure:  # of this object: others get theirs
-                self.placement.guard.caught("shapes", failure, name_from_key(key))
-                error = RefusedError(INTERNAL_ERROR, str(failure))
+                error = self.placement.guard.refusal("shapes", failure, name_from_key(key))
         slot = self.table.slots[key]
         if self.builder.wants(key):  # for a newer shape
             return

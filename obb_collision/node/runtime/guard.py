@@ -27,6 +27,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from obb_collision.node.messages.errors import RefusedError
+
 INTERNAL_ERROR = "internal error"
 """The reason under which ``/diagnostics`` counts an item that failed."""
 MAX_PLACES = 256
@@ -61,6 +63,13 @@ class Guard:
         self._logged.add(place)
         trace = "".join(traceback.format_exception(error))
         self._log(f"{INTERNAL_ERROR} (logged once, then only counted): {what}\n{trace}")
+
+    def refusal(self, where: str, error: Exception, item: str = "") -> RefusedError:
+        """Return why an item is refused; an error that nobody foresaw is counted."""
+        if isinstance(error, RefusedError):
+            return error
+        self.caught(where, error, item)
+        return RefusedError(INTERNAL_ERROR, str(error))
 
     @contextmanager
     def catching(self, where: str, item: str = "") -> Iterator[None]:
