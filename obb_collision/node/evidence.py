@@ -21,9 +21,12 @@ that is missing names itself by a code of ``CODES``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from obb_collision.node.diagnostics.answer import (
     MAX_NAMED,
@@ -31,14 +34,18 @@ from obb_collision.node.diagnostics.answer import (
     SELECTED_RADIUS,
     Answer,
     Reason,
-    objects_answer,
+    some,
 )
-from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.messages.conversions import Key, name_from_key
+from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
+from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.outputs.collision_status import allowed_delay
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.patterns import matching
+from obb_collision.scene.store.store import NO_ROWS
+from obb_collision.typing import Mask
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
@@ -159,3 +166,59 @@ def _of_robots(faults: list[tuple[str, str, Slots]]) -> Iterator[Reason]:
     for code in dict.fromkeys(code for code, *_ in faults):
         who = tuple(what for other, what, _ in faults if other == code)
         yield Reason(code, who[:MAX_NAMED], len(who))
+
+
+def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[Reason]:
+    """Yield why objects may not be where their boxes are, each object once.
+
+    others: slots of those of which somebody else says why.
+    """
+    table = objects.table
+    left, present = table.live & ~table.has(IGNORED), table.facts
+    for slots in others:
+        left[slots] = False
+    for code, facts in STATES.items():
+        newcomers = _refused_newcomers(objects) if code == "refused" else ()
+        on_boxes = objects.links_on_boxes if code == "shape_building" else NO_ROWS
+        if not (present & facts or newcomers or len(on_boxes)):
+            continue
+        rows = table.has(facts)
+        rows[on_boxes] = True
+        found, left = left & rows, left & ~rows
+        count = int(np.count_nonzero(found)) + (len(objects.unplaceable) if newcomers else 0)
+        if count:
+            yield Reason(code, (*newcomers, *_names(objects, found)), count)
+
+
+def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> Answer:
+    """Return what the objects say at a time (ns), with no pair checked; others: see reasons."""
+    table = objects.table
+    reasons = tuple(objects_reasons(objects, others))
+    stale = table.has(STALE)
+    accepted = stale & ~table.has(LOST)
+    number = int(np.count_nonzero(accepted))
+    names = some(_names(objects, accepted), number)
+    counts: dict[str, object] = {
+        "objects": len(table),
+        "stale": int(np.count_nonzero(stale)),
+        "doubtful": int(np.count_nonzero(table.doubtful)),
+        **{reason.code: reason.count for reason in reasons},
+    }
+    if objects.scene.region is not None:  # regions are joined by stamps
+        counts["stamped"] = objects.believed_stamp(now) > 0
+    return Answer(
+        reasons,
+        notes=(f"{number} stale (accepted): {names}",) if number else (),
+        counts=counts,
+        stamp=objects.newest_stamp(now) if table.visible.any() else 0,
+    )
+
+
+def _names(objects: Objects, rows: Mask) -> tuple[str, ...]:
+    slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
+    return tuple(name_from_key(objects.table.key(slot)) for slot in slots)
+
+
+def _refused_newcomers(objects: Objects) -> tuple[str, ...]:
+    first: Iterable[tuple[Key, str]] = islice(objects.unplaceable.items(), MAX_NAMED)
+    return tuple(f"{name_from_key(key)} ({reason})" for key, reason in first)

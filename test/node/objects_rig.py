@@ -29,8 +29,9 @@ from visualization_msgs.msg import Marker
 
 from obb_collision import Accuracy
 from obb_collision.node import collisions_from_ros
-from obb_collision.node.diagnostics.answer import Answer, objects_answer
+from obb_collision.node.diagnostics.answer import Answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.evidence import objects_answer
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.objects import Objects

@@ -16,19 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
-import numpy as np
-import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
-from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
-from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.table import Slots
-from obb_collision.scene.store.store import NO_ROWS
+from obb_collision.node.messages.conversions import NANOSECONDS
 
 FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 MAX_NAMED = 10
@@ -219,59 +213,3 @@ def some(names: Iterable[str], count: int, at_least: bool = False) -> str:
     more = count - len(shown)
     least = "at least " if at_least else ""
     return ", ".join(shown) + (f" and {least}{more} more" if more > 0 else "")
-
-
-def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[Reason]:
-    """Yield why objects may not be where their boxes are, each object once.
-
-    others: slots of those of which somebody else says why.
-    """
-    table = objects.table
-    left, present = table.live & ~table.has(IGNORED), table.facts
-    for slots in others:
-        left[slots] = False
-    for code, facts in STATES.items():
-        newcomers = _refused_newcomers(objects) if code == "refused" else ()
-        on_boxes = objects.links_on_boxes if code == "shape_building" else NO_ROWS
-        if not (present & facts or newcomers or len(on_boxes)):
-            continue
-        rows = table.has(facts)
-        rows[on_boxes] = True
-        found, left = left & rows, left & ~rows
-        count = int(np.count_nonzero(found)) + (len(objects.unplaceable) if newcomers else 0)
-        if count:
-            yield Reason(code, (*newcomers, *_names(objects, found)), count)
-
-
-def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> Answer:
-    """Return what the objects say at a time (ns), with no pair checked; others: see reasons."""
-    table = objects.table
-    reasons = tuple(objects_reasons(objects, others))
-    stale = table.has(STALE)
-    accepted = stale & ~table.has(LOST)
-    number = int(np.count_nonzero(accepted))
-    names = some(_names(objects, accepted), number)
-    counts: dict[str, object] = {
-        "objects": len(table),
-        "stale": int(np.count_nonzero(stale)),
-        "doubtful": int(np.count_nonzero(table.doubtful)),
-        **{reason.code: reason.count for reason in reasons},
-    }
-    if objects.scene.region is not None:  # regions are joined by stamps
-        counts["stamped"] = objects.believed_stamp(now) > 0
-    return Answer(
-        reasons,
-        notes=(f"{number} stale (accepted): {names}",) if number else (),
-        counts=counts,
-        stamp=objects.newest_stamp(now) if table.visible.any() else 0,
-    )
-
-
-def _names(objects: Objects, rows: npt.NDArray[np.bool_]) -> tuple[str, ...]:
-    slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
-    return tuple(name_from_key(objects.table.key(slot)) for slot in slots)
-
-
-def _refused_newcomers(objects: Objects) -> tuple[str, ...]:
-    first: Iterable[tuple[Key, str]] = islice(objects.unplaceable.items(), MAX_NAMED)
-    return tuple(f"{name_from_key(key)} ({reason})" for key, reason in first)
