@@ -64,8 +64,8 @@ class BuiltShape:
 
     signature: Signature
     shape: Shape | None
-    error: RefusedError | None
-    keys: tuple[Key, ...] | None = None
+    error: BuildError | None
+    keys: tuple[Key, ...] | None
 
 
 @dataclass(frozen=True)
@@ -156,30 +156,23 @@ class ShapeRequests:
         """Yield what objects get since the last time."""
         for outcome in self._builder.poll():
             signature: Any = outcome.signature
+            keys: tuple[Any, ...] | None = tuple(outcome.keys)
             if signature[0] == CHECK:
-                yield from self._checked(signature[1], outcome)
-            else:
-                keys: Any = tuple(outcome.keys)
-                yield BuiltShape(signature, *self._result(signature, outcome), keys)
+                signature, keys = signature[1], None
+                is_unchanged = outcome.error is None and outcome.result is None
+                if is_unchanged or signature not in self._files:
+                    continue
+            shape = self._keep(signature, outcome) if outcome.error is None else None
+            yield BuiltShape(signature, shape, outcome.error, keys)
         self._look_at_files()
-
-    def _result(
-        self, signature: Signature, outcome: Outcome
-    ) -> tuple[Shape | None, RefusedError | None]:
-        if outcome.error is not None:
-            return None, RefusedError(outcome.error.reason, outcome.error.detail)
-        return self._keep(signature, outcome), None
 
     def _keep(self, signature: Signature, outcome: Outcome) -> Shape:
         """Take note of a shape that was built; returns it."""
         built = outcome.result
-        if isinstance(built, tuple):
-            shape, version = built
-            if version is not None:
-                job: Any = outcome.job
-                self._files[signature] = _File(job, version, self._clock() + CHECK_PERIOD)
-        else:
-            shape = built
+        shape, version = built if isinstance(built, tuple) else (built, None)
+        if version is not None:
+            job: Any = outcome.job
+            self._files[signature] = _File(job, version, self._clock() + CHECK_PERIOD)
         self._built[signature] = shape
         self._use(signature, shape)
         return shape
@@ -198,13 +191,6 @@ class ShapeRequests:
                 self._builder.request(check, check, replace(file.job, known=file.version))
             except BuildError:
                 file.asked = True
-
-    def _checked(self, signature: Signature, outcome: Outcome) -> Iterator[BuiltShape]:
-        """Yield the results for the objects of a file; none if it is unchanged."""
-        if outcome.error is None and outcome.result is None:
-            return
-        if signature in self._files:
-            yield BuiltShape(signature, *self._result(signature, outcome))
 
 
 def _size(shape: Shape) -> int:

@@ -48,6 +48,7 @@ from obb_collision.node.objects.refusals import Unplaceable
 from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
 from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
 from obb_collision.scene.building.builder import Builder
+from obb_collision.scene.building.jobs import BuildError
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.store import NO_ROWS
@@ -345,7 +346,7 @@ class ObjectShapes:
         return [key for key in keys if not self.builder.wants(key)]
 
     def _take_built(self, key: Key, given: BuiltShape) -> None:
-        error = given.error
+        error: BuildError | RefusedError | None = given.error
         if given.shape is not None:
             try:
                 self._give(key, given.shape, given.signature)

@@ -33,7 +33,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.robots.joints import Joints
-from obb_collision.node.robots.links import NOTHING, AttachedObjects
+from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.robots.checks.bodies import WorldState
 from obb_collision.robots.robot import Robot
@@ -86,17 +86,21 @@ class CheckedRobot:
         self._made: dict[float, tuple[Robot, dict[str, Attachment], NodeRobotScene]] = {}
 
     @property
-    def robot(self) -> Robot:
-        """The robot; RefusedError without a description."""
+    def links(self) -> LinkObjects:
+        """Its links; RefusedError without a description."""
         if self.given.links is None:
             raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.given.name}: {self.given.fault}")
-        return self.given.links.robot
+        return self.given.links
+
+    @property
+    def robot(self) -> Robot:
+        """The robot; RefusedError without a description."""
+        return self.links.robot
 
     @property
     def joints(self) -> Joints:
-        """Its joints; asked for only where there is a scene."""
-        assert self.given.joints is not None
-        return self.given.joints
+        """Its joints; RefusedError without a description."""
+        return self.links.joints
 
     def scene(self, padding: float = 0.0) -> RobotScene:
         """Return what checks states as things are; RefusedError where that is not known.
@@ -111,8 +115,7 @@ class CheckedRobot:
         if made is None or made[0] is not robot:
             scene, named = self.objects.scene, {self.given.name: robot}
             checker = NodeRobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
-            assert self.given.links is not None
-            checker.link_objects = self.given.links.names
+            checker.link_objects = self.links.names
             made = self._made[padding] = robot, {}, checker
         checker = made[2]
         checker.bases = base[None]
@@ -135,8 +138,7 @@ class CheckedRobot:
                 held[name] = each
 
     def _held(self) -> dict[str, Attachment]:
-        links, objects = self.given.links, self.objects
-        assert links is not None
+        links, objects = self.links, self.objects
         # not what the last cycle found: a pose that came since applies the markers before it
         slots, rows = find_attached(objects, self._frames).get(self.given.name, NOTHING)
         table, revision = objects.table, objects.scene.objects.revision

@@ -40,6 +40,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
+from obb_collision.node.robots.joints import Joints
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.store.allowed import Rule
@@ -65,7 +66,7 @@ class LinkObjects:
     """The collision shapes of a robot's links, as objects of the node."""
 
     def __init__(self, name: str, robot: Robot, objects: Objects) -> None:
-        self.name, self.robot = name, robot
+        self.name, self.robot, self.joints = name, robot, Joints(robot)
         self.rows = {link: row for row, link in enumerate(robot.link_names)}
         self._objects = objects
         parts = [
@@ -109,26 +110,25 @@ class LinkObjects:
         """Mark that where they are is not known any more: the last boxes stay, grey."""
         self._objects.states.refuse(self.slots)
 
-    def place(self, positions: Floats, velocities: Floats, base: Floats, state: State) -> None:
+    def place(self, base: Floats, state: State) -> None:
         """Store where they are, and how they move; RefusedError for poses that can't be used.
 
         base: pose (7,) of the root link in the frame of the state.
         """
         try:
-            poses = self._poses_at(positions[None], base)[0]
+            links = self.robot.link_poses(self.joints.positions[None])[0, self._links]
+            poses = compose_poses(base, compose_poses(links, self._poses))
         except ValueError as error:  # a quaternion of zeros
             raise RefusedError("bad pose", str(error)) from error
         if any(fault.any() for fault in pose_faults(poses)):
             raise RefusedError("bad pose", "of a link: out of range")
-        own = self._links, self._poses
         self.are_speeds_known = True
-        twists = self._twists(*own, positions, velocities, base)
+        twists = self._twists(self._links, self._poses, base)
         self._objects.states.store(self.slots, poses, state, twists)
 
-    def _twists(
-        self, links: Rows, places: Floats, positions: Floats, velocities: Floats, base: Floats
-    ) -> Floats:
+    def _twists(self, links: Rows, places: Floats, base: Floats) -> Floats:
         """Return the twists (n, 6) of what is at places (n, 7) in the frames of links (n,)."""
+        positions, velocities = self.joints.positions, self.joints.velocities
         twists = np.zeros((len(links), 6))
         fastest = np.abs(velocities).max(initial=0.0)
         if fastest > 0.0:
@@ -142,19 +142,11 @@ class LinkObjects:
             self.are_speeds_known &= not bad.any()
         return twists
 
-    def _poses_at(self, states: Floats, base: Floats) -> Floats:
-        """Return the poses (n, m, 7) of the shapes in states (n, joints)."""
-        links = self.robot.link_poses(states)[:, self._links]
-        return compose_poses(base, compose_poses(links, self._poses))
-
-    def set_twists(
-        self, attached: AttachedObjects, positions: Floats, velocities: Floats, poses: Floats
-    ) -> None:
+    def set_twists(self, attached: AttachedObjects, poses: Floats) -> None:
         """Store how what is attached moves, in the frames of its links, which are at poses."""
         table, (slots, links) = self._objects.table, attached
-        if len(slots) and (velocities.any() or table.twist[slots].any()):
-            given = table.given[slots]
-            twists = self._twists(links, given, positions, velocities, IDENTITY_POSE)
+        if len(slots) and (self.joints.velocities.any() or table.twist[slots].any()):
+            twists = self._twists(links, table.given[slots], IDENTITY_POSE)
             back = poses[links, 3:] * (-1.0, -1.0, -1.0, 1.0)
             parts = (rotate_vectors(back, twists[:, k : k + 3]) for k in (0, 3))
             table.twist[slots] = np.hstack(list(parts))

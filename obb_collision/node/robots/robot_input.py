@@ -37,7 +37,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
-from obb_collision.node.robots.joints import Arrivals, Joints, joints_from_bytes, text_from_bytes
+from obb_collision.node.robots.joints import Arrivals, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
@@ -106,7 +106,6 @@ class RobotInput:
         self._renewed = False  # whether there are other objects than at the last ``apply``
         self._unplaced = ""  # why the latest state could not be
         self.links: LinkObjects | None = None
-        self.joints: Joints | None = None
         self._base: tuple[Floats, str] | None = None  # pose and frame
         if base.pose is not None:
             self._base = unit_poses(np.array(base.pose)), ""
@@ -167,8 +166,9 @@ class RobotInput:
     def take_joints(self, data: bytes, now: int) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
         message = joints_from_bytes(data)
-        if self.joints is not None:
-            self.joints.take(message, now, self._monitors[JOINT_STATES], self._objects.states)
+        if self.links is not None:
+            given = message, now, self._monitors[JOINT_STATES], self._objects.states
+            self.links.joints.take(*given)
             self._changed, self._link_poses = True, None
 
     def take_base(self, message: NamedPose, now: int) -> None:
@@ -229,9 +229,9 @@ class RobotInput:
         """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
         reading = f"{DESCRIPTION} being read" if self.reading is not None else ""
         fault = "; ".join(self._refused.values()) or reading or self._unadded
-        if fault or self.links is None or self.joints is None:
+        if fault or self.links is None:
             return {ROBOT: fault or f"no {DESCRIPTION}"}
-        joints, base = self.joints.fault(now, timeout), self._base_fault(now)
+        joints, base = self.links.joints.fault(now, timeout), self._base_fault(now)
         unplaced = "" if self._changed or joints else self._unplaced
         return {JOINT: joints, BASE: base or unplaced}
 
@@ -253,7 +253,7 @@ class RobotInput:
         """Take a robot in place of the one before."""
         if self.links is not None:
             self.links.remove()
-        self.links, self.joints, self._unadded = None, None, ""
+        self.links, self._unadded = None, ""
         links = LinkObjects(self.name, robot, self._objects)
         try:
             links.add()
@@ -261,21 +261,19 @@ class RobotInput:
             self._unadded = f"{DESCRIPTION} refused: {error}"
             self._monitors[DESCRIPTION].refuse(error.reason, "whole message", error.detail)
             return
-        self.links, self.joints, self._changed, self._unplaced = links, Joints(robot), True, ""
-        self._link_poses = None
+        self.links, self._changed, self._unplaced, self._link_poses = links, True, "", None
 
     def _place(self, now: int) -> None:
         """Store where the links are by the latest joints and base."""
         assert self.links is not None
-        assert self.joints is not None
-        joints = self.joints
+        joints = self.links.joints
         pose, frame = self._base or (IDENTITY_POSE, self.base_frame)
         stamp = max(joints.stamp, int(self._bases.stamps[0]))
         received = joints.newest if len(joints.names) else now
         state = State(frame, stamp, received, f"{self.name}/{JOINT_STATES}")
         self._changed = False
         try:
-            self.links.place(joints.positions, joints.velocities, pose, state)
+            self.links.place(pose, state)
             self._unplaced = ""
         except RefusedError as error:
             self._unplaced = f"links not placed: {error}"
@@ -310,9 +308,8 @@ class RobotInput:
     def link_poses(self) -> Floats:
         """The poses (n, 7) of all links in the frame of the root, by the latest joints."""
         assert self.links is not None
-        assert self.joints is not None
         if self._link_poses is None:
-            self._link_poses = self.links.robot.link_poses(self.joints.positions)
+            self._link_poses = self.links.robot.link_poses(self.links.joints.positions)
         return self._link_poses
 
     def set_attached(self, attached: AttachedObjects) -> bool:
@@ -324,11 +321,9 @@ class RobotInput:
         self.attached = attached
         if len(attached.slots) and not self.faults:
             assert self.links is not None
-            assert self.joints is not None
-            joints, received = self.joints, self._objects.table.received
-            received[attached.slots] = np.maximum(received[attached.slots], joints.newest)
-            here = joints.positions, joints.velocities, self.link_poses
-            self.links.set_twists(attached, *here)
+            newest, received = self.links.joints.newest, self._objects.table.received
+            received[attached.slots] = np.maximum(received[attached.slots], newest)
+            self.links.set_twists(attached, self.link_poses)
         return not same
 
     def describe(self) -> dict[str, object]:
@@ -346,15 +341,15 @@ class RobotInput:
 
     def cleared(self) -> None:
         """Add the links again, whose joints are not known: all objects were removed."""
-        self.links = self.joints = None
+        self.links = None
         self._renewed = True
         if self._robot is not None:
             self._replace(self._robot)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        if self.joints is not None:
-            self.joints.clock_jumped(shift)
+        if self.links is not None:
+            self.links.joints.clock_jumped(shift)
         self._bases.clock_jumped(shift)
 
     def close(self) -> None:

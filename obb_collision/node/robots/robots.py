@@ -123,7 +123,7 @@ class RobotAnswers:
         asked, wanted = (
             node.monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN)
         )
-        self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY], asked)
+        self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY])
         ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
         self.trajectories = Trajectories(checked, *ends, wanted)
         self.speed = SpeedScale(checked, self.publishers[SPEED_SCALE])

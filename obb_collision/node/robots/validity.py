@@ -85,35 +85,23 @@ meanwhile; and of a portion of them that is quick."""
 class ValidityTopics:
     """Answers the states to check of one robot."""
 
-    def __init__(self, checked: CheckedRobot, publisher: Publisher, monitor: InputMonitor) -> None:
-        self._checked, self._publisher, self._monitor = checked, publisher, monitor
+    def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
+        self._checked, self._publisher = checked, publisher
         self._parameters = checked.parameters
 
     def take(self, data: bytes, now: int) -> None:
-        """Answer a message; one that cannot be read has no answer, and is counted."""
-        monitor = self._monitor
-        try:
-            message = cloud_from_bytes(data)
-            stamp = stamp_from_ros(message.header.stamp)
-            most = min(self._parameters.max_cloud_points, MAX_STATES)
-            count = len(cloud_from_ros(message, (), most))
-        except RefusedError as error:
-            monitor.refuse(error.reason, "whole message", error.detail)
-            return
+        """Answer a message; RefusedError, without an answer, for one that cannot be read."""
+        message = cloud_from_bytes(data)
+        stamp = stamp_from_ros(message.header.stamp)
+        most = min(self._parameters.max_cloud_points, MAX_STATES)
+        count = len(cloud_from_ros(message, (), most))
         rows = np.zeros(count, ROWS)
         rows["index"], rows["reason"], rows["distance"] = np.arange(count), NOT_KNOWN, np.nan
         try:
             self._fill(rows, message)
-        except RefusedError as error:
-            monitor.refuse(error.reason, "whole message", error.detail)
-        except Exception:
-            self._publish(rows, stamp)  # nothing is known: what failed is counted
-            raise
-        self._publish(rows, stamp)
-
-    def _publish(self, rows: np.ndarray, stamp: int) -> None:
-        frame = self._parameters.fixed_frame
-        self._publisher.publish(cloud_to_bytes(rows, stamp, frame, FIELDS))
+        finally:  # what is not known is said, too, before it is counted why
+            frame = self._parameters.fixed_frame
+            self._publisher.publish(cloud_to_bytes(rows, stamp, frame, FIELDS))
 
     def _fill(self, rows: np.ndarray, message: CloudMessage) -> None:
         """Write what is known of the states; RefusedError where that is not all of it."""
@@ -149,16 +137,14 @@ class ValidityTopics:
 
     def _keys(self, report: StateReport, links: int) -> Rows:
         """Return the keys (n, 4) of the first pairs: namespace number and id, 0 where is none."""
+        table = self._checked.objects.table
         keys = np.zeros((len(report.names) + 1, 2), np.int64)
-        for row in np.unique(report.first_pairs).tolist():
-            if 0 <= row < links:
+        for row in np.unique(report.first_pairs[report.first_pairs >= 0]).tolist():
+            if row < links:
                 keys[row] = namespace_number(report.names[row]), 0
-            elif row >= links:
-                (slot,) = self._checked.objects.table.find_named([report.names[row]])
-                keys[row] = (
-                    self._checked.objects.table.ns[slot],
-                    self._checked.objects.table.id[slot],
-                )
+            else:
+                (slot,) = table.find_named([report.names[row]])
+                keys[row] = table.ns[slot], table.id[slot]
         found: Rows = keys[report.first_pairs].reshape(-1, 4)
         return found
 
@@ -357,12 +343,11 @@ class SpeedScale:
 
     def _closing_speed(self, scene: RobotScene) -> float:
         """Return at least how fast any point of the robot and any object near each other (m/s)."""
-        assert self._robot.links is not None
-        if not self._robot.links.are_speeds_known:
+        links, objects = self._checked.links, self._checked.objects
+        if not links.are_speeds_known:
             raise RefusedError("speeds are too large")
-        objects = self._checked.objects
         table = objects.table
-        own = np.concatenate([self._robot.links.slots, self._robot.attached.slots])
+        own = np.concatenate([links.slots, self._robot.attached.slots])
         others = table.moving & table.visible
         others[own] = False
         speeds = [

@@ -90,7 +90,7 @@ def test_states_are_where_the_base_is() -> None:
     with AskingRig({"robot_bases": ["arm: object_transform"]}, frames=frames) as rig:
         rig.describe()
         rig.send_transform("arm", pose(5.0))
-        rig.until(lambda: rig.robot.joints is not None, "the robot")
+        rig.until(lambda: rig.robot.links is not None, "the robot")
         rig.send_joints(lift=0.0, turn=0.0)
         rig.put((6.0, 0.0, 0.0))
         assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == ["valid", "collides"]
@@ -121,7 +121,7 @@ def test_without_knowing_everything_no_state_is_valid() -> None:
     with AskingRig() as rig:
         assert rig.reasons(state) == ["unknown"]
         rig.describe()
-        rig.until(lambda: rig.robot.joints is not None, "the robot")
+        rig.until(lambda: rig.robot.links is not None, "the robot")
         assert rig.reasons(state) == ["unknown"]
         rig.send_joints(lift=0.0, turn=0.0).answer()
         assert rig.reasons(state) == ["valid"]
