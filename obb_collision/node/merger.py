@@ -253,6 +253,10 @@ class MergerNode(Node):
             )
         self.status.update(answer, cycle=True)
 
+    def say_farewell(self) -> None:
+        """Publish that nothing is known any more."""
+        self.status.close()
+
     def destroy_node(self) -> None:
         """Publish that nothing is known any more, and end."""
         if hasattr(self, "status"):  # not where the start failed before
@@ -275,10 +279,4 @@ def _is_length(text: str) -> bool:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_merge``."""
-    return run(
-        NODE_NAME,
-        lambda context, _: MergerNode(context=context),
-        args,
-        farewell=lambda node: node.status.close(),
-        caught=lambda node, error: node.guard.caught("executor", error),
-    )
+    return run(NODE_NAME, lambda context, _: MergerNode(context=context), args)

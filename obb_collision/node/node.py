@@ -454,9 +454,5 @@ def _topic_names(ends: Mapping[str, Any]) -> str:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_node``."""
     return run(
-        NODE_NAME,
-        lambda context, ending: CollisionNode(context=context, ending=ending),
-        args,
-        farewell=lambda node: node.say_farewell(),
-        caught=lambda node, error: node.guard.caught("executor", error),
+        NODE_NAME, lambda context, ending: CollisionNode(context=context, ending=ending), args
     )

@@ -42,13 +42,7 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.rows import CheckedState, StructuredRows, text_from_rows
-from obb_collision.node.topics.topics import (
-    COLLISIONS,
-    EVENTS,
-    NAMESPACES,
-    TOPICS,
-    mode_names,
-)
+from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF, ON
 
@@ -207,17 +201,14 @@ class Outputs:
             self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
         if "events" in given.effects:
             with self.guard.catching("output events"):
-                self._publish_events(rows, given)
+                events = self.events.rows(rows, given, "separations" in given.effects)
+                if events is not None:
+                    self._publish_cloud("events", EVENTS, events, given)
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self.parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)
             text = text_from_rows(rows, names, self._header(given.stamp), limit, *total)
             self.publishers["text"].publish(text)
-
-    def _publish_events(self, found: StructuredRows, given: Published) -> None:
-        rows = self.events.rows(found, given, "separations" in given.effects)
-        if rows is not None:
-            self._publish_cloud("events", EVENTS, rows, given)
 
     def publish_markers(self, given: Published) -> None:
         """Publish the boxes, if it is time to and there are subscribers."""

@@ -105,17 +105,12 @@ def _point(reader: Reader) -> Point:
 
 def _check(point: Point, count: int, which: str) -> None:
     """Raise RefusedError for a point without a good value of each joint."""
-    values: list[tuple[str, Floats | None]] = [
-        ("positions", point.positions),
-        ("velocities", point.velocities),
-        ("accelerations", point.accelerations),
-    ]
     if point.time < 0.0:
         raise RefusedError(BAD_POINT, f"{which}: its time is negative")
     if point.accelerations is not None and point.velocities is None:
         raise RefusedError(BAD_POINT, f"{which}: accelerations without velocities")
-    for what, given in values:
-        if given is None:
+    for what, given in point._asdict().items():
+        if given is None or what == "time":
             continue
         if len(given) != count:
             raise RefusedError(BAD_POINT, f"{which}: {len(given)} {what} of {count} joints")
@@ -380,10 +375,9 @@ class Trajectories:
 
     def _planned(self, trajectory: Trajectory, now: int) -> Running:
         """Return what a trajectory would be from now on; RefusedError if it cannot be used."""
-        scene = self._checked.scene(self._parameters.trajectory_margin)
-        joints = self._checked.joints
-        stamp = stamp_from_ros(trajectory.header.stamp)
-        begin = stamp or now
+        checked = self._checked
+        scene, joints = checked.scene(self._parameters.trajectory_margin), checked.joints
+        begin = stamp_from_ros(trajectory.header.stamp) or now
         tolerance = int(self._parameters.stamp_tolerance * NANOSECONDS)
         if abs(begin - now) > tolerance:
             raise RefusedError("bad stamp", f"{(begin - now) / NANOSECONDS:+.1f} s from now")
@@ -398,15 +392,8 @@ class Trajectories:
         pieces = self._pieces(scene, from_here(points, joints, since))
         if since > points[0].time:
             pieces = with_jump(pieces, joints.positions, points, since)
-        return Running(
-            pieces,
-            begin,
-            joints,
-            columns,
-            joints.positions.copy(),
-            self._checked.robot,
-            self._checked.world(scene),
-        )
+        here, robot, world = joints.positions.copy(), checked.robot, checked.world(scene)
+        return Running(pieces, begin, joints, columns, here, robot, world)
 
     def _pieces(self, scene: RobotScene, points: list[Point]) -> Pieces:
         """Return straight pieces that the trajectory stays near to."""

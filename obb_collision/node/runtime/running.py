@@ -24,7 +24,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 import rclpy
@@ -44,9 +44,9 @@ from obb_collision.node.runtime.environment import (
     in_main_thread,
     restored_signals,
 )
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.inner import release
 
-N = TypeVar("N", bound=Node)
 UNUSABLE = (
     ValueError,
     RuntimeError,  # rclpy's: names and QoS that rcl does not take
@@ -55,6 +55,15 @@ UNUSABLE = (
     InvalidQosOverridesError,
 )
 """Exceptions of a node's constructor for invalid parameters, remappings or overrides."""
+
+
+class RunNode(Protocol):
+    """What ``run`` needs of a node."""
+
+    guard: Guard
+    say_farewell: Callable[[], None]
+    """Called when a signal ends it, from another thread, while it can still publish."""
+    destroy_node: Callable[[], None]
 
 
 class Garbage:
@@ -149,27 +158,22 @@ class Signals:
 @restored_signals()
 def run(
     name: str,
-    make_node: Callable[[Context, Callable[[], bool]], N],
+    make_node: Callable[[Context, Callable[[], bool]], RunNode],
     args: Sequence[str] | None,
-    farewell: Callable[[N], None] = lambda _: None,
-    caught: Callable[[N, Exception], None] | None = None,
 ) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
 
     name: of the logger, for what is said before there is a node. make_node: takes the context, and
-    what says whether a signal has come; it may raise ExternalShutdownException then. farewell:
-    called with the node when a signal ends it, from another thread, while it can still publish.
-    caught: takes what the executor raises, such as a MemoryError for a message that rclpy decodes,
-    and the node goes on; without it such an exception ends it.
+    what says whether a signal has come; it may raise ExternalShutdownException then.
     """
     context = Context()
-    node: N | None = None
+    node: RunNode | None = None
 
     def end() -> None:
         # not by rclpy's handlers: they shut the context down at once, and nothing can be published
         try:
             if node is not None:
-                farewell(node)
+                node.say_farewell()
         finally:
             context.try_shutdown()
 
@@ -188,7 +192,7 @@ def run(
             keep_freed_memory()
             signals.making = False
             if not signals.count:
-                spin(executor, None if caught is None else partial(caught, node))
+                spin(executor, partial(node.guard.caught, "executor"))
     except ExternalShutdownException:
         pass
     except Exception:
@@ -201,10 +205,11 @@ def run(
     return 0
 
 
-def spin(
-    executor: SingleThreadedExecutor, caught: Callable[[Exception], None] | None = None
-) -> None:
-    """Spin until the context ends; what is raised otherwise goes to ``caught``, if there is one."""
+def spin(executor: SingleThreadedExecutor, caught: Callable[[Exception], None]) -> None:
+    """Spin until the context ends; what is raised otherwise goes to ``caught``.
+
+    Such as a MemoryError for a message that rclpy decodes.
+    """
     while True:
         try:
             executor.spin()
@@ -212,8 +217,6 @@ def spin(
         except ExternalShutdownException:
             raise
         except Exception as error:
-            if caught is None:
-                raise
             caught(error)
             release(executor)
 

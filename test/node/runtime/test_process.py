@@ -134,6 +134,7 @@ def test_a_program_has_its_signals_back_after_a_node() -> None:
 import os, signal
 from threading import Thread
 import rclpy
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.running import run
 
 calls, codes = [], []
@@ -144,6 +145,7 @@ rclpy.init()  # its handlers are of C: they end its context, and call those from
 def make(context, _):
     node = rclpy.create_node("short", context=context)
     node.create_timer(0.0, lambda: end(context))
+    node.guard, node.say_farewell = Guard(print, context.ok), lambda: None
     return node
 
 end = lambda context: os.kill(os.getpid(), signal.SIGINT)
