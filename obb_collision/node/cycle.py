@@ -276,11 +276,8 @@ class Schedule:
         self._timer = node.create_timer(period, node.run_cycle, clock=self.clock)
         self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
         self._burst_timer.cancel()
-
-    def close(self) -> None:
-        """Make no calls any more."""
         for timer in (self._timer, self._burst_timer):
-            self._node.destroy_timer(timer)
+            node.undo.callback(node.destroy_timer, timer)
 
     def apply(self) -> None:
         """Apply a new rate."""

@@ -25,7 +25,7 @@ from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
 
-from rclpy.clock import JumpThreshold, ROSClock, TimeJump
+from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
@@ -110,7 +110,8 @@ class CollisionNode(ManagedNode):
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
-        self._configured = ExitStack()
+        self.undo = ExitStack()
+        """What ``release`` does."""
         autostart = self.parameters.autostart
         self._scene_file = self._read_scene_file() if autostart else None
         fixed_frame = self.parameters.fixed_frame
@@ -199,7 +200,7 @@ class CollisionNode(ManagedNode):
 
     def release(self) -> None:
         """Remove inputs and objects."""
-        self._configured.close()
+        self.undo.close()
         self.parameters.on_change = lambda: None
         self.parameters.restore_defaults()
         self.outputs.withdraw(self._read_clock())
@@ -221,12 +222,12 @@ class CollisionNode(ManagedNode):
         link_frames = LinkFrames(self.frames, fixed_frame, names)
         frames = link_frames if names else self.frames
         self.objects = Objects(fixed_frame, frames, self.guard, self.monitors)
-        self._configured.callback(self.objects.close)
+        self.undo.callback(self.objects.close)
         self.inputs = Inputs(self.objects, self.now, self._wants_twists, self.frames)
         self.obstacles = Obstacles(self.objects, self.frames)
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
         self.robots = Robots(self, link_frames)
-        self._configured.callback(self.robots.close)
+        self.undo.callback(self.robots.close)
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
@@ -235,12 +236,11 @@ class CollisionNode(ManagedNode):
         self.cycle = CycleRunner(self)
         self.evidence = Evidence(self)
         self._schedule = Schedule(self)
-        self._configured.callback(self._schedule.close)
         points = self.inputs.guarded("points", self.obstacles.take, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         callbacks |= self.robots.callbacks(self.inputs)
         self.subscribed = Subscriptions(self, callbacks, self._schedule.arrived)
-        self._configured.callback(self.subscribed.close)
+        self.undo.callback(self.subscribed.close)
 
     def _add_objects(self, scene_file: SceneFile) -> None:
         refused = scene_file.add_to(self.objects, self.now())
@@ -258,23 +258,24 @@ class CollisionNode(ManagedNode):
             self.guard.catching("diagnostics")(self.reporting.publish),
             clock=self._schedule.clock,
         )
-        self._configured.callback(self.destroy_timer, timer)
+        self.undo.callback(self.destroy_timer, timer)
         # each at once: the executor takes one request per service between two cycles
         self.parameters.on_change = self.guard.catching("parameters")(self._apply_parameters)
         for service in (
             self.create_service(Trigger, "~/clear", self._clear),
             self.create_service(SetBool, "~/enable", self._enable),
         ):
-            self._configured.callback(self.destroy_service, service)
+            self.undo.callback(self.destroy_service, service)
         self._jump = self.get_clock().create_jump_callback(
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=self._look_at_clock,
+            post_callback=lambda jump: self.now(),  # at once: for simulated time only
         )
-        self._configured.callback(self._jump.unregister)
+        self.undo.callback(self._jump.unregister)
         for topic in self.topics:
-            self.subscribed.keep(topic, self._is_wanted(topic))
+            if topic != "points":  # which is a matter of parameters
+                self.subscribed.keep(topic, True)
 
     def _read_scene_file(self) -> SceneFile | None:
         """Read the scene file, if there is one, and take its settings as parameters."""
@@ -336,17 +337,14 @@ class CollisionNode(ManagedNode):
         wanted = parameters.mode("sweep") != OFF or COLLIDE in policies
         return wanted or bool(parameters.robots)
 
-    def _is_wanted(self, topic: str) -> bool:
-        """Return whether the node subscribes to an input."""
-        return topic != "points" or self.parameters.mode("points") != OFF
-
     def _apply_parameters(self) -> None:
         """Apply the parameters to all parts."""
         parameters = self.parameters
         self.settings.apply()
         apply_limits(parameters, self.objects)
-        self.subscribed.keep("points", self._is_wanted("points"))
-        if not self._is_wanted("points"):
+        wants_points = parameters.mode("points") != OFF
+        self.subscribed.keep("points", wants_points)
+        if not wants_points:
             self.obstacles.forget()
         ignored = Groups(parameters.groups).all_meant(parameters.ignored_objects)
         self.inputs.unknown.ignored = Overrides([(name, True) for name in ignored])
@@ -365,10 +363,6 @@ class CollisionNode(ManagedNode):
     def _is_simulated(self) -> bool:
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
-
-    def _look_at_clock(self, jump: TimeJump) -> None:
-        """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
-        self.now()
 
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""
@@ -441,7 +435,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "warm", "_configured"):
+        for name in ("status", "warm", "undo"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()

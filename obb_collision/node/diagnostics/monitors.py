@@ -23,6 +23,7 @@ from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
@@ -33,6 +34,7 @@ from rclpy.subscription import Subscription
 
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.scene.report import Cost
+from obb_collision.typing import Mask
 
 NANOSECONDS_F = 1e9
 MAX_REASONS = 64
@@ -85,6 +87,14 @@ class InputMonitor:
     def refuse(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
         """Count refused items, and warn if there was no warning for this reason lately."""
         self._count(self.refused, "refused", reason, item, detail, count)
+
+    def refuse_rows(
+        self, rows: Mask, reason: str, name: Callable[[int], str] | None = None, detail: str = ""
+    ) -> None:
+        """Count those of n items that are refused, if any, and name the first one."""
+        if rows.any():
+            item = "" if name is None else name(int(np.argmax(rows)))
+            self.refuse(reason, item, detail, int(np.count_nonzero(rows)))
 
     def doubt(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
         """Count doubtful items, which are used; warn as for refused ones."""

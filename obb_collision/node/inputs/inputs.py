@@ -156,10 +156,8 @@ class Inputs:
             monitor.refuse(LENGTHS_DIFFER, "twist", detail)
             return 0.0
         bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
-        if bad.any():
-            item, count = _shown(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
-            monitor.refuse("bad twist", item, "pose used", count)
-            twists[bad] = 0.0
+        monitor.refuse_rows(bad, "bad twist", lambda row: _shown(names[row]), "pose used")
+        twists[bad] = 0.0
         return twists
 
     def _poses(self, data: bytes, now: int) -> None:
@@ -171,10 +169,9 @@ class Inputs:
         if namespaces is not None and (slots < 0).any():
             known = table.has_namespaces(namespaces)
             if not known.all():
-                first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
                 self._note_unknown(~known, name, now)
-                monitor = self._monitors["object_poses"]
-                monitor.refuse("unknown namespace", f"ns {first}", count=count)
+                numbers, monitor = namespaces, self._monitors["object_poses"]
+                monitor.refuse_rows(~known, "unknown namespace", lambda row: f"ns {numbers[row]}")
                 slots, ids, poses = slots[known], ids[known], poses[known]
                 name = self._names_of(namespaces[known], ids)
         self._note_unknown(slots < 0, name, now)
@@ -232,9 +229,7 @@ class Inputs:
                 ("bad pose", free & (kinds == UNUSABLE)),
                 ("zero quaternion", free & (kinds == ZERO)),
             ):
-                if rows.any():
-                    item = describe(int(np.argmax(rows)))
-                    monitor.refuse(reason, item, count=int(np.count_nonzero(rows)))
+                monitor.refuse_rows(rows, reason, describe)
             usable = free & (kinds != UNUSABLE) & (kinds != ZERO)
             refused = slots[free & ~usable]
             slots, poses = slots[usable], poses[usable]
@@ -243,8 +238,7 @@ class Inputs:
             stamp = stamp_from_ros(header.stamp)
             state = State(header.frame_id, stamp, now, topic)
             old = self._objects.states.store(slots, poses, state, twists)
-            if old.any():
-                monitor.refuse(OLDER, count=int(np.count_nonzero(old)))
+            monitor.refuse_rows(old, OLDER)
         except RefusedError as error:
             monitor.refuse(error.reason, detail=error.detail, count=max(1, len(slots)))
             self._objects.states.refuse(slots)

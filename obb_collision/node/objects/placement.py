@@ -100,10 +100,8 @@ def latest_states(table: ObjectTable, slots: Slots) -> States:
 
 def newest_per_object(states: States) -> npt.NDArray[np.int64]:
     """Return the rows that are the newest ones of their objects."""
-    order = np.lexsort((states["number"], states["slot"]))
-    slots = states["slot"][order]
-    last = np.append(slots[1:] != slots[:-1], True)[: len(slots)]
-    return order[last]
+    order = np.argsort(-states["number"], kind="stable")
+    return order[np.unique(states["slot"][order], return_index=True)[1]]
 
 
 def spaced(slots: Slots, received: Slots) -> Mask:
@@ -189,7 +187,8 @@ class Placement:
         self._scene, self._table, self._frames, self.guard = scene, table, frames, guard
         self.frame_table = FrameTable(fixed_frame)
         self._monitors = monitors
-        self._topics: list[str] = []
+        self.topics = list(monitors)
+        """Input topics: states have their indices."""
         self._next_retry = 0
         self._count = 0
         self.waiting = WaitingStates()
@@ -216,12 +215,6 @@ class Placement:
         """Make room in the table of frames."""
         frames = self._table.frame[self._table.live], self.waiting.rows["frame"]
         self.frame_table.keep_only(np.unique(np.concatenate(frames)).tolist())
-
-    def topic_index(self, topic: str) -> int:
-        """Index of an input topic, as the node names it."""
-        if topic not in self._topics:
-            self._topics.append(topic)
-        return self._topics.index(topic)
 
     def supersede(self, slots: Slots, frame: int) -> int:
         """Make way for newer states of objects, given in a frame: what is not placed is queued.
@@ -348,7 +341,7 @@ class Placement:
             some = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
             name = name_from_key(table.key(int(some["slot"][0])))
-            monitor = self._monitors[self._topics[topic]]
+            monitor = self._monitors[self.topics[topic]]
             monitor.refuse(error.reason, name, error.detail, len(some))
 
     def _move(self, states: States, outer: Floats | None = None) -> None:

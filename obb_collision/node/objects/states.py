@@ -108,7 +108,7 @@ class States:
             poses = self._unit(slots, poses, state.topic)
             table, rows = self._table, as_slice(slots)
             table.given[rows], table.twist[rows], table.frame[rows] = poses, twists, frame
-            table.topic[rows] = self._placement.topic_index(state.topic)
+            table.topic[rows] = self._placement.topics.index(state.topic)
             table.locked[rows] = False
             table.mark(rows, POSE_GIVEN)
             self._stamp(slots, stamps, received, state.topic)

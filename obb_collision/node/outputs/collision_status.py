@@ -72,18 +72,14 @@ class CollisionStatus:
         self._parameters, self._guard = parameters, guard
         self._now, self._steady = now, steady
         self._lock = threading.RLock()
-        self._answer = Answer()
+        self.answer = Answer()
+        """The last one."""
         self._published: tuple[object, ...] | None = None
         self._flag: bool | None = None
         self._sent = self._alive = steady()
         self._resting = True  # no cycle runs
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
-
-    @property
-    def answer(self) -> Answer:
-        """The last answer."""
-        return self._answer
 
     def rest(self, reason: Reason | None = None) -> None:
         """Say that nothing is known, and expect no cycle until one ends."""
@@ -108,7 +104,7 @@ class CollisionStatus:
         try:
             with self._lock:
                 if not self._closed.is_set():
-                    self._publish(self._answer.but(Reason("shutting_down")))
+                    self._publish(self.answer.but(Reason("shutting_down")))
                     self._closed.set()
             for name in (STATUS, FLAG):
                 self._publishers[name].wait_for_all_acked(Duration(seconds=FAREWELL))
@@ -129,7 +125,7 @@ class CollisionStatus:
                 return
             silent = self._steady() - self._alive
             blocked = silent > allowed_delay(self._parameters) and not self._resting
-            known = self._answer
+            known = self.answer
             if blocked:
                 known = known.but(Reason("blocked"))
             if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
@@ -154,7 +150,7 @@ class CollisionStatus:
             if self._closed.is_set():
                 return
             if keep:
-                self._answer = answer
+                self.answer = answer
             unknown_counts = self._parameters.unknown_is_collision
             kind = (*answer.kind, unknown_counts)
             changed, self._published = kind != self._published, kind

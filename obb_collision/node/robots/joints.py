@@ -150,9 +150,8 @@ class Joints(Arrivals):
             monitor.doubt(UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
         known = np.flatnonzero(rows >= 0)
         late = self.find_late(rows[known], stamp, now, states.order_timeout)
-        if late.any():
-            monitor.refuse(OLDER, count=int(np.count_nonzero(late)))
-            known = known[~late]
+        monitor.refuse_rows(late, OLDER)
+        known = known[~late]
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
         bad = known[~finite]
         if len(bad):
@@ -213,10 +212,12 @@ class Joints(Arrivals):
         found = message.velocities[items]
         bad = ~(np.abs(found) <= LARGEST_COORDINATE)
         odd = bad & ~np.isnan(found)  # NaN is how joint_state_broadcaster says that it has none
-        if odd.any():
-            name = repr(shortened(message.names[items[np.argmax(odd)]]))
-            count = int(np.count_nonzero(odd))
-            monitor.refuse(BAD_VELOCITY, name, "position used", count)
+        monitor.refuse_rows(
+            odd,
+            BAD_VELOCITY,
+            lambda row: repr(shortened(message.names[items[row]])),
+            "position used",
+        )
         return np.where(bad, np.nan, found)
 
     def rows_of(self, names: list[str], may_follow: bool = False) -> list[int]:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import ReliabilityPolicy
@@ -114,12 +114,13 @@ class RobotAnswers:
     """All that answers for one robot: by topics and, where moveit_msgs is installed, a service."""
 
     def __init__(self, node: CollisionNode, checked: CheckedRobot) -> None:
-        self._node, self.checked = node, checked
-        name = checked.given.name
+        self.checked, name = checked, checked.given.name
         self.publishers = {
             topic.name: make_publisher(node, topic.message, f"{name}/{topic.name}", topic.qos)
             for topic in OUTPUTS
         }
+        for publisher in self.publishers.values():
+            node.undo.callback(node.destroy_publisher, publisher)
         asked, wanted = (
             node.monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN)
         )
@@ -127,24 +128,16 @@ class RobotAnswers:
         ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
         self.trajectories = Trajectories(checked, *ends, wanted)
         self.speed = SpeedScale(checked, self.publishers[SPEED_SCALE])
-        self._service: Any = None
         if ServiceType is not None:
             answer = StateService(checked, asked).answer
-            self._service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
+            service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
+            node.undo.callback(node.destroy_service, service)
 
     def notes(self) -> list[str]:
         """Return why the robot was stopped, or is to be."""
         halt = self.checked.given.halt
         texts = self.trajectories.stopped, halt and f"speed_scale is 0: {halt}"
         return [f"robot {self.checked.given.name}: {text}" for text in texts if text]
-
-    def close(self) -> None:
-        """Publish no more; again, too."""
-        while self.publishers:
-            self._node.destroy_publisher(self.publishers.popitem()[1])
-        if self._service is not None:
-            self._node.destroy_service(self._service)
-            self._service = None
 
 
 class Robots:
@@ -252,9 +245,7 @@ class Robots:
             each.trajectories.close()
 
     def close(self) -> None:
-        """End what is being read, and publish no more."""
+        """End what is being read, and stop what runs."""
         for robot in self.robots:
             robot.close()
         self.stop()
-        for each in self.answers:
-            each.close()
