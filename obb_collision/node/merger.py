@@ -27,7 +27,7 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -42,6 +42,7 @@ from obb_collision.node.diagnostics.answer import (
     SELECTED_RADIUS,
     Answer,
     Reason,
+    make_status,
 )
 from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.messages.clouds import cloud_to_bytes
@@ -70,11 +71,7 @@ CLOUDS: dict[str, Cloud[Any]] = {
 """Published every cycle, so that they can be joined by stamp."""
 
 
-EMPTY = DiagnosticStatus(
-    level=DiagnosticStatus.STALE,
-    message="empty status",
-    values=[KeyValue(key="reasons", value="incomplete")],
-)
+EMPTY = make_status("", DiagnosticStatus.STALE, "empty status", [("reasons", "incomplete")], "")
 """Stands for a status without content."""
 
 
@@ -164,13 +161,11 @@ class MergerNode(Node):
         self._publish_status()
 
     def _take_names(self, message: DiagnosticStatus) -> None:
-        new = {pair.key: pair.value for pair in message.values}
+        new = values_of(message)
         if not new.items() <= self._names.items():
             self._names.update(new)
-            values = [KeyValue(key=key, value=name) for key, name in self._names.items()]
-            merged = DiagnosticStatus(name=message.name, message=message.message, values=values)
-            merged.hardware_id = message.hardware_id
-            self._publishers_of[NAMESPACES.name].publish(merged)
+            given = message.name, DiagnosticStatus.OK, message.message, self._names.items()
+            self._publishers_of[NAMESPACES.name].publish(make_status(*given, message.hardware_id))
 
     def _take_status(self, message: DiagnosticArray, region: str) -> None:
         (self._statuses[region],) = message.status[:1] or [EMPTY]

@@ -198,12 +198,16 @@ class Answer:
 
 
 def make_status(
-    name: str, level: bytes, message: str, values: Iterable[tuple[str, object]]
+    name: str,
+    level: bytes,
+    message: str,
+    values: Iterable[tuple[str, object]],
+    hardware_id: str = "obb_collision",
 ) -> DiagnosticStatus:
-    """Return a status of the node."""
+    """Return a status, by default one of the node."""
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values]
     return DiagnosticStatus(
-        level=level, name=name, message=message, hardware_id="obb_collision", values=pairs
+        level=level, name=name, message=message, hardware_id=hardware_id, values=pairs
     )
 
 

@@ -26,10 +26,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.queries.clearance.clearance import Clearances
@@ -214,32 +215,23 @@ def text_from_rows(
     message_total = f"{'at least ' if truncated else ''}{total} pairs in collision"
     if total > limit:
         message_total += f", the first {min(limit, len(rows))} named"
-    values = [KeyValue(key="pairs", value=str(len(rows)))]
-    if truncated:
-        values.append(KeyValue(key="pairs at least", value=str(total)))
-    message = DiagnosticArray(header=header)
-    message.status = [DiagnosticStatus(name="collisions", message=message_total, values=values)]
+    counts = {"pairs": len(rows)} | ({"pairs at least": total} if truncated else {})
+    ok, warn = DiagnosticStatus.OK, DiagnosticStatus.WARN
+    status = [make_status("collisions", ok, message_total, counts.items(), "")]
     for row in rows[:limit]:
         a = name_from_key((namespaces[int(row["ns_a"])], int(row["id_a"])))
         b = name_from_key((namespaces[int(row["ns_b"])], int(row["id_b"])))
-        touching = row["verdict"] == Verdict.TOUCHING
-        values = [
-            ("a", a),
-            ("b", b),
-            ("depth", repr(float(row["depth"]))),
-            ("normal", " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz")),
-            ("verdict", Verdict(row["verdict"]).name.lower()),
-            ("accuracy", Accuracy(row["accuracy"]).label),
-        ]
-        message.status.append(
-            DiagnosticStatus(
-                level=DiagnosticStatus.WARN,
-                name=f"{a} - {b}",
-                message=_told(row["depth"], touching),
-                values=[KeyValue(key=key, value=value) for key, value in values],
-            )
-        )
-    return message
+        values = {
+            "a": a,
+            "b": b,
+            "depth": repr(float(row["depth"])),
+            "normal": " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz"),
+            "verdict": Verdict(row["verdict"]).name.lower(),
+            "accuracy": Accuracy(row["accuracy"]).label,
+        }
+        told = _told(row["depth"], row["verdict"] == Verdict.TOUCHING)
+        status.append(make_status(f"{a} - {b}", warn, told, values.items(), ""))
+    return DiagnosticArray(header=header, status=status)
 
 
 def _told(depth: float, touching: bool) -> str:
