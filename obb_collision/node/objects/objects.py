@@ -58,10 +58,8 @@ class Objects:
         monitors: Mapping[str, InputMonitor],
     ) -> None:
         self.scene, self.table, self.guard, self.monitors = Scene(), ObjectTable(), guard, monitors
-        self.placement = Placement(self.scene, self.table, frames, fixed_frame, monitors, guard)
-        self.staleness = Staleness(self.scene, self.table, self.placement)
-        self.states = States(self.table, self.placement, monitors)
-        self.shapes = ObjectShapes(self.scene, self.table, self.placement, monitors["objects"])
+        self.placement = Placement(self, frames, fixed_frame)
+        self.staleness, self.states, self.shapes = Staleness(self), States(self), ObjectShapes(self)
         self.unplaceable = self.shapes.unplaceable
         """Newcomers that were refused, and why."""
         self.table.namespaces.named = self._rename

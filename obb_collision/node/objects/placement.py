@@ -23,14 +23,13 @@ then, for its frame may become known at last.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses, compose_poses
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
@@ -51,10 +50,11 @@ from obb_collision.node.objects.conditions import (
 )
 from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource, Transforms
 from obb_collision.node.objects.table import ObjectTable, Slots
-from obb_collision.node.runtime.guard import Guard
-from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
+
+if TYPE_CHECKING:
+    from obb_collision.node.objects.objects import Objects
 
 States = npt.NDArray[Any]
 """Rows of ``STATE``."""
@@ -170,24 +170,13 @@ RETRY_PERIOD = NANOSECONDS // 2
 
 
 class Placement:
-    """Moves objects to the poses stored in the table, and includes them in collisions.
+    """Moves objects to the poses stored in the table, and includes them in collisions."""
 
-    monitors: by input topic, count poses that could not be placed.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        table: ObjectTable,
-        frames: FrameSource,
-        fixed_frame: str,
-        monitors: Mapping[str, InputMonitor],
-        guard: Guard,
-    ) -> None:
-        self._scene, self._table, self._frames, self.guard = scene, table, frames, guard
+    def __init__(self, objects: Objects, frames: FrameSource, fixed_frame: str) -> None:
+        self._scene, self._table, self._frames = objects.scene, objects.table, frames
+        self._guard, self._monitors = objects.guard, objects.monitors
         self.frame_table = FrameTable(fixed_frame)
-        self._monitors = monitors
-        self.topics = list(monitors)
+        self.topics = list(objects.monitors)
         """Input topics: states have their indices."""
         self._next_retry = 0
         self._count = 0
@@ -286,7 +275,7 @@ class Placement:
             self._next_retry = now + RETRY_PERIOD
         self._drop_superseded()
         both = self.waiting.rows, latest_states(table, rows)
-        transforms = Transforms(self._frames, self.frame_table.name, self.guard)
+        transforms = Transforms(self._frames, self.frame_table.name, self._guard)
         columns = [np.concatenate([part[name] for part in both]) for name in ("frame", "stamp")]
         can = np.split(transforms.reach(*columns), [len(both[0])])
         ready = np.concatenate([part[ok] for part, ok in zip(both, can, strict=True)])
@@ -368,7 +357,7 @@ class Placement:
             if self._table.number[slot] <= number:
                 self._table.mark(slot, UNPLACEABLE)
             self._table.world_number[slot] = number  # it is not tried again
-            self._refuse(states, {frame: self.guard.refusal("placing objects", error, name)})
+            self._refuse(states, {frame: self._guard.refusal("placing objects", error, name)})
 
     def _set(self, slots: Slots, poses: Floats, twists: Floats, columns: Sequence[Slots]) -> None:
         """Move objects; columns: stamp, time of receipt and number of the states."""

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
@@ -43,17 +43,18 @@ from obb_collision.node.objects.conditions import (
     UNPLACED,
     UNSHAPED,
 )
-from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.refusals import Unplaceable
 from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
-from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
+from obb_collision.node.objects.table import COLUMNS, NEVER, Slots
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import BuildError
-from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats, Mask
+
+if TYPE_CHECKING:
+    from obb_collision.node.objects.objects import Objects
 
 DEFAULT_LIMIT = 1000
 PLACEHOLDER = Box((1.0, 1.0, 1.0))
@@ -66,10 +67,9 @@ KEPT = ("condition", "ns", "id", "serial", "kind", "size", "expiry")
 class ObjectShapes:
     """Adds objects to scene and table, and takes them out."""
 
-    def __init__(
-        self, scene: Scene, table: ObjectTable, placement: Placement, monitor: InputMonitor
-    ) -> None:
-        self.scene, self.table, self.placement, self._monitor = scene, table, placement, monitor
+    def __init__(self, objects: Objects) -> None:
+        self.scene, self.table, self.placement = objects.scene, objects.table, objects.placement
+        self._guard, self._monitor = objects.guard, objects.monitors["objects"]
         self.unplaceable = Unplaceable()
         self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT
@@ -351,7 +351,7 @@ class ObjectShapes:
             try:
                 self._give(key, given.shape, given.signature)
             except Exception as failure:  # of this object: others get theirs
-                error = self.placement.guard.refusal("shapes", failure, name_from_key(key))
+                error = self._guard.refusal("shapes", failure, name_from_key(key))
         slot = self.table.slots[key]
         if self.builder.wants(key):  # for a newer shape
             return

@@ -21,13 +21,12 @@ object wherever it is by now. Beyond ``reach`` boxes grow no more, and where it 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from obb_collision.geometry.poses import unit_poses
-from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import FAR as FAR_KIND
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_kinds
 from obb_collision.node.objects.conditions import (
@@ -43,12 +42,13 @@ from obb_collision.node.objects.conditions import (
     STALE,
     UNPLACED,
 )
-from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.table import COLLIDE, IGNORE, POLICIES, UNKNOWN, ObjectTable, Slots
-from obb_collision.scene.scene import Scene
+from obb_collision.node.objects.table import COLLIDE, IGNORE, POLICIES, UNKNOWN, Slots
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
+
+if TYPE_CHECKING:
+    from obb_collision.node.objects.objects import Objects
 
 OLDER = "older stamp"
 """Reason: a state was received after one with a newer stamp."""
@@ -77,10 +77,9 @@ class State:
 class States:
     """Stores states in the table, and counts their faults by the monitors of their topics."""
 
-    def __init__(
-        self, table: ObjectTable, placement: Placement, monitors: Mapping[str, InputMonitor]
-    ) -> None:
-        self._table, self._placement, self._monitors = table, placement, monitors
+    def __init__(self, objects: Objects) -> None:
+        self._table, self._placement = objects.table, objects.placement
+        self._monitors = objects.monitors
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not believed."""
         self.order_timeout = NANOSECONDS
@@ -204,8 +203,8 @@ class AgeLimits:
 class Staleness:
     """Marks stale objects, and applies their policies."""
 
-    def __init__(self, scene: Scene, table: ObjectTable, placement: Placement) -> None:
-        self._scene, self._table, self._placement = scene, table, placement
+    def __init__(self, objects: Objects) -> None:
+        self._scene, self._table, self._placement = objects.scene, objects.table, objects.placement
         self._limits = AgeLimits()
         self._grown: Slots = np.empty(0, np.int64)
 
