@@ -20,7 +20,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
@@ -231,8 +231,7 @@ class CollisionNode(ManagedNode):
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
-        self.settings = SceneParameters(self)
-        self.settings.allowed = self._allowed = allowed
+        self.settings = SceneParameters(self, allowed)
         self.cycle = CycleRunner(self)
         self.evidence = Evidence(self)
         self._schedule = Schedule(self)
@@ -266,13 +265,13 @@ class CollisionNode(ManagedNode):
             self.create_service(SetBool, "~/enable", self._enable),
         ):
             self.undo.callback(self.destroy_service, service)
-        self._jump = self.get_clock().create_jump_callback(
+        jump = self.get_clock().create_jump_callback(
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
             post_callback=lambda jump: self.now(),  # at once: for simulated time only
         )
-        self.undo.callback(self._jump.unregister)
+        self.undo.callback(jump.unregister)
         for topic in self.topics:
             if topic != "points":  # which is a matter of parameters
                 self.subscribed.keep(topic, True)
@@ -283,11 +282,8 @@ class CollisionNode(ManagedNode):
             if self.parameters.robots:
                 self.parameters.override_defaults({"accuracy": "hull"})
             return None
-        meshes = self.mesh_reading()
-        try:
+        with closing(self.mesh_reading()) as meshes:
             description = describe_scene(self.parameters.scene_file, meshes)
-        finally:
-            meshes.close()
         for note in description.notes:
             self.get_logger().info(f"{self.parameters.scene_file}: {note}")
         for robot in description.robots:
@@ -316,7 +312,7 @@ class CollisionNode(ManagedNode):
         self._change("input objects", self.inputs.markers.apply)
         for each in self.inputs.sets:
             self._change(f"input {each.source.topic}", each.apply)
-        self._change("input robots", self._apply_robots)
+        self._change("input robots", self.robots.apply)
         return self.subscribed.take_wait()
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
@@ -325,10 +321,6 @@ class CollisionNode(ManagedNode):
             change()
             return
         self.objects.broken = where
-
-    def _apply_robots(self) -> None:
-        if self.robots.apply():
-            self.settings.allow([*self._allowed, *self.robots.rules()])
 
     def _wants_twists(self) -> bool:
         """Return whether anything depends on how objects move."""

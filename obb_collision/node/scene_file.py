@@ -25,6 +25,7 @@ import numpy as np
 
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import whole_from_text
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import ID_OFFSET
@@ -51,8 +52,8 @@ def keys_from_names(names: Sequence[str]) -> list[Key]:
 
 def _key(name: str) -> Key | None:
     namespace, _, digits = name.rpartition("/")
-    whole = digits.isascii() and digits.isdigit() and str(int(digits)) == digits
-    return (namespace, int(digits)) if whole and int(digits) < ID_OFFSET else None
+    number = whole_from_text(digits)
+    return None if number is None or not 0 <= number < ID_OFFSET else (namespace, number)
 
 
 class SceneFile:

@@ -42,13 +42,15 @@ MEGABYTE = 1_000_000
 
 
 class SceneParameters:
-    """Applies parameters to the scene; accuracies wait until their kernels are compiled."""
+    """Applies parameters to the scene; accuracies wait until their kernels are compiled.
 
-    def __init__(self, node: CollisionNode) -> None:
+    allowed: rules before those of the parameters.
+    """
+
+    def __init__(self, node: CollisionNode, allowed: list[Rule]) -> None:
         self._parameters, self._objects, self._warm = node.parameters, node.objects, node.warm
         self._requested = node.effects
-        self.allowed: list[Rule] = []
-        """Further rules, before those of the parameters."""
+        self._allowed, self._of_robots = allowed, list[Rule]()
         self._filters: tuple[object, ...] = ()
         self._effects: dict[str, Any] = {}
         self._threads: int | None = None
@@ -75,8 +77,8 @@ class SceneParameters:
         self.apply_effects()
 
     def allow(self, rules: list[Rule]) -> None:
-        """Set the further rules."""
-        self.allowed = rules
+        """Set the rules of robots."""
+        self._of_robots = rules
         self._apply_filters()
 
     def apply_effects(self) -> None:
@@ -110,7 +112,8 @@ class SceneParameters:
         groups = Groups(parameters.groups)
         allowed = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
         only = [groups.sides(pair) for pair in parameters.check_only_pairs]
-        filters = ([*self.allowed, *allowed], only, parameters.allowed_within)
+        allowed = [*self._allowed, *self._of_robots, *allowed]
+        filters = (allowed, only, parameters.allowed_within)
         if self._filters != filters:
             rules = scene.rules
             rules.allowed, rules.check_only, rules.allowed_within = filters

@@ -145,6 +145,7 @@ class Robots:
 
     def __init__(self, node: CollisionNode, frames: LinkFrames) -> None:
         self._parameters, self._clock, self._objects = node.parameters, node.now, node.objects
+        self._node = node
         self._touch_links: list[tuple[str, str]] = []
         self._frames = frames
         self.robots = [RobotInput(base, node) for base in node.parameters.bases.values()]
@@ -170,8 +171,8 @@ class Robots:
                 found[topic] = inputs.guarded(topic, take, changes=changes)
         return found
 
-    def apply(self) -> bool:
-        """Bring the objects in line with what came; returns whether there are other ones."""
+    def apply(self) -> None:
+        """Bring the objects in line with what came, and what may touch in line with them."""
         now, timeout = self._clock(), self._parameters.joint_timeout
         changed = [robot.apply(now, timeout) for robot in self.robots]  # all of them
         attached = find_attached(self._objects, self._frames)
@@ -179,7 +180,8 @@ class Robots:
         touch_links = self._parameters.touch_links
         changed.append(touch_links != self._touch_links)
         self._touch_links = touch_links
-        return any(changed)
+        if any(changed):
+            self._node.settings.allow(self._rules())
 
     def publish(self) -> None:
         """Publish what each cycle publishes; trajectories first, for they may have to stop."""
@@ -190,7 +192,7 @@ class Robots:
             for each in self.answers:
                 each.speed.publish()
 
-    def rules(self) -> list[Rule]:
+    def _rules(self) -> list[Rule]:
         """Return which links may touch."""
         touch_links = self._parameters.touch_links
         return [

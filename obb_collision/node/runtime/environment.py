@@ -39,11 +39,9 @@ def in_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
-def handle_signals(
-    handler: Callable[..., object] | signal.Handlers, numbers: Iterable[int] = SIGNALS
-) -> None:
-    """Set the handler of signals, if that is possible in this thread."""
-    for number in numbers if in_main_thread() else ():
+def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:
+    """Set the handler of the signals that end a process, if that is possible in this thread."""
+    for number in SIGNALS if in_main_thread() else ():
         signal.signal(number, handler)
 
 
