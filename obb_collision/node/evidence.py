@@ -142,21 +142,16 @@ class Evidence:
         steady, parameters = self._steady(), self._parameters
         silent = []
         for topic, limit in parameters.required_inputs:
-            monitor = self._inputs.get(topic)
-            heard = 0.0 if monitor is None else monitor.heard
+            heard = self._inputs[topic].heard if topic in self._inputs else 0.0
             if heard < self._activated or steady - heard > limit:
                 silent.append(topic)
-        asked = {t: monitor for t, monitor in self._inputs.items() if t not in UNASKED}
-        heard = max((monitor.heard for monitor in asked.values()), default=0.0)
+        asked = {topic: each for topic, each in self._inputs.items() if topic not in UNASKED}
+        heard = max((each.heard for each in asked.values()), default=0.0)
         if 0.0 < parameters.input_timeout < steady - max(heard, self._activated):
             silent.append("all")
         if silent:
             yield Reason("input_silent", tuple(silent[:MAX_NAMED]), len(silent))
-        bad = [
-            f"{topic} ({monitor.unreadable})"
-            for topic, monitor in asked.items()
-            if monitor.unreadable
-        ]
+        bad = [f"{topic} ({each.unreadable})" for topic, each in asked.items() if each.unreadable]
         if bad:
             yield Reason("input_unreadable", tuple(bad[:MAX_NAMED]), len(bad))
 

@@ -65,6 +65,7 @@ class SceneFile:
         names = [name_from_key(key) for key in self.keys]
         changed = zip(scene.names, names, strict=True)
         self._renamed = {old: new for old, new in changed if old != new}
+        self._things = [*zip(names, scene.objects, strict=True)]
 
     def parameters(self) -> dict[str, Any]:
         """Return the values of parameters that correspond to the settings of the file.
@@ -126,25 +127,19 @@ class SceneFile:
 
     def _paddings(self) -> list[str]:
         """Return entries of ``padding_overrides``."""
-        things = zip(self.keys, self._scene.objects, strict=True)
-        return [
-            f"{name_from_key(key)}: {thing.padding!r}"
-            for key, thing in things
-            if thing.padding is not None
-        ]
+        given = [(name, thing.padding) for name, thing in self._things]
+        return [f"{name}: {padding!r}" for name, padding in given if padding is not None]
 
     def _overrides(self) -> list[str]:
         """Return entries of ``accuracy_overrides``, the objects' own behind those of patterns."""
-        scene = self._scene
-        rules = [
-            (pattern, level)
-            for given, level in scene.accuracies
-            for pattern in self._patterns([given])
+        given = [(self._patterns([name]), level) for name, level in self._scene.accuracies]
+        own = [([name], thing.accuracy) for name, thing in self._things]
+        return [
+            f"{pattern}: {level.name.lower()}"
+            for patterns, level in (*given, *own)
+            if level is not None
+            for pattern in patterns
         ]
-        for key, thing in zip(self.keys, scene.objects, strict=True):
-            if thing.accuracy is not None:
-                rules.append((name_from_key(key), thing.accuracy))
-        return [f"{pattern}: {level.name.lower()}" for pattern, level in rules]
 
     def _patterns(self, patterns: Sequence[str]) -> list[str]:
         """Return patterns of names in the node: with the new names of those that have others."""

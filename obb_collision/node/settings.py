@@ -110,10 +110,9 @@ class SceneParameters:
         """Set which pairs count, and the paddings by name."""
         parameters, scene = self._parameters, self._objects.scene
         groups = Groups(parameters.groups)
-        allowed = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
+        given = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
         only = [groups.sides(pair) for pair in parameters.check_only_pairs]
-        allowed = [*self._allowed, *self._of_robots, *allowed]
-        filters = (allowed, only, parameters.allowed_within)
+        filters = ([*self._allowed, *self._of_robots, *given], only, parameters.allowed_within)
         if self._filters != filters:
             rules = scene.rules
             rules.allowed, rules.check_only, rules.allowed_within = filters

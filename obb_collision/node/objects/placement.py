@@ -83,17 +83,9 @@ MOST_LATE, MAX_LATE = 64, 20_000
 def latest_states(table: ObjectTable, slots: Slots) -> States:
     """Return the latest state of objects, as rows."""
     states = np.empty(len(slots), STATE)
-    states["slot"] = slots
-    for field, column in (
-        ("number", table.number),
-        ("frame", table.frame),
-        ("stamp", table.stamp),
-        ("received", table.received),
-        ("topic", table.topic),
-        ("pose", table.given),
-        ("twist", table.twist),
-    ):
-        states[field] = column[slots]
+    states["slot"], states["pose"] = slots, table.given[slots]
+    for column in ("number", "frame", "stamp", "received", "topic", "twist"):
+        states[column] = getattr(table, column)[slots]
     states["counted"] = table.has(TIRED, slots)
     return states
 

@@ -38,7 +38,7 @@ from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.robots.checks.bodies import WorldState
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
@@ -240,16 +240,14 @@ def find_attached(objects: Objects, frames: LinkFrames) -> dict[str, AttachedObj
     """Return what is attached to the links of each robot, by its name."""
     table = objects.table
     slots = np.flatnonzero(table.live & table.locked)
-    found: dict[str, list[tuple[Rows, int]]] = {}
+    found: dict[str, list[AttachedObjects]] = {}
     for index in np.unique(table.frame[slots]).tolist():
         link = frames.find(objects.placement.frame_table.name(index))
         if link is not None:
             some = slots[table.frame[slots] == index]
-            found.setdefault(link[0].name, []).append((some, link[1]))
+            part = AttachedObjects(some, np.full(len(some), link[1]))
+            found.setdefault(link[0].name, []).append(part)
     return {
-        name: AttachedObjects(
-            np.concatenate([some for some, _ in parts]),
-            np.concatenate([np.full(len(some), row) for some, row in parts]),
-        )
+        name: AttachedObjects(*map(np.concatenate, zip(*parts, strict=True)))
         for name, parts in found.items()
     }
