@@ -22,7 +22,7 @@ loads what they made. Only what is requested is loaded, which costs memory and t
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
@@ -92,13 +92,11 @@ class WarmUp:
         wanted = {BOXES, MESSAGES, effect_step("separations")} | set(map(_step, things))
         self._steps = (*NODE_STEPS, *sorted(wanted - set(NODE_STEPS)))
         needed = [step for step in self._steps if step in wanted]
-        self._load(needed)
-        missing = [step for step in needed if step not in self._ready]
+        missing = self._load(needed)
         if not missing:
             return
         progress = self._compile(missing, self._stopped, 0, report)
-        self._load(missing)
-        failed = [step for step in missing if step not in self._ready]
+        failed = self._load(missing)
         if failed and not progress.stopped:
             self._compile_here(progress.failed.get(failed[0], "it is not in the cache"))
 
@@ -142,8 +140,8 @@ class WarmUp:
     def _work(self) -> None:
         while not self._closed.is_set():
             self._take_requests(wait=not self._missing)
-            self._load(self._missing)  # what was compiled meanwhile may have what they need
-            missing, self._missing = [n for n in self._missing if n not in self._ready], []
+            # what was compiled meanwhile may have what they need
+            missing, self._missing = self._load(self._missing), []
             if not missing or self._closed.is_set():
                 continue
             try:
@@ -154,10 +152,8 @@ class WarmUp:
             else:
                 if progress.stopped:
                     return
-            self._load(missing)
-            for step in missing:
-                if step not in self._ready:
-                    self._refuse(step, failed.get(step, "it is not in the cache"))
+            for step in self._load(missing):
+                self._refuse(step, failed.get(step, "it is not in the cache"))
 
     def _take_requests(self, wait: bool) -> None:
         """Load the requested steps that the cache has; the others are compiled next.
@@ -168,9 +164,7 @@ class WarmUp:
         with suppress(Empty):
             while True:
                 asked.append(self._queue.get_nowait())
-        names = [step for step in asked if step is not None]
-        self._load(names)
-        self._missing += [step for step in names if step not in self._ready]
+        self._missing += self._load([step for step in asked if step is not None])
 
     def _refuse(self, step: str, reason: str) -> None:
         self._refused[step] = f"cannot be compiled: {reason}"
@@ -180,8 +174,8 @@ class WarmUp:
             f"retried in {RETRY:.0f} s"
         )
 
-    def _load(self, names: Iterable[str]) -> None:
-        """Load the steps that the cache has all of."""
+    def _load(self, names: Sequence[str]) -> list[str]:
+        """Load the steps that the cache has all of; return the others."""
         for step in names:
             if step in self._ready:
                 continue
@@ -196,6 +190,7 @@ class WarmUp:
             except Exception as error:  # it would fail in a cycle, too, where it is counted
                 self._warning(f"kernels for {step}: {type(error).__name__}: {error}")
                 self._ready.add(step)
+        return [step for step in names if step not in self._ready]
 
     def _compile(
         self,
