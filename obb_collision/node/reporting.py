@@ -28,9 +28,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
-from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, InputMonitor, QosWatch
-from obb_collision.node.messages.conversions import name_from_key, stamp_to_ros
+from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_to_ros
 from obb_collision.node.objects.conditions import (
+    ABSENT,
     ASIDE,
     FUTURE,
     HELD_BACK,
@@ -55,6 +56,15 @@ STALE_WORDS = {
     "keep": "accepted where they were",
     "ignore": "ignored",
 }
+KINDS = (
+    ("unplaceable", ABSENT, "unplaceable (not checked)"),
+    ("stale", STALE, "stale ({})"),
+    ("refused", REFUSED, "refused (last box kept)"),
+    ("new shape being built", RESHAPED, "new shapes being built (last box kept)"),
+    ("doubtful stamp", FUTURE | HELD_BACK, "with a doubtful stamp"),
+)
+"""Labels of objects that are not as they should be, the facts that mean it, and words for it; of
+those that fit an object the first one counts."""
 LONGEST_DELAY = 0.2
 """Seconds from a message's receipt to its answer, beyond which overload is reported; two periods
 where those are longer."""
@@ -76,7 +86,7 @@ class Part(NamedTuple):
 def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> Part:
     """Rate, age and refused items by reason of one input, over the last ``seconds``."""
     messages, refused, doubted = monitor.since_last_report()
-    age = "never" if monitor.last is None else f"{(now - monitor.last) / NANOSECONDS_F:.3f}"
+    age = "never" if monitor.last is None else f"{(now - monitor.last) / NANOSECONDS:.3f}"
     given: dict[str, object] = {
         "topic": monitor.topic,
         "messages": monitor.messages,
@@ -114,32 +124,22 @@ def objects_part(objects: Objects, policy: str, report: Report | None) -> Part:
         *_unplaceable(objects),
         *_named(objects, kinds, counts),
     ]
-    words = {
-        "stale": f"stale ({STALE_WORDS[policy]})",
-        "refused": "refused (last box kept)",
-        "new shape being built": "new shapes being built (last box kept)",
-        "doubtful stamp": "with a doubtful stamp",
-        "unplaceable": "unplaceable (not checked)",
-    }
-    faults = [f"{counts[label]} {text}" for label, text in words.items() if counts[label]]
+    faults = [
+        f"{counts[label]} {words.format(STALE_WORDS[policy])}"
+        for label, _, words in (*KINDS[1:], KINDS[0])
+        if counts[label]
+    ]
     if report is not None and report.truncated:
         faults.append(f"at least {report.total} pairs collide (the first {len(report)} published)")
     return Part("objects", faults, f"{len(table)} objects", values)
 
 
 def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
-    """Return which objects are not as they should be, each under the first label that fits."""
-    table = objects.table
-    kinds = {"unplaceable": table.unplaceable}
-    left = table.visible & ~table.has(ASIDE)
-    for label, facts in (
-        ("stale", STALE),
-        ("refused", REFUSED),
-        ("new shape being built", RESHAPED),
-        ("doubtful stamp", FUTURE | HELD_BACK),
-    ):
-        kinds[label] = left & table.has(facts)
-        left &= ~table.has(facts)
+    """Return which objects are of each of ``KINDS``, by label."""
+    table, kinds = objects.table, {}
+    left = table.live
+    for label, facts, _ in KINDS:
+        kinds[label], left = left & table.has(facts), left & ~table.has(facts)
     return kinds
 
 

@@ -36,7 +36,6 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.scene.report import Cost
 from obb_collision.typing import Mask
 
-NANOSECONDS_F = 1e9
 MAX_REASONS = 64
 """Maximum number of reasons counted separately; reasons are fixed phrases, so this is a guard."""
 

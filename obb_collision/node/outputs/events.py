@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.objects.table import NEVER
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.topics.rows import (
     BEGIN,
@@ -44,8 +46,6 @@ from obb_collision.typing import Floats, Mask, Rows
 
 PERIOD = 2.0
 """Seconds after which all lasting collisions are sent again."""
-NEVER = np.iinfo(np.int64).max
-NANOSECONDS = 1e9
 TAKEN = (*POSITION_FIELDS, *NORMAL_FIELDS)
 
 

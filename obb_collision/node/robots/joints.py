@@ -28,6 +28,7 @@ from std_msgs.msg import String
 
 from obb_collision.node.diagnostics.answer import some
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.inputs import LENGTHS_DIFFER
 from obb_collision.node.messages.cdr import Header, Reader
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
@@ -37,7 +38,6 @@ from obb_collision.node.objects.table import NEVER
 from obb_collision.robots.robot import Robot
 from obb_collision.typing import Floats, Mask, Rows
 
-LENGTHS_DIFFER = "array lengths differ"
 BAD_POSITION, BAD_VELOCITY = "bad position", "bad velocity"
 UNKNOWN_JOINT, REPEATED_JOINT = "unknown joint", "repeated joint"
 

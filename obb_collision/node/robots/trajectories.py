@@ -96,11 +96,10 @@ def trajectory_from_bytes(data: bytes) -> Trajectory:
 
 
 def _point(reader: Reader) -> Point:
-    fields = [reader.doubles(reader.count(8), 1)[:, 0] for _ in range(4)]
+    positions, *others, _ = [reader.doubles(reader.count(8), 1)[:, 0] for _ in range(4)]
     seconds, rest = reader.numbers(DURATION)
-    positions, velocities, accelerations, _ = (each if len(each) else None for each in fields)
     time = (seconds * NANOSECONDS + rest) / NANOSECONDS
-    return Point(time, fields[0] if positions is None else positions, velocities, accelerations)
+    return Point(time, positions, *(each if len(each) else None for each in others))
 
 
 def _check(point: Point, count: int, which: str) -> None:

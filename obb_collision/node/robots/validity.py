@@ -32,6 +32,7 @@ from std_msgs.msg import Float64
 
 from obb_collision.node.diagnostics.answer import some
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.inputs import LENGTHS_DIFFER
 from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
 from obb_collision.node.messages.clouds import (
     cloud_from_ros,
@@ -47,7 +48,6 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
 from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.robots.checked_robot import CheckedRobot, portions
-from obb_collision.node.robots.joints import LENGTHS_DIFFER
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.robot_scene import RobotScene
