@@ -90,20 +90,11 @@ class BoxRows(NamedTuple):
         return legal if self.namespaces is None else legal & are_numbers(self.namespaces)
 
 
-class Message(NamedTuple):
-    """What a message says: frame, stamp (ns), boxes, and its size in bytes."""
-
-    frame: str
-    stamp: int
-    given: BoxRows
-    size: int
-
-
-def read_boxes(data: bytes, most: int) -> Message:
-    """Return a serialised message of ``object_boxes``; RefusedError."""
+def read_boxes(data: bytes, most: int) -> QueuedCloud:
+    """Return the ``BoxRows`` of a serialised message of ``object_boxes``; RefusedError."""
     message = cloud_from_bytes(data)
     frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
-    return Message(frame, stamp, BoxRows(*boxes_from_ros(message, most)), len(message.data))
+    return QueuedCloud(BoxRows(*boxes_from_ros(message, most)), frame, stamp, len(message.data))
 
 
 class BoxInput:
@@ -118,7 +109,7 @@ class BoxInput:
         frames: FrameSource,
         clock: Callable[[], int],
         source: Source = BOXES,
-        read: Callable[[bytes, int], Message] = read_boxes,
+        read: Callable[[bytes, int], QueuedCloud] = read_boxes,
     ) -> None:
         self._objects, self._table, self._clock = objects, objects.table, clock
         self.source, self._read = source, read
@@ -130,16 +121,15 @@ class BoxInput:
     def take(self, data: bytes, now: int) -> None:
         """Queue a complete set, serialised, for the next cycle."""
         try:
-            frame, stamp, given, size = self._read(data, self._objects.max_points)
-            check_name(frame, "frame")
-            self._note_order(stamp, now)
+            cloud = self._read(data, self._objects.max_points)._replace(received=now)
+            check_name(cloud.frame, "frame")
+            self._note_order(cloud.stamp, now)
         except RefusedError as error:
             if error.reason != OLDER:
                 self._doubt()
                 raise
             self._monitor.refuse(error.reason, "whole message", error.detail)
             return
-        cloud = QueuedCloud(given, frame, stamp, now, size)
         self._monitor.superseded += self.waiting.add(cloud)
 
     def _note_order(self, stamp: int, now: int) -> None:

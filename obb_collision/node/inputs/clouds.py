@@ -44,13 +44,13 @@ MAX_CLOUD_BYTES = 1 << 26
 
 
 class QueuedCloud(NamedTuple):
-    """A queued cloud: content, frame, stamp and time of receipt (ns), size in bytes."""
+    """A queued cloud: content, frame, stamp (ns), size in bytes, and time of receipt (ns)."""
 
     content: Any
     frame: str
     stamp: int
-    received: int
     size: int
+    received: int = 0
 
 
 class WaitingClouds:
@@ -151,8 +151,8 @@ class Obstacles:
         if stamp > now + self._objects.states.stamp_tolerance:
             ahead = (stamp - now) / NANOSECONDS
             self._monitor.doubt(AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
-        size = len(message.data)
-        self.waiting.add(QueuedCloud(message, message.header.frame_id, stamp, now, size))
+        frame, size = message.header.frame_id, len(message.data)
+        self.waiting.add(QueuedCloud(message, frame, stamp, size, now))
 
     def place(self, now: int) -> None:
         """Give the scene the newest cloud that can be placed; the last good one stays otherwise."""

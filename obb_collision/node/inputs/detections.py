@@ -26,7 +26,8 @@ from zlib import crc32
 import numpy as np
 from rclpy.qos import ReliabilityPolicy
 
-from obb_collision.node.inputs.boxes import BoxRows, Message, Source
+from obb_collision.node.inputs.boxes import BoxRows, Source
+from obb_collision.node.inputs.clouds import QueuedCloud
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.cdr import PAIRS, STRING, TIME, Header, Layout, Reader
 from obb_collision.node.messages.conversions import stamp_from_ros
@@ -83,8 +84,8 @@ def detections_from_bytes(data: bytes, most: int) -> Detections:
     return Detections(header, found.texts("id"), poses, sizes, set(found.texts("frame", changes)))
 
 
-def read_detections(data: bytes, most: int) -> Message:
-    """Return the boxes of a message of ``detections``; RefusedError."""
+def read_detections(data: bytes, most: int) -> QueuedCloud:
+    """Return the ``BoxRows`` of a message of ``detections``; RefusedError."""
     found = detections_from_bytes(data, most)
     frame, stamp = found.header.frame_id, stamp_from_ros(found.header.stamp)
     others = found.frames - {frame, ""}
@@ -93,7 +94,7 @@ def read_detections(data: bytes, most: int) -> Message:
     if others:
         raise RefusedError("several frames", f"{sorted({frame, *others})[:2]}")
     given = BoxRows(None, numbers_of(found.ids), found.poses, found.sizes, DETECTIONS.namespace)
-    return Message(frame, stamp, given, len(data))
+    return QueuedCloud(given, frame, stamp, len(data))
 
 
 def numbers_of(texts: list[str]) -> Rows:

@@ -151,11 +151,16 @@ class PairEvents:
     def forget(self) -> None:
         """Begin anew: what collides at the next update lasts already."""
         self._new = True
-        self._keys: npt.NDArray[np.bytes_] = np.empty(0, "S16")
-        self._rows: StructuredRows = np.zeros(0, self._dtype)
-        self._begun: Mask = np.zeros(0, np.bool_)
-        self._since: Rows = np.zeros(0, np.int64)  # of what is about to begin or to end
-        self._start: Rows = np.zeros(0, np.int64)
+        self._reset(np.empty(0, "S16"))
+
+    def _reset(self, keys: npt.NDArray[np.bytes_]) -> None:
+        """Take pairs of which nothing is known."""
+        self._keys, size = keys, len(keys)
+        self._rows: StructuredRows = np.zeros(size, self._dtype)
+        self._rows["depth"] = np.nan
+        self._begun: Mask = np.zeros(size, np.bool_)
+        self._since: Rows = np.full(size, NEVER)  # of what is about to begin or to end
+        self._start: Rows = np.zeros(size, np.int64)
 
     def interrupt(self) -> None:
         """Take note that nothing was known for a while: it does not count as apart."""
@@ -212,10 +217,7 @@ class PairEvents:
 
     def _grow(self, keys: npt.NDArray[np.bytes_]) -> None:
         old, where = self._state, np.searchsorted(keys, self._keys)
-        self._keys, size = keys, len(keys)
-        self._rows, self._begun = np.zeros(size, self._dtype), np.zeros(size, np.bool_)
-        self._rows["depth"] = np.nan
-        self._since, self._start = np.full(size, NEVER), np.zeros(size, np.int64)
+        self._reset(keys)
         for column, values in zip(self._state, old, strict=True):
             column[where] = values
 
@@ -232,7 +234,7 @@ class PairEvents:
         waits = ~self._begun & deep
         self._since[waits & (self._since == NEVER)] = now
         self._since[~self._begun & ~deep & ~kept] = NEVER
-        begins = waits & (self._new | _over(now, self._since, limits.begin_time))
+        begins = waits & (self._new | (self._since <= now - _nanoseconds(limits.begin_time)))
         self._begun |= begins
         self._since[begins], self._start[begins] = NEVER, now
         self._rows["event"][begins] = BEGIN
@@ -256,7 +258,7 @@ class PairEvents:
         apart = known.apart & whole
         since = np.where(apart, np.minimum(self._since[which], now), NEVER)
         self._since[which] = since
-        over = (known.reasons > 0) | (apart & _over(now, since, limits.clear_time))
+        over = (known.reasons > 0) | (apart & (since <= now - _nanoseconds(limits.clear_time)))
         ended = which[over]
         ends[ended] = True
         self._rows["event"][ended], self._rows["reason"][ended] = END, known.reasons[over]
@@ -264,11 +266,8 @@ class PairEvents:
         return ends
 
 
-def _over(now: int, since: Rows, seconds: float) -> Mask:
-    """Return whether so many seconds have passed."""
-    passed = np.where(since == NEVER, -1, now - np.where(since == NEVER, now, since))
-    over: Mask = passed >= round(seconds * NANOSECONDS)
-    return over
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * NANOSECONDS)
 
 
 def _keys(rows: StructuredRows) -> npt.NDArray[np.bytes_]:
