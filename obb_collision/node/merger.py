@@ -265,7 +265,6 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 
 
 def _is_length(text: str) -> bool:
-    """Return whether a text is a length in metres."""
     try:
         return 0.0 <= float(text) < np.inf
     except ValueError:

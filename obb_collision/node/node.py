@@ -330,7 +330,6 @@ class CollisionNode(ManagedNode):
         return wanted or bool(parameters.robots)
 
     def _apply_parameters(self) -> None:
-        """Apply the parameters to all parts."""
         parameters = self.parameters
         self.settings.apply()
         apply_limits(parameters, self.objects)
@@ -379,7 +378,6 @@ class CollisionNode(ManagedNode):
             self._update_status()
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Remove all objects and forget all names."""
         try:
             self.robots.hold("all objects were removed")
             self.inputs.markers.apply()  # what came before has come before

@@ -97,7 +97,6 @@ class SceneParameters:
             self._effects, scene.region = settings, parameters.share
 
     def _effect_setting(self, name: str, groups: Groups) -> dict[str, Any]:
-        """Return how an effect is to be set."""
         # Never "on": the node requests effects per check, once their kernels are compiled.
         mode = OFF if self._parameters.mode(name) == OFF else AUTO
         setting = {"mode": mode, **self._parameters.setting(name)}

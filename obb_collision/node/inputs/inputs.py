@@ -121,7 +121,6 @@ class Inputs:
         return callback
 
     def _transform(self, data: bytes, now: int) -> None:
-        """Store one pose."""
         message = pose_from_bytes(data)
         if message.name in self.bases:
             self.bases[message.name](message, now)
@@ -161,7 +160,6 @@ class Inputs:
         return twists
 
     def _poses(self, data: bytes, now: int) -> None:
-        """Store bulk poses by namespace number and id."""
         message, table = cloud_from_bytes(data), self._objects.table
         namespaces, ids, poses = poses_from_ros(message, self._objects.max_points)
         slots = table.find(namespaces, ids)

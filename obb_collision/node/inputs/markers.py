@@ -198,7 +198,6 @@ class MarkerUpdate:
         return np.array(numbers, np.int64)[ns.of[rows]], self._markers.id[rows]
 
     def _find_slots(self, rows: Rows) -> Rows:
-        """Return the slots of the objects of markers, -1 for none."""
         return self._table.find(*self._keys(rows))
 
     def _without_owned(self, outcome: Settled) -> Settled:

@@ -141,7 +141,6 @@ class UnknownObjects:
                 self._came.pop(name, None)
 
     def _forget_deleted(self, now: int) -> None:
-        """Forget what was deleted long ago."""
         if self._deleted:
             self._deleted = {n: at for n, at in self._deleted.items() if 0 <= now - at < MEMORY}
 

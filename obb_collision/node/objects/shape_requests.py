@@ -194,5 +194,4 @@ class ShapeRequests:
 
 
 def _size(shape: Shape) -> int:
-    """Return the bytes of a shape."""
     return sum(getattr(value, "nbytes", 0) for value in vars(shape).values())

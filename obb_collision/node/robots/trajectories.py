@@ -439,7 +439,6 @@ def _check_pieces(scene: RobotScene, pieces: Pieces, spent: float = 0.0) -> floa
 
 
 def _check_some(scene: RobotScene, pieces: Pieces) -> None:
-    """Raise NotFreeError for the first piece that is not certainly free and within limits."""
     report = scene.check_motions(pieces.starts, pieces.ends, first=True)
     bad = report.first_invalid
     if bad is None:

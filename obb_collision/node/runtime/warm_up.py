@@ -199,7 +199,6 @@ class WarmUp:
         niceness: int,
         report: Callable[[str], None],
     ) -> CompileProgress:
-        """Compile in other processes, and log the progress."""
         kept = f"cached in {_kernel_cache.places[0]}" if _kernel_cache.places else "not cached"
         self._info(
             f"compiling kernels for {', '.join(missing)} (up to a minute on first use), {kept}"
