@@ -220,19 +220,13 @@ class Outputs:
         self._next_markers = now + 1.0 / parameters.marker_rate
         objects, table = given.objects, given.table
         slots = objects.scene.indices
-        drawn = objects.table.visible[slots] & np.isin(slots, objects.scene.objects.near)
+        drawn = table.visible[slots] & np.isin(slots, objects.scene.objects.near)
         slots, boxes = slots[drawn], objects.scene.boxes[drawn]
-        colors = np.where(objects.table.doubtful[slots], DOUBTFUL, FREE)
+        colors = np.where(table.doubtful[slots], DOUBTFUL, FREE)
         colors[given.report.colliding[slots]] = COLLIDING
         form, most = parameters.marker_form, parameters.marker_max_cubes
         lines = form == "lines" or (form == "auto" and len(slots) > most)
-        self.publishers["markers"].publish(
-            self._markers.write(
-                [] if lines else [table.key(slot) for slot in slots],
-                boxes,
-                colors,
-                given.stamp,
-                parameters.marker_lifetime,
-                parameters.marker_line_width if lines else None,
-            )
-        )
+        keys = [] if lines else table.keys(slots)
+        width = parameters.marker_line_width if lines else None
+        drawing = keys, boxes, colors, given.stamp, parameters.marker_lifetime, width
+        self.publishers["markers"].publish(self._markers.write(*drawing))

@@ -443,14 +443,13 @@ def _check_some(scene: RobotScene, pieces: Pieces) -> None:
     bad = report.first_invalid
     if bad is None:
         return
-    values: dict[str, object] = {"index": int(pieces.segments[bad])}
-    part = report.parameters[bad]
-    if report.colliding[bad]:
-        time = pieces.begins[bad] + part * (pieces.finishes[bad] - pieces.begins[bad])
+    begin, collides = pieces.begins[bad], report.colliding[bad]
+    after = report.parameters[bad] * (pieces.finishes[bad] - begin) if collides else 0.0
+    time = f"{max(begin + after, 0.0):.3f}"
+    values: dict[str, object] = {"index": int(pieces.segments[bad]), "time (s)": time}
+    if collides:
         first, second = report.pairs[bad] or ("", "")
-        values |= {"time (s)": f"{max(time, 0.0):.3f}", "first": first, "second": second}
-        raise NotFreeError(f"{first} and {second} at {max(time, 0.0):.3f} s", values)
-    names = scene.joint_names
-    joint = names[int(np.argmax(report.out_of_limits[bad]))]
-    values |= {"time (s)": f"{max(pieces.begins[bad], 0.0):.3f}", "joint": joint}
-    raise NotFreeError(f"joint {joint} out of its limits", values)
+        values |= {"first": first, "second": second}
+        raise NotFreeError(f"{first} and {second} at {time} s", values)
+    joint = scene.joint_names[int(np.argmax(report.out_of_limits[bad]))]
+    raise NotFreeError(f"joint {joint} out of its limits", values | {"joint": joint})
