@@ -22,8 +22,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
 from time import monotonic
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -75,21 +75,6 @@ EMPTY = make_status("", DiagnosticStatus.STALE, "empty status", [("reasons", "in
 """Stands for a status without content."""
 
 
-@dataclass(frozen=True)
-class AllOn:
-    """Parameters of a node, all of whose topics are on."""
-
-    unknown_is_collision: bool
-
-    def mode(self, _: str) -> str:
-        """Return on."""
-        return ON
-
-    def is_requested(self, _: str) -> bool:
-        """Return that it is."""
-        return True
-
-
 class MergerNode(Node):
     """Joins what the nodes of several regions publish; everything goes to ``rclpy.node.Node``."""
 
@@ -123,7 +108,9 @@ class MergerNode(Node):
             topic.name: make_publisher(self, topic.message, topic.name, topic.qos, is_watched=False)
             for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
         }
-        settings: Any = AllOn(unknown)
+        settings: Any = SimpleNamespace(  # as of a node all of whose topics are on
+            unknown_is_collision=unknown, mode=lambda _: ON, is_requested=lambda _: True
+        )
         self.status = CollisionStatus(
             f"{self.get_fully_qualified_name().lstrip('/')}: collision",
             self._publishers_of,
