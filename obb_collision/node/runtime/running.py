@@ -61,9 +61,12 @@ class RunNode(Protocol):
     """What ``run`` needs of a node."""
 
     guard: Guard
-    say_farewell: Callable[[], None]
-    """Called when a signal ends it, from another thread, while it can still publish."""
-    destroy_node: Callable[[], None]
+
+    def say_farewell(self) -> None:
+        """Publish its end: a signal ends it, and another thread calls this while it can."""
+
+    def destroy_node(self) -> None:
+        """End it."""
 
 
 class Garbage:
