@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -168,10 +169,6 @@ class Transforms:
             at = max(at - leap, 0) if at > 0 else -1
         if at < 0:
             return -1
-        while late - at > 1:
-            middle = (at + late) // 2
-            if self.get(frame, int(stamps[middle])) is None:
-                late = middle
-            else:
-                at = middle
+        between = stamps[at + 1 : late].tolist()
+        at += bisect_left(between, True, key=lambda stamp: self.get(frame, stamp) is None)
         return int(stamps[at])
