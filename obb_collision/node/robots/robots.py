@@ -133,12 +133,6 @@ class RobotAnswers:
             service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
             node.undo.callback(node.destroy_service, service)
 
-    def notes(self) -> list[str]:
-        """Return why the robot was stopped, or is to be."""
-        halt = self.checked.given.halt
-        texts = self.trajectories.stopped, halt and f"speed_scale is 0: {halt}"
-        return [f"robot {self.checked.given.name}: {text}" for text in texts if text]
-
 
 class Robots:
     """The robots that the parameters of a node name."""
@@ -220,9 +214,12 @@ class Robots:
             for code, fault in faults.items():
                 yield code, f"{robot.name} ({fault})", slots
 
-    def notes(self) -> tuple[str, ...]:
-        """Return what else is to be said in the status: why robots were stopped, or are to be."""
-        return tuple(text for each in self.answers for text in each.notes())
+    def notes(self) -> Iterator[str]:
+        """Yield what else is to be said in the status: why robots were stopped, or are to be."""
+        for robot, answers in zip(self.robots, self.answers, strict=True):
+            halt = robot.halt and f"speed_scale is 0: {robot.halt}"
+            texts = filter(None, (answers.trajectories.stopped, halt))
+            yield from (f"robot {robot.name}: {text}" for text in texts)
 
     def hold(self, why: str) -> None:
         """Stop what runs or is being decided where the joints are now."""
