@@ -25,7 +25,7 @@ from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
 
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
@@ -269,7 +269,7 @@ class CollisionNode(ManagedNode):
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=lambda jump: self.now(),  # at once: for simulated time only
+            post_callback=self._look_at_clock,
         )
         self.undo.callback(jump.unregister)
         for topic in self.topics:
@@ -355,6 +355,10 @@ class CollisionNode(ManagedNode):
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
+    def _look_at_clock(self, _: TimeJump) -> None:
+        """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
+        self.now()
+
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""
         self.cycle.run(self.now())
@@ -412,7 +416,8 @@ class CollisionNode(ManagedNode):
         )
         inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.sets, self.obstacles
         others = self.objects, self.robots, self.outputs.events.pairs, *self.monitors.values()
-        for each in (*inputs, *others):  # one that fails leaves none of the others in the old time
+        parts: list[Any] = [*inputs, *others]
+        for each in parts:  # one that fails leaves none of the others in the old time
             self._change("clock jump", partial(each.clock_jumped, shift))
 
     def say_farewell(self) -> None:

@@ -24,7 +24,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -44,7 +44,6 @@ from obb_collision.node.runtime.environment import (
     in_main_thread,
     restored_signals,
 )
-from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.inner import release
 
 UNUSABLE = (
@@ -55,18 +54,6 @@ UNUSABLE = (
     InvalidQosOverridesError,
 )
 """Exceptions of a node's constructor for invalid parameters, remappings or overrides."""
-
-
-class RunNode(Protocol):
-    """What ``run`` needs of a node."""
-
-    guard: Guard
-
-    def say_farewell(self) -> None:
-        """Publish its end: a signal ends it, and another thread calls this while it can."""
-
-    def destroy_node(self) -> None:
-        """End it."""
 
 
 class Garbage:
@@ -160,17 +147,17 @@ class Signals:
 
 @restored_signals()
 def run(
-    name: str,
-    make_node: Callable[[Context, Callable[[], bool]], RunNode],
-    args: Sequence[str] | None,
+    name: str, make_node: Callable[[Context, Callable[[], bool]], Any], args: Sequence[str] | None
 ) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
 
     name: of the logger, for what is said before there is a node. make_node: takes the context, and
-    what says whether a signal has come; it may raise ExternalShutdownException then.
+    what says whether a signal has come; it may raise ExternalShutdownException then. Returns a node
+    with a ``guard``, and ``say_farewell``, which is called when a signal ends it, from another
+    thread, while it can still publish.
     """
     context = Context()
-    node: RunNode | None = None
+    node: Any = None
 
     def end() -> None:
         # not by rclpy's handlers: they shut the context down at once, and nothing can be published
