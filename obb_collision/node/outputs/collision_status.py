@@ -142,19 +142,20 @@ class CollisionStatus:
                     return
 
     def _publish(self, answer: Answer, beat: bool = False, keep: bool = True) -> None:
-        """Publish an answer, under the lock, on the requested topics; keep: as the last answer.
+        """Publish an answer on the requested topics; keep: store it as the last answer.
 
         beat: publish the flag even if it is unchanged: it is published every cycle.
         """
-        if self._closed.is_set():
-            return
-        if keep:
-            self.answer = answer
-        unknown_counts = self._parameters.unknown_is_collision
-        kind = (*answer.kind, unknown_counts)
-        changed, self._published = kind != self._published, kind
-        self._publish_status(answer, changed, unknown_counts)
-        self._publish_flag(answer.flag(unknown_counts), beat)
+        with self._lock:
+            if self._closed.is_set():
+                return
+            if keep:
+                self.answer = answer
+            unknown_counts = self._parameters.unknown_is_collision
+            kind = (*answer.kind, unknown_counts)
+            changed, self._published = kind != self._published, kind
+            self._publish_status(answer, changed, unknown_counts)
+            self._publish_flag(answer.flag(unknown_counts), beat)
 
     def _publish_status(self, answer: Answer, changed: bool, unknown_counts: bool) -> None:
         due = self._steady() - self._sent >= PERIOD and self._effects.is_requested(STATUS)

@@ -181,29 +181,29 @@ class Outputs:
             topic = TOPICS.get(name)
             if isinstance(topic, Cloud):
                 with self.guard.catching(f"output {name}"):
-                    rows = topic.make_rows(results[name], given, topic.dtype)
-                    self._publish_rows(name, topic, rows, given)
+                    self._publish_cloud(name, topic, results[name], given)
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=stamp_to_ros(stamp), frame_id=self.parameters.fixed_frame)
 
-    def _publish_rows(
-        self, name: str, cloud: Cloud[Any], rows: StructuredRows, given: Published
-    ) -> None:
+    def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
+        rows = cloud.make_rows(result, given, cloud.dtype)
         stamp = given.cloud_stamp if cloud.of_points else given.stamp
+        self._publish_rows(name, cloud, rows, stamp)
+
+    def _publish_rows(self, name: str, cloud: Cloud[Any], rows: StructuredRows, stamp: int) -> None:
         data = cloud_to_bytes(rows, stamp, self.parameters.fixed_frame, cloud.field_bytes)
         self.publishers[name].publish(data)
 
     def _publish_pairs(self, given: Published) -> None:
         rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
         if "collisions" in given.effects:
-            self._publish_rows("collisions", COLLISIONS, rows, given)
+            self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
         if "events" in given.effects:
             with self.guard.catching("output events"):
                 events = self.events.rows(rows, given, "separations" in given.effects)
                 if events is not None:
-                    events = EVENTS.make_rows(events, given, EVENTS.dtype)
-                    self._publish_rows("events", EVENTS, events, given)
+                    self._publish_cloud("events", EVENTS, events, given)
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self.parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)
