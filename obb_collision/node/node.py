@@ -382,6 +382,7 @@ class CollisionNode(ManagedNode):
             self._update_status()
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Remove all objects and forget all names."""
         try:
             self.robots.hold("all objects were removed")
             self.inputs.markers.apply()  # what came before has come before
