@@ -167,6 +167,8 @@ class Robots:
 
     def apply(self) -> None:
         """Bring the objects in line with what came, and what may touch in line with them."""
+        if not self.robots:  # as in most nodes: it costs nothing
+            return
         now, timeout = self._clock(), self._parameters.joint_timeout
         changed = [robot.apply(now, timeout) for robot in self.robots]  # all of them
         attached = find_attached(self._objects, self._frames)
@@ -201,9 +203,8 @@ class Robots:
 
         And the slots (n,) of the links that are not known therefore.
         """
-        now, timeout = self._clock(), self._parameters.joint_timeout
         for robot in self.robots:
-            robot.look(now, timeout)
+            robot.look(self._clock(), self._parameters.joint_timeout)
             faults = dict(robot.faults)
             try:
                 if robot.where is not None:
