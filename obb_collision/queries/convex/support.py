@@ -25,11 +25,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.fitting.enclosing import round_up
 from obb_collision.geometry.shapes.primitives import (
     Capsule,
     Cone,
@@ -200,21 +202,15 @@ def core_of(shape: Shape) -> CoreSizes:
     """Return the core of a shape, none of its sizes too small; of a hull or mesh only the kind."""
     if not isinstance(shape, (Sphere, Ellipsoid, Capsule, Cylinder, Cone)):
         return CORNERS, 0.0, 0.0, 0.0, 0.0, 0.0
-    x, y, z = shape.scale
-    uniform = x == y == z
-    half = 0.0 if isinstance(shape, (Sphere, Ellipsoid)) else _up(0.5 * shape.length, z)
-    if isinstance(shape, (Sphere, Capsule)) and uniform:
-        return SEGMENT, 0.0, 0.0, 0.0, half, _up(shape.radius, x)
-    if isinstance(shape, Ellipsoid):
-        a, b, c = shape.radii
-    else:
-        a = b = c = shape.radius
+    x, y, z = shape.local_box[2].tolist()
     if isinstance(shape, (Cylinder, Cone)):
         kind = CONE if isinstance(shape, Cone) else CYLINDER
-        return kind, _up(a, x), _up(b, y), 0.0, half, 0.0
-    return ROUND, _up(a, x), _up(b, y), _up(c, z), half, 0.0
-
-
-def _up(size: float, scale: float) -> float:
-    """Return a product, not too small."""
-    return size if scale == 1.0 else math.nextafter(size * scale, math.inf)
+        return kind, x, y, 0.0, z, 0.0
+    half = 0.0
+    if isinstance(shape, Capsule):
+        scale = Fraction(shape.scale[2])
+        lengths = Fraction(shape.radius) * scale, Fraction(shape.length) / 2 * scale
+        z, half = (round_up(length.numerator, length.denominator) for length in lengths)
+    if len(set(shape.scale)) == 1 and not isinstance(shape, Ellipsoid):
+        return SEGMENT, 0.0, 0.0, 0.0, half, z
+    return ROUND, x, y, z, half, 0.0

@@ -35,14 +35,16 @@ from obb_collision.geometry.trees.pool import TreePool, segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.intrinsics import LANES, in_blocks
 from obb_collision.obb import OBB
+from obb_collision.queries.convex.support import core_of
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.robots.checks.arrays import LinkBodies
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.objects import local_box
+from obb_collision.scene.refinement.bodies import places_of, trees_of
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, kind_of, round_sizes
+from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, kind_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Box, Capsule, Shape
 from obb_collision.typing import Floats, Integers, Rows
@@ -155,8 +157,8 @@ def _core(shape: Shape | OBB, padding: float) -> tuple[Floats, float, float]:
     """
     kind = kind_of(shape)
     center, rotation, half_extents = local_box(shape)
-    if kind == ROUND:
-        radius, half = round_sizes(shape)
+    if kind == ROUND and isinstance(shape, Shape):
+        half, radius = core_of(shape)[4:]
         ends = (-half, half) if isinstance(shape, Capsule) else (0.0,)
         return np.array([(0.0, 0.0, z) for z in ends]), radius + padding, radius * NARROWER
     if kind in (BOX, BOXED):
@@ -185,7 +187,7 @@ class LinkMeshes:
                 place = np.append(shape.center, shape.quaternion)
                 self._poses[n] = compose_poses(self._poses[n], place)
             elif kind_of(shape) == ROUND:
-                self.radii[n] += round_sizes(shape)[0]
+                self.radii[n] += core_of(shape)[5]
             key = shape if isinstance(shape, Shape) else n
             if key not in built:
                 built[key] = len(built), _tree(shape)
@@ -206,8 +208,7 @@ def _tree(shape: Shape | OBB) -> MeshTrees:
         return TreePool.built(local_box(shape)[2])
     if kind_of(shape) != ROUND:
         return TreePool.built(shape)
-    half = round_sizes(shape)[1] if isinstance(shape, Capsule) else 0.0
-    return segment_trees(np.array([half]))[0]
+    return segment_trees(np.array([core_of(shape)[4]]))[0]
 
 
 class WorldState:
@@ -283,23 +284,13 @@ class World(NamedTuple):
     bodies: LinkBodies
     tree: BoundsTree
 
-    def placed(self, rows: Rows, segments: bool) -> tuple[PlacedMeshes, Floats]:
-        """Return objects (k,) as meshes, and their radii; segments: all of them are."""
+    def placed(self, rows: Rows) -> tuple[PlacedMeshes, Floats]:
+        """Return objects (k,) as meshes, and their radii; all of them are round or none."""
         store, slots = self.scene.objects.store, self.slots[rows]
-        centers, rotations = as_poses(store.poses[slots], warn=False)
-        boxes = store.kinds[slots] == BOX
-        centers[boxes] = store.centers[slots[boxes]]
-        rotations[boxes] = store.rotations[slots[boxes]]
-        radii = store.paddings[slots].copy()
-        cache = self.scene.objects.cache
-        if segments:
-            sizes = cache.rounds(slots)
-            trees, numbers = segment_trees(sizes[:, 1])
-            radii += sizes[:, 0]
-        else:
-            cache = cache.at_once()
-            cache.build(store, np.unique(slots), False, None)
-            trees, numbers = cache.trees(slots)
+        cache = self.scene.objects.cache.at_once()
+        cache.build(store, np.unique(slots[store.kinds[slots] != ROUND]), False, None)
+        trees, numbers, radii = trees_of(store, cache, slots)
+        centers, rotations = places_of(store, store.all_boxes(), slots)
         return PlacedMeshes.trusted(trees, numbers, centers - self.origin, rotations), radii
 
 
@@ -353,7 +344,7 @@ def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBod
             blocks = hulls.blocks[hulls.starts[rows[n]] : hulls.starts[rows[n] + 1]]
             corners = blocks.transpose(0, 2, 1).reshape(len(blocks) * LANES, 3)
         else:
-            ((own, half),) = cache.rounds(slots[n : n + 1])
+            half, own = cache.cores(slots[n : n + 1])[0, 4:]
             corners, radii[n] = np.array([(0.0, 0.0, -half), (0.0, 0.0, half)]), radii[n] + own
         beyond = excess(cache.shape(slot), corners)
         corners = corners @ rotations[n].T + (centers[n] - origin)

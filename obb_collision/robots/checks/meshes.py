@@ -134,7 +134,7 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
             continue
         a = own.placed(tree, states[rows], i[rows])
         if outside[rows[0]]:
-            b, radii = world.placed(j[rows] - tests.first, bool(segments[rows[0]]))
+            b, radii = world.placed(j[rows] - tests.first)
         else:
             b, radii = own.placed(tree, states[rows], j[rows]), own.radii[j[rows]]
         slack = bodies.reaches[i[rows]] + bodies.reaches[j[rows]]

@@ -40,9 +40,9 @@ from obb_collision.geometry.trees.pool import (
     TreePool,
 )
 from obb_collision.obb import OBB
-from obb_collision.queries.convex.support import core_of
+from obb_collision.queries.convex.support import NO_HULLS, core_of
 from obb_collision.scene.store.completed import completed
-from obb_collision.scene.store.kinds import ROUND, kind_of, round_sizes
+from obb_collision.scene.store.kinds import kind_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
 
@@ -193,7 +193,7 @@ class PerShape(Generic[Item]):
 
 
 class SlotShape(NamedTuple):
-    """The shape of a slot, its kind, and its numbers (8,): of ``core_of`` and ``round_sizes``."""
+    """The shape of a slot, its kind, and its numbers (6,): ``core_of`` it."""
 
     slot: int
     shape: Shape | OBB
@@ -214,7 +214,7 @@ class ShapeCache:
     def __init__(self) -> None:
         self._shapes: dict[int, Any] = {}  # a Shape; None: there is room for one
         self._lent = False  # whether the shapes are copied before they change
-        self._numbers = np.zeros((0, 8))  # by slot, see ``SlotShape``
+        self._numbers = np.zeros((0, 6))  # by slot, see ``SlotShape``
         self.version = 0  # changes with shapes, and with the sizes of boxes
         self._trees, self._hulls = PerShape(TreePool), PerShape(HullPool)
         self._hull_trees = PerShape(HullTreePool)
@@ -237,18 +237,15 @@ class ShapeCache:
 
     def shape_for(self, slot: int, shape: Shape | OBB) -> SlotShape:
         """Return what ``put`` takes for a slot, and make room for it: it does not fail then."""
-        kind, numbers = kind_of(shape), np.zeros(8)
         if isinstance(shape, (Box, OBB)):
-            return SlotShape(slot, shape, kind, numbers)
-        numbers[:6] = core_of(shape)
-        if kind == ROUND:
-            numbers[6:] = round_sizes(shape)
+            return SlotShape(slot, shape, kind_of(shape), np.zeros(6))
+        body = SlotShape(slot, shape, kind_of(shape), np.array(core_of(shape)))
         short = max(0, slot + 1 - len(self._numbers))
         if short:
-            room = np.zeros((max(short, len(self._numbers)), 8))
+            room = np.zeros((max(short, len(self._numbers)), 6))
             self._numbers = np.concatenate([self._numbers, room])
         self._own_shapes().setdefault(slot, None)
-        return SlotShape(slot, shape, kind, numbers)
+        return body
 
     @completed
     def put(self, body: SlotShape) -> None:
@@ -322,24 +319,12 @@ class ShapeCache:
 
     def hulls(self, slots: Rows) -> tuple[Hulls, Rows]:
         """Return hulls, and the row (k,) of each slot's among them, -1 for none yet."""
-        return self._hulls.pool.all, self._hulls.rows(slots)
-
-    @property
-    def all_hulls(self) -> Hulls:
-        """All hulls; there must be one."""
-        return self._hulls.pool.all
-
-    def hull_rows(self, slots: Rows) -> Rows:
-        """Return the row (k,) of each slot's hull in ``all_hulls``, -1 for none yet."""
-        return self._hulls.rows(slots)
+        pool = self._hulls.pool
+        return pool.all if pool.size else NO_HULLS, self._hulls.rows(slots)
 
     def cores(self, slots: Rows) -> NDArray[np.float64]:
         """Return ``core_of`` the shapes (k, 6) of slots, none of them boxes."""
-        return self._numbers[slots, :6]
-
-    def rounds(self, slots: Rows) -> NDArray[np.float64]:
-        """Return the radius and half the length (k, 2) of spheres and capsules, metres."""
-        return self._numbers[slots, 6:]
+        return self._numbers[slots]
 
     def build(self, store: ObjectStore, slots: Rows, hull: bool, budget: TimeLeft | None) -> Mask:
         """Build hulls or trees that slots lack, while there is time; return (k,) which have one."""

@@ -23,14 +23,13 @@ does not make MESH find what HULL does not.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide, mesh_body_distances
@@ -43,6 +42,7 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
 from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.refinement.bodies import convex_bodies
 from obb_collision.scene.refinement.budget import ABOVE, Budget
 from obb_collision.scene.store.kinds import BOX, BOXED, CONVEX, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
@@ -127,7 +127,7 @@ class MeshPairs:
 
     def _curved(self, rows: Rows) -> Mask:
         """Return (k,) which pairs have a shape whose hull or tree is larger than it is."""
-        kinds = self._cores[0]
+        kinds = self._placed.kinds
         curved = (kinds != CORNERS) & (kinds != BOX_CORE)
         return np.asarray(curved[self._ends[0][rows]] | curved[self._ends[1][rows]])
 
@@ -147,7 +147,8 @@ class MeshPairs:
         padded = self._store.paddings[self._slots] > 0.0
         some = padded[i] | padded[j] | self._curved(rows)
         met = np.empty(len(rows), np.bool_)
-        bodies = PlacedHulls(*self._cache.hulls(self._slots), *self._places)
+        places = self._placed.centers, self._placed.rotations
+        bodies = PlacedHulls(*self._cache.hulls(self._slots), *places)
         met[~some] = hulls_may_collide(bodies, bodies, i[~some], j[~some])
         if some.any():
             met[some] = self._may_collide(rows[some])
@@ -156,32 +157,25 @@ class MeshPairs:
     @property
     def _bodies(self) -> ConvexBodies:
         """All bodies, with the hulls that there are by now."""
-        kinds, sizes, radii = self._cores
         hulls, rows = self._cache.hulls(self._slots)
-        return ConvexBodies(kinds, sizes, radii, hulls, rows, *self._places)
+        return replace(self._placed, hulls=hulls, rows=rows)
 
     @cached_property
-    def _cores(self) -> tuple[NDArray[np.int8], Floats, Floats]:
-        """Kinds, sizes and radii of all bodies with padding, which is part of boxes as such."""
-        store, slots = self._store, self._slots
-        boxes = store.kinds[slots] == BOX
-        cores = np.zeros((len(slots), 6))
-        cores[~boxes] = self._cache.cores(slots[~boxes])
-        cores[boxes, 0] = BOX_CORE
-        cores[boxes, 1:4] = store.half_extents[slots[boxes]]
-        cores[~boxes, 5] += store.paddings[slots[~boxes]]
-        return cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
+    def _placed(self) -> ConvexBodies:
+        """All bodies, with the hulls that there were when they were asked for first."""
+        return convex_bodies(self._store, self._cache, self._store.all_boxes(), self._slots)
 
     def _tree_verdicts(self, rows: Rows) -> Verdicts:
         if len(rows) == 0:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
         pairs = np.stack([i, j], axis=1)
-        bodies = PlacedMeshes.trusted(*self._cache.trees(self._slots), *self._places)
+        places = self._placed.centers, self._placed.rotations
+        bodies = PlacedMeshes.trusted(*self._cache.trees(self._slots), *places)
         effort = UNLIMITED if self._exact else EFFORT
         kinds, radii = self._store.kinds[self._slots], self._store.paddings[self._slots]
         thin = (kinds == ROUND)[pairs].any(axis=1)
-        curved = np.isin(self._cores[0], CURVED)[pairs]
+        curved = np.isin(self._placed.kinds, CURVED)[pairs]
         round_one = curved.any(axis=1)
         bare = ~thin & ~round_one & (radii[pairs] == 0.0).all(axis=1)
         padded = ~thin & ~round_one & ~bare
@@ -230,11 +224,10 @@ class MeshPairs:
     @cached_property
     def _segments(self) -> tuple[PlacedMeshes, Floats]:
         """Spheres and capsules as segments, and the radii about these with padding."""
-        rows = self._round_slots
-        radii, halves = self._cache.rounds(self._slots[rows]).T
-        centers, rotations = self._places
-        bodies = PlacedMeshes.trusted(*segment_trees(halves), centers[rows], rotations[rows])
-        return bodies, radii + self._store.paddings[self._slots[rows]]
+        bodies, rows = self._placed, self._round_slots
+        trees, places = segment_trees(bodies.sizes[rows, 3]), (bodies.centers, bodies.rotations)
+        segments = PlacedMeshes.trusted(*trees, *(each[rows] for each in places))
+        return segments, bodies.radii[rows]
 
     @cached_property
     def _round_slots(self) -> Rows:
@@ -249,26 +242,12 @@ class MeshPairs:
 
     def _capsules(self, sign: float) -> Capsules:
         """Return the spheres and capsules with padding, larger or smaller by all errors."""
-        rows = self._round_slots
-        radii, halves = self._cache.rounds(self._slots[rows]).T
-        radii = radii + self._store.paddings[self._slots[rows]]
-        centers, rotations = self._places[0][rows], self._places[1][rows]
-        axes = rotations[:, :, 2] * halves[:, None]
+        bodies, rows = self._placed, self._round_slots
+        centers, halves, radii = bodies.centers[rows], bodies.sizes[rows, 3], bodies.radii[rows]
+        axes = bodies.rotations[rows, :, 2] * halves[:, None]
         errors = PLACING * (np.abs(centers).sum(axis=1) + halves + radii)
         radii = np.maximum(radii + sign * errors, 0.0)
         return Capsules.trusted(centers - axes, centers + axes, radii)
-
-    @cached_property
-    def _places(self) -> tuple[Floats, Floats]:
-        """Where the shapes are: boxes where their boxes are, others at their poses."""
-        store, slots = self._store, self._slots
-        centers, rotations = as_poses(store.poses[slots], warn=False)
-        boxes = store.kinds[slots] == BOX
-        centers[boxes], rotations[boxes] = (
-            store.centers[slots[boxes]],
-            store.rotations[slots[boxes]],
-        )
-        return centers, rotations
 
 
 def _verdicts_within(

@@ -29,15 +29,13 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
-from obb_collision.queries.convex.support import BOX as BOX_CORE
-from obb_collision.queries.convex.support import CORNERS, CURVED, NO_HULLS, ConvexBodies
+from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.refinement.bodies import convex_bodies, places_of, trees_of
 from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.refinement.ladder import decide_pairs, levels_of
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
@@ -227,21 +225,8 @@ class PlacedShapes:
         The radii have the padding. Of spheres and capsules the trees are those of their segments;
         either all of them are round or none.
         """
-        shaped, centers, rotations = self._places(boxes, slots)
-        cache, radii = self._current_cache(), self.paddings[slots]
-        if (self.kinds[slots] == ROUND).any():
-            cores = cache.cores(slots[shaped])
-            trees, rows = segment_trees(cores[:, 4])
-            return PlacedMeshes.trusted(trees, rows, centers, rotations), cores[:, 5] + radii
-        return PlacedMeshes.trusted(*cache.trees(slots), centers, rotations), radii
-
-    def _places(self, boxes: Boxes, slots: Rows) -> tuple[Rows, Floats, Floats]:
-        """Return which of slots (k,) are no boxes, and where what stands for them is."""
-        centers, rotations = boxes.centers[slots], boxes.rotations[slots]
-        shaped = np.flatnonzero(self.kinds[slots] > BOX)
-        poses = self._store.poses[slots[shaped]]
-        centers[shaped], rotations[shaped] = as_poses(poses, warn=False)
-        return shaped, centers, rotations
+        trees, rows, radii = trees_of(self._store, self._current_cache(), slots)
+        return PlacedMeshes.trusted(trees, rows, *places_of(self._store, boxes, slots)), radii
 
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
         """Return distances (m,), at most zero for pairs (m, 2) that collide on a level or above.
@@ -297,16 +282,6 @@ class PlacedShapes:
 
     def convex_bodies(self, boxes: Boxes, slots: Rows) -> ConvexBodies:
         """Return the bodies of slots (k,), padded, all of which have hulls if they need one."""
-        kinds = np.full(len(slots), BOX_CORE, np.int8)
-        sizes, radii = np.zeros((len(slots), 4)), np.zeros(len(slots))
-        rows, hulls = np.zeros(len(slots), np.int64), NO_HULLS
-        sizes[:, :3] = boxes.half_extents[slots]
-        shaped, centers, rotations = self._places(boxes, slots)
-        cache, there = self._current_cache(), slots[shaped]
-        cores, found = cache.cores(there), cache.hull_rows(there)
-        kinds[shaped], sizes[shaped] = cores[:, 0], cores[:, 1:5]
-        radii[shaped] = cores[:, 5] + self.paddings[there]
-        assert (found[kinds[shaped] == CORNERS] >= 0).all()
-        if (found >= 0).any():
-            rows[shaped], hulls = np.maximum(found, 0), cache.all_hulls
-        return ConvexBodies(kinds, sizes, radii, hulls, rows, centers, rotations)
+        bodies = convex_bodies(self._store, self._current_cache(), boxes, slots)
+        assert (bodies.rows[bodies.kinds == CORNERS] >= 0).all()
+        return bodies

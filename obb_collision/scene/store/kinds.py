@@ -16,9 +16,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
-from obb_collision.geometry.fitting.enclosing import round_up
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Box, Capsule, Shape, Sphere
 from obb_collision.obb import OBB
@@ -35,16 +32,3 @@ def kind_of(shape: Shape | OBB) -> int:
         return TRIANGLES if len(shape.faces) else BOXED
     round_one = isinstance(shape, (Sphere, Capsule)) and len(set(shape.scale)) == 1
     return ROUND if round_one else CONVEX
-
-
-def round_sizes(shape: Shape | OBB) -> tuple[float, float]:
-    """Return the radius and half the length of a sphere or capsule, scaled, not too small."""
-    if not isinstance(shape, (Sphere, Capsule)):
-        raise TypeError(f"a {type(shape).__name__} is not round")
-    scale = Fraction(shape.scale[0])
-    length = Fraction(shape.length) / 2 if isinstance(shape, Capsule) else Fraction(0)
-    radius, half = Fraction(shape.radius) * scale, length * scale
-    return (
-        round_up(radius.numerator, radius.denominator),
-        round_up(half.numerator, half.denominator),
-    )
