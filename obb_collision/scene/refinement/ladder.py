@@ -22,7 +22,6 @@ is HULL for pairs without a mesh, except for spheres, capsules and boxes among t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy
@@ -62,21 +61,16 @@ def needs_spheres(store: ObjectStore) -> bool:
     return bool((store.accuracies[store.enabled] == Accuracy.SPHERE).any())
 
 
-def pair_levels(store: ObjectStore, first: Rows, second: Rows) -> Levels:
-    """Return the level (m,) int8 that decides each pair of slots."""
-    return levels_of(store.accuracies, store.kinds, store.paddings, first, second)
-
-
-def levels_of(
-    accuracies: NDArray[np.int8],
-    kinds: NDArray[np.int8],
-    paddings: Floats,
-    first: Rows,
-    second: Rows,
+def pair_levels(
+    store: ObjectStore, first: Rows, second: Rows, accuracies: Levels | None = None
 ) -> Levels:
-    """Return the same of arrays by slot."""
+    """Return the level (m,) int8 that decides each pair of slots.
+
+    accuracies: by slot, in place of the store's.
+    """
     levels = np.empty(len(first), np.int8)
-    _levels_kernel(accuracies, kinds, paddings, first, second, levels)
+    given = store.accuracies if accuracies is None else accuracies
+    _levels_kernel(given, store.kinds, store.paddings, first, second, levels)
     return levels
 
 

@@ -37,7 +37,7 @@ from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.bodies import convex_bodies, places_of, trees_of
 from obb_collision.scene.refinement.budget import Levels
-from obb_collision.scene.refinement.ladder import decide_pairs, levels_of
+from obb_collision.scene.refinement.ladder import decide_pairs, pair_levels
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
@@ -102,7 +102,6 @@ class PlacedShapes:
         self._pairs, self._decided, self._cap = pairs, levels, cap
         self._exact = exact
         self.kinds, self.paddings = store.kinds, store.paddings
-        self._accuracies = store.accuracies
         self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
         self.depths: tuple[Pairs, Separations] | None = None
         """Depths that an effect found on MESH, for others of the same pairs."""
@@ -120,43 +119,38 @@ class PlacedShapes:
         choice: of ``CHOICES``; highest: that the effect has. Pairs without triangles get HULL.
         """
         first, second = np.array(pairs.T, order="C")  # effects' arrays are read-only
-        accuracies = self._accuracies
-        if choice != AS_PAIRS:
-            accuracies = np.full_like(accuracies, Accuracy[choice.upper()])
-        levels = levels_of(accuracies, self.kinds, self.paddings, first, second)
+        levels = pair_levels(self._store, first, second, self._asked(choice))
         if choice == AS_PAIRS:
-            if self._cap is not None:
-                np.minimum(levels, np.int8(self._cap), out=levels)
             known, rows = self._found(pairs)
             levels[known] = self._decided[rows]
-        levels[levels < Accuracy.HULL] = Accuracy.OBB
         np.minimum(levels, np.int8(highest), out=levels)
         whole = self.kinds[pairs].max(axis=1) < TRIANGLES
-        levels[whole] = np.minimum(levels[whole], np.int8(Accuracy.HULL))
-        high = np.flatnonzero(levels > Accuracy.OBB)
-        if len(high):
-            there = self._have_hulls(pairs[high])
-            levels[high[~there]] = Accuracy.OBB
-        high = np.flatnonzero(levels == Accuracy.MESH)
-        if len(high):
-            levels[high[~self._have_trees(pairs[high])]] = Accuracy.HULL
+        levels[whole & (levels > Accuracy.HULL)] = Accuracy.HULL
+        levels[levels < Accuracy.HULL] = Accuracy.OBB
+        for level, have, lower in (
+            (Accuracy.HULL, self._have_hulls, Accuracy.OBB),
+            (Accuracy.MESH, self._have_trees, Accuracy.HULL),
+        ):
+            rows = np.flatnonzero(levels >= level)
+            if len(rows):
+                levels[rows[~have(pairs[rows])]] = lower
         return levels
+
+    def _asked(self, choice: str) -> Levels:
+        """Return (slots,) the accuracies of a choice, as far as a budget allows."""
+        accuracies = self._store.accuracies
+        if choice != AS_PAIRS:
+            return np.full_like(accuracies, Accuracy[choice.upper()])
+        return accuracies if self._cap is None else np.minimum(accuracies, np.int8(self._cap))
 
     def object_levels(self, slots: Rows, choice: str) -> Levels:
         """Return the level (k,) that stands for slots (k,) one by one: OBB, HULL or MESH.
 
         choice: of ``CHOICES``, AS_PAIRS for the accuracy of each. Only triangles get MESH.
         """
-        kinds = self.kinds[slots]
-        if choice == AS_PAIRS:
-            levels = self._accuracies[slots]
-            if self._cap is not None:
-                np.minimum(levels, np.int8(self._cap), out=levels)
-        else:
-            levels = np.full(len(slots), Accuracy[choice.upper()], np.int8)
+        levels, kinds = self._asked(choice)[slots], self.kinds[slots]
+        levels[(levels > Accuracy.HULL) & (kinds < TRIANGLES)] = Accuracy.HULL
         levels[(levels < Accuracy.HULL) | (kinds <= BOX)] = Accuracy.OBB
-        whole = kinds < TRIANGLES
-        levels[whole] = np.minimum(levels[whole], np.int8(Accuracy.HULL))
         for level, have, lower in (
             (Accuracy.MESH, self._have_trees, Accuracy.HULL),
             (Accuracy.HULL, self._have_hulls, Accuracy.OBB),
