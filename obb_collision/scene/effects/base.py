@@ -288,6 +288,12 @@ def join_rows(tables: Sequence[R]) -> R:
     return type(tables[0])(*map(np.concatenate, columns))
 
 
+def write_rows(table: R, rows: Rows, new: R) -> None:
+    """Write rows of a dataclass of arrays."""
+    for key, column in vars(table).items():
+        column[rows] = vars(new)[key]
+
+
 def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | None) -> R:
     """Return a table of pairs of boxes, in which rows of shapes above OBB have been written."""
     if not by_level:
@@ -299,9 +305,7 @@ def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | Non
     for level, compute in by_level.items():
         rows = np.flatnonzero(levels == level)
         if len(rows):
-            new = compute(cycle.boxes, cycle.shapes, pairs[rows], setting)
-            for key, column in vars(table).items():
-                column[rows] = vars(new)[key]
+            write_rows(table, rows, compute(cycle.boxes, cycle.shapes, pairs[rows], setting))
     return table
 
 

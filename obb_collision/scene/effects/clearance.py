@@ -28,7 +28,7 @@ from obb_collision.queries.convex.distances import (
     convex_distances,
     mesh_body_distances,
 )
-from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
+from obb_collision.queries.meshes.mesh_clearance import MeshClearances, clearances_of
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,
@@ -45,7 +45,6 @@ from obb_collision.scene.effects.base import (
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
-from obb_collision.typing import Floats, Mask, Rows
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
@@ -106,32 +105,23 @@ def triangle_clearances(
     0 where they collide, infinite beyond the limit. Round shapes are exact.
     """
     table = Clearances(pairs, np.full(len(pairs), np.inf), *np.zeros((3, len(pairs), 3)))
-    limit, (plain, some) = setting.values["max_distance"], shapes.round_sides(boxes, pairs)
-    for rows, turned, a, radii_a, b, radii_b in shapes.sides(boxes, pairs[plain]):
-        found = mesh_clearances(a, b, max_distance=limit, radii_a=radii_a, radii_b=radii_b)
-        within = found.pairs[:, 0]
-        _fill(table, plain[rows[within]], turned[within], found.distances, found)
-    if some is not None:
-        each = np.arange(len(some.rows))
-        every, beside = mesh_body_distances(some.meshes, some.radii, some.bodies, each, each, limit)
-        near = take_rows(every, beside)
-        _fill(table, some.rows[beside], some.turned[beside], near.lower, near)
+    limit = setting.values["max_distance"]
+    for some in shapes.exact_sides(boxes, pairs):
+        a, b, each = (some.a, some.radii_a), (some.b, some.radii_b), np.arange(len(some.rows))
+        found: MeshClearances | ConvexDistances
+        if some.radii_b is None:
+            found, near = mesh_body_distances(*a, some.b, each, each, limit)
+            distances = found.lower
+        else:
+            found, near = clearances_of(*a, *b, each, each, limit)
+            distances = found.distances
+        rows, back = some.rows[near], some.turned[near, None]
+        x, y, n = (v[near] for v in (found.positions_a, found.positions_b, found.normals))
+        table.distances[rows], table.normals[rows] = distances[near], np.where(back, -n, n)
+        table.positions_a[rows] = np.where(back, y, x)
+        table.positions_b[rows] = np.where(back, x, y)
     table.distances[:] = shapes.parted(table.distances, pairs, Accuracy.MESH)
     return table
-
-
-def _fill(
-    table: Clearances,
-    rows: Rows,
-    turned: Mask,
-    distances: Floats,
-    found: MeshClearances | ConvexDistances,
-) -> None:
-    """Write rows (k,) of a table; turned (k,): where a was the second of the pair."""
-    x, y, n, back = found.positions_a, found.positions_b, found.normals, turned[:, None]
-    table.distances[rows] = distances
-    table.positions_a[rows], table.positions_b[rows] = np.where(back, y, x), np.where(back, x, y)
-    table.normals[rows] = np.where(back, -n, n)
 
 
 BY_LEVEL: ByLevel[Clearances] = {

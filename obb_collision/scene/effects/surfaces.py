@@ -25,8 +25,8 @@ from obb_collision.queries.mesh_contacts.body_depths import within_bodies
 from obb_collision.queries.mesh_contacts.surfaces import NO_AXIS, patches_of, within
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.effects.base import Setting, take_rows
-from obb_collision.scene.refinement.placed_shapes import MeshSides, PlacedShapes, RoundSides
+from obb_collision.scene.effects.base import Setting, take_rows, write_rows
+from obb_collision.scene.refinement.placed_shapes import PairSides, PlacedShapes
 from obb_collision.typing import Floats
 
 
@@ -51,13 +51,11 @@ def triangle_separations(
     if shapes.depths is not None and np.array_equal(shapes.depths[0], pairs):
         return take_rows(shapes.depths[1], np.arange(len(pairs)))
     table = hull_separations(boxes, shapes, pairs, setting)
-    for some in shapes.sides(boxes, pairs):
+    for some in shapes.mesh_sides(boxes, pairs):
         found = within(_seen_from(table, some), some.a, some.radii_a, some.b, some.radii_b)
         _write(table, some, found)
-    _, curved = shapes.round_sides(boxes, pairs)
-    if curved is not None:
-        seen = _seen_from(table, curved)
-        _write(table, curved, within_bodies(seen, curved.meshes, curved.radii, curved.bodies))
+    for some in shapes.curved_sides(boxes, pairs, shapes.curved(pairs)):
+        _write(table, some, within_bodies(_seen_from(table, some), some.a, some.radii_a, some.b))
     table.separations[:] = shapes.parted(table.separations, pairs, Accuracy.MESH)
     shapes.depths = pairs, take_rows(table, np.arange(len(pairs)))
     return table
@@ -74,27 +72,26 @@ def triangle_contacts(
     max_points = int(setting.values["max_points"])
     table = triangle_separations(boxes, shapes, pairs, setting)
     result = Contacts.blank(pairs.copy(), max_points)  # pairs are the key of what is kept
-    for some in shapes.sides(boxes, pairs):
+    for some in shapes.mesh_sides(boxes, pairs):
         seen = _seen_from(table, some)
         each = np.ascontiguousarray(seen.pairs[:, 0])
         found = patches_of(seen, some.a, some.b, each, each, max_points)
-        for name, column in vars(result).items():
-            column[some.rows] = vars(found)[name]
+        write_rows(result, some.rows, found)
     result.pairs[:], result.normals[:], result.axes[:] = pairs, table.normals, NO_AXIS
     return result
 
 
-def _write(table: Separations, some: MeshSides | RoundSides, found: Separations) -> None:
+def _write(table: Separations, some: PairSides, found: Separations) -> None:
     """Write the rows of a table that some sides have."""
     table.separations[some.rows], table.positions[some.rows] = found.separations, found.positions
     table.normals[some.rows] = _sign(some) * found.normals
 
 
-def _sign(some: MeshSides | RoundSides) -> Floats:
+def _sign(some: PairSides) -> Floats:
     return np.where(some.turned, -1.0, 1.0)[:, None]
 
 
-def _seen_from(table: Separations, some: MeshSides | RoundSides) -> Separations:
+def _seen_from(table: Separations, some: PairSides) -> Separations:
     """Return the rows of a table that some sides have, by their own rows and from their a to b."""
     each = np.repeat(np.arange(len(some.rows)), 2).reshape(-1, 2)
     normals = _sign(some) * table.normals[some.rows]

@@ -63,6 +63,7 @@ from obb_collision.scene.effects.base import (
     Setting,
     isolated,
     take_rows,
+    write_rows,
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
@@ -104,17 +105,13 @@ def refined_sweeps(
         free = np.maximum(new.free_until * duration, found.free_until[rows])
         times = np.where(new.undecided, np.nan, free)
         new = replace(new, pairs=found.pairs[rows], free_until=free, times=times)
-        for key, column in vars(found).items():
-            column[rows] = vars(new)[key]
+        write_rows(found, rows, new)
     return found
 
 
-def motion_of(bodies: Boxes, rows: Rows, ride: Ride) -> BodyMotion:
-    """Return the motion of bodies fixed to boxes ``rows`` of a ride, where they are at a check.
-
-    bodies: their places, and any extents.
-    """
-    motion = ride.moving.motion
+def motion_of(bodies: PlacedMeshes | ConvexBodies, slots: Rows, ride: Ride) -> BodyMotion:
+    """Return the motion of bodies fixed to the boxes of slots, where they are at a check."""
+    rows, motion = np.searchsorted(ride.slots, slots), ride.moving.motion
     arms = bodies.centers - ride.now.centers[rows]
     rotations = bodies.rotations
     if motion.seconds == 0.0:  # the check is the end of the motion
@@ -133,9 +130,7 @@ def hull_sweeps(
 ) -> Sweeps:
     """Return the sweeps of pairs on HULL."""
     bodies, i, j = shapes.bodies(cycle.boxes, pairs)
-    rows = np.searchsorted(ride.slots, np.unique(pairs))
-    places = Boxes.trusted(bodies.centers, bodies.rotations, bodies.sizes[:, :3])
-    motion = motion_of(places, rows, ride)
+    motion = motion_of(bodies, np.unique(pairs), ride)
     return convex_sweeps(bodies, motion, np.column_stack([i, j]), begin, tolerance)
 
 
@@ -147,41 +142,14 @@ def triangle_sweeps(
     Round shapes are exact.
     """
     table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
-    plain, some = shapes.round_sides(cycle.boxes, pairs)
-    for rows, turned, a, radii_a, b, radii_b in shapes.sides(cycle.boxes, pairs[plain]):
-        own = plain[rows]
-        ends = np.where(turned[:, None], pairs[own, ::-1], pairs[own])
-        motion = _motions(a, b, ends, ride)
-        found = swept_meshes(a, radii_a, b, radii_b, motion, begin[own], tolerance)
-        _fill(table, own, turned, found)
-    if some is not None:
-        motion = _motions(some.meshes, some.bodies, some.ends, ride)
-        bodies = some.meshes, some.radii, some.bodies, None
+    for some in shapes.exact_sides(cycle.boxes, pairs):
+        first, second = some.ends.T
+        motion = joined(motion_of(some.a, first, ride), motion_of(some.b, second, ride))
+        bodies = some.a, some.radii_a, some.b, some.radii_b
         found = swept_meshes(*bodies, motion, begin[some.rows], tolerance)
-        _fill(table, some.rows, some.turned, found)
+        found.normals[some.turned] *= -1.0
+        write_rows(table, some.rows, found)
     return table
-
-
-def _motions(
-    a: PlacedMeshes, b: PlacedMeshes | ConvexBodies, ends: Pairs, ride: Ride
-) -> BodyMotion:
-    """Return the motion of the bodies of slots (k, 2), those of b behind those of a."""
-    first, second = (
-        motion_of(
-            Boxes.trusted(body.centers, body.rotations, body.centers),
-            np.searchsorted(ride.slots, slots),
-            ride,
-        )
-        for body, slots in zip((a, b), ends.T, strict=True)
-    )
-    return joined(first, second)
-
-
-def _fill(table: Sweeps, rows: Rows, turned: Mask, found: Sweeps) -> None:
-    """Write rows (k,) of a table; turned (k,): where a was the second of the pair."""
-    found.normals[turned] *= -1.0
-    for key, column in vars(table).items():
-        column[rows] = vars(found)[key]
 
 
 NO_SWEEPS = Sweeps(

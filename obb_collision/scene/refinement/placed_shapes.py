@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,26 +56,16 @@ class BodyDistances(NamedTuple):
     found: ConvexDistances
 
 
-class MeshSides(NamedTuple):
-    """Meshes of some pairs: row k of a and row k of b, each with a radius about it."""
+class PairSides(NamedTuple):
+    """Bodies of some pairs: row k of a, meshes with radii about them, and row k of b."""
 
     rows: Rows  #: (k,) of the pairs
     turned: Mask  #: (k,) whether a is the second of the pair; round ones are b
+    ends: Pairs  #: (k, 2) slots of a and of b
     a: PlacedMeshes
     radii_a: Floats
-    b: PlacedMeshes
-    radii_b: Floats
-
-
-class RoundSides(NamedTuple):
-    """Meshes of some pairs: row k, with a radius about it, and the body in row k beside it."""
-
-    rows: Rows  #: (k,) of the pairs
-    turned: Mask  #: (k,) whether the mesh is the second of the pair
-    ends: Pairs  #: (k, 2) slots of mesh and body
-    meshes: PlacedMeshes
-    radii: Floats
-    bodies: ConvexBodies
+    b: Any  #: PlacedMeshes, or ConvexBodies that are cylinders, cones or ellipsoids
+    radii_b: Any  #: (k,), None for ConvexBodies
 
 
 class PlacedShapes:
@@ -187,31 +177,32 @@ class PlacedShapes:
         mask[shaped] = np.isin(self._current_cache().cores(slots[shaped])[:, 0], CURVED)
         return mask[ends].reshape(pairs.shape)
 
-    def round_sides(self, boxes: Boxes, pairs: Pairs) -> tuple[Rows, RoundSides | None]:
-        """Return which of pairs (m, 2) with a mesh have no cylinder, cone or ellipsoid.
-
-        And those that do, if there are any.
-        """
+    def exact_sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[PairSides]:
+        """Yield the bodies of pairs (m, 2) of slots with a mesh on at least one side."""
         curved = self.curved(pairs)
-        rows = np.flatnonzero(curved.any(axis=1))
-        if len(rows) == 0:
-            return np.arange(len(pairs)), None
-        turned = curved[rows, 0]
-        ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
-        bodies = self.convex_bodies(boxes, ends[:, 1])
-        some = RoundSides(rows, turned, ends, *self.meshes(boxes, ends[:, 0]), bodies)
-        return np.flatnonzero(~curved.any(axis=1)), some
+        plain = np.flatnonzero(~curved.any(axis=1))
+        for some in self.mesh_sides(boxes, pairs[plain]):
+            yield some._replace(rows=plain[some.rows])
+        yield from self.curved_sides(boxes, pairs, curved)
 
-    def sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[MeshSides]:
-        """Yield the meshes of pairs (m, 2) of slots with a mesh on at least one side."""
+    def curved_sides(self, boxes: Boxes, pairs: Pairs, curved: Mask) -> Iterator[PairSides]:
+        """Yield those of ``exact_sides`` with bodies that are curved (m, 2)."""
+        rows = np.flatnonzero(curved.any(axis=1))
+        if len(rows):
+            turned = curved[rows, 0]
+            ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
+            bodies = self.convex_bodies(boxes, ends[:, 1])
+            yield PairSides(rows, turned, ends, *self.meshes(boxes, ends[:, 0]), bodies, None)
+
+    def mesh_sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[PairSides]:
+        """Yield the same with meshes around what is curved."""
         turned = self.kinds[pairs[:, 0]] == ROUND
         ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
         is_round = self.kinds[ends[:, 1]] == ROUND
         for rows in (np.flatnonzero(is_round), np.flatnonzero(~is_round)):
             if len(rows):
-                a, radii_a = self.meshes(boxes, ends[rows, 0])
-                b, radii_b = self.meshes(boxes, ends[rows, 1])
-                yield MeshSides(rows, turned[rows], a, radii_a, b, radii_b)
+                a, b = (self.meshes(boxes, slots) for slots in ends[rows].T)
+                yield PairSides(rows, turned[rows], ends[rows], *a, *b)
 
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
         """Return the trees of slots (k,) where they are, and their radii (k,).
