@@ -239,6 +239,11 @@ def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
     graze at a corner or edge that begins and ends within the step, at most M / 2 deep.
     """
     check_same_boxes(start, end)
-    moved = (start.centers != end.centers).any(axis=1)
-    moved |= (start.rotations != end.rotations).any(axis=(1, 2))
-    return np.asarray(moved & (motion_bounds(start, end) > start.half_extents.min(axis=1)))
+    far = motion_bounds(start, end) > start.half_extents.min(axis=1)
+    return np.asarray(moved_between(start, end) & far)
+
+
+def moved_between(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
+    """Return (n,) which boxes moved or turned at all."""
+    turned = (start.rotations != end.rotations).any(axis=(1, 2))
+    return np.asarray(turned | (start.centers != end.centers).any(axis=1))

@@ -37,6 +37,7 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
@@ -45,6 +46,7 @@ from obb_collision.queries.sweep.motion import (
     OUTWARD,
     bounding_radii,
     joined,
+    moved_between,
     sweep_needed,
     swept_bounds,
 )
@@ -275,8 +277,8 @@ def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
     extents, starts, ends = cycle.boxes.half_extents, before.boxes.centers, cycle.boxes.centers
     elsewhere = slots[~cycle.active[slots]]
     middles = 0.5 * starts[elsewhere] + 0.5 * ends[elsewhere]
-    ways = norms(0.5 * ends[elsewhere] - 0.5 * starts[elsewhere])
-    near = balls_near(cycle.region, middles, norms(extents[elsewhere]) + ways)
+    ways = lengths(0.5 * ends[elsewhere] - 0.5 * starts[elsewhere])
+    near = balls_near(cycle.region, middles, lengths(extents[elsewhere]) + ways)
     kept = cycle.active.copy()
     kept[elsewhere[near]] = True
     return slots[kept[slots]]
@@ -288,21 +290,10 @@ def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
     if cycle.region is not None:
         slots = np.flatnonzero(moving & ~cycle.active)
         origins, boxes = cycle.store.poses[slots, :3], cycle.boxes[slots]
-        around = norms(boxes.centers - origins) + norms(boxes.half_extents)
-        ways = horizon * norms(cycle.store.twists[slots, :3])
+        around = lengths(boxes.centers - origins) + lengths(boxes.half_extents)
+        ways = horizon * lengths(cycle.store.twists[slots, :3])
         coming[slots] = balls_near(cycle.region, origins, around + ways)
     return coming
-
-
-def norms(vectors: Floats) -> Floats:
-    """Return the lengths (n,) of vectors (n, 3)."""
-    return np.asarray(np.linalg.norm(vectors, axis=1))
-
-
-def moved_between(start: Boxes, end: Boxes) -> Mask:
-    """Return (n,) which boxes moved or turned at all."""
-    turned = (start.rotations != end.rotations).any(axis=(1, 2))
-    return np.asarray(turned | (start.centers != end.centers).any(axis=1))
 
 
 def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
