@@ -49,7 +49,7 @@ from obb_collision.scene.pair_updates import FEW, few_pairs, merge_keys, merge_p
 from obb_collision.scene.refinement.budget import Budget, Levels
 from obb_collision.scene.refinement.ladder import (
     NONE,
-    Found,
+    Decided,
     decide_pairs,
     is_plain,
     needs_spheres,
@@ -101,9 +101,9 @@ class Findings:
     outcomes: dict[str, Outcome] = field(default_factory=dict)
 
     @property
-    def found(self) -> Found:
+    def found(self) -> Decided:
         """Pairs, verdicts and levels."""
-        return self.pairs, self.verdicts, self.accuracies
+        return Decided(self.pairs, self.verdicts, self.accuracies)
 
 
 NO_ROWS, NO_KEYS = np.empty(0, np.bool_), np.empty(0, np.int64)
@@ -229,9 +229,7 @@ class Checker:
             if self.pair_filter is not None:
                 kept &= self.pair_filter(*pairs.T)
             pairs, verdicts, old = pairs[kept], verdicts[kept], old[kept]
-        return Findings(
-            pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8), old=old if known else None
-        )
+        return Findings(*self._on_obb(pairs, verdicts), old=old if known else None)
 
     def _find_all(self, exact: bool, budget: Budget | None) -> Findings:
         """Decide all pairs, or as many as the limit leaves."""
@@ -247,7 +245,7 @@ class Checker:
             return Findings(*found, behind)
         behinds: list[bool] = []
 
-        def decide(candidates: Pairs) -> Found:
+        def decide(candidates: Pairs) -> Decided:
             # A budget is for one round of decisions; OBB, which misses nothing, has to do after it.
             later = bool(behinds) and budget is not None
             highest = Accuracy.OBB if later else Accuracy.MESH
@@ -257,11 +255,11 @@ class Checker:
             return found
 
         tree = BoundsTree.build(minimum, maximum)
-        limited = find_limited(tree, active, len(self._store.names), self.limit, decide)
-        if limited.colliding is None:
-            return Findings(*limited.found, any(behinds))
-        # Never behind: pairs that are left out can't be kept for the next check.
-        return Findings(*limited.found, total=limited.total, colliding=limited.colliding)
+        given = tree, active, len(self._store.names), self.limit, decide
+        found, total, colliding = find_limited(*given)
+        # never behind where pairs are left out: these can't be kept for the next check
+        behind = total is None and any(behinds)
+        return Findings(*found, behind, total=total, colliding=colliding)
 
     def _find_changed(
         self, last: Findings, slots: Rows, exact: bool, budget: Budget | None
@@ -285,9 +283,9 @@ class Checker:
             if last.behind:
                 again = last.accuracies < pair_levels(store, *columns(last.pairs))
                 again &= ~store.changed[last.pairs].any(axis=1)
-                waiting = last.pairs[again], last.verdicts[again], last.accuracies[again]
+                waiting = last.found.take(again)
             new, behind = self._decide(candidates, exact, budget, waiting)
-        most = len(last.pairs) + len(keys) + len(new[0])
+        most = len(last.pairs) + len(keys) + len(new.pairs)
         pairs, old = np.empty((most, 2), np.int64), np.empty(most, np.int64)
         verdicts, levels = np.empty(most, np.int8), np.empty(most, np.int8)
         outputs = pairs, verdicts, levels, old
@@ -297,7 +295,7 @@ class Checker:
             count = merge_pairs(*last.found, store.changed, again, *new, *outputs)
         if self.limit is not None and count > self.limit:
             return None
-        found = pairs[:count], verdicts[:count], levels[:count]
+        found = Decided(pairs, verdicts, levels).take(slice(count))
         return Findings(*found, behind, old=old[:count])
 
     def _few_candidates(self, slots: Rows) -> Pairs | None:
@@ -319,9 +317,9 @@ class Checker:
         candidates: Pairs,
         exact: bool,
         budget: Budget | None,
-        waiting: Found = NONE,
+        waiting: Decided = NONE,
         highest: Accuracy = Accuracy.MESH,
-    ) -> tuple[Found, bool]:
+    ) -> tuple[Decided, bool]:
         store = self._store
         candidates = self._counted(candidates)
         if self._layout.plain:
@@ -339,8 +337,8 @@ class Checker:
         return pairs if self.region is None else pairs[self._own(pairs)]
 
     @staticmethod
-    def _on_obb(pairs: Pairs, verdicts: Verdicts) -> Found:
-        return pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)
+    def _on_obb(pairs: Pairs, verdicts: Verdicts) -> Decided:
+        return Decided(pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8))
 
     def _own(self, pairs: Pairs) -> Mask:
         """Return (m,) which pairs of slots belong to the region."""

@@ -24,7 +24,6 @@ objects, and time does where objects collide with most of their candidates, as t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,11 +35,11 @@ from obb_collision.scene.broad_phase.crowds import (
     ordered_candidates,
     partners,
 )
-from obb_collision.scene.refinement.ladder import NONE, Found
+from obb_collision.scene.refinement.ladder import NONE, Decided, joined
 from obb_collision.typing import Mask, Rows
 
 #: Decides pairs (m, 2) of slots; the first call may use a budget.
-Decide = Callable[[Pairs], Found]
+Decide = Callable[[Pairs], Decided]
 
 #: Candidates held at once: as many for each pair of the limit ...
 PER_PAIR = 8
@@ -50,43 +49,34 @@ PER_OBJECT = 32
 PIECE = 1 << 17
 
 
-@dataclass(frozen=True, eq=False)
-class Limited:
-    """What was found: the pairs kept, how many collide at least, and which slots do (n,).
-
-    colliding: None where all pairs are kept.
-    """
-
-    found: Found
-    total: int
-    colliding: Mask | None = None
-
-
 def most_candidates(limit: int, count: int) -> int:
     """Return how many candidates of ``count`` objects are held at once."""
     return max(PER_PAIR * limit, PER_OBJECT * count)
 
 
-def find_limited(tree: BoundsTree, slots: Rows, names: int, limit: int, decide: Decide) -> Limited:
-    """Return the first ``limit`` pairs that collide.
+def find_limited(
+    tree: BoundsTree, slots: Rows, names: int, limit: int, decide: Decide
+) -> tuple[Decided, int | None, Mask | None]:
+    """Return the first ``limit`` pairs that collide, how many do at least, and which slots.
 
-    tree: over slots (n,), ascending; names: how many slots there are.
+    Both are None where all pairs are there. tree: over slots (n,), ascending; names: how many slots
+    there are.
     """
     candidates = find_some_candidates(tree, most_candidates(limit, len(slots)))
     if candidates is not None:
         found = decide(slots[candidates])
-        if len(found[0]) <= limit:
-            return Limited(found, len(found[0]))
-        return Limited(_first(found, limit), len(found[0]), _mask(found[0], names))
+        if len(found.pairs) <= limit:
+            return found, None, None
+        return _first(found, limit), len(found.pairs), _mask(found.pairs, names)
     parts, total, marked = [NONE], 0, np.zeros(names, np.bool_)
     for pairs, row in ordered_candidates(tree, min(PIECE, 2 * limit)):
         parts.append(decide(slots[pairs]))
-        total += len(parts[-1][0])
-        marked |= _mask(parts[-1][0], names)
+        total += len(parts[-1].pairs)
+        marked |= _mask(parts[-1].pairs, names)
         if total > limit:
             _mark_others(tree, slots, row, decide, marked)
-            return Limited(_first(_joined(parts), limit), total, marked)
-    return Limited(_joined(parts), total)
+            return _first(joined(parts), limit), total, marked
+    return joined(parts), None, None
 
 
 def _mark_others(tree: BoundsTree, slots: Rows, row: int, decide: Decide, marked: Mask) -> None:
@@ -103,7 +93,7 @@ def _mark_others(tree: BoundsTree, slots: Rows, row: int, decide: Decide, marked
             some = rows[k : k + step]
             some = some[~marked[slots[some]]]
             pairs, counts = partners(tree, some, row, skip, most)
-            marked |= _mask(decide(slots[pairs])[0], len(marked))
+            marked |= _mask(decide(slots[pairs]).pairs, len(marked))
             left.append(some[counts == most])
         rows = np.concatenate(left)
         skip, most = skip + most, most * GROWTH
@@ -115,11 +105,5 @@ def _mask(pairs: Pairs, names: int) -> Mask:
     return mask
 
 
-def _joined(parts: list[Found]) -> Found:
-    pairs, verdicts, levels = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return pairs, verdicts, levels
-
-
-def _first(found: Found, limit: int) -> Found:
-    # copies: what is left out need not stay in memory
-    return found[0][:limit].copy(), found[1][:limit].copy(), found[2][:limit].copy()
+def _first(found: Decided, limit: int) -> Decided:
+    return found.take(np.arange(limit))  # a copy: what is left out need not stay in memory

@@ -21,6 +21,9 @@ is HULL for pairs without a mesh, except for spheres, capsules and boxes among t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
@@ -35,13 +38,23 @@ from obb_collision.scene.refinement.budget import Budget, Levels, refine
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 #: The level of boxes, as kernels compare it.
 OBB = int(Accuracy.OBB)
 HULL = int(Accuracy.HULL)
-#: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their levels (m,).
-Found = tuple[Pairs, Verdicts, Levels]
+
+
+class Decided(NamedTuple):
+    """Pairs (m, 2) of slots, sorted, their verdicts (m,) and their levels (m,)."""
+
+    pairs: Pairs
+    verdicts: Verdicts
+    levels: Levels
+
+    def take(self, rows: Rows | Mask | slice) -> Decided:
+        """Return some of them."""
+        return Decided._make(column[rows] for column in self)
 
 
 def is_plain(store: ObjectStore) -> bool:
@@ -95,13 +108,18 @@ def _levels_kernel(
         levels[n] = level
 
 
-NONE: Found = np.empty((0, 2), np.int64), np.empty(0, np.int8), np.empty(0, np.int8)
+NONE = Decided(np.empty((0, 2), np.int64), *np.empty((2, 0), np.int8))
+
+
+def joined(parts: Sequence[Decided]) -> Decided:
+    """Return the pairs of parts, one after another."""
+    return Decided._make(map(np.concatenate, zip(*parts, strict=True)))
 
 
 def decide_pairs(
     store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool,
-    budget: Budget | None = None, waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
-) -> tuple[Found, bool]:  # fmt: skip
+    budget: Budget | None = None, waiting: Decided = NONE, highest: Accuracy = Accuracy.MESH,
+) -> tuple[Decided, bool]:  # fmt: skip
     """Return the candidates (m, 2), pairs of slots whose bounds overlap, that are not SEPARATE.
 
     waiting: pairs that haven't changed, decided on a lower level than they ask for; returned among
@@ -120,10 +138,9 @@ def decide_pairs(
     pairs = np.column_stack([first[met], second[met]])
     verdicts, asked = verdicts[met], asked[met]
     levels = np.minimum(asked, np.int8(Accuracy.OBB))
-    if len(waiting[0]):
-        pairs, verdicts = np.concatenate([pairs, waiting[0]]), np.append(verdicts, waiting[1])
-        asked = np.append(asked, pair_levels(store, *columns(waiting[0])))
-        levels = np.append(levels, waiting[2])
+    if len(waiting.pairs):
+        asked = np.append(asked, pair_levels(store, *columns(waiting.pairs)))
+        pairs, verdicts, levels = joined([Decided(pairs, verdicts, levels), waiting])
     high = np.flatnonzero(asked > Accuracy.OBB)
     if len(high) or budget is not None:  # which allows effects a level though nothing collides
         job = MeshPairs(store, cache, *columns(pairs[high]), exact)
@@ -133,7 +150,7 @@ def decide_pairs(
     found = np.flatnonzero(verdicts != SEPARATE)
     found = found[np.lexsort((pairs[found, 1], pairs[found, 0]))]
     behind = bool((levels[found] < asked[found]).any())
-    return (pairs[found], verdicts[found], levels[found]), behind
+    return Decided(pairs, verdicts, levels).take(found), behind
 
 
 def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, levels: Levels, exact: bool) -> Verdicts:
