@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.obb import OBB
 from obb_collision.queries.meshes.placed import PlacedMeshes
@@ -34,9 +33,9 @@ from obb_collision.queries.rays.rays import (
     cast_at_padded,
     cast_rays,
 )
-from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
+from obb_collision.queries.verdict.coarse import bounds_of
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
-from obb_collision.scene.broad_phase.broad_phase import find_candidates_of
+from obb_collision.scene.broad_phase.broad_phase import Pairs, find_candidates_of
 from obb_collision.scene.broad_phase.crowds import growing_candidates
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
@@ -58,16 +57,12 @@ def any_collides(
     boxes = store.boxes(active)
     if len(active) < 2:
         return False
-    plain = is_plain(store)
-    for candidates in growing_candidates(BoundsTree.build(*_bounds(store, boxes))):
+    tree = BoundsTree.build(*bounds_of(boxes, needs_spheres(store)))
+    for candidates in growing_candidates(tree):
         pairs = active[candidates]
         if pair_filter is not None:
             pairs = pairs[pair_filter(*pairs.T)]
-        if plain:
-            found = colliding_pairs(store.all_boxes(), pairs, exact)[0]
-        else:
-            found = decide_pairs(store, cache, pairs, exact)[0][0]
-        if len(found):
+        if len(_colliding(store, cache, pairs, exact)):
             return True
     return False
 
@@ -76,16 +71,16 @@ def colliding_with(store: ObjectStore, cache: ShapeCache, slot: int, exact: bool
     """Return the slots of the objects that the one of a slot collides with, ascending."""
     active = np.flatnonzero(store.active)
     row = int(np.searchsorted(active, slot))
-    candidates = active[find_candidates_of(*_bounds(store, store.boxes(active)), row)]
-    if is_plain(store):
-        pairs = colliding_pairs(store.all_boxes(), candidates, exact)[0]
-    else:
-        pairs = decide_pairs(store, cache, candidates, exact)[0][0]
+    bounds = bounds_of(store.boxes(active), needs_spheres(store))
+    pairs = _colliding(store, cache, active[find_candidates_of(*bounds, row)], exact)
     return np.sort(pairs.sum(axis=1) - slot)
 
 
-def _bounds(store: ObjectStore, boxes: Boxes) -> tuple[Floats, Floats]:
-    return sphere_bounds(boxes) if needs_spheres(store) else meeting_bounds(boxes)
+def _colliding(store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool) -> Pairs:
+    """Return those of pairs (m, 2) of slots that collide."""
+    if is_plain(store):
+        return colliding_pairs(store.all_boxes(), candidates, exact)[0]
+    return decide_pairs(store, cache, candidates, exact)[0].pairs
 
 
 @contextmanager

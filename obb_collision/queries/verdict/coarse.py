@@ -68,6 +68,11 @@ def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     )
 
 
+def bounds_of(boxes: Boxes, spheres: bool) -> tuple[Floats, Floats]:
+    """Return ``sphere_bounds`` of boxes, or ``meeting_bounds``."""
+    return sphere_bounds(boxes) if spheres else meeting_bounds(boxes)
+
+
 def spheres_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether the spheres around two boxes may have a common point."""
     out = np.empty(len(rows_a), np.bool_)

@@ -38,8 +38,8 @@ from obb_collision.numerics.sorting import (
 )
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS
 from obb_collision.queries.verdict.coarse import (
+    bounds_of,
     meeting_bounds,
-    sphere_bounds,
     spheres_may_collide,
 )
 from obb_collision.queries.verdict.overlap import iou
@@ -60,7 +60,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_candidates_between,
 )
 from obb_collision.scene.broad_phase.crowds import growing_candidates
-from obb_collision.typing import Columns, Floats, Rows
+from obb_collision.typing import Columns, Rows
 from obb_collision.words import shown
 
 #: Bits of a pair's key, below those of its rows, that are its verdict.
@@ -166,7 +166,7 @@ def find_pairs_and_verdicts(
     Below "obb" that is TOUCHING, for pairs not proven separate.
     """
     level = as_box_accuracy(accuracy)
-    bounds = _bounds(boxes, level)
+    bounds = bounds_of(boxes, level == Accuracy.SPHERE)
     if level == Accuracy.OBB:
         keys = find_candidates(*bounds, lambda pairs: colliding_keys(boxes, pairs))
         return pairs_of_keys(boxes, keys, exact)
@@ -174,14 +174,11 @@ def find_pairs_and_verdicts(
 
 
 def _find_between(a: Boxes, b: Boxes, exact: bool, level: Accuracy) -> Pairs:
-    candidates = find_candidates_between(*_bounds(a, level), *_bounds(b, level))
+    spheres = level == Accuracy.SPHERE
+    candidates = find_candidates_between(*bounds_of(a, spheres), *bounds_of(b, spheres))
     # of two sets in any case: a box of b that is one of a is still another box
     both, candidates = one_set(a, Boxes.trusted(*vars(b).values()), candidates)
     return _decided(both, candidates, exact, level)[0] - np.array([0, len(a)])
-
-
-def _bounds(boxes: Boxes, level: Accuracy) -> tuple[Floats, Floats]:
-    return sphere_bounds(boxes) if level == Accuracy.SPHERE else meeting_bounds(boxes)
 
 
 def _decided(

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
-from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
+from obb_collision.queries.verdict.coarse import bounds_of
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.refinement.budget import Levels
@@ -224,8 +224,7 @@ class Cycle:
 
     def bounds(self, slots: Rows) -> tuple[Floats, Floats]:
         """Return the bounds (n, 3), (n, 3) of slots whose overlap decides where a pair belongs."""
-        boxes = self.boxes[slots]
-        return sphere_bounds(boxes) if self.spheres else meeting_bounds(boxes)
+        return bounds_of(self.boxes[slots], self.spheres)
 
     def as_before(self) -> Before:
         """Return what the next check can compare with."""

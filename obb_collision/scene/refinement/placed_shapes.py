@@ -233,7 +233,7 @@ class PlacedShapes:
         there = copy(self._store)
         there.centers, there.rotations = boxes.centers, boxes.rotations
         there.half_extents, there.poses = boxes.half_extents, poses
-        return decide_pairs(there, self._cache, pairs, self._exact)[0][0]
+        return decide_pairs(there, self._cache, pairs, self._exact)[0].pairs
 
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
