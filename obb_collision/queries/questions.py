@@ -98,13 +98,11 @@ def _answer(
         if isinstance(a, first) and isinstance(b, second):
             given = {name: value for name, value in own.items() if value is not None}
             return answer(a, b, pairs, **shared, **given)
-    check_kind(a, *_named(dict.fromkeys(first for first, _ in table), "a"))
-    check_kind(b, *_named([second for first, second in table if isinstance(a, first)], "b"))
-
-
-def _named(kinds: Any, name: str) -> list[Any]:
-    first, *others = kinds
-    return [first, name, *others]
+    firsts = dict.fromkeys(first for first, _ in table)
+    seconds = [second for first, second in table if isinstance(a, first)]
+    for value, name, kinds in ((a, "a", firsts), (b, "b", seconds)):
+        kind, *others = kinds
+        check_kind(value, kind, name, *others)
 
 
 def verdicts(

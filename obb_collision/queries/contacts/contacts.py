@@ -74,6 +74,8 @@ from obb_collision.queries.verdict.verdict import careful_bound
 from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
 
+#: What ``Contacts.axes`` has for pairs that are no boxes.
+NO_AXIS = -1
 #: How many points a pair can be asked for.
 LIMITS = (4, 8)
 

@@ -50,7 +50,7 @@ from obb_collision.numerics.vec3 import (
     vector_at,
     write_at,
 )
-from obb_collision.queries.contacts.contacts import ContactArrays, Contacts
+from obb_collision.queries.contacts.contacts import NO_AXIS, ContactArrays, Contacts
 from obb_collision.queries.convex.distance import unit_of
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
 from obb_collision.queries.convex.support import (
@@ -359,8 +359,6 @@ def spread(points: Floats, count: int, limit: int) -> int:
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
 FEWEST_PAIRS = 32
-#: What ``Contacts.axes`` has for pairs that are no boxes.
-NO_AXIS = -1
 
 
 def convex_contacts(

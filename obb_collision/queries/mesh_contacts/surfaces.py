@@ -29,7 +29,12 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
-from obb_collision.queries.contacts.contacts import ContactArrays, Contacts, as_max_points
+from obb_collision.queries.contacts.contacts import (
+    NO_AXIS,
+    ContactArrays,
+    Contacts,
+    as_max_points,
+)
 from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import convex_distances, turned_back
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
@@ -108,8 +113,6 @@ def hulls_of(bodies: PlacedMeshes, rows: Integers, radii: Floats) -> ConvexBodie
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PATCHES = 16
-#: What ``Contacts.axes`` has for pairs that are no boxes.
-NO_AXIS = -1
 #: Points this near to both surfaces, relative to S, are on the curve.
 ON_CURVE = 1e-13
 #: Depths that differ by less than this, relative to S, are one.

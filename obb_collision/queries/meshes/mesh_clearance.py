@@ -54,7 +54,7 @@ from obb_collision.queries.meshes.two_trees import (
     tree_room,
 )
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.queries.verdict.pair_rows import RowPairs, as_sides
+from obb_collision.queries.verdict.pair_rows import RowPairs, as_each, as_sides
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
@@ -119,12 +119,9 @@ def clearances_of(
 
 def as_radii(given: ArrayLike, name: str, count: int) -> Floats:
     """Return the radius (n,) of each body."""
-    try:
-        radii = np.broadcast_to(np.asarray(given, np.float64), (count,))
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be one number or one for each body") from None
+    radii = as_each(given, name, "one number or one for each body", (count,))
     refuse_where(~((radii >= 0.0) & (radii < np.inf)), f"{name} must be finite and not negative")
-    return radii.copy()  # of one body, too: read-only, it would need a kernel of its own
+    return radii
 
 
 class Apart(NamedTuple):

@@ -98,11 +98,11 @@ def mesh_verdicts(
 
     effort: pairs of nodes to look at once they touch.
     """
-    if depth is not None:
-        return np.where(mesh_collisions(a, b, pairs, depth=depth), TOUCHING, SEPARATE).astype(
-            np.int8
-        )
     i, j = as_sides(a, b, pairs)
+    if depth is not None:
+        met, given = np.empty(len(i), np.bool_), RowPairs(a.arrays, i, b.arrays, j)
+        run(tree_kernel, len(i), FEWEST_PAIRS, given, as_whole(depth, "depth"), met)
+        return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
     if exact:
@@ -112,29 +112,6 @@ def mesh_verdicts(
         for k, n in enumerate(open_rows):
             faces = contacts[starts[k] : starts[k + 1], 1:3]
             result[n] = _decide_exactly(a, int(i[n]), b, int(j[n]), faces)
-    return result
-
-
-def mesh_collisions(
-    a: PlacedMeshes,
-    b: PlacedMeshes,
-    pairs: ArrayLike | None = None,
-    *,
-    depth: int | None = None,
-) -> NDArray[np.bool_]:
-    """Return which meshes collide (m,): quicker than verdicts, since touching ends the search.
-
-    depth: look at boxes of that depth (2^depth of them per mesh) instead of triangles: never misses
-    what triangles report. A pair whose boxes of a lesser depth are apart is not reported, even
-    where boxes below stick out of those above.
-    """
-    i, j = as_sides(a, b, pairs)
-    if depth is None:
-        return _find(a, b, i, j, TOUCHING, 0)[0] != SEPARATE
-    result = np.empty(len(i), np.bool_)
-    level = as_whole(depth, "depth")
-    pairs = RowPairs(a.arrays, i, b.arrays, j)
-    run(tree_kernel, len(i), FEWEST_PAIRS, pairs, level, result)
     return result
 
 

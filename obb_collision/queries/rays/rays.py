@@ -60,6 +60,7 @@ from obb_collision.queries.rays.boxes import (
     enters_bounds,
     hit_box,
 )
+from obb_collision.queries.verdict.pair_rows import as_each
 from obb_collision.queries.verdict.sat import box_at
 from obb_collision.typing import Floats, Integers, Vector
 
@@ -211,12 +212,9 @@ def _check_targets(boxes: Boxes | PlacedMeshes) -> None:
 
 def _reaches(max_distance: ArrayLike, count: int) -> Floats:
     """Return the largest distance of each ray (m,); infinity is allowed here."""
-    try:
-        reaches = np.broadcast_to(np.asarray(max_distance, np.float64), (count,))
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError("max_distance must be one number or one for each ray") from None
+    reaches = as_each(max_distance, "max_distance", "one number or one for each ray", (count,))
     refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
-    return reaches.copy()  # of one ray, too: read-only, it would need a kernel of its own
+    return reaches
 
 
 def _units(directions: Floats) -> tuple[Floats, Floats]:

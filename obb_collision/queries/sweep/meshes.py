@@ -82,7 +82,7 @@ from obb_collision.queries.sweep.sweep import (
     sweeps_of,
     write_sweep,
 )
-from obb_collision.queries.verdict.pair_rows import as_sides
+from obb_collision.queries.verdict.pair_rows import as_each, as_sides
 from obb_collision.typing import Floats, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
@@ -129,11 +129,9 @@ def _twisting(
     bodies: PlacedMeshes, given: ArrayLike, name: str, radii: Floats, seconds: float
 ) -> BodyMotion:
     """Return the motion of bodies, with radii (n,), that keep their twists (n, 6)."""
-    try:
-        rows = np.broadcast_to(np.asarray(given, np.float64), (len(bodies), 6))
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be one number, one row of six or (n, 6)") from None
-    twists, trees = as_array(rows, name, (len(bodies), 6)), bodies.trees
+    what, trees = "one number, one row of six or (n, 6)", bodies.trees
+    twists = as_each(given, name, what, (len(bodies), 6))
+    check_magnitude(twists, name, by_row=False)
     boxes = trees.nodes[trees.roots[bodies.meshes]]
     sizes = bounding_radii(boxes[:, HALF : HALF + 3].copy()) + radii
     reaches = (bounding_radii(boxes[:, :3].copy()) + sizes) * OUTWARD

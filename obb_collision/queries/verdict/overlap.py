@@ -35,9 +35,10 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays, Boxes, box_volumes
+from obb_collision.geometry.validation import check_kind
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, vector_at, write_at
-from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
+from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
 from obb_collision.queries.verdict.sat import Pair, box_at, enter_frame
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, pair_verdicts
 from obb_collision.typing import Floats, Integers, Vector
@@ -111,7 +112,8 @@ def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
 
 
 def _overlaps(a: Boxes, b: Boxes, pairs: ArrayLike | None) -> tuple[Floats, Floats]:
-    check_boxes(a, b)
+    check_kind(a, Boxes, "a")
+    check_kind(b, Boxes, "b")
     rows = as_pairs(a, b, pairs)
     verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())
     boxes, rows = one_set(a, b, rows)

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import as_indices, check_kind
-from obb_collision.typing import Integers, Rows
+from obb_collision.geometry.validation import as_indices
+from obb_collision.typing import Floats, Integers, Rows
 
 
 class Sized(Protocol):
@@ -92,7 +92,12 @@ def one_set(a: Boxes, b: Boxes, pairs: Integers) -> tuple[Boxes, Integers]:
     return Boxes.trusted(*both), pairs + np.array([0, len(a)])
 
 
-def check_boxes(a: Boxes, b: Boxes) -> None:
-    """Raise TypeError naming the argument unless both are boxes."""
-    check_kind(a, Boxes, "a")
-    check_kind(b, Boxes, "b")
+def as_each(value: ArrayLike, name: str, what: str, shape: tuple[int, ...]) -> Floats:
+    """Return numbers of a shape, one for each or one for all; ValueError otherwise.
+
+    A copy: what is read-only would need kernels of its own.
+    """
+    try:
+        return np.broadcast_to(np.asarray(value, np.float64), shape).copy()
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be {what}") from None

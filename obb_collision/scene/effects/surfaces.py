@@ -20,9 +20,9 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.contacts.contacts import NO_AXIS, Contacts
 from obb_collision.queries.mesh_contacts.body_depths import within_bodies
-from obb_collision.queries.mesh_contacts.surfaces import NO_AXIS, patches_of, within
+from obb_collision.queries.mesh_contacts.surfaces import patches_of, within
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Setting, take_rows, write_rows
