@@ -56,7 +56,7 @@ class Checks:
     def __init__(self, objects: SceneObjects, rules: PairRules, exact: bool) -> None:
         self._objects, self._rules = objects, rules
         self.exact = exact
-        self.effects = EffectSettings(EFFECTS.values())
+        self.effects = EffectSettings(EFFECTS)
         self.obstacle_points: NDArray[Any] | None = None
         self.budget: Budget | None = None
         self.max_pairs: int | None = None

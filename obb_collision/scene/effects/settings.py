@@ -34,16 +34,24 @@ OFF, AUTO, ON = MODES = ("off", "auto", "on")
 class EffectSettings:
     """One ``Setting`` per effect, by name."""
 
-    def __init__(self, effects: Iterable[Effect]) -> None:
-        self._effects = {effect.name: effect for effect in effects}
-        self._settings = {
+    def __init__(
+        self, effects: Mapping[str, Effect], settings: Mapping[str, Setting] | None = None
+    ) -> None:
+        self._effects = effects
+        self._settings = settings or {
             name: Setting(values={key: option.default for key, option in effect.options.items()})
-            for name, effect in self._effects.items()
+            for name, effect in effects.items()
         }
         self._resolved: tuple[int, dict[str, Setting]] | None = None
-        self._always: tuple[str, ...] = ()  # those that are on
-        self._above_obb = False
-        self.any_possible = True  # whether one is not off
+        modes = {name: setting.mode for name, setting in self._settings.items()}
+        self._always = tuple(name for name, mode in modes.items() if mode == ON)
+        self.any_possible = any(mode != OFF for mode in modes.values())
+        """Whether one is not off."""
+        self.above_obb = any(
+            setting.mode != OFF and setting.values.get(ACCURACY, AS_PAIRS) in ("hull", "mesh")
+            for setting in self._settings.values()
+        )
+        """Whether one that is not off is computed above OBB, whatever decides pairs."""
 
     def __getitem__(self, name: str) -> Setting:
         return self._settings[self.check_name(name)]
@@ -74,27 +82,14 @@ class EffectSettings:
                 raise ValueError(f"effect {name} {choices}; got {key!r}")
             values[key] = known[key].checked(f"{name} {key}", value)
         patterns = setting.objects if objects is None else as_patterns(objects, f"{name} objects")
-        new = EffectSettings(self._effects.values())
         one = replace(setting, mode=mode or setting.mode, objects=patterns, values=values)
-        new._settings = {**self._settings, name: one}
-        new._always = tuple(key for key, value in new._settings.items() if value.mode == ON)
-        new.any_possible = any(value.mode != OFF for value in new._settings.values())
-        new._above_obb = any(
-            value.mode != OFF and value.values.get(ACCURACY, AS_PAIRS) in ("hull", "mesh")
-            for value in new._settings.values()
-        )
-        return new
+        return EffectSettings(self._effects, {**self._settings, name: one})
 
     def reach(self) -> float:
         """Return how far beyond objects the effects that are not off look (m)."""
         return max(
             self._settings[name].reach(effect.options) for name, effect in self._effects.items()
         )
-
-    @property
-    def above_obb(self) -> bool:
-        """True if an effect that is not off is to be computed above OBB, whatever decides pairs."""
-        return self._above_obb
 
     def wanted(self, asked: Iterable[str] | str) -> Sequence[str]:
         """Return the effects to compute: those that are on, and those asked for that are not off.
