@@ -140,15 +140,20 @@ class SceneObjects:
 
     def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
         """Give boxes other edge lengths (n, 3); nothing is checked."""
+        store = self.store
+        own, growths = store.own_paddings[indices], store.growths[indices]
+        box = {"local_centers": 0.0, "local_rotations": np.eye(3)}
         self.cache.drop_many(indices.tolist())
-        self.store.resize(indices, halves(sizes))
+        store.write(indices, {**box, **extents(halves(sizes), own, growths)})
 
     def grow(self, indices: NDArray[np.int64], growths: Floats) -> None:
         """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
 
         In place of what they were grown by before: zeros take it back.
         """
-        self.store.set_growths(indices, growths)
+        store, other = self.store, growths != self.store.growths[indices]
+        rows, own = indices[other], store.own_paddings[indices[other]]
+        store.write(rows, extents(store.local_half_extents[rows], own, growths[other]))
 
     def speeds_of(self, indices: NDArray[np.int64], twists: Floats) -> Floats:
         """Return the maximum speed (n,) of any point of objects; nothing is checked.

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.validation import as_flag
 from obb_collision.scene.store.completed import completed
-from obb_collision.scene.store.patterns import as_patterns, as_tuples, matching
+from obb_collision.scene.store.patterns import as_patterns, as_tuples, is_pattern, matching
 from obb_collision.typing import Mask, Rows
 
 Patterns = tuple[str, ...]
@@ -130,7 +130,7 @@ def _members(
     side: Patterns, names: Sequence[str | None], where: dict[str, int]
 ) -> NDArray[np.bool_]:
     """Return which names (n,) a side names or matches; where: the row of each."""
-    patterns = [pattern for pattern in side if set(pattern) & set("*?[")]
+    patterns = list(filter(is_pattern, side))
     found = matching(patterns, names) if patterns else np.zeros(len(names), np.bool_)
     found[[where[name] for name in side if name in where]] = True
     return found
@@ -290,10 +290,4 @@ def _meet(a: Patterns, b: Patterns) -> bool:
 
 
 def _may_match(a: str, b: str) -> bool:
-    if _is_name(a):
-        return fnmatchcase(a, b)
-    return not _is_name(b) or fnmatchcase(b, a)
-
-
-def _is_name(pattern: str) -> bool:
-    return not set(pattern) & set("*?[")
+    return (is_pattern(a) and is_pattern(b)) or fnmatchcase(a, b) or fnmatchcase(b, a)

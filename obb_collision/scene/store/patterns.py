@@ -54,9 +54,14 @@ def as_tuples(value: Iterable[Any], name: str, length: int) -> list[tuple[Any, .
     return rows
 
 
+def is_pattern(text: str) -> bool:
+    """Return whether a text may match other names than itself."""
+    return any(letter in text for letter in "*?[")
+
+
 def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[np.bool_]:
     """Return (n,) whether each name, None for nothing, matches any of the patterns."""
-    whole = {pattern for pattern in patterns if not set(pattern) & set("*?[")}
+    whole = {pattern for pattern in patterns if not is_pattern(pattern)}
     matches = [re.compile(translate(p)).match for p in patterns if p not in whole]
     found = (
         name is not None and (name in whole or any(match(name) for match in matches))
@@ -119,11 +124,11 @@ class Overrides(Generic[Value]):
     def __init__(self, overrides: Sequence[tuple[str, Value]] = ()) -> None:
         self.overrides = tuple(overrides)
         numbered = list(enumerate(self.overrides))
-        self._names = {where: number for number, (where, _) in numbered if not _is_pattern(where)}
+        self._names = {where: number for number, (where, _) in numbered if not is_pattern(where)}
         self._tests = [
             (number, re.compile(translate(where)).match)
             for number, (where, _) in reversed(numbered)
-            if _is_pattern(where)
+            if is_pattern(where)
         ]
 
     def __bool__(self) -> bool:
@@ -142,7 +147,3 @@ def limited(
 ) -> Overrides[Accuracy]:
     """Return overrides with the nearest level from ``lowest`` to ``highest`` each."""
     return Overrides([(where, min(max(level, lowest), highest)) for where, level in overrides])
-
-
-def _is_pattern(where: str) -> bool:
-    return any(letter in where for letter in "*?[")

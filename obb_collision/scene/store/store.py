@@ -344,19 +344,6 @@ class ObjectStore:
         columns = extents(self.local_half_extents[rows], padding, self.growths[rows])
         self.write(rows, {"padded": of_its_own, **columns})
 
-    def set_growths(self, rows: Rows, growths: Floats) -> None:
-        """Grow slots by (n,) metres beyond their padding, in place of what they were grown by."""
-        other = growths != self.growths[rows]
-        rows, growths = rows[other], growths[other]
-        own = self.own_paddings[rows]
-        self.write(rows, extents(self.local_half_extents[rows], own, growths))
-
-    def resize(self, rows: Rows, half_extents: Floats) -> None:
-        """Make slots boxes about their origins; where these are is not computed anew."""
-        own, growths = self.own_paddings[rows], self.growths[rows]
-        box = {"local_centers": 0.0, "local_rotations": np.eye(3)}
-        self.write(rows, {**box, **extents(half_extents, own, growths)})
-
     def boxes(self, rows: Rows) -> Boxes:
         """Return the world boxes of slots."""
         return Boxes.trusted(self.centers[rows], self.rotations[rows], self.half_extents[rows])
