@@ -388,9 +388,8 @@ class OBB(ArrayValue):
         >>> box.intersects(oc.OBB([2, 0, 0], np.eye(3), [1, 1, 1]))
         True
         """
-        check_kind(other, OBB, "other")
-        exactly = as_flag(exact, "exact")
-        return int(box_verdicts(self._boxes(), other._boxes(), exact=exactly)[0]) != SEPARATE
+        both = self._with(other)
+        return int(box_verdicts(*both, exact=as_flag(exact, "exact"))[0]) != SEPARATE
 
     def separation(self, other: OBB) -> Separation:
         """Return the signed gap, its axis, and the verdict.
@@ -420,8 +419,7 @@ class OBB(ArrayValue):
         >>> gap, axis.tolist(), verdict.name
         (2.0, [1.0, 0.0, 0.0], 'SEPARATE')
         """
-        check_kind(other, OBB, "other")
-        found = box_separations(self._boxes(), other._boxes())
+        found = box_separations(*self._with(other))
         verdict = Verdict(int(found.verdicts[0]))
         return Separation(float(found.separations[0]), found.normals[0], verdict)
 
@@ -448,8 +446,7 @@ class OBB(ArrayValue):
         >>> box.overlap_volume(oc.OBB([1, 0, 0], np.eye(3), [1, 1, 1]))
         4.0
         """
-        check_kind(other, OBB, "other")
-        return float(overlap_volumes(self._boxes(), other._boxes())[0])
+        return float(overlap_volumes(*self._with(other))[0])
 
     def iou(self, other: OBB) -> float:
         """Return intersection over union, from 0 to 1.
@@ -474,8 +471,12 @@ class OBB(ArrayValue):
         >>> box.iou(oc.OBB([0, 0, 0.5], np.eye(3), [1, 1, 0.5]))
         0.5
         """
+        return float(iou(*self._with(other))[0])
+
+    def _with(self, other: OBB) -> tuple[Boxes, Boxes]:
+        """Return this box and another; TypeError for anything else."""
         check_kind(other, OBB, "other")
-        return float(iou(self._boxes(), other._boxes())[0])
+        return self._boxes(), other._boxes()
 
     def _boxes(self) -> Boxes:
         return Boxes.trusted(self.center[None], self.rotation[None], self.half_extents[None])

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,22 +32,13 @@ OBJECT_FIELDS = ("ns", "id")
 MOST_WAITING = 100
 
 
+@dataclass
 class Presence:
     """When the last message of a region came, and how many objects it held: times in seconds."""
 
-    def __init__(self) -> None:
-        self.last = -np.inf
-        self.since = np.inf  # has been right since then
-        self.counts: list[tuple[float, int]] = []
-
-    def mark_alive(self, objects: int, now: float, timeout: float) -> None:
-        """Note a sign of life."""
-        if now - self.last > timeout:
-            self.counts.clear()
-            self.since = np.inf
-        self.last = now
-        self.counts = [(when, n) for when, n in self.counts if now - when <= timeout]
-        self.counts.append((now, objects))
+    last: float = -np.inf
+    since: float = np.inf  #: has been right since then
+    counts: list[tuple[float, int]] = field(default_factory=list)
 
 
 class RegionMerger:
@@ -120,7 +112,12 @@ class RegionMerger:
         {'west': 'back for 0.2 s'}
         """
         number, when = as_whole(objects, "objects"), float(as_array(now, "now", ()))
-        self._presence(region).mark_alive(number, when, self.timeout)
+        found = self._presence(region)
+        if when - found.last > self.timeout:
+            found.since = np.inf
+        found.last = when
+        recent = [(then, n) for then, n in found.counts if when - then <= self.timeout]
+        found.counts = [*recent, (when, number)]
         self.missing(when)
 
     def missing(self, now: float) -> dict[str, str]:

@@ -146,7 +146,9 @@ def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) 
     check_lengths(origins=o, directions=d)
     units, norms = _units(d)
     refuse_where(norms == 0.0, "directions must not be zero")
-    return Rays(o, units, _reaches(max_distance, len(o)))
+    reaches = as_each(max_distance, "max_distance", "one number or one for each ray", (len(o),))
+    refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
+    return Rays(o, units, reaches)
 
 
 def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
@@ -208,13 +210,6 @@ def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLik
 def _check_targets(boxes: Boxes | PlacedMeshes) -> None:
     if not isinstance(boxes, PlacedMeshes):
         check_kind(boxes, Boxes, "boxes")
-
-
-def _reaches(max_distance: ArrayLike, count: int) -> Floats:
-    """Return the largest distance of each ray (m,); infinity is allowed here."""
-    reaches = as_each(max_distance, "max_distance", "one number or one for each ray", (count,))
-    refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
-    return reaches
 
 
 def _units(directions: Floats) -> tuple[Floats, Floats]:

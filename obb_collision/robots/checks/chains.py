@@ -26,15 +26,9 @@ from obb_collision.typing import Floats, Integers
 
 #: Relative growth of lengths: more than their roundings.
 LENGTH_GROWTH = 1.0 + 2.0**12 * ROUNDOFF
+NO_PARTS, NO_LENGTHS = np.empty(0, np.int64), np.empty((0, 2))
 #: For what does not ask how bodies move.
-NO_CHAINS = Chains(
-    np.empty((0, 2)),
-    np.empty((0, 2)),
-    np.empty(0, np.int64),
-    np.zeros(1, np.int64),
-    np.empty((0, 2)),
-    np.empty(0, np.int64),
-)
+NO_CHAINS = Chains(NO_LENGTHS, NO_LENGTHS, NO_PARTS, np.zeros(1, np.int64), NO_LENGTHS, NO_PARTS)
 
 
 def chains_of(tree: Tree, bodies: LinkBodies, pairs: Integers, first: int, boxes: bool) -> Chains:

@@ -39,7 +39,6 @@ from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
     Checked,
     LinkBodies,
-    PairValues,
     Placed,
     Tests,
     new_placed,
@@ -312,11 +311,8 @@ def _all_distances(
     prepared: Prepared, accuracy: Accuracy, states: Floats, limit: float
 ) -> tuple[Rows, NearestPairs]:
     """Return the distances of all pairs of bodies within a limit."""
-    tests = prepared.checked.tests
-    ends = tests.first, len(tests.pairs)
-    near = PairValues(*(np.full((1, end), limit) for end in ends))
     level = Accuracy.OBB if accuracy < Accuracy.HULL else Accuracy.HULL
-    rows, pairs = all_pairs(prepared, level, states, near)
+    rows, pairs = all_pairs(prepared, level, states, prepared.within(np.full(1, limit)))
     given = np.ascontiguousarray(states[rows])
     bounds = hull_distances(prepared, given, pairs, limit, boxes=bool(accuracy < Accuracy.HULL))
     if accuracy == Accuracy.MESH:
@@ -334,10 +330,7 @@ def _decide_meshes(prepared: Prepared, states: Floats, limit: float, nearest: Ne
     best = PairDistances(lower, upper, nearest.vectors[rows])
     set_mesh_distances(prepared, some, first, best, limit, depths=True)
     reach = np.clip(best.lower, 0.0, limit) * GROWTH
-    tests = prepared.checked.tests
-    ends = tests.first, len(tests.pairs)
-    near = PairValues(*(np.repeat(reach[:, None], end, axis=1) for end in ends))
-    numbers, pairs = all_pairs(prepared, Accuracy.HULL, some, near)
+    numbers, pairs = all_pairs(prepared, Accuracy.HULL, some, prepared.within(reach))
     others = (pairs != first[numbers]).any(axis=1)
     numbers, pairs = numbers[others], pairs[others]
     hulls = hull_distances(prepared, some[numbers], pairs, limit)

@@ -129,8 +129,12 @@ class Prepared:
     @cached_property
     def touching(self) -> PairValues:
         """Distances of zero: bodies must touch to collide."""
-        tests = self.checked.tests
-        return PairValues(np.zeros((1, tests.first)), np.zeros((1, len(tests.pairs))))
+        return self.within(np.zeros(1))
+
+    def within(self, reach: Floats) -> PairValues:
+        """Return distances (k,) of all pairs of bodies, by state (k,), or one for all."""
+        ends = self.checked.tests.first, len(self.checked.tests.pairs)
+        return PairValues(*(np.repeat(reach[:, None], end, axis=1) for end in ends))
 
     @cached_property
     def meshes(self) -> Mask:

@@ -222,18 +222,8 @@ def _moving(body: LinkBodies, chain: Chain) -> Moving:
     x, y, z = body.centers[0].tolist()
     radius, reach = float(body.rounds[0]), float(body.reaches[0])
     sphere, count = max(float(body.spheres[0]) - radius, 0.0), len(chain.axes)
-    return Moving(
-        chain,
-        body.blocks,
-        (x, y, z),
-        sphere,
-        radius,
-        reach,
-        np.empty((count, 3)),
-        np.empty((count, 3)),
-        np.empty(count),
-        np.empty(count),
-    )
+    axes, values = np.empty((2, count, 3)), np.empty((2, count))
+    return Moving(chain, body.blocks, (x, y, z), sphere, radius, reach, *axes, *values)
 
 
 class _Step(NamedTuple):

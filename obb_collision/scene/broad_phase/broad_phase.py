@@ -23,6 +23,7 @@ n^2 / 2 pairs to report, unless there is a limit (see ``limit``).
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -82,10 +83,7 @@ def find_some_candidates(tree: BoundsTree, most: int, each: Each | None = None) 
 
     Whatever there are, memory and time are those of ``most`` pairs at the most.
     """
-
-    def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return _self_overlaps(tuple(tree), most, pairs, start, stop)
-
+    search = partial(_self_overlaps, tuple(tree), most)
     return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, each)
 
 
@@ -104,10 +102,7 @@ def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | 
     """
     wanted = np.zeros(len(tree.order), np.bool_)
     wanted[rows] = True
-
-    def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return row_overlaps(tree, rows, wanted, most, pairs, start, stop)
-
+    search = partial(row_overlaps, tree, rows, wanted, most)
     return _collect(search, len(rows), FEWEST_ROWS, 4 * ROOM_PER_ROW, most)
 
 
@@ -121,10 +116,7 @@ def find_candidates_between(
     if len(minimum) == 0 or len(other_minimum) == 0:
         return NO_PAIRS
     tree = BoundsTree.build(other_minimum, other_maximum)
-
-    def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return _overlaps_between(minimum, maximum, tree, pairs, start, stop)
-
+    search = partial(_overlaps_between, minimum, maximum, tree)
     pairs = _collect(search, len(minimum), FEWEST_ROWS, 2 * ROOM_PER_ROW, UNLIMITED)
     assert pairs is not None
     return pairs

@@ -58,10 +58,10 @@ class Builder:
     requested something else by then: its outcome is newer than what they have. No method waits.
     """
 
-    def __init__(self, limits: Limits | None = None, process: WorkerProcess | None = None) -> None:
-        self.limits = limits or Limits()
+    def __init__(self) -> None:
+        self.limits = Limits()
         """May be set at any time."""
-        self.process = process or WorkerProcess()
+        self.process = WorkerProcess()
         """Where jobs are done."""
         self._changed = Condition()
         self._wanted: dict[Hashable, Hashable] = {}  # signatures by key, in the order of requests

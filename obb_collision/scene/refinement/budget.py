@@ -260,7 +260,9 @@ def refine(
             _decide(job, level, np.flatnonzero(asked == level), state, None)
         return
     budget.refining()
-    _meet_levels(job, asked, budget)
+    for level in ABOVE:
+        if budget.cost(level) is None:  # so it is measured with a few pairs
+            _try(job, level, asked, budget, FIRST_SHARE)
     counts = {level: int(((asked == level) & ~waiting).sum()) for level in ABOVE}
     target = np.minimum(asked, budget.choose(counts))
     for level in ABOVE:
@@ -299,13 +301,6 @@ def _decide(
         done, calls = done + len(portion), calls + 1
     if calls:
         budget.learn(level, done, seconds, calls)
-
-
-def _meet_levels(job: Job, asked: Levels, budget: Budget) -> None:
-    """Measure with a few pairs what the levels cost that have no estimate yet."""
-    for level in ABOVE:
-        if budget.cost(level) is None:
-            _try(job, level, asked, budget, FIRST_SHARE)
 
 
 def _try(job: Job, level: Accuracy, asked: Levels, budget: Budget, share: float) -> None:
