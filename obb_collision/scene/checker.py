@@ -46,7 +46,7 @@ from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.effects.base import Outcome
 from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.pair_updates import FEW, few_pairs, merge_keys, merge_pairs
-from obb_collision.scene.refinement.budget import Budget, Levels
+from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import (
     NONE,
     Decided,
@@ -90,20 +90,13 @@ class Findings:
     (n,): then which slots do, in whatever pair.
     """
 
-    pairs: Pairs
-    verdicts: Verdicts
-    accuracies: Levels
+    decided: Decided
     behind: bool = False
     cap: Accuracy | None = None
     old: Rows | None = None
     total: int | None = None
     colliding: Mask | None = None
     outcomes: dict[str, Outcome] = field(default_factory=dict)
-
-    @property
-    def found(self) -> Decided:
-        """Pairs, verdicts and levels."""
-        return Decided(self.pairs, self.verdicts, self.accuracies)
 
 
 NO_ROWS, NO_KEYS = np.empty(0, np.bool_), np.empty(0, np.int64)
@@ -181,7 +174,7 @@ class Checker:
         if last is not None and last.total is not None:
             last = None  # not all of its pairs are known
         if last is not None and not (store.touched or last.behind):
-            found = Findings(*last.found, old=np.arange(len(last.pairs)))
+            found = Findings(last.decided, old=np.arange(len(last.decided.pairs)))
         else:
             found = self._find_anew(last, exact, budget)
         found.cap = None if budget is None else budget.cap
@@ -199,7 +192,7 @@ class Checker:
         active = self._layout.active
         if self._layout.plain and len(active) <= FEW:
             few = self._find_few(last, exact)
-            if self.limit is None or len(few.pairs) <= self.limit:
+            if self.limit is None or len(few.decided.pairs) <= self.limit:
                 return few
         if last is not None:
             slots = store.changed.nonzero()[0]
@@ -215,7 +208,7 @@ class Checker:
         self._bounds = self._tree = None
         (pairs, verdicts), old = self._room, self._old
         boxes = store.centers, store.rotations, store.half_extents
-        before = NO_PAIRS if last is None else last.pairs
+        before = NO_PAIRS if last is None else last.decided.pairs
         found, known = few_pairs(
             boxes, self._layout.active, store.changed, before, pairs, verdicts, old
         )
@@ -229,7 +222,7 @@ class Checker:
             if self.pair_filter is not None:
                 kept &= self.pair_filter(*pairs.T)
             pairs, verdicts, old = pairs[kept], verdicts[kept], old[kept]
-        return Findings(*self._on_obb(pairs, verdicts), old=old if known else None)
+        return Findings(self._on_obb(pairs, verdicts), old=old if known else None)
 
     def _find_all(self, exact: bool, budget: Budget | None) -> Findings:
         """Decide all pairs, or as many as the limit leaves."""
@@ -238,11 +231,10 @@ class Checker:
         active, minimum, maximum = self._active_bounds()
         if self.limit is None and self._layout.plain:
             keys = find_candidates(minimum, maximum, self._colliding_keys)
-            return Findings(*self._on_obb(*pairs_of_keys(self._store.all_boxes(), keys, exact)))
+            return Findings(self._on_obb(*pairs_of_keys(self._store.all_boxes(), keys, exact)))
         if self.limit is None or len(active) < 2:
             candidates = self._slots(find_candidates(minimum, maximum))
-            found, behind = self._decide(candidates, exact, budget)
-            return Findings(*found, behind)
+            return Findings(*self._decide(candidates, exact, budget))
         behinds: list[bool] = []
 
         def decide(candidates: Pairs) -> Decided:
@@ -259,7 +251,7 @@ class Checker:
         found, total, colliding = find_limited(*given)
         # never behind where pairs are left out: these can't be kept for the next check
         behind = total is None and any(behinds)
-        return Findings(*found, behind, total=total, colliding=colliding)
+        return Findings(found, behind, total=total, colliding=colliding)
 
     def _find_changed(
         self, last: Findings, slots: Rows, exact: bool, budget: Budget | None
@@ -274,29 +266,29 @@ class Checker:
             candidates = self._candidates(self._update_bounds())
             if candidates is None:
                 return None
-        keys, behind = NO_KEYS, False
+        keys, behind, before = NO_KEYS, False, last.decided
         again, waiting, new = NO_ROWS, NONE, NONE
         simple = self._layout.plain and not (exact or last.behind)
         if simple:
             keys = all_colliding_keys(store.all_boxes(), self._counted(candidates))
         else:
             if last.behind:
-                again = last.accuracies < pair_levels(store, *columns(last.pairs))
-                again &= ~store.changed[last.pairs].any(axis=1)
-                waiting = last.found.take(again)
+                again = before.levels < pair_levels(store, *columns(before.pairs))
+                again &= ~store.changed[before.pairs].any(axis=1)
+                waiting = before.take(again)
             new, behind = self._decide(candidates, exact, budget, waiting)
-        most = len(last.pairs) + len(keys) + len(new.pairs)
+        most = len(before.pairs) + len(keys) + len(new.pairs)
         pairs, old = np.empty((most, 2), np.int64), np.empty(most, np.int64)
         verdicts, levels = np.empty(most, np.int8), np.empty(most, np.int8)
         outputs = pairs, verdicts, levels, old
         if simple:
-            count = merge_keys(*last.found, store.changed, keys, *outputs)
+            count = merge_keys(*before, store.changed, keys, *outputs)
         else:
-            count = merge_pairs(*last.found, store.changed, again, *new, *outputs)
+            count = merge_pairs(*before, store.changed, again, *new, *outputs)
         if self.limit is not None and count > self.limit:
             return None
         found = Decided(pairs, verdicts, levels).take(slice(count))
-        return Findings(*found, behind, old=old[:count])
+        return Findings(found, behind, old=old[:count])
 
     def _few_candidates(self, slots: Rows) -> Pairs | None:
         """Return ``_candidates`` of a few changed slots (k,), None if not to be had at once."""

@@ -131,8 +131,7 @@ class Checks:
         return Cycle(
             snapshot=store.snapshot(),
             active=active,
-            pairs=found.pairs,
-            verdicts=found.verdicts,
+            pairs=found.decided.pairs,
             pair_filter=self.checker.pair_filter,
             old=found.old,
             last=last.outcomes_before,
@@ -151,5 +150,6 @@ class Checks:
         """Return the shapes for effects above OBB; None where each speaks of boxes."""
         if self.checker.plain and not self.effects.above_obb:
             return None
-        objects, pairs = self._objects, (found.pairs, found.accuracies, found.cap)
-        return PlacedShapes(objects.store, objects.cache, *pairs, self.exact, found.total is None)
+        objects, (pairs, _, levels) = self._objects, found.decided
+        given = objects.store, objects.cache, pairs, levels, found.cap
+        return PlacedShapes(*given, self.exact, found.total is None)

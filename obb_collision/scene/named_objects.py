@@ -292,9 +292,7 @@ class NamedObjects(NotCopied):
         0
         """
         slot = self._objects.store.slot(name)
-        if self._objects.store.enabled[slot] != as_flag(enabled, "enabled"):
-            self._objects.store.mark(slot)
-            self._objects.store.enable(slot, enabled)
+        self._objects.set_enabled([slot], as_flag(enabled, "enabled"))
 
     def set_padding(self, name: str, padding: float | None) -> None:
         """Set the padding of one object; None: that of its override or of the scene.

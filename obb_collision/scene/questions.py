@@ -16,9 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -39,11 +36,11 @@ from obb_collision.scene.broad_phase.broad_phase import Pairs, find_candidates_o
 from obb_collision.scene.broad_phase.crowds import growing_candidates
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.objects import local_boxes
 from obb_collision.scene.refinement.ladder import NONE, decide_pairs, is_plain, needs_spheres
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, PlacedShapes
 from obb_collision.scene.store.allowed import PairFilter
 from obb_collision.scene.store.kinds import TRIANGLES, kind_of
-from obb_collision.scene.store.placing import LocalBoxes
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
@@ -67,13 +64,23 @@ def any_collides(
     return False
 
 
-def colliding_with(store: ObjectStore, cache: ShapeCache, slot: int, exact: bool) -> Rows:
-    """Return the slots of the objects that the one of a slot collides with, ascending."""
-    active = np.flatnonzero(store.active)
-    row = int(np.searchsorted(active, slot))
-    bounds = bounds_of(store.boxes(active), needs_spheres(store))
-    pairs = _colliding(store, cache, active[find_candidates_of(*bounds, row)], exact)
-    return np.sort(pairs.sum(axis=1) - slot)
+def colliding_with(
+    store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, pose: Floats, padding: float,
+    level: Accuracy, exact: bool,
+) -> Rows:  # fmt: skip
+    """Return the slots of the objects that a body would collide with, ascending."""
+    there, slot = store.with_body(local_boxes(shape), pose, padding, kind_of(shape), level)
+    own = cache.at_once()
+    own.put(own.shape_for(slot, shape))
+    try:
+        active = np.flatnonzero(there.active)
+        bounds = bounds_of(there.boxes(active), needs_spheres(there))
+        candidates = find_candidates_of(*bounds, int(np.searchsorted(active, slot)))
+        pairs = _colliding(there, own, active[candidates], exact)
+        return np.sort(pairs.sum(axis=1) - slot)
+    finally:
+        cache.retain(slot)
+        cache.leave(slot)  # should this not come to its end, whoever takes the slot does it
 
 
 def _colliding(store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool) -> Pairs:
@@ -81,22 +88,6 @@ def _colliding(store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: 
     if is_plain(store):
         return colliding_pairs(store.all_boxes(), candidates, exact)[0]
     return decide_pairs(store, cache, candidates, exact)[0].pairs
-
-
-@contextmanager
-def body_in(
-    store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, box: LocalBoxes, pose: Floats,
-    padding: float, level: Accuracy,
-) -> Iterator[tuple[ObjectStore, ShapeCache, int]]:  # fmt: skip
-    """Yield copies of a store and a cache that have a body, and its slot; no object changes."""
-    there, slot = store.with_body(box, pose, padding, kind_of(shape), level)
-    own = cache.at_once()
-    own.put(own.shape_for(slot, shape))
-    try:
-        yield there, own, slot
-    finally:
-        cache.retain(slot)
-        cache.leave(slot)  # should this not come to its end, whoever takes the slot does it
 
 
 def cast_at_objects(

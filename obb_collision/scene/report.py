@@ -96,17 +96,17 @@ class Report:
     @cached_property
     def pairs(self) -> Pairs:
         """(m, 2) indices i < j of objects; read-only, as the next check goes by them."""
-        return _read_only(self._found.pairs)
+        return _read_only(self._found.decided.pairs)
 
     @cached_property
     def verdicts(self) -> Verdicts:
         """(m,) TOUCHING or OVERLAP."""
-        return _read_only(self._found.verdicts)
+        return _read_only(self._found.decided.verdicts)
 
     @cached_property
     def accuracies(self) -> Levels:
         """(m,) the ``Accuracy`` that each pair was decided on."""
-        return _read_only(self._found.accuracies)
+        return _read_only(self._found.decided.levels)
 
     @property
     def cap(self) -> Accuracy | None:
@@ -134,7 +134,7 @@ class Report:
         return self._make_cycle(self._found)
 
     def __len__(self) -> int:
-        return len(self._found.pairs)
+        return len(self._found.decided.pairs)
 
     def __repr__(self) -> str:
         more = f" of at least {self.total}" if self.truncated else ""

@@ -38,8 +38,8 @@ from obb_collision.queries.rays.rays import RayHits
 from obb_collision.scene.checks import Checks
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.named_objects import NamedObjects
-from obb_collision.scene.objects import as_padding, local_boxes
-from obb_collision.scene.questions import any_collides, body_in, cast_at_objects, colliding_with
+from obb_collision.scene.objects import as_padding
+from obb_collision.scene.questions import any_collides, cast_at_objects, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import PairRules
@@ -350,7 +350,7 @@ class Scene(NamedObjects):
         """
         store, last = self._objects.store, self._checks.checker.last
         if last is not None and not last.behind and not store.touched:
-            return len(last.pairs) > 0
+            return len(last.decided.pairs) > 0
         if self._checks.region is not None:
             return len(self.check()) > 0
         pair_filter = self._rules.pair_filter(store.names, store.version)
@@ -408,11 +408,9 @@ class Scene(NamedObjects):
         level = self._objects.accuracy if accuracy is None else as_accuracy(accuracy)
         patterns = as_patterns(ignore, "ignore")
         self._checks.checker.settle_region()
-        store, box = self._objects.store, local_boxes(shape)
-        body = body_in(store, self._objects.cache, shape, box, where, padding, level)
-        with body as (there, cache, slot):
-            found = colliding_with(there, cache, slot, self._checks.exact)
-            names = [str(store.names[row]) for row in found]
+        store, body = self._objects.store, (shape, where, padding, level)
+        found = colliding_with(store, self._objects.cache, *body, self._checks.exact)
+        names = [str(store.names[row]) for row in found]
         return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
 
     def cast_rays(

@@ -65,7 +65,11 @@ class Spans(NamedTuple):
 
     def take(self, rows: Rows | Mask) -> Spans:
         """Return some of them."""
-        return Spans(self.motions[rows], self.pairs[rows], self.times[rows], self.collide[rows])
+        return Spans._make(column[rows] for column in self)
+
+    def joined(self, others: Spans) -> Spans:
+        """Return others behind these."""
+        return Spans._make(map(np.concatenate, zip(self, others, strict=True)))
 
 
 def check_motions(
@@ -131,15 +135,13 @@ def _decide_meshes(prepared: Prepared, question: Motions, hits: MotionHits, span
             break
         order = np.lexsort([spans.times[:, 0], spans.motions])
         ranks = np.arange(len(order)) - np.searchsorted(spans.motions[order], spans.motions[order])
-        now = order[ranks < AT_ONCE]
-        later = order[ranks >= AT_ONCE]
-        some = spans.take(now)
+        some, later = spans.take(order[ranks < AT_ONCE]), spans.take(order[ranks >= AT_ONCE])
         found, rest = _halved(prepared, question, some, step == MOST_ROUNDS - 1)
         latest_first = np.argsort(-found.times)
         for values, new in ((limits, found.times), (hits.undecided, ~found.collide)):
             values[found.motions[latest_first]] = new[latest_first]
         hits.pairs[found.motions[latest_first]] = found.pairs[latest_first, :2]
-        spans = Spans(*(np.concatenate([a[later], b]) for a, b in zip(spans, rest, strict=True)))
+        spans = later.joined(rest)
     hits.parameters[:] = np.where(np.isinf(limits), np.nan, limits)
     unsure = np.flatnonzero(hits.undecided)
     hits.undecided[unsure] = ~_collide_after(prepared, question, unsure, limits[unsure])
@@ -165,25 +167,15 @@ def _halved(
     ended = (way + bend <= resolution) | ~((first < middle) & (middle < last)) | is_last
     stop = ~free & (ended | (collide & (not where)))
     at = np.where(ended, first, middle)
-    sure = collide | spans.collide
-    hits = Spans(motions[stop], pairs[stop], at[stop], sure[stop])
+    hits = Spans(motions, pairs, at, collide | spans.collide).take(stop)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(way > 0.0, (found.lower - bend) / way, 0.0)
     room = SHORTER * 0.5 * (last - first) * np.clip(share, 0.0, 1.0)
-    left = ~free & ~stop
-    right = left & ~collide
-    rest = Spans(
-        np.append(motions[left], motions[right]),
-        np.concatenate([pairs[left], pairs[right]]),
-        np.concatenate(
-            [
-                np.column_stack([first, np.where(collide, middle, middle - room)])[left],
-                np.column_stack([middle + room, last])[right],
-            ]
-        ),
-        np.append(collide[left], spans.collide[right]),
-    )
-    return hits, rest
+    left = np.column_stack([first, np.where(collide, middle, middle - room)])
+    right = np.column_stack([middle + room, last])
+    before = Spans(motions, pairs, left, collide).take(~free & ~stop)
+    after = Spans(motions, pairs, right, spans.collide).take(~free & ~stop & ~collide)
+    return hits, before.joined(after)
 
 
 def _collide_after(prepared: Prepared, question: Motions, rows: Rows, times: Floats) -> Mask:

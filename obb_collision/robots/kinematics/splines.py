@@ -54,8 +54,7 @@ class Pieces(NamedTuple):
 
     def take(self, rows: Mask | Rows) -> Pieces:
         """Return some of them."""
-        starts, ends, begins, finishes, segments = self
-        return Pieces(starts[rows], ends[rows], begins[rows], finishes[rows], segments[rows])
+        return Pieces._make(column[rows] for column in self)
 
 
 class SplineSegments(NamedTuple):

@@ -187,18 +187,10 @@ def _decided(
     """Return the candidates (m, 2) that collide on a level, sorted, and their verdicts."""
     if level == Accuracy.OBB:
         return colliding_pairs(boxes, candidates, exact)
-    bits = bits_of(len(boxes))
-    first, second = columns(candidates[coarse_meet(boxes, *columns(candidates), level)])
-    return pairs_of_keys(boxes, (((first << bits) | second) << VERDICT_BITS) | TOUCHING, False)
-
-
-def coarse_meet(
-    boxes: Boxes, first: NDArray[np.int64], second: NDArray[np.int64], level: Accuracy
-) -> NDArray[np.bool_]:
-    """Return (m,) whether pairs collide on a level below OBB, given that their AABBs overlap."""
+    bits, (first, second) = bits_of(len(boxes)), columns(candidates)
     if level == Accuracy.SPHERE:
-        return spheres_may_collide(boxes, first, second)
-    return np.ones(len(first), np.bool_)
+        first, second = columns(candidates[spheres_may_collide(boxes, first, second)])
+    return pairs_of_keys(boxes, (((first << bits) | second) << VERDICT_BITS) | TOUCHING, False)
 
 
 def columns(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

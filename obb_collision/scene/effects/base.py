@@ -33,7 +33,6 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.coarse import bounds_of
-from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, CHOICES, PlacedShapes
@@ -137,10 +136,10 @@ class Before(NamedTuple):
 class Cycle:
     """One check of a scene as effects see it; the arrays stay as they are.
 
-    snapshot: the boxes of all slots; active (slots,): which take part; pairs (m, 2) and verdicts
-    (m,): what collides; pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,):
-    the row that each pair had in the check before, -1 if it is to be computed anew, None if all
-    are; last: outcomes of the check before by effect; obstacle_points (k, 3): None for none.
+    snapshot: the boxes of all slots; active (slots,): which take part; pairs (m, 2): what collides;
+    pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,): the row that each
+    pair had in the check before, -1 if it is to be computed anew, None if all are; last: outcomes
+    of the check before by effect; obstacle_points (k, 3): None for none.
 
     For effects that are not lazy only: store, whose poses and twists may change after the check,
     and before, None where nobody asked at the check before.
@@ -149,7 +148,6 @@ class Cycle:
     snapshot: Snapshot
     active: Mask
     pairs: Pairs
-    verdicts: Verdicts
     pair_filter: PairFilter | None
     old: Rows | None
     last: Mapping[str, Outcome]

@@ -29,10 +29,10 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.coarse import bounds_may_collide
+from obb_collision.queries.verdict.coarse import bounds_may_collide, spheres_may_collide
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.broad_phase.find_pairs import coarse_meet, columns
+from obb_collision.scene.broad_phase.find_pairs import columns
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.budget import Budget, Levels, refine
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
@@ -158,11 +158,10 @@ def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, levels: Levels, exact
     if len(levels) == 0 or levels.min() >= Accuracy.OBB:
         return pair_verdicts(boxes, first, boxes, second, exact)
     result = np.full(len(first), SEPARATE, np.int8)
-    for level in (Accuracy.SPHERE, Accuracy.AABB):
-        rows = np.flatnonzero(levels == level)
-        if len(rows):
-            meet = coarse_meet(boxes, first[rows], second[rows], level)
-            result[rows[meet]] = TOUCHING
+    result[levels == Accuracy.AABB] = TOUCHING  # as their bounds overlap
+    rows = np.flatnonzero(levels == Accuracy.SPHERE)
+    if len(rows):
+        result[rows[spheres_may_collide(boxes, first[rows], second[rows])]] = TOUCHING
     rows = np.flatnonzero(levels >= Accuracy.OBB)
     result[rows] = pair_verdicts(boxes, first[rows], boxes, second[rows], exact)
     return result
