@@ -326,11 +326,7 @@ class RobotScene(PlacedRobots):
         return displacements(self._prepared, given, moved)
 
     def check_path(
-        self,
-        states: ArrayLike,
-        *,
-        first: bool = False,
-        resolution: float = DEFAULT_RESOLUTION,
+        self, states: ArrayLike, *, first: bool = False, resolution: float = DEFAULT_RESOLUTION
     ) -> MotionReport:
         """Return whether a path is valid, between its states as well: the motions between them.
 

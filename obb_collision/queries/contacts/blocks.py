@@ -42,13 +42,7 @@ from obb_collision.numerics.vec3 import (
     vector_at,
     write_at,
 )
-from obb_collision.queries.contacts.patch import (
-    CAPACITY,
-    CLIP_SLACK,
-    FEATURE_TIE,
-    KEEP,
-    clip,
-)
+from obb_collision.queries.contacts.patch import CAPACITY, CLIP_SLACK, FEATURE_TIE, KEEP, clip
 from obb_collision.queries.verdict.blocks import (
     AXES_A,
     AXES_B,

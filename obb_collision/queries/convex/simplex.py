@@ -40,15 +40,9 @@ from obb_collision.numerics.error_free import (
     subtract,
     subtract_vectors,
 )
-from obb_collision.numerics.error_free import (
-    Vector as Wide,
-)
-from obb_collision.numerics.error_free import (
-    cross as wide_cross,
-)
-from obb_collision.numerics.error_free import (
-    dot as wide_dot,
-)
+from obb_collision.numerics.error_free import Vector as Wide
+from obb_collision.numerics.error_free import cross as wide_cross
+from obb_collision.numerics.error_free import dot as wide_dot
 from obb_collision.numerics.simplex import outside
 from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, norm, plus, scaled
 from obb_collision.queries.meshes.placed import Pose

@@ -29,12 +29,7 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
-from obb_collision.queries.contacts.contacts import (
-    NO_AXIS,
-    ContactArrays,
-    Contacts,
-    as_max_points,
-)
+from obb_collision.queries.contacts.contacts import NO_AXIS, ContactArrays, Contacts, as_max_points
 from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import convex_distances, turned_back
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies

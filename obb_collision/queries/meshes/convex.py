@@ -38,15 +38,7 @@ from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.intrinsics import farthest
 from obb_collision.numerics.simplex import no_simplex, with_corner
-from obb_collision.numerics.vec3 import (
-    components,
-    dot,
-    max_abs,
-    minus,
-    negated,
-    scaled,
-    sum_abs,
-)
+from obb_collision.numerics.vec3 import components, dot, max_abs, minus, negated, scaled, sum_abs
 from obb_collision.queries.meshes.placed import Pose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.pair_rows import RowPairs

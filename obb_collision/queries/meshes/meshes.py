@@ -37,10 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.geometry.validation import (
-    as_whole,
-    check_kind,
-)
+from obb_collision.geometry.validation import as_whole, check_kind
 from obb_collision.queries.meshes.inside import (
     INSIDE,
     OUTSIDE,
@@ -133,11 +130,7 @@ class TrianglePairs:
 
 
 def triangle_pairs(
-    a: PlacedMeshes,
-    b: PlacedMeshes,
-    pairs: ArrayLike | None = None,
-    *,
-    capacity: int | None = None,
+    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None = None, *, capacity: int | None = None
 ) -> TrianglePairs:
     """Return which triangles of meshes are not certainly apart.
 

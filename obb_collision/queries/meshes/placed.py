@@ -40,12 +40,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.build import HALF
 from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
-from obb_collision.geometry.validation import (
-    as_array,
-    as_rotations,
-    as_rows,
-    check_lengths,
-)
+from obb_collision.geometry.validation import as_array, as_rotations, as_rows, check_lengths
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     axes_of,

@@ -64,15 +64,9 @@ from obb_collision.numerics.error_free import (
     subtract_vectors,
     two_sum_error,
 )
-from obb_collision.numerics.error_free import (
-    Vector as Wide,
-)
-from obb_collision.numerics.error_free import (
-    cross as wide_cross,
-)
-from obb_collision.numerics.error_free import (
-    dot as wide_dot,
-)
+from obb_collision.numerics.error_free import Vector as Wide
+from obb_collision.numerics.error_free import cross as wide_cross
+from obb_collision.numerics.error_free import dot as wide_dot
 from obb_collision.numerics.exact import Vector as Exact
 from obb_collision.numerics.exact import cross as exact_cross
 from obb_collision.numerics.exact import dot as exact_dot

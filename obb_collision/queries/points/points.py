@@ -90,11 +90,7 @@ class PointsInside:
 
 
 def points_inside(
-    boxes: Boxes | PlacedMeshes,
-    points: ArrayLike,
-    margin: float = 0.0,
-    *,
-    each_point: bool = False,
+    boxes: Boxes | PlacedMeshes, points: ArrayLike, margin: float = 0.0, *, each_point: bool = False
 ) -> PointsInside:
     """Return which points of a cloud lie inside which boxes or meshes.
 

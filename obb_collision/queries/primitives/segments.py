@@ -29,15 +29,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import (
-    careful_cross,
-    clamp,
-    dot,
-    minus,
-    pick_axis,
-    plus,
-    scaled,
-)
+from obb_collision.numerics.vec3 import careful_cross, clamp, dot, minus, pick_axis, plus, scaled
 from obb_collision.typing import Axes, Vector
 
 #: Exponents of scales: 2^1000 and its reciprocal are still ordinary doubles.

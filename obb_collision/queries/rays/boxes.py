@@ -25,14 +25,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
-from obb_collision.numerics.vec3 import (
-    components,
-    dot,
-    minus,
-    plus,
-    scaled,
-    sum_abs,
-)
+from obb_collision.numerics.vec3 import components, dot, minus, plus, scaled, sum_abs
 from obb_collision.queries.verdict.sat import BoxAt
 from obb_collision.typing import Floats, Vector
 

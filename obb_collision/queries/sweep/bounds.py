@@ -298,13 +298,7 @@ def fill_corners(axes: Axes, extents: Vector, arm: Vector, turn: Vector, out: Fl
 
 @njit
 def free_slice(
-    first: Vector,
-    last: Vector,
-    a: Floats,
-    angle_a: float,
-    b: Floats,
-    angle_b: float,
-    blur: float,
+    first: Vector, last: Vector, a: Floats, angle_a: float, b: Floats, angle_b: float, blur: float
 ) -> bool:
     """Return whether two boxes are certainly apart during a slice of time.
 

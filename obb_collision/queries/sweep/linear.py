@@ -160,13 +160,7 @@ def _over(span: Span) -> bool:
 
 @njit(inline=True)
 def _meet(
-    times: Floats,
-    axis: int,
-    first: float,
-    last: float,
-    reach: float,
-    bound: float,
-    span: Span,
+    times: Floats, axis: int, first: float, last: float, reach: float, bound: float, span: Span
 ) -> Span:
     """Return the part of a span during which abs(s) <= reach, s from ``first`` to ``last``.
 
@@ -181,11 +175,7 @@ def _meet(
     enter = (-most - first) * inverse
     leave = (most - first) * inverse
     later, sooner = enter > span[0], leave < span[1]
-    return (
-        enter if later else span[0],
-        leave if sooner else span[1],
-        axis if later else span[2],
-    )
+    return enter if later else span[0], leave if sooner else span[1], axis if later else span[2]
 
 
 NO_NORMAL: Vector = (math.nan, math.nan, math.nan)

@@ -40,19 +40,8 @@ from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.convex.distance import rounding
-from obb_collision.queries.convex.distances import (
-    NOWHERE,
-    CoreRoom,
-    core_room,
-    mesh_apart,
-    towards,
-)
-from obb_collision.queries.convex.support import (
-    ConvexBodies,
-    Solids,
-    borrowed_core,
-    solids_of,
-)
+from obb_collision.queries.convex.distances import NOWHERE, CoreRoom, core_room, mesh_apart, towards
+from obb_collision.queries.convex.support import ConvexBodies, Solids, borrowed_core, solids_of
 from obb_collision.queries.meshes.mesh_clearance import as_radii, surfaces_apart
 from obb_collision.queries.meshes.placed import (
     MeshAt,

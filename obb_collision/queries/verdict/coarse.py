@@ -62,10 +62,7 @@ def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     minimum, maximum = meeting_bounds(boxes)
     radii = lengths(boxes.half_extents)
     reach = radii[:, None] + 4.0 * SPHERE_SLACK * (np.abs(boxes.centers) + radii[:, None])
-    return (
-        np.minimum(minimum, boxes.centers - reach),
-        np.maximum(maximum, boxes.centers + reach),
-    )
+    return np.minimum(minimum, boxes.centers - reach), np.maximum(maximum, boxes.centers + reach)
 
 
 def bounds_of(boxes: Boxes, spheres: bool) -> tuple[Floats, Floats]:

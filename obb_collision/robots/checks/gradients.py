@@ -23,13 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.poses import multiply_quaternions, rotate_vectors
-from obb_collision.robots.kinematics.kinematics import (
-    FIXED,
-    PLANAR,
-    PRISMATIC,
-    Tree,
-    link_poses,
-)
+from obb_collision.robots.kinematics.kinematics import FIXED, PLANAR, PRISMATIC, Tree, link_poses
 from obb_collision.typing import Floats, Rows
 
 

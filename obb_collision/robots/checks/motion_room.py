@@ -26,11 +26,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.robots.checks.arrays import (
-    Checked,
-    Placed,
-    place_state,
-)
+from obb_collision.robots.checks.arrays import Checked, Placed, place_state
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
 from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask

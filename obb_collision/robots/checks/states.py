@@ -32,15 +32,7 @@ from obb_collision._jit import Held, njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
-from obb_collision.numerics.vec3 import (
-    components,
-    dot,
-    minus,
-    negated,
-    plus,
-    rows_at,
-    vector_at,
-)
+from obb_collision.numerics.vec3 import components, dot, minus, negated, plus, rows_at, vector_at
 from obb_collision.queries.meshes.convex import HullCorners, apart
 from obb_collision.queries.meshes.placed import place_at, relative_pose
 from obb_collision.queries.verdict.sat import BoxAt, box_at, pair_of

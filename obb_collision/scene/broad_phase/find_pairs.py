@@ -37,11 +37,7 @@ from obb_collision.numerics.sorting import (
     sort_numbers,
 )
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS
-from obb_collision.queries.verdict.coarse import (
-    bounds_of,
-    meeting_bounds,
-    spheres_may_collide,
-)
+from obb_collision.queries.verdict.coarse import bounds_of, meeting_bounds, spheres_may_collide
 from obb_collision.queries.verdict.overlap import iou
 from obb_collision.queries.verdict.pair_rows import RowPairs, one_set
 from obb_collision.queries.verdict.verdict import (

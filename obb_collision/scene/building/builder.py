@@ -21,13 +21,7 @@ from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import Any
 
-from obb_collision.scene.building.jobs import (
-    NO_BUILDER,
-    NO_MEMORY,
-    TOO_MANY,
-    BuildError,
-    Job,
-)
+from obb_collision.scene.building.jobs import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError, Job
 from obb_collision.scene.building.process import Limits, WorkerProcess
 
 #: Jobs that may wait, whatever their size.

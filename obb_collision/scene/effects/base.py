@@ -376,10 +376,7 @@ def _merged(last: R, known: Rows, places: Rows, new: R) -> R:
 
 
 def isolated(
-    compute: Callable[[Pairs], R],
-    pairs: Pairs,
-    blank: R,
-    name: Callable[[int], str] = str,
+    compute: Callable[[Pairs], R], pairs: Pairs, blank: R, name: Callable[[int], str] = str
 ) -> tuple[Rows, R, tuple[str, ...]]:
     """Return the rows of pairs (m, 2) that ``compute`` can do, their results, and its failures.
 

@@ -124,8 +124,5 @@ def triangle_clearances(
     return table
 
 
-BY_LEVEL: ByLevel[Clearances] = {
-    Accuracy.HULL: hull_clearances,
-    Accuracy.MESH: triangle_clearances,
-}
+BY_LEVEL: ByLevel[Clearances] = {Accuracy.HULL: hull_clearances, Accuracy.MESH: triangle_clearances}
 EFFECT: Effect = ClearanceEffect()

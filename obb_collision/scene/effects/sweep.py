@@ -157,10 +157,7 @@ def triangle_sweeps(
 NO_SWEEPS = Sweeps(
     np.zeros((1, 2), np.int64), *np.zeros((2, 1), np.bool_), *np.zeros((2, 1)), *np.zeros((2, 1, 3))
 )
-BY_LEVEL: Mapping[Accuracy, Swept] = {
-    Accuracy.HULL: hull_sweeps,
-    Accuracy.MESH: triangle_sweeps,
-}
+BY_LEVEL: Mapping[Accuracy, Swept] = {Accuracy.HULL: hull_sweeps, Accuracy.MESH: triangle_sweeps}
 
 
 BLANK = Sweeps(NO_PAIRS, *np.empty((2, 0), np.bool_), *np.empty((2, 0)), *np.empty((2, 0, 3)))

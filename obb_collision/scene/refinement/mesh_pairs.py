@@ -75,12 +75,7 @@ class MeshPairs:
     """Pairs (m,), (m,) of slots, neither both boxes nor BOXED; a ``refinement.Job``."""
 
     def __init__(
-        self,
-        store: ObjectStore,
-        cache: ShapeCache,
-        first: Rows,
-        second: Rows,
-        exact: bool,
+        self, store: ObjectStore, cache: ShapeCache, first: Rows, second: Rows, exact: bool
     ) -> None:
         self._store, self._cache = store, cache
         self._exact = exact
