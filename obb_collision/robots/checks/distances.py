@@ -277,18 +277,16 @@ def state_distances(
         gradients = distance_gradients(checked.tree, given, frames, vectors[:, :2], vectors[:, 2])
     known = prepared.checked.owners, prepared.excess, prepared.world.origin
     _name_pairs(known, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
-    pairs, lower, upper = bodies, bounds[:, 0], bounds[:, 1]
     if every:  # the least of each two names
-        order = np.lexsort([lower, pairs[:, 1], pairs[:, 0], rows])
-        keys = np.column_stack([rows, pairs])[order]
+        order = np.lexsort([bounds[:, 0], bodies[:, 1], bodies[:, 0], rows])
+        keys = np.column_stack([rows, bodies])[order]
         first = np.ones(len(order), np.bool_)
         first[1:] = (keys[1:] != keys[:-1]).any(axis=1)
         kept = order[first]
-        rows, lower, upper = rows[kept], lower[kept], upper[kept]
-        pairs, vectors = pairs[kept], vectors[kept]
+        rows, bounds, bodies, vectors = (x[kept] for x in (rows, bounds, bodies, vectors))
         gradients = None if gradients is None else gradients[kept]
-    points, directions = vectors[:, :2], vectors[:, 2]
-    return StateDistances(lower, upper, pairs, points, directions, prepared.names, rows, gradients)
+    found = *bounds.T, bodies, vectors[:, :2], vectors[:, 2]
+    return StateDistances(*found, prepared.names, rows, gradients)
 
 
 def _least_distances(

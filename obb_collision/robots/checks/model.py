@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -125,6 +125,7 @@ class Prepared:
     world: World
     limits: JointLimits
     names: list[str]
+    _moving: dict[Accuracy, Held] = field(default_factory=dict, init=False)
 
     @cached_property
     def touching(self) -> PairValues:
@@ -157,10 +158,6 @@ class Prepared:
         """The same where only pairs with the world are tested."""
         tests = self.checked.tests._replace(pairs=np.empty((0, 2), np.int64))
         return replace(self, checked=self.checked._replace(tests=tests))
-
-    @cached_property
-    def _moving(self) -> dict[Accuracy, Held]:
-        return {}
 
     def moving(self, accuracy: Accuracy) -> Held:
         """Return ``checked`` with what motions need."""

@@ -292,28 +292,21 @@ def _way(robot: Robot, a: str, b: str) -> list[_Step]:
 def _chain(robot: Robot, steps: list[_Step], names: dict[str, Joint], rows: list[int]) -> Chain:
     """Return steps as a chain. Up, a joint is undone first, and then its origin."""
     fixed: list[Floats] = [IDENTITY_POSE]
-    axes, slides, columns, factors, offsets = [], [], [], [], []
+    moving = []
     for joint, is_up in steps:
         origin = np.array(joint.pose)
         if not is_up:
             fixed[-1] = compose_poses(fixed[-1], origin)
         if joint.kind is not JointKind.FIXED:
             name, factor, offset = driven(joint, names)
-            sign = -1.0 if is_up else 1.0
-            axes.append(joint.axis or DEFAULT_AXIS)
-            slides.append(joint.kind is JointKind.PRISMATIC)
-            columns.append(rows.index(robot.joint_names.index(name)))
-            factors.append(sign * factor)
-            offsets.append(sign * offset)
+            sign, slides = -1.0 if is_up else 1.0, joint.kind is JointKind.PRISMATIC
+            axis, column = joint.axis or DEFAULT_AXIS, rows.index(robot.joint_names.index(name))
+            moving.append((axis, slides, column, sign * factor, sign * offset))
             fixed.append(IDENTITY_POSE)
         if is_up:
             fixed[-1] = compose_poses(fixed[-1], inverse_poses(origin))
-    return Chain(
-        np.array([pose[:3] for pose in fixed]),
-        np.array([rotation_of(tuple(pose[3:].tolist())) for pose in fixed]),
-        np.array(axes, np.float64).reshape(-1, 3),
-        np.array(slides, np.bool_),
-        np.array(columns, np.int64),
-        np.array(factors, np.float64),
-        np.array(offsets, np.float64),
-    )
+    places = np.array([pose[:3] for pose in fixed])
+    turns = np.array([rotation_of(tuple(pose[3:].tolist())) for pose in fixed])
+    kinds = enumerate((np.float64, np.bool_, np.int64, np.float64, np.float64))
+    axes, *values = (np.array([each[k] for each in moving], kind) for k, kind in kinds)
+    return Chain(places, turns, axes.reshape(-1, 3), *values)

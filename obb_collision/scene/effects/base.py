@@ -267,7 +267,7 @@ class Effect(Protocol):
     description: str
     """Its result, as the beginning of a sentence."""
     options: Mapping[str, Option]
-    lazy: bool
+    lazy: bool = True
     """True if it can still be computed after the check, when the scene may have moved on."""
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:

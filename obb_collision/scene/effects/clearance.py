@@ -49,7 +49,7 @@ from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
 
-class ClearanceEffect:
+class ClearanceEffect(Effect):
     """The ``Clearances`` of all pairs at most ``max_distance`` apart, sorted.
 
     Colliding pairs are among them. Above OBB distances are certified lower bounds, and the points
@@ -64,7 +64,6 @@ class ClearanceEffect:
         ),
         ACCURACY: ACCURACY_OPTION,
     }
-    lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Look at pairs whose bounds are near enough; most of those need no closest points."""

@@ -39,7 +39,7 @@ from obb_collision.scene.effects.surfaces import triangle_contacts
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 
-class ContactsEffect:
+class ContactsEffect(Effect):
     """The ``Contacts`` of the colliding pairs: up to ``max_points`` points each."""
 
     name = "contacts"
@@ -48,7 +48,6 @@ class ContactsEffect:
         "max_points": Option(4, 4, 8, "Maximum number of contact points per pair.", choices=(4, 8)),
         ACCURACY: ACCURACY_OPTION,
     }
-    lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute the patches."""

@@ -58,7 +58,7 @@ NONE = np.empty(0, np.int64)
 BLANK = _Held(NONE, NONE, NONE, NONE, np.empty(0))
 
 
-class PointsEffect:
+class PointsEffect(Effect):
     """The ``PointsInside`` of ``Scene.obstacle_points``, in objects or within ``margin`` of them.
 
     Each object is its box, or its shape above OBB. Nothing to do without a cloud.
@@ -75,7 +75,6 @@ class PointsEffect:
             "mesh."
         ),
     }
-    lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Count the points of all selected objects at once."""

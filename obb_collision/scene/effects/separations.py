@@ -37,7 +37,7 @@ from obb_collision.scene.effects.surfaces import hull_separations, triangle_sepa
 BLANK = Separations.blank(NO_PAIRS)
 
 
-class SeparationsEffect:
+class SeparationsEffect(Effect):
     """The ``Separations`` of the colliding pairs, as far as they are selected for it."""
 
     name = "separations"
@@ -46,7 +46,6 @@ class SeparationsEffect:
         "NaN there without it"
     )
     options: Mapping[str, Option] = {ACCURACY: ACCURACY_OPTION}
-    lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute what ``Report.separations``, ``normals`` and ``positions`` are read from."""

@@ -176,7 +176,7 @@ class SweptPairs:
     predicted: Sweeps
 
 
-class SweepEffect:
+class SweepEffect(Effect):
     """Continuous collision between checks, and prediction by twists."""
 
     name = "sweep"
