@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -87,7 +88,7 @@ class Findings:
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
     total: how many pairs collide, at least, where a limit has left some out, else None; colliding
-    (n,): then which slots do, in whatever pair.
+    (n,): then which slots do, in whatever pair. before: what effects gave for the findings before.
     """
 
     decided: Decided
@@ -97,8 +98,10 @@ class Findings:
     total: int | None = None
     colliding: Mask | None = None
     outcomes: dict[str, Outcome] = field(default_factory=dict)
+    before: Mapping[str, Outcome] = field(default_factory=dict)
 
 
+NO_BOUNDS: tuple[Floats, Floats] = np.empty((0, 3)), np.empty((0, 3))
 NO_ROWS, NO_KEYS = np.empty(0, np.bool_), np.empty(0, np.int64)
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
 INCREMENTAL_SHARE = 8
@@ -120,7 +123,7 @@ class Checker:
         self._store = store
         self._cache = cache
         self._allowed = allowed
-        self._bounds: tuple[Floats, Floats] | None = None
+        self._bounds = NO_BOUNDS
         self._spheres = False  # whether the bounds hold the spheres, too
         self._tree: KeptTree | None = None  # over the bounds
         self._layout = Layout(-1, np.empty(0, np.int64), False, True, False)
@@ -178,6 +181,7 @@ class Checker:
         else:
             found = self._find_anew(last, exact, budget)
         found.cap = None if budget is None else budget.cap
+        found.before = {} if self.last is None else self.last.outcomes
         near = NO_ROWS if self.region is None else store.near.copy()
         self.last = found  # first: what is changed is so until then, should an interrupt come
         self._near = near
@@ -205,7 +209,7 @@ class Checker:
     def _find_few(self, last: Findings | None, exact: bool) -> Findings:
         """Decide all pairs of a few boxes."""
         store = self._store
-        self._bounds = self._tree = None
+        self._bounds, self._tree = NO_BOUNDS, None
         (pairs, verdicts), old = self._room, self._old
         boxes = store.centers, store.rotations, store.half_extents
         before = NO_PAIRS if last is None else last.decided.pairs
@@ -336,9 +340,8 @@ class Checker:
         """Return (m,) which pairs of slots belong to the region."""
         if self.region is None:
             return np.ones(len(pairs), np.bool_)
-        if self._bounds is None:
+        if self._bounds is NO_BOUNDS:
             self._update_bounds()
-        assert self._bounds is not None
         return owns_pairs(self.region, self._bounds[0], pairs)
 
     def _candidates(self, changed: Rows) -> Pairs | None:
@@ -355,7 +358,6 @@ class Checker:
                 return None
             candidates = self._slots(candidates)
             return candidates[store.changed[candidates].any(axis=1)]
-        assert self._bounds is not None
         if self._tree is None:
             self._tree = KeptTree(*self._bounds)
         return self._tree.pairs_of(changed, most)
@@ -366,7 +368,6 @@ class Checker:
 
     def _active_bounds(self) -> tuple[Rows, Floats, Floats]:
         """Return the active slots (k,) and their bounds (k, 3), (k, 3)."""
-        assert self._bounds is not None
         active = self._layout.active
         minimum, maximum = self._bounds
         if self._layout.whole:
@@ -380,10 +381,10 @@ class Checker:
         rows = changed[store.active[changed]]
         anew = rows
         kept = self._bounds
-        if kept is None or len(kept[0]) < len(store.names) or self._spheres != layout.spheres:
+        if len(kept[0]) < len(store.names) or self._spheres != layout.spheres:
             shape = store.centers.shape
             kept = np.full(shape, np.inf), np.full(shape, -np.inf)
-            self._bounds = self._tree = None  # until all are there, should an interrupt come
+            self._bounds, self._tree = NO_BOUNDS, None  # until all are there, for interrupts
             self._spheres, anew = layout.spheres, layout.active
         elif len(rows) < len(changed):
             kept[0][changed], kept[1][changed] = np.inf, -np.inf  # empty: overlaps nothing

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from time import perf_counter
 from typing import Any
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.base import Before, Cycle, Outcome
+from obb_collision.scene.effects.base import Before, Cycle
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.objects import SceneObjects
 from obb_collision.scene.refinement.budget import Budget
@@ -39,15 +39,6 @@ from obb_collision.scene.store.region import Region
 #: Pairs near each other that effects look at, for each that may collide: objects that are apart
 #: have more neighbours than contacts.
 NEAR_PER_PAIR = 10
-
-
-class LastCheck:
-    """What is kept of the last check: for as long as nothing changes, all that is needed."""
-
-    def __init__(self) -> None:
-        self.report: weakref.ref[Report] | None = None
-        self.found: Findings | None = None
-        self.outcomes_before: Mapping[str, Outcome] = {}
 
 
 class Checks:
@@ -72,8 +63,9 @@ class Checks:
         self._before: Before | None = None
 
     def invalidate(self) -> None:
-        """Invalidate the cached report: the next check makes another, though nothing has moved."""
-        self._last = LastCheck()
+        """Forget the last check: the next one makes another report, though nothing has moved."""
+        self._report: weakref.ref[Report] | None = None
+        self._found: Findings | None = None
 
     def set_max_pairs(self, limit: int | None) -> None:
         """Set the most pairs that a report has."""
@@ -97,22 +89,19 @@ class Checks:
         self.checker.settle_region()
         wanted = self.effects.wanted(effects)
         lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
-        last = self._last
         if self._objects.store.touched or self.checker.behind or not lasting:
-            last.report = last.found = None
-        report = last.report() if last.report is not None else None
+            self.invalidate()
+        report = self._report() if self._report is not None else None
         if report is None:
-            if last.found is None:
-                before = self.checker.last
-                last.found = self.checker.find(self.exact, self.budget)
-                last.outcomes_before = {} if before is None else before.outcomes
+            if self._found is None:
+                self._found = self.checker.find(self.exact, self.budget)
             stages = {"pairs": perf_counter() - start}
             store = self._objects.store
             settings = self.effects.resolved(store.names, store.version)
-            report = Report(last.found, store.name_tuple(), stages, self._cycle, settings)
+            report = Report(self._found, store.name_tuple(), stages, self._cycle, settings)
             if self.effects.any_possible:
                 report.cycle  # noqa: B018, now: the scene may change before it is used
-            last.report = weakref.ref(report)
+            self._report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
                 report.compute(name)
@@ -124,8 +113,8 @@ class Checks:
 
     def _cycle(self, found: Findings) -> Cycle:
         """Return the check that has just been made, as effects see it."""
-        store, last = self._objects.store, self._last
-        if store.touched or found is not last.found:
+        store = self._objects.store
+        if store.touched or found is not self._found:
             raise RuntimeError("the scene has changed since this check, whose effects are all off")
         active = store.active.copy()
         return Cycle(
@@ -134,7 +123,7 @@ class Checks:
             pairs=found.decided.pairs,
             pair_filter=self.checker.pair_filter,
             old=found.old,
-            last=last.outcomes_before,
+            last=found.before,
             obstacle_points=self.obstacle_points,
             store=store,
             before=self._before,

@@ -89,11 +89,8 @@ def segments_between(points: Sequence[Point]) -> SplineSegments:
     """Return the polynomials between points at rising times, one after another."""
     times = np.array([point.time for point in points])
     positions = np.array([point.positions for point in points])
-    t, step, zero = (
-        np.diff(times)[:, None],
-        np.diff(positions, axis=0),
-        np.zeros(positions.shape[1]),
-    )
+    t, step = np.diff(times)[:, None], np.diff(positions, axis=0)
+    zero = np.zeros(positions.shape[1])
     velocities, accelerations = (
         np.array([zero if given is None else given for given in column])
         for column in ([p.velocities for p in points], [p.accelerations for p in points])

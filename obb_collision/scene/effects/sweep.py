@@ -223,7 +223,7 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     if not selected.any():
         return NOTHING
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
-    pairs = _apart(pairs, cycle.pairs, len(cycle.enabled))
+    pairs = pairs[~_among(pairs, cycle.pairs, len(cycle.enabled))]
     ride = Ride(slots, MovingBoxes(start, end), end, start.centers)
     found = _swept(cycle, ride, pairs, setting)
     result = found.result
@@ -260,9 +260,8 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     boxes, twists = cycle.boxes[slots], cycle.store.twists[slots]
     origins = cycle.store.poses[slots, :3]
     bounds = twist_bounds(boxes, twists, origins, horizon)
-    pairs = _apart(
-        meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.enabled)
-    )
+    pairs = meeting_pairs(cycle, slots, *bounds, selected[slots])
+    pairs = pairs[~_among(pairs, cycle.pairs, len(cycle.enabled))]
     moved = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
     return _swept(cycle, Ride(slots, moved, boxes, origins), pairs, setting)
 
@@ -291,11 +290,6 @@ def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
         ways = horizon * lengths(cycle.store.twists[slots, :3])
         coming[slots] = balls_near(cycle.region, origins, around + ways)
     return coming
-
-
-def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
-    """Return those of pairs (k, 2) that do not collide now."""
-    return pairs[~_among(pairs, colliding, slots)]
 
 
 def _among(pairs: Pairs, others: Pairs, slots: int) -> Mask:
