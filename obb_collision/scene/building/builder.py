@@ -29,14 +29,11 @@ MOST_WAITING = 20_000
 
 
 @dataclass
-class _Entry:
-    job: Job
-    keys: set[Hashable]
-
-
-@dataclass
 class Outcome:
-    """The outcome of a job: the keys that requested it, and the result or the reason for none."""
+    """A job, the keys that requested it, and, once it is done, the result or the reason for none.
+
+    signature: what jobs that do the same have in common.
+    """
 
     job: Job
     signature: Hashable
@@ -59,8 +56,8 @@ class Builder:
         """Where jobs are done."""
         self._changed = Condition()
         self._wanted: dict[Hashable, Hashable] = {}  # signatures by key, in the order of requests
-        self._waiting: dict[Hashable, _Entry] = {}  # by signature
-        self._running: tuple[Hashable, _Entry] | None = None
+        self._waiting: dict[Hashable, Outcome] = {}  # by signature
+        self._running: Outcome | None = None
         self._done: list[Outcome] = []
         self._size = 0
         self._closed = False
@@ -78,10 +75,9 @@ class Builder:
             if self._wanted.get(key) == signature:
                 return
             self._leave(key)
-            running = self._running
             entry = self._waiting.get(signature)
-            if running is not None and running[0] == signature:
-                entry = running[1]
+            if self._running is not None and self._running.signature == signature:
+                entry = self._running
             elif entry is None:
                 try:
                     entry = self._entered(signature, job)
@@ -92,7 +88,7 @@ class Builder:
             self._wanted[key] = signature
             self._changed.notify()
 
-    def _entered(self, signature: Hashable, job: Job) -> _Entry:
+    def _entered(self, signature: Hashable, job: Job) -> Outcome:
         size = self._size + job.size
         if len(self._waiting) >= MOST_WAITING or size > self.limits.waiting:
             megabytes, most = size >> 20, self.limits.waiting >> 20
@@ -100,7 +96,7 @@ class Builder:
             raise BuildError(TOO_MANY, f"{detail} is the limit")
         self._start()
         self._size = size
-        entry = self._waiting[signature] = _Entry(job, set())
+        entry = self._waiting[signature] = Outcome(job, signature, set())
         return entry
 
     def _leave(self, key: Hashable) -> None:
@@ -119,7 +115,7 @@ class Builder:
             self._leave(key)
             self._wanted.pop(key, None)
             if self._running is not None:
-                self._running[1].keys.discard(key)
+                self._running.keys.discard(key)
             for outcome in self._done:
                 outcome.keys.discard(key)
 
@@ -167,42 +163,38 @@ class Builder:
             self._thread = thread
 
     def _work(self) -> None:
-        while (taken := self._next()) is not None:
-            signature, entry = taken
-            outcome = Outcome(entry.job, signature, set())
+        while (outcome := self._next()) is not None:
             try:
-                outcome.result = self._build(entry.job)
+                outcome.result = self._build(outcome.job)
             except BuildError as error:
                 outcome.error = error
             except MemoryError:
                 outcome.error = BuildError(NO_MEMORY)
             except Exception as error:
                 outcome.error = BuildError(NO_BUILDER, f"{type(error).__name__}: {error}")
-            self._finish(outcome, entry)
-            del taken, entry, outcome  # whatever is large
+            self._finish(outcome)
+            del outcome  # whatever is large
         self.process.stop()
 
     def _build(self, job: Job) -> Any:
         task = job.task()
         return job.finish(None if task is None else self.process.run(task, self.limits))
 
-    def _next(self) -> tuple[Hashable, _Entry] | None:
+    def _next(self) -> Outcome | None:
         with self._changed:
             while not self._closed:
                 for signature in self._wanted.values():
-                    entry = self._waiting.pop(signature, None)
-                    if entry is not None:
-                        self._running = signature, entry
+                    self._running = self._waiting.pop(signature, None)
+                    if self._running is not None:
                         return self._running
                 self._changed.wait()
         return None
 
-    def _finish(self, outcome: Outcome, entry: _Entry) -> None:
+    def _finish(self, outcome: Outcome) -> None:
         with self._changed:
             self._running = None
-            self._size -= entry.job.size
-            outcome.keys = entry.keys
-            for key in entry.keys:
+            self._size -= outcome.job.size
+            for key in outcome.keys:
                 if self._wanted.get(key) == outcome.signature:
                     del self._wanted[key]
             self._done.append(outcome)
