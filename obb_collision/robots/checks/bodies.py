@@ -107,21 +107,12 @@ def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: 
     grown = half_extents + HULL_MARGIN * half_extents.max(axis=1, keepdims=True, initial=0.0)
     corners = centers[:, None] + np.einsum("nij,nkj->nki", rotations, BOX_CORNERS * grown[:, None])
     radii = np.abs(corners).sum(axis=2).max(axis=1, initial=0.0)
-    return LinkBodies(
-        np.full(count, frame),
-        centers,
-        rotations,
-        half_extents,
-        np.linalg.norm(grown, axis=1) * RADIUS_GROWTH,
-        half_extents.min(axis=1, initial=np.inf),
-        np.ones(count, np.bool_),
-        np.zeros(count),
-        radii,
-        radii,
-        np.zeros(count),
-        np.ascontiguousarray(corners.transpose(0, 2, 1)),
-        np.arange(count + 1),
-    )
+    spheres = np.linalg.norm(grown, axis=1) * RADIUS_GROWTH
+    inner, none = half_extents.min(axis=1, initial=np.inf), np.zeros(count)
+    boxes = np.full(count, frame), centers, rotations, half_extents, spheres, inner
+    rest = np.ones(count, np.bool_), none, radii, radii, none
+    blocks = np.ascontiguousarray(corners.transpose(0, 2, 1))
+    return LinkBodies(*boxes, *rest, blocks, np.arange(count + 1))
 
 
 NO_BODIES = box_bodies(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)), 0)
@@ -315,15 +306,10 @@ def world_of(
     kept.update({slot: (keys[slot], body) for slot, body in bodies.items()})
     boxes = store.centers[plain] - origin, store.rotations[plain], store.half_extents[plain]
     minimum, maximum = meeting_bounds(store.boxes(slots))
-    return World(
-        scene,
-        origin,
-        slots,
-        store.kinds[slots],
-        [str(store.names[slot]) for slot in slots],
-        joined([box_bodies(*boxes, frame), *bodies.values()]),
-        BoundsTree.build(minimum - origin, maximum - origin),
-    )
+    tree = BoundsTree.build(minimum - origin, maximum - origin)
+    names = [str(store.names[slot]) for slot in slots]
+    parts = joined([box_bodies(*boxes, frame), *bodies.values()])
+    return World(scene, origin, slots, store.kinds[slots], names, parts, tree)
 
 
 def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBodies]:

@@ -52,14 +52,10 @@ def chains_of(tree: Tree, bodies: LinkBodies, pairs: Integers, first: int, boxes
     unique, rows = np.unique(bodies.frames[pairs], axis=0, return_inverse=True)
     paths = [_path(tree, links, a, b) for a, b in unique.tolist()]
     steps = [step for path in paths for step in path]
-    return Chains(
-        links,
-        extents,
-        rows.reshape(-1),
-        np.cumsum([0, *map(len, paths)]),
-        np.array([step[:2] for step in steps]).reshape(-1, 2),
-        np.array([step[2] for step in steps], np.int64),
-    )
+    lengths = np.array([step[:2] for step in steps]).reshape(-1, 2)
+    joints = np.array([step[2] for step in steps], np.int64)
+    starts = np.cumsum([0, *map(len, paths)])
+    return Chains(links, extents, rows.reshape(-1), starts, lengths, joints)
 
 
 def _split(vectors: Floats, axes: Floats) -> Floats:

@@ -104,13 +104,9 @@ def set_mesh_distances(
 def _set_depths(sides: LinkMeshPairs, k: Rows, found: PairDistances) -> None:
     """Write the depths of meshes in rows k of sides that overlap, and where they are."""
     rows = sides.rows[k]
-    vectors = found.vectors[rows]
-    outer = Separations(
-        np.column_stack([k, k]),
-        np.minimum(found.lower[rows], 0.0),
-        vectors[:, 2].copy(),
-        0.5 * (vectors[:, 0] + vectors[:, 1]),
-    )
+    from_a, from_b, normals = found.vectors[rows].transpose(1, 0, 2)
+    lower, middles = np.minimum(found.lower[rows], 0.0), 0.5 * (from_a + from_b)
+    outer = Separations(np.column_stack([k, k]), lower, normals.copy(), middles)
     deep = within(outer, sides.a, sides.radii_a, sides.b, sides.radii_b)
     half = 0.5 * deep.separations[:, None] * deep.normals
     found.lower[rows] = deep.separations - sides.slack[k]

@@ -337,15 +337,8 @@ class Model:
         if counted is not None:
             allowed = allowed | ~counted[:, :count]
             world_allowed = np.ascontiguousarray(~counted[own.owners, count:])
-        tests = Tests(
-            *own.links,
-            body_pairs(own.owners, allowed),
-            world_allowed,
-            len(own.owners),
-            world.tree.nodes,
-            world.tree.starts,
-            world.tree.order,
-        )
+        pairs, first, tree = body_pairs(own.owners, allowed), len(own.owners), world.tree
+        tests = Tests(*own.links, pairs, world_allowed, first, tree.nodes, tree.starts, tree.order)
         bodies = joined([own.bodies, world.bodies])
         owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
         checked = Checked(self.tree, bodies, tests, owners, NO_CHAINS, np.empty(0, np.bool_))
