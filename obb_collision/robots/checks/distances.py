@@ -283,9 +283,11 @@ def state_distances(
         first = np.ones(len(order), np.bool_)
         first[1:] = (keys[1:] != keys[:-1]).any(axis=1)
         kept = order[first]
-        rows, bounds, bodies, vectors = (x[kept] for x in (rows, bounds, bodies, vectors))
+        rows, bodies = rows[kept], bodies[kept]
+        bounds, vectors = bounds[kept], vectors[kept]
         gradients = None if gradients is None else gradients[kept]
-    found = *bounds.T, bodies, vectors[:, :2], vectors[:, 2]
+    lower, upper = bounds.T
+    found = lower, upper, bodies, vectors[:, :2], vectors[:, 2]
     return StateDistances(*found, prepared.names, rows, gradients)
 
 

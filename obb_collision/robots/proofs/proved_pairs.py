@@ -29,7 +29,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -308,5 +308,5 @@ def _chain(robot: Robot, steps: list[_Step], names: dict[str, Joint], rows: list
     places = np.array([pose[:3] for pose in fixed])
     turns = np.array([rotation_of(tuple(pose[3:].tolist())) for pose in fixed])
     kinds = enumerate((np.float64, np.bool_, np.int64, np.float64, np.float64))
-    axes, *values = (np.array([each[k] for each in moving], kind) for k, kind in kinds)
-    return Chain(places, turns, axes.reshape(-1, 3), *values)
+    table: list[Any] = [np.array([each[k] for each in moving], kind) for k, kind in kinds]
+    return Chain(places, turns, table[0].reshape(-1, 3), *table[1:])
