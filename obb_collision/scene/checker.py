@@ -46,7 +46,7 @@ from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.effects.base import Outcome
 from obb_collision.scene.limit import find_limited, most_candidates
-from obb_collision.scene.pair_updates import FEW, few_pairs, merge_keys, merge_pairs
+from obb_collision.scene.pair_updates import FEW, OBB, few_pairs, merge_keys, merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import (
     NONE,
@@ -334,7 +334,7 @@ class Checker:
 
     @staticmethod
     def _on_obb(pairs: Pairs, verdicts: Verdicts) -> Decided:
-        return Decided(pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8))
+        return Decided(pairs, verdicts, np.full(len(pairs), OBB, np.int8))
 
     def _own(self, pairs: Pairs) -> Mask:
         """Return (m,) which pairs of slots belong to the region."""
