@@ -39,6 +39,7 @@ INTERRUPTED = 128 + signal.SIGINT
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+Number = TypeVar("Number", int, float)
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -123,19 +124,7 @@ class Progress:
 
 def whole(low: int, high: int) -> Callable[[str], int]:
     """Return a converter for argparse: an integer within limits, both included."""
-
-    def convert(text: str) -> int:
-        try:
-            number = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{shown(text)} is not a whole number") from None
-        if not low <= number <= high:
-            raise argparse.ArgumentTypeError(
-                f"must be between {low} and {high}, not {shown(number)}"
-            )
-        return number
-
-    return convert
+    return _within(int, "whole number", low, high)
 
 
 #: Converts a seed, of those that numpy takes as one integer.
@@ -144,14 +133,19 @@ SEED = whole(0, 2**32 - 1)
 
 def real(low: float, high: float) -> Callable[[str], float]:
     """Return a converter for argparse: a number within limits, both included."""
+    return _within(float, "number", low, high)
 
-    def convert(text: str) -> float:
+
+def _within(kind: type[Number], what: str, low: Number, high: Number) -> Callable[[str], Number]:
+    form = "" if kind is int else "g"
+
+    def convert(text: str) -> Number:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{shown(text)} is not a number") from None
+            raise argparse.ArgumentTypeError(f"{shown(text)} is not a {what}") from None
         if not low <= value <= high:
-            limits = f"must be between {low:g} and {high:g}"
+            limits = f"must be between {low:{form}} and {high:{form}}"
             raise argparse.ArgumentTypeError(f"{limits}, not {shown(value)}")
         return value
 

@@ -114,6 +114,8 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         sheet = sheet.subdivide()
     waves = np.sin(5.0 * sheet.vertices[:, 0]) * np.cos(4.0 * sheet.vertices[:, 1])
     sheet.vertices[:, 2] += 0.15 * waves
+    wheel = [[1, -1], [2, -1], [2, -0.3], [6, -0.3], [6, -1.5], [7, -1.5]]  # its lower half
+    knobs = [creation.icosphere(2, radius=2.0).apply_translation([0, 0, z]) for z in (-4.0, 4.0)]
     needle, chip = rng.normal(size=(2, 60, 3)) * [[[0.1, 0.1, 1.0]], [[1.0, 0.8, 0.1]]]
     return {
         "box": creation.box((1.0, 0.7, 0.4)),
@@ -132,21 +134,7 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         "goblet": _turned([[0, 0], [5, 0], [1, 1], [1, 5], [4, 7], [5, 11], [4.6, 11], [0, 7]]),
         "hourglass": _turned([[0, 0], [4, 0], [4, 1], [0.6, 5], [4, 9], [4, 10], [0, 10]]),
         "wheel": _turned(
-            [
-                [1, -1],
-                [2, -1],
-                [2, -0.3],
-                [6, -0.3],
-                [6, -1.5],
-                [7, -1.5],
-                [7, 1.5],
-                [6, 1.5],
-                [6, 0.3],
-                [2, 0.3],
-                [2, 1],
-                [1, 1],
-                [1, -1],
-            ]
+            [*wheel, *([radius, -height] for radius, height in wheel[::-1]), wheel[0]]
         ),
         "needle": convex_hull(needle),
         "chip": convex_hull(chip),
@@ -159,14 +147,7 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         ),
         "stairs": _boxes([[k, 0, 0.5 * k, 1.2, 4, 0.6] for k in range(8)]),
         "jack": _boxes([[0, 0, 0, 10, 1, 1], [0, 0, 0, 1, 10, 1], [0, 0, 0, 1, 1, 10]]),
-        "dumbbell": _parts(
-            [
-                creation.icosphere(2, radius=2.0),
-                creation.cylinder(0.5, 8.0),
-                creation.icosphere(2, radius=2.0),
-            ],
-            [-4.0, 0.0, 4.0],
-        ),
+        "dumbbell": util.concatenate([knobs[0], creation.cylinder(0.5, 8.0), knobs[1]]),
         "spring": _spring(),
         "axes": creation.axis(origin_size=0.1, axis_length=1.0),
     }
@@ -181,12 +162,6 @@ def _boxes(rows: list[list[float]]) -> Any:
     """Join boxes, each its centre and edges."""
     parts = [creation.box(row[3:]).apply_translation(row[:3]) for row in rows]
     return util.concatenate(parts)
-
-
-def _parts(meshes: list[Any], heights: list[float]) -> Any:
-    """Join meshes at heights along z."""
-    moved = [mesh.apply_translation([0, 0, z]) for mesh, z in zip(meshes, heights, strict=True)]
-    return util.concatenate(moved)
 
 
 def _spring() -> Any:

@@ -52,10 +52,10 @@ def _hull(shape: Shape) -> Any:
     return convex_hull(np.unique(shape._points(), axis=0))
 
 
-def fcl_box(fcl: Any, shape: Shape) -> Any:
-    """Return python-fcl's box."""
+def peer_box(peer: Any, shape: Shape) -> Any:
+    """Return the box of python-fcl or coal."""
     assert isinstance(shape, Box)
-    return fcl.Box(*shape.size)
+    return peer.Box(*shape.size)
 
 
 def fcl_hull(fcl: Any, shape: Shape) -> Any:
@@ -87,12 +87,6 @@ def ask_fcl(fcl: Any, made: list[Any], query: Query) -> Ask:
         return np.array(hits, np.bool_)
 
     return run
-
-
-def coal_box(coal: Any, shape: Shape) -> Any:
-    """Return coal's box."""
-    assert isinstance(shape, Box)
-    return coal.Box(*shape.size)
 
 
 def coal_mesh(coal: Any, shape: Shape) -> Any:
@@ -155,8 +149,8 @@ class Peer(NamedTuple):
 
 
 BOX_PEERS = (
-    Peer("python-fcl", "box", "fcl", fcl_box, ask_fcl),
-    Peer("coal", "box", "coal", coal_box, ask_coal),
+    Peer("python-fcl", "box", "fcl", peer_box, ask_fcl),
+    Peer("coal", "box", "coal", peer_box, ask_coal),
 )
 MESH_PEERS = (
     Peer("python-fcl", "hull", "fcl", fcl_hull, ask_fcl),
