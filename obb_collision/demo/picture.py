@@ -44,6 +44,7 @@ from obb_collision.demo.snapshot import (
     Color,
     DrawnScene,
     Label,
+    diagonal_of,
     look_at,
     pieces,
 )
@@ -108,7 +109,7 @@ def draw_picture(
     axes.set_axis_off()
     camera = _Camera(*look_at(view, snapshot.boxes))
     _draw_floor(axes, camera, snapshot.boxes)
-    _draw_solids(axes, camera, snapshot.wires(), PIECE * snapshot.diagonal)
+    _draw_solids(axes, camera, snapshot.wires(), PIECE * diagonal_of(snapshot.boxes))
     _draw_zones(axes, camera, snapshot)
     _draw_marks(axes, camera, snapshot)
     ends = camera.project(edge_points(snapshot.boxes))[:, :2]
@@ -150,8 +151,8 @@ class _Camera:
 
 
 def _draw_floor(axes: Any, camera: _Camera, boxes: Boxes) -> None:
-    low, high = boxes.world_bounds()
-    low, high = low.min(axis=0), high.max(axis=0)
+    bounds = boxes.aabb()
+    low, high = bounds.minimum, bounds.maximum
     step = 10.0 ** np.round(np.log10(max(*(high - low)[:2], 1e-6) / 8.0))
     x, y = (np.arange(np.floor(low[k] / step), np.ceil(high[k] / step) + 1) * step for k in (0, 1))
     z = min(0.0, low[2])

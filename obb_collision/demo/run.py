@@ -132,15 +132,12 @@ class ScenePublisher(Node):
             self._next_scan = time + 1.0 / SCAN_RATE
             self.publish_points(time)
 
-    def publish_points(self, time: float) -> int | None:
-        """Publish what the lidar measures; returns the stamp (ns), None without a lidar."""
+    def publish_points(self, time: float) -> None:
+        """Publish what the lidar measures, if there is one."""
         points = self.scene.points(time)
-        if points is None:
-            return None
-        stamp, header = self._header()
-        rows = points.astype("<f4").view(POINT_DTYPE)[:, 0]
-        self._points.publish(cloud_to_ros(rows, header))
-        return stamp
+        if points is not None:
+            rows = points.astype("<f4").view(POINT_DTYPE)[:, 0]
+            self._points.publish(cloud_to_ros(rows, self._header()[1]))
 
     def _header(self) -> tuple[int, Header]:
         now = self.get_clock().now().nanoseconds

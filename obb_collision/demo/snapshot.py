@@ -29,6 +29,7 @@ from trimesh import Trimesh, convex, creation
 from obb_collision import shapes
 from obb_collision.demo.listener import Listener, is_touching, pair_of
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.shapes.primitives import Primitive
 from obb_collision.node import NamedPair
 from obb_collision.scene_files.description import View
 from obb_collision.shapes import Box, Shape
@@ -69,14 +70,8 @@ def _triangles(body: Any, closed: bool = True) -> DrawnTriangles:
 def triangles_of(shape: shapes.Shape) -> DrawnTriangles:
     """Return a shape as triangles in its own frame."""
     size: Any = 1.0
-    if isinstance(shape, shapes.Box):
-        size, drawn = np.array(shape.size), _unit_body("box")
-    elif isinstance(shape, (shapes.Sphere, shapes.Ellipsoid)):
-        size = shape.radius if isinstance(shape, shapes.Sphere) else np.array(shape.radii)
-        drawn = _unit_body("sphere")
-    elif isinstance(shape, (shapes.Cylinder, shapes.Cone)):
-        size = np.array((shape.radius, shape.radius, shape.length))
-        drawn = _unit_body("cylinder" if isinstance(shape, shapes.Cylinder) else "cone")
+    if isinstance(shape, Primitive) and type(shape) in UNIT_BODIES:
+        size, drawn = np.array(shape._reach(), np.float64), UNIT_BODIES[type(shape)]
     elif isinstance(shape, shapes.Capsule):
         drawn = _capsule(shape.radius, shape.length)
     elif isinstance(shape, shapes.Hull):
@@ -88,18 +83,17 @@ def triangles_of(shape: shapes.Shape) -> DrawnTriangles:
     return drawn._replace(scale=np.array(shape.scale, np.float64) * size)
 
 
-@cache
-def _unit_body(kind: str) -> DrawnTriangles:
-    """Return a body of length or radius 1 about the origin."""
-    if kind == "box":
-        return _triangles(creation.box(extents=(1.0, 1.0, 1.0)))
-    if kind == "sphere":
-        return _triangles(creation.icosphere(subdivisions=2))
-    if kind == "cylinder":
-        return _triangles(creation.cylinder(1.0, 1.0, sections=SECTIONS))
-    body: Any = creation.cone(1.0, 1.0, sections=SECTIONS)
-    body.apply_translation((0.0, 0.0, -0.5))
-    return _triangles(body)
+CUBE = _triangles(creation.box(extents=(2.0, 2.0, 2.0)))
+BALL = _triangles(creation.icosphere(subdivisions=2))
+_CONE: Any = creation.cone(1.0, 2.0, sections=SECTIONS)
+#: Bodies that reach from -1 to 1 along each axis, by the shapes that are the same but for a scale.
+UNIT_BODIES: dict[type, DrawnTriangles] = {
+    shapes.Box: CUBE,
+    shapes.Sphere: BALL,
+    shapes.Ellipsoid: BALL,
+    shapes.Cylinder: _triangles(creation.cylinder(1.0, 2.0, sections=SECTIONS)),
+    shapes.Cone: _triangles(_CONE.apply_translation((0.0, 0.0, -1.0))),
+}
 
 
 @cache
@@ -204,9 +198,6 @@ def pieces(ends: Floats, length: float) -> tuple[Floats, Integers, Integers]:
     return start + share[..., None] * step, row, k
 
 
-CUBE = triangles_of(Box((1.0, 1.0, 1.0)))
-
-
 @dataclass(frozen=True)
 class DrawnScene:
     """A node's latest outputs.
@@ -230,12 +221,6 @@ class DrawnScene:
     notes: list[Label]
     boxed: frozenset[str] = frozenset()
 
-    @property
-    def diagonal(self) -> float:
-        """The diagonal of all boxes, m."""
-        low, high = self.boxes.world_bounds()
-        return max(float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))), 1e-6)
-
     def wires(self) -> Iterator[Body]:
         """Yield what has edges: the objects, and the boxes that decided a pair in their place."""
         rows = {name: row for row, name in enumerate(self.names)}
@@ -243,12 +228,12 @@ class DrawnScene:
             yield body
             if body.name in self.boxed:
                 box = self.boxes[rows[body.name]]
-                cube = CUBE._replace(scale=2.0 * box.half_extents)
+                cube = CUBE._replace(scale=box.half_extents)
                 yield body._replace(triangles=cube, position=box.center, rotation=box.rotation)
 
     def small(self) -> list[int]:
         """Return the rows of notes about overlaps that are too small to see in the whole scene."""
-        limit = SMALL * self.diagonal
+        limit = SMALL * diagonal_of(self.boxes)
         return [row for row, note in enumerate(self.notes) if note.depth < limit]
 
     def bodies(self) -> Iterator[Body]:
@@ -326,14 +311,20 @@ def take_snapshot(
     )
 
 
+def diagonal_of(boxes: Boxes) -> float:
+    """Return the diagonal of all boxes, m."""
+    bounds = boxes.aabb()
+    return max(float(np.linalg.norm(bounds.maximum - bounds.minimum)), 1e-6)
+
+
 def look_at(view: View | None, boxes: Boxes) -> tuple[Floats, Floats]:
     """Return from where to look (3,) and where to (3,): a scene's own view, or at all boxes."""
     if view is not None:
         return np.array(view.eye), np.array(view.target)
-    low, high = (corners for corners in boxes.world_bounds())
-    low, high = low.min(axis=0), high.max(axis=0)
-    target = 0.5 * (low + high)
-    return target + DISTANCE * np.linalg.norm(high - low) * DIRECTION, target
+    bounds = boxes.aabb()
+    target = 0.5 * (bounds.minimum + bounds.maximum)
+    reach = np.linalg.norm(bounds.maximum - bounds.minimum)
+    return target + DISTANCE * reach * DIRECTION, target
 
 
 def _notes(

@@ -32,6 +32,7 @@ import numpy as np
 
 from obb_collision.demo.listener import Listener
 from obb_collision.demo.snapshot import (
+    BALL,
     CUBE,
     DOUBTFUL,
     EDGE_COLORS,
@@ -45,17 +46,17 @@ from obb_collision.demo.snapshot import (
     DrawnScene,
     DrawnTriangles,
     Label,
+    diagonal_of,
     look_at,
     pieces,
     take_snapshot,
-    triangles_of,
 )
 from obb_collision.demo.status import Status
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.node.messages.box_markers import edge_points
 from obb_collision.scene_files.description import View as Viewpoint
-from obb_collision.shapes import Shape, Sphere
+from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
 #: Updates of the browser per second, Hz: smooth to the eye; and of the panel: legible.
@@ -88,7 +89,6 @@ GAMMA = 2.2
 FIELD = 0.65
 #: What the panel says while there is nothing to draw.
 WAITING = "Waiting for the node. Its first start compiles kernels: see its log for the progress."
-BALL = triangles_of(Sphere(1.0))
 
 
 class BrowserView:
@@ -128,7 +128,7 @@ class BrowserView:
             self._show_edges(snapshot)
             edges = edge_points(zones).reshape(-1, 12, 2, 3)
             self._lines("edges of zones", edges, colors[:, None, None])
-            self._meshes("zones", CUBE, zones, 2.0 * zones.half_extents, colors, 0.15)
+            self._meshes("zones", CUBE, zones, zones.half_extents, colors, 0.15)
             self._show_signs(snapshot)
             for name, color, form, points in snapshot.marks():
                 if form == "line":
@@ -141,9 +141,7 @@ class BrowserView:
 
     def show_status(self, status: Status, silent: float) -> None:
         """Write a node's status into the banner; silent: for how long it has sent none, s."""
-        content = STYLE + banner(status, silent)
-        if content != self.banner.content:
-            self.banner.content = content
+        _change(self.banner, content=STYLE + banner(status, silent))
 
     def fly_to(self, note: Label, camera: Any) -> None:
         """Move a client's camera to what a note is about; it keeps its direction."""
@@ -176,15 +174,13 @@ class BrowserView:
         if self._size:
             return
         self.panel.content = ""
-        low, high = boxes.world_bounds()
-        low, high = low.min(axis=0), high.max(axis=0)
-        self._size = max(float(np.linalg.norm(high - low)), 1e-6)
+        self._size = diagonal_of(boxes)
         eye, target = look_at(self._view, boxes)
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.fov = eye, target, FIELD
         camera.near, camera.far = 1e-3 * self._size, 1e2 * self._size
         cell = 10.0 ** round(np.log10(self._size / 12.0))
-        floor = (target[0], target[1], min(0.0, low[2]))
+        floor = (target[0], target[1], min(0.0, boxes.aabb().minimum[2]))
         self._server.scene.add_grid(
             "/floor",
             1.4 * self._size,
@@ -325,9 +321,7 @@ class BrowserView:
             handle = add(f"/{name}", **constant, **values) if count else None
             self.handles[name] = count, handle
             return
-        for field, value in values.items():
-            if not np.array_equal(getattr(handle, field), value):
-                setattr(handle, field, value)
+        _change(handle, **values)
 
     def _add_row(self, row: int) -> Any:
         """Return a row of the list; a click on it flies to what it is about."""
@@ -346,18 +340,21 @@ class BrowserView:
         self._notes = snapshot.notes[:NOTES]
         if len(snapshot.notes) > NOTES:
             lines.append(_line(f"{len(snapshot.notes)} notes, the first {NOTES}:", OUTSIDE_COLOR))
-        content = _in_panel("".join(lines))
-        if content != self.panel.content:
-            self.panel.content = content
+        _change(self.panel, content=_in_panel("".join(lines)))
         for k, button in enumerate(self.rows):
             note = self._notes[k] if k < len(self._notes) else None
             values: dict[str, Any] = {"visible": note is not None}
             if note is not None:
                 color = tuple(_bytes(0.85 * np.array(note.color)).tolist())
                 values |= {"label": f"{k + 1}   {note.text}", "color": color}
-            for field, value in values.items():
-                if getattr(button, field) != value:
-                    setattr(button, field, value)
+            _change(button, **values)
+
+
+def _change(handle: Any, **values: Any) -> None:
+    """Set fields of what viser has, those that differ."""
+    for field, value in values.items():
+        if not np.array_equal(getattr(handle, field), value):
+            setattr(handle, field, value)
 
 
 def banner(status: Status, silent: float) -> str:
