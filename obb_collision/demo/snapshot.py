@@ -27,7 +27,7 @@ from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
 from obb_collision import shapes
-from obb_collision.demo.listener import Listener, is_touching, pair_of
+from obb_collision.demo.listener import Color, Listener, is_touching, pair_of
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.primitives import Primitive
 from obb_collision.node import NamedPair
@@ -112,8 +112,6 @@ def _hull_triangles(shape: shapes.Hull) -> DrawnTriangles:
         body = Trimesh(shape.points, faces, process=False)
     return _triangles(body, closed=False)
 
-
-Color = tuple[float, float, float]
 
 FREE, ROBOT, TOUCHING, OVERLAPPING, DOUBTFUL = range(5)
 STATE_NAMES = ("free", "free, of a robot", "touching", "overlapping", "unknown")

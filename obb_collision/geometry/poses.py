@@ -97,7 +97,9 @@ FEWEST_POSES = 4096
 Pose = tuple[float, float, float, float, float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+#: The pose that changes nothing.
+IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+IDENTITY_POSE: Floats = np.array(IDENTITY)
 IDENTITY_POSE.setflags(write=False)
 
 

@@ -33,12 +33,12 @@ from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import Pose
+from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files.motion import JointLoop, Motion, states_at
-from obb_collision.scene_files.yaml_values import Triple
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown
@@ -63,7 +63,7 @@ class Lidar:
 
     count: int
     range: float
-    position: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    position: Triple = (0.0, 0.0, 1.0)
     sees: tuple[str, ...] = ("*",)
     seed: int = 0
 
@@ -279,5 +279,5 @@ class SceneDescription:
 
 def _is_plain(thing: SceneObject) -> bool:
     """Return whether it is a box as it stands, with the padding of the scene."""
-    plain = type(thing.shape) is Box and thing.shape.scale == (1.0, 1.0, 1.0)
+    plain = type(thing.shape) is Box and thing.shape.scale == NO_SCALE
     return plain and thing.padding is None

@@ -26,10 +26,11 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-from obb_collision.geometry.poses import Pose, Quaternion, compose_poses
+from obb_collision.geometry.poses import IDENTITY, Pose, Quaternion, compose_poses
+from obb_collision.geometry.shapes.primitives import NO_SCALE
 from obb_collision.scene_files.description import AllowedRule, Color, SceneDescription, SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
-from obb_collision.scene_files.objects import NO_SCALE, NO_TURN, read_scale, settled
+from obb_collision.scene_files.objects import NO_TURN, read_scale, settled
 from obb_collision.scene_files.yaml_values import Reader, Value, items_of
 from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 from obb_collision.words import printable
@@ -130,7 +131,6 @@ PRIMITIVES: dict[str, tuple[int, Callable[..., Shape]]] = {
 }
 #: The operation ADD, as a number and as the byte that the message has.
 ADD = ("0", "\x00")
-IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 VECTOR, QUATERNION = ("x", "y", "z"), ("x", "y", "z", "w")
 

@@ -26,11 +26,12 @@ import numpy as np
 from obb_collision import shapes
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
 from obb_collision.geometry.poses import Pose, Quaternion, unit_quaternions
+from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
 from obb_collision.geometry.validation import is_far_from_unit
 from obb_collision.scene_files.description import Color, SceneDescription, SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady
-from obb_collision.scene_files.yaml_values import Problems, Reader, Triple, Value
+from obb_collision.scene_files.yaml_values import Problems, Reader, Value
 
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 #: Maximum angle (rad): a full turn, and what rounding it to 6.3 adds. More must be degrees.
@@ -243,7 +244,6 @@ KEYS = ("name", "shape", "position", "rpy", "quaternion", "scale", "motion", *OW
 ORIGIN: Triple = (0.0, 0.0, 0.0)
 #: Characters of patterns; in a name they would match something else.
 PATTERN_LETTERS = "*?[]"
-NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
 
 def read_objects(

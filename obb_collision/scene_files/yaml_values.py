@@ -28,6 +28,7 @@ from difflib import get_close_matches
 from itertools import islice
 from typing import Any, NamedTuple, NoReturn
 
+from obb_collision.geometry.shapes.primitives import Triple
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.words import MAX_NAME, MAX_PATH, printable, text_fault
 
@@ -110,7 +111,6 @@ MAX_GUESSES, MAX_LISTED = 500, 20
 #: Maximum characters of a text for people.
 MAX_PROSE = 10_000
 NO_KEYS: Mapping[str, Any] = {}
-Triple = tuple[float, float, float]
 
 
 class Node:

@@ -30,13 +30,12 @@ import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import quaternions_from_matrices
+from obb_collision.geometry.poses import IDENTITY, quaternions_from_matrices
 from obb_collision.node.messages.cdr import ENCAPSULATION, padded, written_text
 from obb_collision.node.messages.conversions import NANOSECONDS, Key
 from obb_collision.typing import Floats
 
 NO_POINTS: Floats = np.empty((0, 3))
-IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 NO_SIZE = (0.0, 0.0, 0.0)
 CLEAR = (0.0, 0.0, 0.0, 0.0)
 EMPTY_TAIL = b"".join(

@@ -58,6 +58,7 @@ from obb_collision.scene.building.jobs import (
     perform,
 )
 from obb_collision.typing import Floats
+from obb_collision.words import MAX_PATH
 
 Signature = tuple[Any, ...]
 """Identifies a shape without fitting it: equal signatures, equal shapes."""
@@ -78,9 +79,6 @@ ANNOTATIONS = (Marker.TEXT_VIEW_FACING, Marker.ARROW_STRIP)
 
 IMMEDIATE = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW)
 """Types whose shape is created immediately."""
-
-LONGEST_URI = 4096
-"""Characters of a URI; no path is longer on Linux."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +223,8 @@ def _mesh(given: MarkerShape, scale: Floats) -> ShapePlan:
         return ShapePlan(signature, job=MeshFile(name, scale, data))
     if "://" not in uri:  # RViz takes URIs only; a bare path depends on where the node was started
         raise RefusedError(UNREADABLE, f"{_short(uri)} is no file:// or package:// URI")
-    if len(uri) > LONGEST_URI:
-        raise RefusedError(UNREADABLE, f"{_short(uri)} has more than {LONGEST_URI} characters")
+    if len(uri) > MAX_PATH:
+        raise RefusedError(UNREADABLE, f"{_short(uri)} has more than {MAX_PATH} characters")
     return ShapePlan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
 
 

@@ -21,18 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.poses import IDENTITY_POSE, multiply_quaternions, rotate_vectors
-from obb_collision.robots.description.srdf import (
-    Pairs,
-    VirtualJoint,
-    sorted_pair,
-)
-from obb_collision.robots.description.urdf import (
-    Description,
-    Joint,
-    JointKind,
-    PlacedShape,
-)
+from obb_collision.geometry.poses import multiply_quaternions, rotate_vectors
+from obb_collision.robots.description.srdf import Pairs, VirtualJoint, sorted_pair
+from obb_collision.robots.description.urdf import Description, Joint, JointKind, PlacedShape
 from obb_collision.robots.kinematics.kinematics import Tree
 from obb_collision.typing import Floats
 
@@ -50,21 +41,7 @@ def virtual_joint_of(virtual: VirtualJoint | None, description: Description) -> 
     """Return the joint that stands for the virtual one of an SRDF; None if it does not move."""
     if virtual is None or virtual.kind is JointKind.FIXED:
         return None
-    x, y, z, qx, qy, qz, qw = IDENTITY_POSE.tolist()
-    infinite = float("inf")
-    return Joint(
-        virtual.name,
-        virtual.kind,
-        "",
-        virtual.child_link,
-        (x, y, z, qx, qy, qz, qw),
-        None,
-        -infinite,
-        infinite,
-        infinite,
-        None,
-        description.element,
-    )
+    return Joint(virtual.name, virtual.kind, "", virtual.child_link, description.element)
 
 
 def adjacent_pairs(joints: list[Joint], shapes: dict[str, tuple[PlacedShape, ...]]) -> Pairs:

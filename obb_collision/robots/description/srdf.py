@@ -140,7 +140,7 @@ class _Reader:
     def groups(self) -> dict[str, Group]:
         """Return all groups, with what their subgroups have."""
         elements: dict[str, Element] = {}
-        found = self._srdf.few("group", MOST_GROUPS, "groups")
+        found = limited(self._srdf.children("group"), MOST_GROUPS, "groups")
         limited(
             [part for each in found for part in each.children()], MOST_MEMBERS, "parts of groups"
         )
@@ -205,7 +205,7 @@ class _Reader:
 
     def end_effectors(self) -> dict[str, str]:
         """Return the group of each end effector, by its name."""
-        found = self._srdf.few("end_effector", MOST_GROUPS, "end effectors")
+        found = limited(self._srdf.children("end_effector"), MOST_GROUPS, "end effectors")
         return {element.word("name"): element.word("group") for element in found}
 
     def group_states(self) -> dict[tuple[str, str], dict[str, tuple[float, ...]]]:

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.poses import Pose
+from obb_collision.geometry.poses import IDENTITY, Pose
 from obb_collision.geometry.shapes.files import (
     PACKAGE,
     MeshFolders,
@@ -38,6 +38,7 @@ from obb_collision.geometry.shapes.files import (
     shortened,
     source_folder,
 )
+from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
 from obb_collision.geometry.validation import check_kind
 from obb_collision.robots.description.xml_values import (
     Element,
@@ -56,9 +57,6 @@ MOST_LINKS = 1000
 MOST_GEOMETRIES = 2000
 #: The kinds of geometry, and shape of capsules that URDF has from its version 1.2 on.
 GEOMETRIES = ("box", "sphere", "cylinder", "capsule", "mesh")
-#: The pose of what has no ``<origin>``.
-NO_ORIGIN: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-Triple = tuple[float, float, float]
 #: Where packages are: a folder by name, or folders in which packages are.
 PackageDirs = Mapping[str, str | Path] | Iterable[str | Path] | MeshFolders
 #: Reads a mesh file, with a scale.
@@ -97,13 +95,13 @@ class Joint:
     kind: JointKind
     parent: str
     child: str
-    pose: Pose
-    axis: Triple | None
-    lower: float
-    upper: float
-    velocity: float
-    mimic: Mimic | None
     element: Element
+    pose: Pose = IDENTITY
+    axis: Triple | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    mimic: Mimic | None = None
 
     @property
     def drives(self) -> bool:
@@ -211,7 +209,7 @@ def read_urdf(robot: Element, source: MeshSource) -> Description:
     if robot.tag != "robot":
         raise robot.refuse("the root of a URDF is <robot>")
     links: dict[str, tuple[PlacedShape, ...]] = {}
-    elements = robot.few("link", MOST_LINKS, "links")
+    elements = limited(robot.children("link"), MOST_LINKS, "links")
     geometries = [one for element in elements for one in element.children("collision")]
     limited(geometries, MOST_GEOMETRIES, "collision geometries")
     for element in elements:
@@ -274,7 +272,7 @@ def _primitive(element: Element) -> Shape:
 
 def _mesh(element: Element, source: MeshSource) -> Shape:
     name = element.word("filename", MAX_PATH)
-    x, y, z = element.numbers("scale", 3, (1.0, 1.0, 1.0))
+    x, y, z = element.numbers("scale", 3, NO_SCALE)
     if not x * y * z:
         raise element.refuse(f"its scale must not be zero, got {x:g} {y:g} {z:g}")
     return source.mesh(name, (x, y, z))
@@ -282,26 +280,18 @@ def _mesh(element: Element, source: MeshSource) -> Shape:
 
 def _read_joint(element: Element) -> Joint:
     kind = element.choice("type", KINDS)
-    lower, upper, velocity = _read_limits(element, kind)
-    return Joint(
-        element.word("name"),
-        kind,
-        element.needed("parent").word("link"),
-        element.needed("child").word("link"),
-        _read_origin(element),
-        _read_axis(element, kind),
-        lower,
-        upper,
-        velocity,
-        _read_mimic(element, kind),
-        element,
-    )
+    limits = _read_limits(element, kind)
+    name = element.word("name")
+    parent, child = (element.needed(role).word("link") for role in ("parent", "child"))
+    place = _read_origin(element), _read_axis(element, kind)
+    mimic = _read_mimic(element, kind)
+    return Joint(name, kind, parent, child, element, *place, *limits, mimic)
 
 
 def _read_origin(element: Element) -> Pose:
     origin = element.child("origin")
     if origin is None:
-        return NO_ORIGIN
+        return IDENTITY
     x, y, z = origin.numbers("xyz", 3, (0.0, 0.0, 0.0))
     if origin.get("quat_xyzw") is None:
         roll, pitch, yaw = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))

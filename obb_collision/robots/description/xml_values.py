@@ -29,7 +29,7 @@ from typing import Any, TypeVar
 
 from obb_collision.geometry.shapes.files import read_file, shortened
 from obb_collision.numerics.constants import MAX_MAGNITUDE
-from obb_collision.words import MAX_PATH, printable, shown, text_fault
+from obb_collision.words import MAX_NAME, MAX_PATH, printable, shown, text_fault
 
 T = TypeVar("T")
 #: Maximum size of a description, bytes: a hundred times the largest of real robots.
@@ -88,10 +88,6 @@ class Element:
             if isinstance(node.tag, str) and (not tags or node.tag in tags)
         ]
 
-    def few(self, tag: str, most: int, what: str) -> list[Element]:
-        """Return the children of a tag; RobotError, naming the first one too many, for more."""
-        return limited(self.children(tag), most, what)
-
     def child(self, tag: str) -> Element | None:
         """Return the child of a tag, None without one; RobotError for several."""
         found = self.children(tag)
@@ -111,7 +107,7 @@ class Element:
         value = self.node.get(key)
         return None if value is None else str(value)
 
-    def word(self, key: str, most: int = 255) -> str:
+    def word(self, key: str, most: int = MAX_NAME) -> str:
         """Return an attribute that is a name; RobotError without one."""
         value = self.get(key)
         if value is None:
