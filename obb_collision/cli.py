@@ -122,20 +122,6 @@ class Progress:
             self._stream.flush()
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """Return a converter for argparse: an integer within limits, both included."""
-    return _within(int, "whole number", low, high)
-
-
-#: Converts a seed, of those that numpy takes as one integer.
-SEED = whole(0, 2**32 - 1)
-
-
-def real(low: float, high: float) -> Callable[[str], float]:
-    """Return a converter for argparse: a number within limits, both included."""
-    return _within(float, "number", low, high)
-
-
 def _within(kind: type[Number], what: str, low: Number, high: Number) -> Callable[[str], Number]:
     form = "" if kind is int else "g"
 
@@ -150,6 +136,20 @@ def _within(kind: type[Number], what: str, low: Number, high: Number) -> Callabl
         return value
 
     return convert
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Return a converter for argparse: an integer within limits, both included."""
+    return _within(int, "whole number", low, high)
+
+
+#: Converts a seed, of those that numpy takes as one integer.
+SEED = whole(0, 2**32 - 1)
+
+
+def real(low: float, high: float) -> Callable[[str], float]:
+    """Return a converter for argparse: a number within limits, both included."""
+    return _within(float, "number", low, high)
 
 
 def mesh_files(folder: Path) -> Iterator[Path]:
