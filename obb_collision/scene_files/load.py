@@ -41,7 +41,7 @@ from obb_collision.geometry.shapes.files import MeshFolders, resolve_path
 from obb_collision.geometry.validation import check_kind, warn_caller
 from obb_collision.scene_files.description import SceneDescription
 from obb_collision.scene_files.mesh_files import MeshFiles, MeshReading
-from obb_collision.scene_files.moveit import MARKS, read_planning_scene
+from obb_collision.scene_files.moveit import MARKS, PlanningScene
 from obb_collision.scene_files.native import read_scene
 from obb_collision.scene_files.yaml_values import (
     MAPPING,
@@ -294,7 +294,7 @@ def _read(top: Value, file: Path, meshes: MeshFiles) -> SceneDescription:
     if top.peek("objects") is not None:
         return read_scene(top, file, meshes)
     if any(top.peek(mark) is not None for mark in MARKS):
-        return read_planning_scene(top, file, meshes)
+        return PlanningScene(top, meshes).description(file)
     if top.is_mapping:
         top.refuse("needs objects: (a scene) or world: (a MoveIt planning scene)")
     top.expected("a mapping (key: value)")

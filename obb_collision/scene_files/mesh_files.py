@@ -80,7 +80,7 @@ class MeshFiles:
     """Mesh files by path, relative to the folder of the scene file, or by URI."""
 
     def __init__(self, scene_file: Path, reading: MeshReading) -> None:
-        self._folder, self._reading = scene_file.parent, reading
+        self._folder, self.reading = scene_file.parent, reading
         file = scene_file.absolute()
         self._own = source_folder(file) or file.parent
         self._read: dict[tuple[str, Triple], Mesh] = {}
@@ -90,7 +90,7 @@ class MeshFiles:
         file = value.text(A_FILE, MAX_PATH)
         if (file, scale) not in self._read:
             with value.reasons():
-                self._read[file, scale] = self._reading.read(self._path(file), scale)
+                self._read[file, scale] = self.reading.read(self._path(file), scale)
         return self._read[file, scale]
 
     def path(self, value: Value, what: str) -> Path:
@@ -101,25 +101,16 @@ class MeshFiles:
         file = value.text(A_FILE, MAX_PATH)
         with value.reasons():
             try:
-                return self._path(file)
+                path = self._path(file)
             except ValueError as error:
                 raise ValueError(f"{what} {str(error).removeprefix('mesh file ')}") from None
-        raise AssertionError  # for the type checker: what is within does not go on
-
-    @property
-    def folders(self) -> MeshFolders:
-        """Where mesh files may be besides the folder and the package of the scene file."""
-        return self._reading.folders
-
-    def read(self, path: Path, scale: Triple) -> Mesh:
-        """Return a mesh that a description names; ValueError with the reason."""
-        return self._reading.read(path, scale)
+        return path
 
     def _path(self, file: str) -> Path:
         """Return where a file is; ValueError where none is read."""
         path, own = self._found(file)
         try:
-            return allowed_path(path, (own, *self.folders.chosen))
+            return allowed_path(path, (own, *self.reading.folders.chosen))
         except ValueError as error:
             raise ValueError(f"mesh file {shortened(str(path))}: {error}") from error
 
@@ -131,7 +122,7 @@ class MeshFiles:
         if "://" not in file:
             return self._folder / file, self._own
         try:
-            return self.folders.resolve(file), self._own
+            return self.reading.folders.resolve(file), self._own
         except (ValueError, OSError) as error:  # OSError: no environment of ROS is set
             package, _, inside = file.removeprefix(PACKAGE).partition("/")
             for folder in (self._folder.resolve(), *self._folder.resolve().parents):

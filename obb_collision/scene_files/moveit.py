@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def read_matrix(value: Value) -> list[AllowedRule]:
     for wanted in (True, False):  # where a pair has two defaults, both must allow it
         for name, allowed in defaults.items():
             if allowed == wanted and (allowed or True in defaults.values()):
-                rules += rules_with_all(name, allowed)
+                rules += [AllowedRule(pattern, "*", allowed) for pattern in patterns_of(name)]
     for (first, second), allowed in _read_entries(fields).items():
         if allowed or defaults.get(first) or defaults.get(second):
             rules += rules_between(first, second, allowed)
@@ -63,11 +64,6 @@ def rules_between(first: str, second: str, allowed: bool) -> list[AllowedRule]:
     if first != second:
         return rules
     return [rule for rule in rules if rule.first.endswith("/*") and rule.second.endswith("/*")]
-
-
-def rules_with_all(name: str, allowed: bool) -> list[AllowedRule]:
-    """Return the rules for a name of MoveIt and everything."""
-    return [AllowedRule(pattern, "*", allowed) for pattern in patterns_of(name)]
 
 
 def patterns_of(name: str) -> tuple[str, str]:
@@ -208,7 +204,13 @@ def _read_shapes(
     if places and len(places) != len(shapes):
         fields[poses_key].refuse(f"there are {len(shapes)} {key} and {len(places)} {poses_key}")
     poses = [read_pose(place) for place in places] or [IDENTITY] * len(shapes)
-    return [(read(shape), pose) for shape, pose in zip(shapes, poses, strict=True)]
+    found = []
+    for value, pose in zip(shapes, poses, strict=True):
+        with value.reasons():
+            shape = read(value)
+            _ = shape.local_box
+        found.append((shape, pose))
+    return found
 
 
 def _read_primitive(value: Value) -> Shape:
@@ -218,11 +220,7 @@ def _read_primitive(value: Value) -> Shape:
     if word not in PRIMITIVES:
         fields["type"].expected(f"one of {', '.join(PRIMITIVES)}")
     count, make = PRIMITIVES[word]
-    sizes = fields["dimensions"].numbers(count, positive=True)
-    with value.reasons():
-        shape = make(*sizes)
-        _ = shape.local_box
-    return shape
+    return make(*fields["dimensions"].numbers(count, positive=True))
 
 
 def _read_mesh(value: Value, files: MeshFiles) -> Shape:
@@ -233,10 +231,7 @@ def _read_mesh(value: Value, files: MeshFiles) -> Shape:
     if value.peek("resource") is not None:
         fields = value.fields(("resource", "dimensions"), ("resource",))
         scale = read_scale(fields["dimensions"]) if "dimensions" in fields else NO_SCALE
-        shape = files.mesh(fields["resource"], scale)
-        with value.reasons():
-            _ = shape.local_box
-        return shape
+        return files.mesh(fields["resource"], scale)
     fields = value.fields(("triangles", "vertices"), ("triangles", "vertices"))
     vertices = [_read_vector(point, VECTOR) for point in fields["vertices"].items()]
     last = len(vertices) - 1
@@ -248,10 +243,7 @@ def _read_mesh(value: Value, files: MeshFiles) -> Shape:
         if len(corners.items()) != 3:
             corners.expected("3 vertices")
         faces.append([corner.whole(0, last) for corner in corners.items()])
-    with value.reasons():
-        shape = Mesh(vertices, faces)
-        _ = shape.local_box
-    return shape
+    return Mesh(vertices, faces)
 
 
 def read_pose(value: Value) -> Pose:
@@ -259,15 +251,12 @@ def read_pose(value: Value) -> Pose:
 
     A quaternion of zeros is no rotation, as in MoveIt.
     """
-    readers: dict[str, Reader] = dict.fromkeys(("position", "translation"), _read_place)
+    place = partial(_read_vector, parts=VECTOR)
+    readers: dict[str, Reader] = dict.fromkeys(("position", "translation"), place)
     readers |= dict.fromkeys(("orientation", "rotation"), _read_turn)
     given = value.read({}, readers)
     x, y, z = given.get("translation", given.get("position", (0.0, 0.0, 0.0)))
     return (x, y, z, *given.get("rotation", given.get("orientation", NO_TURN)))
-
-
-def _read_place(value: Value) -> tuple[float, ...]:
-    return _read_vector(value, VECTOR)
 
 
 def _read_turn(value: Value) -> Quaternion:
@@ -299,12 +288,7 @@ ATTACHED = ("link_name", "object", "touch_links", "detach_posture", "weight")
 MARKS = ("world", "allowed_collision_matrix", "robot_state", "robot_model_name")
 
 
-def read_planning_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
-    """Return the description in a planning scene. Raises SceneFileError with all its problems."""
-    return _PlanningScene(top, files).description(path)
-
-
-class _PlanningScene:
+class PlanningScene:
     """A planning scene that is being read."""
 
     def __init__(self, top: Value, files: MeshFiles) -> None:
@@ -313,33 +297,27 @@ class _PlanningScene:
         self._files = files
         self._frames = Frames()
         self._objects: list[SceneObject] = []
-        self._matrix: list[AllowedRule] = []
         self._own_rules: list[AllowedRule] = []  # of parts and attached objects, matrix or not
         self._notes: list[str] = []
         self._lines: dict[str, int] = {}
 
     def description(self, path: Path) -> SceneDescription:
-        for name, read in (
-            ("fixed_frame_transforms", self._read_frames),
-            ("world", self._read_world),
-            ("robot_state", self._read_robot_state),
-            ("allowed_collision_matrix", lambda value: self._matrix.extend(read_matrix(value))),
-            ("object_colors", self._read_colors),
-            ("robot_model_name", self._read_robot),
-            ("is_diff", self._read_diff),
-        ):
-            if name in self._fields:
-                with self._problems.kept():
-                    read(self._fields[name])
-        name = ""
-        if "name" in self._fields:
-            with self._problems.kept():
-                name = self._fields["name"].label()
-        self._problems.finish()
+        """Return the description in the scene. Raises SceneFileError with all its problems."""
+        readers: dict[str, Reader] = {
+            "fixed_frame_transforms": self._read_frames,
+            "world": self._read_world,
+            "robot_state": self._read_robot_state,
+            "allowed_collision_matrix": read_matrix,
+            "object_colors": self._read_colors,
+            "robot_model_name": self._read_robot,
+            "is_diff": self._read_diff,
+            "name": Value.label,
+        }
+        read = self._problems.read(self._fields, readers)
         return SceneDescription(
-            name or printable(path.stem),
+            read.get("name") or printable(path.stem),
             tuple(self._objects),
-            allowed=(*self._matrix, *self._own_rules),
+            allowed=(*read.get("allowed_collision_matrix", ()), *self._own_rules),
             notes=(*self._problems.doubts(), *self._notes),
         )
 

@@ -22,7 +22,6 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -83,8 +82,8 @@ def _read_effect(name: str, value: Value, patterns: Patterns) -> EffectChoice:
 def _read_option(key: str, option: Option, value: Value) -> float | str:
     with value.reasons():
         word = isinstance(option.default, str)
-        return option.checked(key, value.text() if word else value.number())
-    raise AssertionError  # for the type checker: what is within does not go on
+        checked = option.checked(key, value.text() if word else value.number())
+    return checked
 
 
 ROBOT_KEYS = ("name", "urdf", "srdf", "position", "rpy", "quaternion", "joints", "motion")
@@ -116,7 +115,8 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
     srdf = files.path(fields["srdf"], "SRDF") if "srdf" in fields else None
     place = fields["position"].triple() if "position" in fields else ORIGIN
     with fields["urdf"].reasons():
-        robot = Robot.from_urdf(urdf, srdf, files.folders, read_mesh=files.read)
+        reading = files.reading
+        robot = Robot.from_urdf(urdf, srdf, reading.folders, read_mesh=reading.read)
     for doubt in robot.doubts:
         value.doubt(doubt)
     start = _start_of(robot)
@@ -199,12 +199,7 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
         "view": _read_view,
         "accuracy": lambda value: _read_accuracies(value, words),
     }
-    said: dict[str, Any] = {"name": printable(path.stem)}
-    for key, read in readers.items():
-        if key in fields:
-            with problems.kept():
-                said[key] = read(fields[key])
-    problems.finish()
+    said: dict[str, Any] = {"name": printable(path.stem), **problems.read(fields, readers)}
     if "accuracy" in said:
         said["accuracy"], said["accuracies"] = said["accuracy"]
     return SceneDescription(objects=tuple(objects), notes=problems.doubts(), **said)

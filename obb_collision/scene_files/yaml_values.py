@@ -87,10 +87,16 @@ class Problems:
         """Return what is odd but can be used, one line each."""
         return tuple(_told(self.file, problem) for problem in self.odd)
 
-    def finish(self) -> None:
-        """Raise SceneFileError if there were any."""
+    def read(self, fields: Mapping[str, Value], readers: Mapping[str, Reader]) -> dict[str, Any]:
+        """Return what readers, in their order, make of fields; SceneFileError with all problems."""
+        read: dict[str, Any] = {}
+        for key in readers:
+            if key in fields:
+                with self.kept():
+                    read[key] = readers[key](fields[key])
         if self.found:
             raise SceneFileError(self.file, self.found)
+        return read
 
 
 #: No two parts of it take the same digits, so what is none is seen in one pass.
