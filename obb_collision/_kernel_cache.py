@@ -253,8 +253,7 @@ class KernelCache:
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            _say_once(place, f"kernels in {place} can't be read: {reason}")
+            _say_once(place, f"kernels in {place} can't be read: {_reason(error)}")
             return None
         try:
             digest, data = content[:DIGEST_SIZE], content[DIGEST_SIZE:]
@@ -277,8 +276,7 @@ class KernelCache:
                 self._write(place / self.folder, name, _digest(content) + content)
                 return True
             except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or error
-                _say_once(place, f"kernels can't be kept in {place}: {reason}")
+                _say_once(place, f"kernels can't be kept in {place}: {_reason(error)}")
         return False
 
     def _file(self, key: Key) -> str:
@@ -303,6 +301,10 @@ class KernelCache:
             raise
 
 
+def _reason(error: OSError | ValueError) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
 def _digest(data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=DIGEST_SIZE).digest()
 
@@ -314,14 +316,8 @@ def _digest(data: bytes) -> bytes:
 
 #: Settings of numba, by environment variables or files, that change what is compiled.
 FLAGS = (
-    "BOUNDSCHECK",
-    "DEBUGINFO_DEFAULT",
-    "ENABLE_AVX",
-    "LLVM_REFPRUNE_PASS",
-    "LOOP_VECTORIZE",
-    "OPT",
-    "SLP_VECTORIZE",
-    "USING_SVML",
+    *("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LLVM_REFPRUNE_PASS", "LOOP_VECTORIZE"),
+    *("OPT", "SLP_VECTORIZE", "USING_SVML"),
 )
 
 

@@ -139,8 +139,13 @@ def _default_number() -> int:
     text = os.environ.get(VARIABLE, "").strip()
     if text:
         return _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
+    return min(usable_cores(), MAX_THREADS)
+
+
+def usable_cores() -> int:
+    """Return how many cores this process may use."""
     usable = getattr(os, "sched_getaffinity", None)  # Linux only
-    return min(len(usable(0)) if usable else os.cpu_count() or 1, MAX_THREADS)
+    return len(usable(0)) if usable else os.cpu_count() or 1
 
 
 def _checked(number: Any, name: str) -> int:

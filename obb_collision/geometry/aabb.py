@@ -68,8 +68,7 @@ class AABB(ArrayValue):
         high = as_array(maximum, "maximum", (3,)).copy()
         if (low > high).any():
             raise ValueError("minimum must not exceed maximum")
-        object.__setattr__(self, "minimum", low)
-        object.__setattr__(self, "maximum", high)
+        vars(self).update(minimum=low, maximum=high)
 
     @classmethod
     def from_points(cls, points: ArrayLike) -> AABB:

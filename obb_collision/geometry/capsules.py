@@ -79,9 +79,7 @@ class Capsules(ArrayValue):
         self._set(p.copy(), q.copy(), r)  # what is checked must not change behind our back
 
     def _set(self, starts: Floats, ends: Floats, radii: Floats) -> None:
-        object.__setattr__(self, "starts", starts)
-        object.__setattr__(self, "ends", ends)
-        object.__setattr__(self, "radii", radii)
+        vars(self).update(starts=starts, ends=ends, radii=radii)
 
     @classmethod
     def trusted(cls, starts: Floats, ends: Floats, radii: Floats) -> Capsules:

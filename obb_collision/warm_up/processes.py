@@ -41,6 +41,7 @@ from traceback import format_exception_only
 from typing import Any
 
 from obb_collision._kernel_cache import compiled, logger, places, unsaved
+from obb_collision._threads import usable_cores
 from obb_collision.warm_up import steps
 
 #: More would compile much of what they have in common several times over.
@@ -77,13 +78,6 @@ class CompileProgress:
     stopped: bool = False
 
 
-def cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def compile_steps(
     names: Iterable[str],
     *,
@@ -104,7 +98,7 @@ def compile_steps(
     progress = CompileProgress(tuple(dict.fromkeys(wanted)))
     waiting = list(progress.steps)
     if count is None:
-        count = min(MOST_PROCESSES, cores())
+        count = min(MOST_PROCESSES, usable_cores())
     workers: list[_Worker] = []
     try:
         for _ in range(min(count, len(waiting))):

@@ -151,13 +151,10 @@ class Hull(_Cloud):
         )
 
     @classmethod
-    def fitted(cls, points: Floats, local_box: LocalBox, scale: Floats | None = None) -> Hull:
+    def fitted(cls, points: Floats, local_box: LocalBox) -> Hull:
         """Return the hull of points with a given local box; nothing is checked or copied."""
-        x, y, z = NO_SCALE if scale is None else scale.tolist()
         points.setflags(write=False)
-        return cls.trusted(
-            points=points, scale=(x, y, z), fit="best", local_box=read_only(*local_box)
-        )
+        return cls.trusted(points=points, fit="best", local_box=read_only(*local_box))
 
     def _points(self) -> Floats:
         return self.points
@@ -231,13 +228,10 @@ class Mesh(_Cloud):
     @classmethod
     def fitted(cls, vertices: Floats, faces: Triangles, scale: Floats, local_box: LocalBox) -> Mesh:
         """Return the mesh with a given local box; nothing is checked or copied."""
-        x, y, z = scale.tolist()
-        mesh = object.__new__(cls)
-        mesh._store(vertices=vertices, faces=faces, scale=(x, y, z), fit="best")
-        mesh._store(local_box=read_only(*local_box))
-        for array in (vertices, faces):
-            array.setflags(write=False)
-        return mesh
+        vertices.setflags(write=False)
+        faces.setflags(write=False)
+        given, box = tuple(scale.tolist()), read_only(*local_box)
+        return cls.trusted(vertices=vertices, faces=faces, scale=given, fit="best", local_box=box)
 
     @classmethod
     def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:

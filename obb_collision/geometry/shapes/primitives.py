@@ -92,8 +92,7 @@ class Shape(ABC):
         return shape
 
     def _store(self, **values: object) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)  # the dataclasses are frozen
+        vars(self).update(values)  # past the guard of frozen dataclasses
 
 
 class Primitive(Shape):

@@ -87,8 +87,7 @@ class Region(ArrayValue):
         width = float(as_array(halo, "halo", ()))
         if width < 0.0:
             raise ValueError("halo must not be negative")
-        for name, value in (("minimum", low), ("maximum", high), ("halo", width)):
-            object.__setattr__(self, name, value)
+        vars(self).update(minimum=low, maximum=high, halo=width)
 
     @property
     def is_everything(self) -> bool:
