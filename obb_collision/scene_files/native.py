@@ -22,6 +22,7 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
