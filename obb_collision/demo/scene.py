@@ -22,12 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from obb_collision.demo.command import DEFAULT_SEED
-from obb_collision.geometry.poses import Pose
+from obb_collision.geometry.poses import Pose, quaternion_from_rpy
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
 from obb_collision.scene_files.description import Cloud, SceneDescription, SceneObject
 from obb_collision.scene_files.motion import Loop
-from obb_collision.scene_files.objects import from_rpy
 from obb_collision.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats
 
@@ -112,7 +111,7 @@ def random_scene(objects: int, seed: int = DEFAULT_SEED) -> SceneDescription:
             z += 0.5 * (_height(below.shape) + STACKED.size[2])
             result.append(SceneObject(f"box/{k}", STACKED, (x, y, z, 0.0, 0.0, 0.0, 1.0)))
             continue
-        pose = (x, y, 0.5 * height, *from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0)))
+        pose = (x, y, 0.5 * height, *quaternion_from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0)))
         motion = _random_way(random, pose, 2.5) if k % 3 == 0 else None
         result.append(SceneObject(f"{kind}/{k}", shape, pose, motion=motion))
     return SceneDescription("random", tuple(result), f"{objects} objects at random, seed {seed}")
@@ -134,7 +133,7 @@ def _random_way(random: np.random.Generator, start: Pose, reach: float) -> Loop:
     poses = [start]
     for _ in range(WAYPOINTS - 1):
         x, y = np.array(start[:2]) + random.uniform(-reach, reach, 2)
-        turn = from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0))
+        turn = quaternion_from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0))
         poses.append((float(x), float(y), start[2], *turn))
     period = float(random.uniform(*PERIODS))
     return Loop(tuple(poses), tuple(period * k / WAYPOINTS for k in range(WAYPOINTS)), period)

@@ -186,6 +186,22 @@ def multiply_quaternions(a: Floats, b: Floats) -> Floats:
     )
 
 
+def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return the rotation by roll about x, then pitch about y, then yaw about z, all fixed axes.
+
+    As in ROS REP 103; angles in radians.
+    """
+    (sr, cr), (sp, cp), (sy, cy) = (
+        (math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in (roll, pitch, yaw)
+    )
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
 def matrices_from_quaternions(quaternions: Floats) -> Floats:
     """Return (n, 3, 3) rotation matrices of unit quaternions (n, 4).
 

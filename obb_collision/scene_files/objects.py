@@ -25,7 +25,7 @@ import numpy as np
 
 from obb_collision import shapes
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
-from obb_collision.geometry.poses import Pose, Quaternion, unit_quaternions
+from obb_collision.geometry.poses import Pose, Quaternion, quaternion_from_rpy, unit_quaternions
 from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
 from obb_collision.geometry.validation import is_far_from_unit
 from obb_collision.scene_files.description import Color, SceneDescription, SceneObject
@@ -48,7 +48,7 @@ def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Qu
     if "rpy" in fields:
         roll, pitch, yaw = fields["rpy"].numbers(3)
         check_angles(fields["rpy"], roll, pitch, yaw)
-        return from_rpy(roll, pitch, yaw)
+        return quaternion_from_rpy(roll, pitch, yaw)
     if "quaternion" not in fields:
         return default
     x, y, z, w = fields["quaternion"].numbers(4)
@@ -76,14 +76,6 @@ def settled(value: Value, quaternion: Quaternion) -> Quaternion:
 def unit(quaternion: Quaternion) -> Quaternion:
     """Return a quaternion of length 1."""
     x, y, z, w = unit_quaternions(quaternion).tolist()
-    return x, y, z, w
-
-
-def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the quaternion of rotations about the fixed axes x, then y, then z (ROS REP 103)."""
-    from scipy.spatial.transform import Rotation  # here, as it takes 0.2 s
-
-    x, y, z, w = Rotation.from_euler("xyz", (roll, pitch, yaw)).as_quat().tolist()
     return x, y, z, w
 
 
@@ -160,7 +152,7 @@ def _read_waypoint(value: Value, turn: Quaternion) -> tuple[Pose, float | None]:
     if value.is_list and len(value.items()) == 4:
         x, y, z, yaw = _within(value, 4)
         check_angles(value, yaw)
-        return (x, y, z, *from_rpy(0.0, 0.0, yaw)), None
+        return (x, y, z, *quaternion_from_rpy(0.0, 0.0, yaw)), None
     if not value.is_list:
         value.expected("[x, y, z], [x, y, z, yaw], or a mapping with position")
     x, y, z = _within(value, 3)

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.poses import IDENTITY, Pose
+from obb_collision.geometry.poses import IDENTITY, Pose, quaternion_from_rpy
 from obb_collision.geometry.shapes.files import (
     PACKAGE,
     MeshFolders,
@@ -295,26 +295,11 @@ def _read_origin(element: Element) -> Pose:
     x, y, z = origin.numbers("xyz", 3, (0.0, 0.0, 0.0))
     if origin.get("quat_xyzw") is None:
         roll, pitch, yaw = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))
-        return (x, y, z, *quaternion_of_angles(roll, pitch, yaw))
+        return (x, y, z, *quaternion_from_rpy(roll, pitch, yaw))
     if origin.get("rpy") is not None:
         raise origin.refuse("it has both rpy and quat_xyzw")
     qx, qy, qz, qw = origin.unit("quat_xyzw", 4)
     return x, y, z, qx, qy, qz, qw
-
-
-def quaternion_of_angles(
-    roll: float, pitch: float, yaw: float
-) -> tuple[float, float, float, float]:
-    """Return the rotation by roll about x, then pitch about y, then yaw about z, all fixed axes."""
-    (sr, cr), (sp, cp), (sy, cy) = (
-        (math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in (roll, pitch, yaw)
-    )
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
 
 
 def _read_axis(element: Element, kind: JointKind) -> Triple | None:
