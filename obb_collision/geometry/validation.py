@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import warnings
 from collections.abc import Sequence, Sized
@@ -61,6 +62,16 @@ def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
     if not isinstance(value, (kind, *others)):
         kinds = " or ".join(one.__name__ for one in (kind, *others))
         raise TypeError(f"{name} must be {kinds}, got {shown(value)}")
+
+
+#: No two parts of it take the same digits, so what is none is seen in one pass.
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+
+
+def number_of(text: str) -> float | None:
+    """Return the number that a text is, None unless it is decimal and at most MAX_MAGNITUDE."""
+    number = math.nan if NUMBER.fullmatch(text) is None else float(text)
+    return number if abs(number) <= MAX_MAGNITUDE else None
 
 
 def as_flag(value: object, name: str) -> bool:

@@ -14,13 +14,11 @@
 
 """Values of a YAML file with their line and key, and the problems of those that cannot be used.
 
-Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` for a word and
-``010`` for eight.)
+Numbers are decimal and finite. (PyYAML takes ``1e-3`` for a word and ``010`` for eight.)
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -29,7 +27,7 @@ from itertools import islice
 from typing import Any, NamedTuple, NoReturn
 
 from obb_collision.geometry.shapes.primitives import Triple
-from obb_collision.numerics.constants import MAX_MAGNITUDE
+from obb_collision.geometry.validation import number_of
 from obb_collision.words import MAX_NAME, MAX_PATH, printable, text_fault
 
 #: Problems reported at once; a file with more has one cause.
@@ -99,8 +97,6 @@ class Problems:
         return read
 
 
-#: No two parts of it take the same digits, so what is none is seen in one pass.
-NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 #: Maximum characters of a number: the longest that a float needs, written out.
 MAX_NUMBER = 1100
 NULL, SEQUENCE, MAPPING = (f"tag:yaml.org,2002:{name}" for name in ("null", "seq", "map"))
@@ -357,10 +353,7 @@ def items_of(fields: dict[str, Value], key: str) -> list[Value]:
 
 def _as_number(node: Node) -> float | None:
     plain = isinstance(node.value, str) and node.style is None and node.tag in PLAIN_TAGS
-    if not plain or len(node.value) > MAX_NUMBER or NUMBER.fullmatch(node.value) is None:
-        return None
-    number = float(node.value)
-    return number if abs(number) <= MAX_MAGNITUDE else None
+    return number_of(node.value) if plain and len(node.value) <= MAX_NUMBER else None
 
 
 def _shown(node: Node, levels: int) -> str:

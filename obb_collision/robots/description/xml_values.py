@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from obb_collision.geometry.shapes.files import read_file, shortened
+from obb_collision.geometry.validation import number_of
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.words import MAX_NAME, MAX_PATH, printable, shown, text_fault
 
@@ -150,12 +151,8 @@ class Element:
         return self.numbers(key, 1, (0.0 if default is None else default,))[0]
 
     def _number(self, key: str, text: str) -> float:
-        try:
-            # C++ reads neither the underscores nor the other scripts' digits that Python reads
-            number = math.nan if "_" in text or not text.isascii() else float(text)
-        except ValueError:
-            number = math.nan
-        if not abs(number) <= MAX_MAGNITUDE:
+        number = number_of(text)
+        if number is None:
             raise self.refuse(
                 f"its {key} must be of finite numbers up to {MAX_MAGNITUDE:g}, got {shown(text)}"
             )
