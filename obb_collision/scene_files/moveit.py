@@ -26,6 +26,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from obb_collision.geometry.poses import IDENTITY, Pose, Quaternion, compose_poses
 from obb_collision.geometry.shapes.primitives import NO_SCALE
@@ -255,22 +256,21 @@ def read_pose(value: Value) -> Pose:
     readers: dict[str, Reader] = dict.fromkeys(("position", "translation"), place)
     readers |= dict.fromkeys(("orientation", "rotation"), _read_turn)
     given = value.read({}, readers)
-    x, y, z = given.get("translation", given.get("position", (0.0, 0.0, 0.0)))
-    return (x, y, z, *given.get("rotation", given.get("orientation", NO_TURN)))
+    place = given.get("translation", given.get("position", (0.0, 0.0, 0.0)))
+    return (*place, *given.get("rotation", given.get("orientation", NO_TURN)))
 
 
 def _read_turn(value: Value) -> Quaternion:
-    x, y, z, w = _read_vector(value, QUATERNION)
-    return settled(value, (x, y, z, w)) if any((x, y, z, w)) else NO_TURN
+    turn = _read_vector(value, QUATERNION)
+    return settled(value, turn) if any(turn) else NO_TURN
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
     """Return a pose in the frame of ``outer``, given in ``outer``."""
-    x, y, z, qx, qy, qz, qw = compose_poses(outer, inner).tolist()
-    return x, y, z, qx, qy, qz, qw
+    return tuple(compose_poses(outer, inner).tolist())
 
 
-def _read_vector(value: Value, parts: tuple[str, ...]) -> tuple[float, ...]:
+def _read_vector(value: Value, parts: tuple[str, ...]) -> tuple[Any, ...]:
     if not value.is_mapping:
         return value.numbers(len(parts))
     numbers = value.read(dict.fromkeys(parts, Value.number))

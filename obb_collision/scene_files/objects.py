@@ -20,6 +20,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import pi
+from typing import Any
 
 import numpy as np
 
@@ -46,15 +47,15 @@ def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Qu
     if "quaternion" in fields and "rpy" in fields:
         fields["rpy"].refuse("there is a quaternion already; one of them is enough")
     if "rpy" in fields:
-        roll, pitch, yaw = fields["rpy"].numbers(3)
-        check_angles(fields["rpy"], roll, pitch, yaw)
-        return quaternion_from_rpy(roll, pitch, yaw)
+        angles = fields["rpy"].numbers(3)
+        check_angles(fields["rpy"], *angles)
+        return quaternion_from_rpy(*angles)
     if "quaternion" not in fields:
         return default
-    x, y, z, w = fields["quaternion"].numbers(4)
-    if x == y == z == w == 0.0:
+    numbers = fields["quaternion"].numbers(4)
+    if not any(numbers):
         fields["quaternion"].refuse("must not be zero: without a rotation it is [0, 0, 0, 1]")
-    return settled(fields["quaternion"], (x, y, z, w))
+    return settled(fields["quaternion"], numbers)
 
 
 def check_angles(value: Value, *angles: float) -> None:
@@ -75,8 +76,7 @@ def settled(value: Value, quaternion: Quaternion) -> Quaternion:
 
 def unit(quaternion: Quaternion) -> Quaternion:
     """Return a quaternion of length 1."""
-    x, y, z, w = unit_quaternions(quaternion).tolist()
-    return x, y, z, w
+    return tuple(unit_quaternions(quaternion).tolist())
 
 
 #: Metres, m/s and rad/s: limits of what moves, far from where sums overflow.
@@ -104,8 +104,7 @@ def read_motion(value: Value, turn: Quaternion) -> Motion:
             fields[key].refuse(f"a motion by {kind} has no {key}")
     period = read_period(fields["period"]) if "period" in fields else None
     if kind == "twist":
-        x, y, z, about_x, about_y, about_z = _within(fields["twist"], 6)
-        return Steady((x, y, z, about_x, about_y, about_z), period)
+        return Steady(_within(fields["twist"], 6), period)
     loop = None
     if "waypoints" in fields:
         if period is None:
@@ -146,17 +145,16 @@ def _read_waypoint(value: Value, turn: Quaternion) -> tuple[Pose, float | None]:
     """Return pose and time of [x, y, z], [x, y, z, yaw] or a mapping."""
     if value.is_mapping:
         fields = value.fields(("position", "rpy", "quaternion", "time"), ("position",))
-        x, y, z = _within(fields["position"], 3)
+        place = _within(fields["position"], 3)
         time = fields["time"].not_negative() if "time" in fields else None
-        return (x, y, z, *unit(quaternion_of(fields, turn))), time
+        return (*place, *unit(quaternion_of(fields, turn))), time
     if value.is_list and len(value.items()) == 4:
         x, y, z, yaw = _within(value, 4)
         check_angles(value, yaw)
         return (x, y, z, *quaternion_from_rpy(0.0, 0.0, yaw)), None
     if not value.is_list:
         value.expected("[x, y, z], [x, y, z, yaw], or a mapping with position")
-    x, y, z = _within(value, 3)
-    return (x, y, z, *unit(turn)), None
+    return (*_within(value, 3), *unit(turn)), None
 
 
 def read_period(value: Value) -> float:
@@ -166,7 +164,7 @@ def read_period(value: Value) -> float:
     )
 
 
-def _within(value: Value, count: int) -> tuple[float, ...]:
+def _within(value: Value, count: int) -> tuple[Any, ...]:
     """Return numbers of what moves."""
     numbers = value.numbers(count)
     if max(map(abs, numbers)) > MAX_MOVING:
@@ -328,8 +326,7 @@ def _read_color(value: Value) -> Color:
     parts = value.numbers(count)
     if not all(0.0 <= part <= 1.0 for part in parts):
         value.expected("3 or 4 numbers from 0 to 1")
-    red, green, blue, opacity = (*parts, 1.0)[:4]
-    return red, green, blue, opacity
+    return (*parts, 1.0)[:4]
 
 
 def read_scale(value: Value) -> Triple:

@@ -325,16 +325,14 @@ class Value:
 
     def triple(self) -> Triple:
         """Return a list of three finite numbers."""
-        x, y, z = self.numbers(3)
-        return x, y, z
+        return self.numbers(3)
 
     def sizes(self) -> Triple:
         """Return a list of three positive numbers."""
-        x, y, z = self.numbers(3, positive=True)
-        return x, y, z
+        return self.numbers(3, positive=True)
 
-    def numbers(self, count: int, positive: bool = False) -> tuple[float, ...]:
-        """Return a list of a given number of finite numbers."""
+    def numbers(self, count: int, positive: bool = False) -> tuple[Any, ...]:
+        """Return a list of finite numbers, as many as asked for."""
         numbers = [_as_number(node) for node in self.node.value] if self.is_list else []
         good = [x for x in numbers if x is not None and (x > 0.0 or not positive)]
         if len(numbers) != count or len(good) != count:

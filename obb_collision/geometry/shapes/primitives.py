@@ -54,8 +54,7 @@ def positive_triple(value: ArrayLike, name: str) -> Triple:
     array = as_array(value, name, (3,))
     if not (array > 0.0).all():
         raise ValueError(f"{name} must be positive, got {array.tolist()}")
-    x, y, z = array.tolist()
-    return x, y, z
+    return tuple(array.tolist())
 
 
 def positive_number(value: ArrayLike, name: str) -> float:
@@ -157,8 +156,8 @@ class Box(Primitive):
     scale: Triple
 
     def __init__(self, size: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
-        x, y, z = as_half_extents(size, "size", (3,)).tolist()
-        self._store(size=(x, y, z), scale=positive_triple(scale, "scale"))
+        edges = tuple(as_half_extents(size, "size", (3,)).tolist())
+        self._store(size=edges, scale=positive_triple(scale, "scale"))
 
     def _reach(self) -> Reach:
         x, y, z = map(_half, self.size)

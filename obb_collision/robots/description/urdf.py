@@ -294,12 +294,10 @@ def _read_origin(element: Element) -> Pose:
         return IDENTITY
     x, y, z = origin.numbers("xyz", 3, (0.0, 0.0, 0.0))
     if origin.get("quat_xyzw") is None:
-        roll, pitch, yaw = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))
-        return (x, y, z, *quaternion_from_rpy(roll, pitch, yaw))
+        return (x, y, z, *quaternion_from_rpy(*origin.numbers("rpy", 3, (0.0, 0.0, 0.0))))
     if origin.get("rpy") is not None:
         raise origin.refuse("it has both rpy and quat_xyzw")
-    qx, qy, qz, qw = origin.unit("quat_xyzw", 4)
-    return x, y, z, qx, qy, qz, qw
+    return (x, y, z, *origin.unit("quat_xyzw", 4))
 
 
 def _read_axis(element: Element, kind: JointKind) -> Triple | None:

@@ -125,7 +125,7 @@ class Element:
             raise self.refuse(f"its {key} must be one of {', '.join(table)}, got {word!r}")
         return table[word]
 
-    def unit(self, key: str, count: int) -> tuple[float, ...]:
+    def unit(self, key: str, count: int) -> tuple[Any, ...]:
         """Return the numbers of an attribute as a unit vector; RobotError for zeros."""
         numbers = self.numbers(key, count, ())
         length = math.hypot(*numbers)
@@ -133,7 +133,7 @@ class Element:
             raise self.refuse(f"its {key} is zero")
         return tuple(part / length for part in numbers)
 
-    def numbers(self, key: str, count: int, default: Sequence[float]) -> tuple[float, ...]:
+    def numbers(self, key: str, count: int, default: Sequence[float]) -> tuple[Any, ...]:
         """Return the finite numbers of an attribute."""
         value = self.get(key)
         if value is None:
