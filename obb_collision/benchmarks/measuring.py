@@ -26,7 +26,7 @@ import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
-from time import perf_counter, process_time, thread_time
+from time import perf_counter, thread_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,13 +49,6 @@ def on_threads(number: int) -> Iterator[None]:
         yield
     finally:
         set_threads(before)
-
-
-def processor_seconds(run: Callable[[], object]) -> float:
-    """Return the time of the processor that a call takes, of all threads."""
-    start = process_time()
-    run()
-    return process_time() - start
 
 
 class Times(NamedTuple):

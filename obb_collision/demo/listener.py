@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from time import monotonic
 from typing import Any, NamedTuple
@@ -75,37 +76,36 @@ def pair_text(row: node.NamedPair) -> str:
     return pair_of(row) + ("  touching" if is_touching(row) else depth)
 
 
+@dataclass
 class Narrator:
     """A topic's latest rows, and the most at once."""
 
-    def __init__(self) -> None:
-        self.rows: list[Any] = []
-        self._most = 0
+    rows: list[Any] = field(default_factory=list)
+    most: int = 0
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the rows of a message; yield what is worth a line."""
         self.rows = rows
-        self._most = max(self._most, len(rows))
+        self.most = max(self.most, len(rows))
         yield from ()
 
     def summary(self) -> Iterator[str]:
         """Yield the lines at the end."""
-        yield f"contacts: {len(self.rows)} points at the end, at most {self._most} at once"
+        yield f"contacts: {len(self.rows)} points at the end, at most {self.most} at once"
 
 
+@dataclass
 class PairsNarrator(Narrator):
     """Colliding pairs: which begin and end."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._seen: set[tuple[str, str]] = set()
+    seen: set[tuple[str, str]] = field(default_factory=set)
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the pairs; yield those that begin and those that end."""
         before = {row[:2]: row for row in self.rows}
         yield from super().update(rows, seconds)
         now = {row[:2]: row for row in rows}
-        self._seen |= now.keys()
+        self.seen |= now.keys()
         yield from (f"begins  {pair_text(now[pair])}" for pair in now if pair not in before)
         yield from (f"ends    {pair_of(before[pair])}" for pair in before if pair not in now)
 
@@ -113,40 +113,39 @@ class PairsNarrator(Narrator):
         """Yield how many pairs there were."""
         touching = sum(map(is_touching, self.rows))
         yield (
-            f"{len(self._seen)} pairs in all, at most {self._most} at once; at the end "
+            f"{len(self.seen)} pairs in all, at most {self.most} at once; at the end "
             f"{len(self.rows)}: {len(self.rows) - touching} overlapping, {touching} touching"
         )
 
 
+@dataclass
 class ClearancesNarrator(Narrator):
-    """Near pairs: the minimum distance of those that are apart."""
+    """Near pairs: the minimum distance of those that are apart, its pair and its time."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._minimum: list[tuple[float, str, float]] = []
+    minimum: list[tuple[float, str, float]] = field(default_factory=list)
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the distances; no line, as they change all the time."""
         yield from super().update([row for row in rows if row.distance > 0], seconds)
         apart = [(row.distance, pair_of(row), seconds) for row in self.rows]
-        self._minimum = sorted([*apart, *self._minimum])[:1]
+        self.minimum = sorted([*apart, *self.minimum])[:1]
 
     def summary(self) -> Iterator[str]:
         """Yield the minimum over all time, and at the end."""
-        for distance, pair, seconds in self._minimum:
+        for distance, pair, seconds in self.minimum:
             yield f"clearance: minimum {1e3 * distance:.1f} mm, {pair}, at {seconds:.1f} s"
         for near in sorted(self.rows, key=lambda row: row.distance)[:1]:
             nearest = f"{1e3 * near.distance:.1f} mm, {pair_of(near)}"
             yield f"clearance at the end: {len(self.rows)} pairs, minimum {nearest}"
 
 
+@dataclass
 class Predictions(Narrator):
-    """Collisions predicted, and those that passed between two states."""
+    """Collisions predicted, when each was last, and those that passed between two states."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._last: dict[tuple[str, str], float] = {}  # when each was predicted last
-        self._predicted, self._passed = 0, 0
+    last: dict[tuple[str, str], float] = field(default_factory=dict)
+    predicted: int = 0
+    passed: int = 0
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the predictions; yield those that are new, and all that passed."""
@@ -156,34 +155,33 @@ class Predictions(Narrator):
             if row.undecided:
                 yield f"undecided {pair}  may collide from {row.time:.2f} s on"
             elif row.time < 0.0:
-                self._passed += 1
+                self.passed += 1
                 yield f"passed  {pair}  {-1e3 * row.time:.0f} ms ago, between two states"
             else:
-                if seconds - self._last.get((row.a, row.b), -np.inf) > FORGET:
-                    self._predicted += 1
+                if seconds - self.last.get((row.a, row.b), -np.inf) > FORGET:
+                    self.predicted += 1
                     yield f"predicted {pair}  in {row.time:.2f} s"
-                self._last[row.a, row.b] = seconds
+                self.last[row.a, row.b] = seconds
 
     def summary(self) -> Iterator[str]:
         """Yield how many there were, and the next ones at the end."""
-        yield f"sweep: {self._predicted} collisions predicted, {self._passed} between two states"
+        yield f"sweep: {self.predicted} collisions predicted, {self.passed} between two states"
         for row in sorted(self.rows, key=lambda row: row.time)[:3]:
             yield f"time to collision at the end: {row.time:.2f} s, {pair_of(row)}"
 
 
+@dataclass
 class PointsInsideNarrator(Narrator):
-    """Points in zones: how many, and when a zone is entered and left."""
+    """Points in zones: how many, the most by zone, and when a zone is entered and left."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._max: dict[str, int] = {}
+    max_inside: dict[str, int] = field(default_factory=dict)
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the counts; yield the objects that points enter or leave."""
         before = {row.name for row in self.rows}
         self.rows = [row for row in rows if row.points > 0]
         for row in self.rows:
-            self._max[row.name] = max(self._max.get(row.name, 0), row.points)
+            self.max_inside[row.name] = max(self.max_inside.get(row.name, 0), row.points)
             if row.name not in before:
                 yield f"entered {row.name}  {row.points} points inside"
         for name in sorted(before - {row.name for row in self.rows}):
@@ -192,7 +190,7 @@ class PointsInsideNarrator(Narrator):
     def summary(self) -> Iterator[str]:
         """Yield the counts."""
         now = {row.name: row.points for row in self.rows}
-        for name, most in sorted(self._max.items()):
+        for name, most in sorted(self.max_inside.items()):
             yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
 
 

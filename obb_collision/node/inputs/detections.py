@@ -33,7 +33,7 @@ from obb_collision.node.messages.cdr import PAIRS, STRING, TIME, Header, Layout,
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import whole_from_text
-from obb_collision.node.messages.optional import optional_type
+from obb_collision.node.messages.optional import optional
 from obb_collision.node.objects.table import ID_OFFSET
 from obb_collision.typing import Floats, Rows
 
@@ -47,7 +47,7 @@ DETECTION = Layout(
     id=STRING,
 )
 """Of a vision_msgs/Detection3D."""
-MessageType: Any = optional_type("vision_msgs.msg", "Detection3DArray")
+MessageType: Any = optional("vision_msgs.msg", "Detection3DArray")
 """None where vision_msgs cannot be used."""
 
 DETECTIONS = Source("detections", "detections", 2)

@@ -27,7 +27,15 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from obb_collision.node.messages.cdr import ENCAPSULATION, NO_LIMIT, TOO_MANY_POINTS, padded
+from obb_collision.node.messages.cdr import (
+    ENCAPSULATION,
+    FLAG,
+    NO_LIMIT,
+    SIZE,
+    STAMP,
+    TOO_MANY_POINTS,
+    padded,
+)
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats, Integers
@@ -46,8 +54,7 @@ LARGEST_POINT = 2**31 - 1
 """Bytes of a point at most: numpy before 2.0 stores the size of an item in 32 bits."""
 KNOWN_LAYOUTS = 64
 """Layouts of clouds that are remembered: a sender has one, and reading it takes 30 us."""
-STAMP, SIZE, FIELD = struct.Struct("<iI"), struct.Struct("<II"), struct.Struct("<IBxxxI")
-LAYOUT, FLAG = struct.Struct("<BxxxIII"), struct.Struct("<B")
+FIELD, LAYOUT = struct.Struct("<IBxxxI"), struct.Struct("<BxxxIII")
 """Parts of a serialised cloud: see ``marker_writer``."""
 DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 

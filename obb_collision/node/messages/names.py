@@ -58,9 +58,7 @@ def stand_in(number: int) -> str:
 
 def whole_from_text(text: str) -> int | None:
     """Return the whole number that a text is, None for any other text, such as 01."""
-    if WHOLE.fullmatch(text) is None:
-        return None
-    return int(text)
+    return int(text) if WHOLE.fullmatch(text) else None
 
 
 def check_name(name: str, what: str, most: int = MAX_NAME_BYTES) -> None:

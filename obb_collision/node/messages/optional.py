@@ -29,17 +29,8 @@ unusable: dict[str, str] = {}
 """Why a package that is installed cannot be used, by its name."""
 
 
-def optional_module(name: str) -> Any:
-    """Return a module; None where it cannot be used."""
-    return _found(name, "")
-
-
-def optional_type(module: str, name: str) -> Any:
-    """Return a type of messages or services; None where it cannot be used."""
-    return _found(module, name)
-
-
-def _found(module: str, name: str) -> Any:
+def optional(module: str, name: str = "") -> Any:
+    """Return a module, or its type of messages or services; None where it cannot be used."""
     package = module.partition(".")[0]
     try:
         found = import_module(module)

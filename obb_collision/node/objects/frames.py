@@ -26,12 +26,12 @@ from rclpy.time import Time
 
 from obb_collision.node.messages.conversions import pose_faults, transform_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.optional import optional_module, optional_type
+from obb_collision.node.messages.optional import optional
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.typing import Floats, Mask
 
-tf2_ros: Any = optional_type("tf2_msgs.msg", "TFMessage") and optional_module("tf2_ros")
+tf2_ros: Any = optional("tf2_msgs.msg", "TFMessage") and optional("tf2_ros")
 """None where tf2 cannot be used."""
 
 UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION = "unknown frame", "no transform", "extrapolation"

@@ -46,7 +46,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
-from obb_collision.node.messages.optional import optional_type
+from obb_collision.node.messages.optional import optional
 from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
@@ -169,8 +169,8 @@ def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
     return states
 
 
-ContactInformation: Any = optional_type("moveit_msgs.msg", "ContactInformation")
-ServiceType: Any = ContactInformation and optional_type("moveit_msgs.srv", "GetStateValidity")
+ContactInformation: Any = optional("moveit_msgs.msg", "ContactInformation")
+ServiceType: Any = ContactInformation and optional("moveit_msgs.srv", "GetStateValidity")
 """None where moveit_msgs cannot be used."""
 
 SERVICE = "check_state_validity"

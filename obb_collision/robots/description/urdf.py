@@ -189,14 +189,10 @@ def _mesh_folders(given: Any) -> MeshFolders:
     """Return folders by the name of a package, and folders in which packages are."""
     if isinstance(given, MeshFolders):
         return given
-    named, folders = {}, []
-    if isinstance(given, Mapping):
-        named = dict(given)
-    elif given is None or isinstance(given, (str, Path)):
-        folders = [] if given is None else [given]
-    else:
-        check_kind(given, Sequence, "package_dirs", set, frozenset)
-        folders = list(given)
+    named = dict(given) if isinstance(given, Mapping) else {}
+    folders = [] if given is None or isinstance(given, Mapping) else given
+    folders = [folders] if isinstance(folders, (str, Path)) else folders
+    check_kind(folders, Sequence, "package_dirs", set, frozenset)
     for name in named:
         check_kind(name, str, "package_dirs")
     for folder in (*named.values(), *folders):
