@@ -22,7 +22,8 @@ its triangles: in exact arithmetic, for the doubles as stored.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,22 +51,6 @@ from obb_collision.words import shown
 
 Arrays = Mapping[str, NDArray[Any]]
 
-#: Kind and shape of each array: f triangles, m nodes, k meshes, p pieces, s = k + 1.
-KINDS: Mapping[str, tuple[type, tuple[str | int, ...]]] = {
-    "triangles": (np.float64, ("f", 9)),
-    "faces": (np.int64, ("f",)),
-    "counted": (np.bool_, ("f",)),
-    "nodes": (np.float64, ("m", NODE)),
-    "children": (np.int64, ("m",)),
-    "starts": (np.int64, ("m", 2)),
-    "levels": (np.int64, ("m",)),
-    "roots": (np.int64, ("k",)),
-    "solid": (np.bool_, ("k",)),
-    "winding": (np.bool_, ("k",)),
-    "radii": (np.float64, ("k",)),
-    "pieces": (np.float64, ("p", 6, 3)),
-    "piece_starts": (np.int64, ("s",)),
-}
 #: Maximum number of levels of a tree: 2^31 triangles have 75, stacks have room for 128 per tree.
 MAX_LEVELS = 100
 
@@ -143,14 +128,18 @@ class TreeArrays(NamedTuple):
     piece_starts: Integers
 
 
+@cache
 def no_trees() -> TreeArrays:
     """Return the arrays of no mesh."""
-    rows, flags = np.empty(0, np.int64), np.empty(0, np.bool_)
-    ends, radii, pieces = np.empty((0, 2), np.int64), np.empty(0), np.empty((0, 6, 3))
-    triangles, nodes = np.empty((0, 9)), np.empty((0, 16))
-    return TreeArrays(
-        triangles, rows, flags, nodes, rows, ends, rows, rows, flags, flags, radii, pieces, rows
+    kinds = (
+        (kind, [0 if isinstance(n, str) else n for n in shape]) for kind, shape in KINDS.values()
     )
+    return TreeArrays(*(np.empty(shape, kind) for kind, shape in kinds))
+
+
+def _of(kind: type, *shape: str | int) -> dict[str, Any]:
+    """Return what an array is of: f triangles, m nodes, k meshes, p pieces, s = k + 1."""
+    return {"kind": (kind, shape)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,19 +162,19 @@ class MeshTrees:
     (1, [False])
     """
 
-    triangles: Floats
-    faces: Integers
-    counted: NDArray[np.bool_]
-    nodes: Floats
-    children: Integers
-    starts: Integers
-    levels: Integers
-    roots: Integers
-    solid: NDArray[np.bool_]
-    winding: NDArray[np.bool_]
-    radii: Floats
-    pieces: Floats
-    piece_starts: Integers
+    triangles: Floats = field(metadata=_of(np.float64, "f", 9))
+    faces: Integers = field(metadata=_of(np.int64, "f"))
+    counted: NDArray[np.bool_] = field(metadata=_of(np.bool_, "f"))
+    nodes: Floats = field(metadata=_of(np.float64, "m", NODE))
+    children: Integers = field(metadata=_of(np.int64, "m"))
+    starts: Integers = field(metadata=_of(np.int64, "m", 2))
+    levels: Integers = field(metadata=_of(np.int64, "m"))
+    roots: Integers = field(metadata=_of(np.int64, "k"))
+    solid: NDArray[np.bool_] = field(metadata=_of(np.bool_, "k"))
+    winding: NDArray[np.bool_] = field(metadata=_of(np.bool_, "k"))
+    radii: Floats = field(metadata=_of(np.float64, "k"))
+    pieces: Floats = field(metadata=_of(np.float64, "p", 6, 3))
+    piece_starts: Integers = field(metadata=_of(np.int64, "s"))
     arrays: TreeArrays = field(init=False, repr=False)
     """All of them, for kernels; the others are views that can't be written."""
 
@@ -397,6 +386,12 @@ class MeshTrees:
         leaf = self.children[rows] < 0
         level = self.levels[rows]
         return rows[(level == depth) | (leaf & (level < depth))]
+
+
+#: Kind and shape of each array.
+KINDS: Mapping[str, tuple[type, tuple[str | int, ...]]] = {
+    one.name: one.metadata["kind"] for one in fields(MeshTrees) if one.metadata
+}
 
 
 def shifted(arrays: Arrays, nodes: int, triangles: int, pieces: int) -> dict[str, NDArray[Any]]:
