@@ -202,27 +202,18 @@ def check_followers(
 
 Fields = dict[str, Value]
 
-#: What makes a shape of its sizes, all required; a mesh is read from its file.
-SHAPES: dict[str, Callable[..., shapes.Shape]] = {
-    "box": shapes.Box.trusted,
-    "sphere": shapes.Sphere,
-    "ellipsoid": shapes.Ellipsoid,
-    "cylinder": shapes.Cylinder,
-    "cone": shapes.Cone,
-    "capsule": shapes.Capsule,
-    "hull": shapes.Hull,
-}
 TURNED: dict[str, Reader] = {"radius": Value.positive, "length": Value.positive}
-#: Keys for the size of a shape, and what reads them.
-SIZES: dict[str, dict[str, Reader]] = {
-    "box": {"size": Value.sizes},
-    "sphere": {"radius": Value.positive},
-    "ellipsoid": {"radii": Value.sizes},
-    "cylinder": TURNED,
-    "cone": TURNED,
-    "capsule": TURNED,
-    "hull": {"points": lambda value: _read_points(value)},
-    "mesh": {"file": lambda value: value},
+#: What makes a shape of its sizes, all required, their keys, and what reads them; a mesh is read
+#: from its file.
+SHAPES: dict[str, tuple[Callable[..., shapes.Shape], dict[str, Reader]]] = {
+    "box": (shapes.Box.trusted, {"size": Value.sizes}),
+    "sphere": (shapes.Sphere, {"radius": Value.positive}),
+    "ellipsoid": (shapes.Ellipsoid, {"radii": Value.sizes}),
+    "cylinder": (shapes.Cylinder, TURNED),
+    "cone": (shapes.Cone, TURNED),
+    "capsule": (shapes.Capsule, TURNED),
+    "hull": (shapes.Hull, {"points": lambda value: _read_points(value)}),
+    "mesh": (shapes.Mesh.from_file, {"file": lambda value: value}),
 }
 #: Properties of an object itself.
 OWN: dict[str, Reader] = {
@@ -276,24 +267,20 @@ def read_accuracy(value: Value) -> Accuracy:
 def _read_object(value: Value, files: MeshFiles) -> SceneObject:
     kind = value.peek("shape")
     if kind is None:
-        value.fields(
-            (*KEYS, *(key for keys in SIZES.values() for key in keys)), ("name", "shape")
-        )  # says what is missing
+        sizes = [key for _, keys in SHAPES.values() for key in keys]
+        value.fields((*KEYS, *sizes), ("name", "shape"))  # says what is missing
         value.refuse("needs shape")
-    word = kind.choice(tuple(SIZES))
-    sizes = SIZES[word]
-    fields = value.fields((*KEYS, *sizes), ("name", "shape", *sizes))
+    word = kind.choice(SHAPES)
+    make, readers = SHAPES[word]
+    fields = value.fields((*KEYS, *readers), ("name", "shape", *readers))
     name = fields["name"].text("a name")
     if any(letter in PATTERN_LETTERS for letter in name):
         fields["name"].refuse(f"must not hold any of {PATTERN_LETTERS}, got {name}")
     pose, motion = _read_place(fields)
     scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     with value.reasons():
-        given = {key: read(fields[key]) for key, read in sizes.items()}
-        if word == "mesh":
-            shape: shapes.Shape = files.mesh(given["file"], scale)
-        else:
-            shape = SHAPES[word](**given, scale=scale)
+        given = {key: read(fields[key]) for key, read in readers.items()}
+        shape = files.mesh(given["file"], scale) if word == "mesh" else make(**given, scale=scale)
         _ = shape.local_box  # fitted here, where a shape that has none can be refused
     own = {key: read(fields[key]) for key, read in OWN.items() if key in fields}
     return SceneObject(name, shape, pose, motion=motion, **own)

@@ -253,7 +253,7 @@ def words(heading: str) -> set[str]:
 def test_keys_are_those_of_the_code() -> None:
     assert words("## Keys of a file") == set(native.KEYS)
     kinds = {key for keys in KINDS.values() for key in keys}
-    sizes = {key for keys in objects.SIZES.values() for key in keys}
+    sizes = {key for _, keys in objects.SHAPES.values() for key in keys}
     assert words("## Keys of an object") | words("## Zones and motion") == {
         *objects.KEYS, *sizes, *kinds
     }  # fmt: skip
