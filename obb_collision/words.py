@@ -42,7 +42,7 @@ _repr = reprlib.Repr()
 _repr.maxstring = _repr.maxother = MAX_SHOWN
 
 
-def text_fault(text: str, most: int = MAX_NAME) -> str | None:
+def text_fault(text: str, most: int) -> str | None:
     """Return why a text is not a usable name, as the end of a sentence; None if it is one."""
     if not text:
         return "must not be empty"

@@ -25,7 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.validation import ArrayValue, as_array, check_kind, is_single
+from obb_collision.geometry.validation import (
+    ArrayValue,
+    as_array,
+    check_kind,
+    is_single,
+    refuse_where,
+)
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error
 from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
@@ -66,8 +72,7 @@ class AABB(ArrayValue):
     def __init__(self, minimum: ArrayLike, maximum: ArrayLike) -> None:
         low = as_array(minimum, "minimum", (3,)).copy()
         high = as_array(maximum, "maximum", (3,)).copy()
-        if (low > high).any():
-            raise ValueError("minimum must not exceed maximum")
+        refuse_where(low > high, "minimum must not exceed maximum", by_row=False)
         vars(self).update(minimum=low, maximum=high)
 
     @classmethod

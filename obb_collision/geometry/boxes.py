@@ -34,6 +34,7 @@ from obb_collision.geometry.validation import (
     check_kind,
     check_lengths,
     is_single,
+    refuse_where,
     select_rows,
 )
 from obb_collision.typing import Floats
@@ -295,8 +296,7 @@ class Boxes(ArrayValue):
         """
         each = as_any_array(margin, "margin", "a number, or one for each").ndim
         pad = as_array(margin, "margin", (len(self),) if each else ())
-        if (pad < 0.0).any():
-            raise ValueError("margin must not be negative")
+        refuse_where(pad < 0.0, "margin must not be negative", by_row=False)
         if not pad.any():
             return self
         extents = add_outwards(self.half_extents, pad[:, None] if each else pad)

@@ -222,14 +222,10 @@ def _mesh(given: MarkerShape, scale: Floats) -> ShapePlan:
         signature = (given.kind, *scale.tolist(), name, _digest(data))
         return ShapePlan(signature, job=MeshFile(name, scale, data))
     if "://" not in uri:  # RViz takes URIs only; a bare path depends on where the node was started
-        raise RefusedError(UNREADABLE, f"{_short(uri)} is no file:// or package:// URI")
+        raise RefusedError(UNREADABLE, f"{shortened(uri)!r} is no file:// or package:// URI")
     if len(uri) > MAX_PATH:
-        raise RefusedError(UNREADABLE, f"{_short(uri)} has more than {MAX_PATH} characters")
+        raise RefusedError(UNREADABLE, f"{shortened(uri)!r} has more than {MAX_PATH} characters")
     return ShapePlan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
-
-
-def _short(text: str) -> str:
-    return repr(shortened(text))
 
 
 PLANNERS: dict[int, Callable[[MarkerShape, Floats], ShapePlan]] = {
