@@ -102,9 +102,6 @@ class Progress:
     def __enter__(self) -> Progress:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
     def show(self, what: str) -> None:
         """Write what is being done now, and the seconds since the start."""
         topic, line = what.rstrip("0123456789/ "), f"[{perf_counter() - self._start:4.0f} s] {what}"
@@ -115,7 +112,7 @@ class Progress:
         self._stream.flush()
         self._topic = topic
 
-    def end(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Remove the line from a terminal."""
         if self._topic and self._stream.isatty():
             self._stream.write("\r\x1b[K")

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Other representations of a box, and the memory that each takes.
+"""Other representations of a box.
 
 This package computes with centre, rotation and half extents (15 numbers). The others are for
 storing, sending or drawing boxes.
@@ -59,18 +59,3 @@ def from_compact(numbers: ArrayLike) -> Boxes:
     x, y = array[:, 6:9], array[:, 9:12]
     rotations = np.stack([x, y, np.cross(x, y)], axis=-1)
     return Boxes(array[:, :3], rotations, array[:, 3:6])
-
-
-def memory_table() -> dict[str, tuple[int, int, int]]:
-    """Return numbers, bytes as float64 and bytes as float32 of one box in each representation."""
-    one = Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
-    stored = one.centers.size + one.rotations.size + one.half_extents.size
-    sizes = {
-        "axis-aligned box (two corners)": 2 * one.centers.size,
-        "oriented box, two axes (compact)": to_compact(one).size,
-        "corner and three edges": corner_and_edges(one).size,
-        "oriented box, three axes": stored,
-        "eight corners": one.corners().size,
-        "six planes": face_planes(one).size,
-    }
-    return {name: (size, 8 * size, 4 * size) for name, size in sizes.items()}
