@@ -72,12 +72,6 @@ class Corners:
     hull: ConvexHull | None
     complete: bool
 
-    @property
-    def triangles(self) -> Floats:
-        """(m, 3, 3) the triangles of the hull."""
-        assert self.hull is not None
-        return self.points[self.hull.simplices]
-
 
 def few_corners(points: Floats, frame: Floats, rank: int) -> Corners:
     """Return what stands for points about the origin, of principal axes ``frame``, in a choice."""
@@ -241,28 +235,23 @@ def _candidates(corners: Corners, fit: str, frame: Floats, rank: int, floor: flo
     aligned, all_fits = np.eye(3), fit == "best"
     if rank == 1:
         return np.array([aligned, frame]) if all_fits else frame[None]
-    if corners.hull is None:
-        spread, smallest = flat_frames(corners.points, frame)
+    points, hull = corners.points, corners.hull
+    if hull is None:
+        spread, smallest = flat_frames(points, frame)
         if all_fits:
             return np.array([aligned, spread, smallest, frame])
         return (spread if fit == "hull_covariance" else smallest)[None]
-    vertices, faces = corners.points[corners.hull.vertices], _hull_faces(corners)
+    faces = HullFaces(points, hull.vertices, hull.simplices, hull.neighbors)
     if fit == "min_volume":
         return refined_frames(faces, _best_faces(faces, floor)[:1], floor)
-    spread = hull_covariance_frame(corners.triangles)
+    spread = hull_covariance_frame(points[hull.simplices])
     if not all_fits:
         return spread[None]
     principal, starts = np.array([aligned, frame, spread]), [_best_faces(faces, floor)]
     for frames, count in ((principal, REFINED_PRINCIPAL), (spread_frames(), REFINED_SPREAD)):
-        order = np.argsort(box_sizes(vertices, frames, floor), kind="stable")
+        order = np.argsort(box_sizes(points[hull.vertices], frames, floor), kind="stable")
         starts.append(frames[order[:count]])
     return np.concatenate([principal[:1], refined_frames(faces, np.concatenate(starts), floor)])
-
-
-def _hull_faces(corners: Corners) -> HullFaces:
-    hull = corners.hull
-    assert hull is not None
-    return HullFaces(corners.points, hull.vertices, hull.simplices, hull.neighbors)
 
 
 def _best_faces(faces: HullFaces, floor: float) -> Floats:

@@ -98,7 +98,7 @@ def geodesic_sphere(rounds: int) -> Floats:
     """
     a, b = 1.0, 0.5 * (1.0 + math.sqrt(5.0))
     signs = [(p, q) for p in (-1.0, 1.0) for q in (-1.0, 1.0)]
-    points = np.array([turned for p, q in signs for turned in _turns(0.0, p * a, q * b)])
+    points = np.array([np.roll((0.0, p * a, q * b), k) for p, q in signs for k in range(3)])
     points /= np.linalg.norm(points, axis=1)[:, None]
     for _ in range(rounds):
         faces = _faces(points)
@@ -106,10 +106,6 @@ def geodesic_sphere(rounds: int) -> Floats:
         middles = points[np.unique(edges, axis=0)].sum(axis=1)
         points = np.concatenate([points, middles / np.linalg.norm(middles, axis=1)[:, None]])
     return points
-
-
-def _turns(x: float, y: float, z: float) -> list[tuple[float, float, float]]:
-    return [(x, y, z), (z, x, y), (y, z, x)]
 
 
 @cache
