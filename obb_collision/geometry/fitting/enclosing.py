@@ -27,7 +27,7 @@ transformed box is a skewed one; the smallest of several boxes around it is take
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -83,12 +83,6 @@ class ExactFrame:
         (x, y, z), power = exact_axes(rotation)
         normals = (cross(y, z), cross(z, x), cross(x, y))
         return cls(normals, dot(normals[0], x), power)
-
-    def reach(self, axis: int, vectors: Sequence[Vector], power: int) -> float:
-        """Return the largest abs(coordinate) of vectors / 2**power, exactly rounded up."""
-        normal = self.normals[axis]
-        largest = max(abs(dot(normal, vector)) for vector in vectors)
-        return self.lift(largest, power)
 
     def lift(self, product: int, power: int) -> float:
         """Return abs(normal.v) = product / 2**power as a coordinate, exactly rounded up."""
@@ -165,7 +159,7 @@ def _exact_reach(points: Floats, center: Floats, frame: ExactFrame, axis: int) -
         (numbers[k] - numbers[0], numbers[k + 1] - numbers[1], numbers[k + 2] - numbers[2])
         for k in range(3, len(numbers), 3)
     ]
-    return frame.reach(axis, offsets, power)
+    return frame.lift(max(abs(dot(frame.normals[axis], offset)) for offset in offsets), power)
 
 
 def _unscale_up(value: float, exponent: int) -> float:
@@ -259,7 +253,7 @@ def _straight(axes: Floats) -> Floats | None:
     for exponent in (0, 1):
         frame = np.ldexp(axes, exponent)
         if abs(orthonormal_defect(frame[None])[0]) <= ORTHONORMAL_ROUNDING:
-            return _right_handed(frame) + 0.0
+            return _right_handed(frame)
     return None
 
 
