@@ -214,9 +214,7 @@ class _Reader:
         for state in self._srdf.children("group_state"):
             values = {}
             for element in state.children("joint"):
-                if element.get("value") is None:
-                    raise element.refuse("its value is missing")
-                count = len((element.get("value") or "").split())
-                values[element.word("name")] = element.numbers("value", max(count, 1), ())
+                count = len(element.text("value").split())
+                values[element.word("name")] = element.numbers("value", max(count, 1))
             found[state.word("group"), state.word("name")] = values
         return found

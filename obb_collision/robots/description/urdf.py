@@ -256,9 +256,7 @@ def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
 
 def _primitive(element: Element) -> Shape:
     if element.tag == "box":
-        if element.get("size") is None:
-            raise element.refuse("its size is missing")
-        return Box(element.numbers("size", 3, ()))
+        return Box(element.numbers("size", 3))
     radius = element.number("radius")
     if element.tag == "sphere":
         return Sphere(radius)

@@ -108,11 +108,16 @@ class Element:
         value = self.node.get(key)
         return None if value is None else str(value)
 
-    def word(self, key: str, most: int = MAX_NAME) -> str:
-        """Return an attribute that is a name; RobotError without one."""
+    def text(self, key: str) -> str:
+        """Return an attribute; RobotError without one."""
         value = self.get(key)
         if value is None:
             raise self.refuse(f"its {key} is missing")
+        return value
+
+    def word(self, key: str, most: int = MAX_NAME) -> str:
+        """Return an attribute that is a name; RobotError without one."""
+        value = self.text(key)
         fault = text_fault(value, most)
         if fault is not None:
             raise self.refuse(f"its {key} {fault}")
@@ -127,17 +132,19 @@ class Element:
 
     def unit(self, key: str, count: int) -> tuple[Any, ...]:
         """Return the numbers of an attribute as a unit vector; RobotError for zeros."""
-        numbers = self.numbers(key, count, ())
+        numbers = self.numbers(key, count)
         length = math.hypot(*numbers)
         if not length > 0.0:
             raise self.refuse(f"its {key} is zero")
         return tuple(part / length for part in numbers)
 
-    def numbers(self, key: str, count: int, default: Sequence[float]) -> tuple[Any, ...]:
-        """Return the finite numbers of an attribute."""
-        value = self.get(key)
-        if value is None:
+    def numbers(
+        self, key: str, count: int, default: Sequence[float] | None = None
+    ) -> tuple[Any, ...]:
+        """Return the finite numbers of an attribute; RobotError without one and a default."""
+        if default is not None and self.get(key) is None:
             return tuple(default)
+        value = self.text(key)
         parts = value.split()
         if len(parts) != count:
             what = "a number" if count == 1 else f"{count} numbers"
@@ -146,9 +153,7 @@ class Element:
 
     def number(self, key: str, default: float | None = None) -> float:
         """Return the finite number of an attribute; RobotError without one and a default."""
-        if default is None and self.get(key) is None:
-            raise self.refuse(f"its {key} is missing")
-        return self.numbers(key, 1, (0.0 if default is None else default,))[0]
+        return float(self.numbers(key, 1, None if default is None else (default,))[0])
 
     def _number(self, key: str, text: str) -> float:
         number = number_of(text)
