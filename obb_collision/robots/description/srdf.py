@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from obb_collision.robots.description.urdf import Joint, JointKind
-from obb_collision.robots.description.xml_values import Element, limited
+from obb_collision.robots.description.xml_values import Element, limited, named
 
 #: Maximum number of groups, and of what all of them hold: a hundred times that of large robots.
 MOST_GROUPS, MOST_MEMBERS = 1000, 10_000
@@ -139,14 +139,11 @@ class _Reader:
 
     def groups(self) -> dict[str, Group]:
         """Return all groups, with what their subgroups have."""
-        elements: dict[str, Element] = {}
         found = limited(self._srdf.children("group"), MOST_GROUPS, "groups")
         limited(
             [part for each in found for part in each.children()], MOST_MEMBERS, "parts of groups"
         )
-        for element in found:
-            if elements.setdefault(element.word("name"), element) is not element:
-                raise element.refuse("there is another group of this name")
+        elements = named(found, "group")
         members = {name: self._members(element) for name, element in elements.items()}
         return {name: self._group(name, elements, members) for name in elements}
 

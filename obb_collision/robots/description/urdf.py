@@ -44,6 +44,7 @@ from obb_collision.robots.description.xml_values import (
     Element,
     RobotError,
     limited,
+    named,
     parse,
     read_source,
 )
@@ -204,35 +205,29 @@ def read_urdf(robot: Element, source: MeshSource) -> Description:
     """Return what a URDF says; RobotError naming file, line and element."""
     if robot.tag != "robot":
         raise robot.refuse("the root of a URDF is <robot>")
-    links: dict[str, tuple[PlacedShape, ...]] = {}
     elements = limited(robot.children("link"), MOST_LINKS, "links")
     geometries = [one for element in elements for one in element.children("collision")]
     limited(geometries, MOST_GEOMETRIES, "collision geometries")
-    for element in elements:
-        name = element.word("name")
-        if name in links:
-            raise element.refuse("there is another link of this name")
-        links[name] = ()
+    links = named(elements, "link")
     if not links:
         raise robot.refuse("there are no links")
     joints: dict[str, Joint] = {}
-    for element in robot.children("joint"):
-        joint = _read_joint(element)
-        if joint.name in joints:
-            raise element.refuse("there is another joint of this name")
+    for name, element in named(robot.children("joint"), "joint").items():
+        joints[name] = joint = _read_joint(name, element)
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
                 raise element.refuse(f"its {role} {link!r} is no link of this robot")
-        joints[joint.name] = joint
     doubts = []
     for joint in joints.values():
         if joint.mimic is not None and joint.mimic.joint not in joints:  # as MoveIt does
             reason = f"it mimics {joint.mimic.joint!r}, which is no joint: it moves by itself"
             doubts.append(str(joint.element.refuse(reason)))
             joints[joint.name] = replace(joint, mimic=None)
-    for element, name in zip(elements, links, strict=True):  # last, as meshes are read from files
-        links[name] = tuple(_read_collision(each, source) for each in element.children("collision"))
-    return Description(robot.word("name"), links, joints, robot, tuple(doubts))
+    shapes = {  # last, as meshes are read from files
+        name: tuple(_read_collision(each, source) for each in element.children("collision"))
+        for name, element in links.items()
+    }
+    return Description(robot.word("name"), shapes, joints, robot, tuple(doubts))
 
 
 def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
@@ -272,10 +267,9 @@ def _mesh(element: Element, source: MeshSource) -> Shape:
     return source.mesh(name, (x, y, z))
 
 
-def _read_joint(element: Element) -> Joint:
+def _read_joint(name: str, element: Element) -> Joint:
     kind = element.choice("type", KINDS)
     limits = _read_limits(element, kind)
-    name = element.word("name")
     parent, child = (element.needed(role).word("link") for role in ("parent", "child"))
     place = _read_origin(element), _read_axis(element, kind)
     mimic = _read_mimic(element, kind)

@@ -171,6 +171,15 @@ def limited(elements: list[Element], most: int, what: str) -> list[Element]:
     return elements
 
 
+def named(elements: list[Element], what: str) -> dict[str, Element]:
+    """Return elements by their names; RobotError for two of the same name."""
+    found: dict[str, Element] = {}
+    for element in elements:
+        if found.setdefault(element.word("name"), element) is not element:
+            raise element.refuse(f"there is another {what} of this name")
+    return found
+
+
 def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, str, Path | None]:
     """Return the XML of a file or text, its name in errors, and its path (None: a text).
 
