@@ -114,7 +114,14 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         sheet = sheet.subdivide()
     waves = np.sin(5.0 * sheet.vertices[:, 0]) * np.cos(4.0 * sheet.vertices[:, 1])
     sheet.vertices[:, 2] += 0.15 * waves
-    wheel = [[1, -1], [2, -1], [2, -0.3], [6, -0.3], [6, -1.5], [7, -1.5]]  # its lower half
+    wheel: list[list[float]] = [
+        [1, -1],
+        [2, -1],
+        [2, -0.3],
+        [6, -0.3],
+        [6, -1.5],
+        [7, -1.5],
+    ]  # its lower half
     knobs = [creation.icosphere(2, radius=2.0).apply_translation([0, 0, z]) for z in (-4.0, 4.0)]
     needle, chip = rng.normal(size=(2, 60, 3)) * [[[0.1, 0.1, 1.0]], [[1.0, 0.8, 0.1]]]
     return {

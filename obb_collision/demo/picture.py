@@ -33,6 +33,7 @@ from matplotlib.patches import Patch
 from scipy.spatial import ConvexHull
 from trimesh.remesh import subdivide_to_size
 
+from obb_collision.demo.listener import Color
 from obb_collision.demo.snapshot import (
     DOUBTFUL,
     EDGE_COLORS,
@@ -41,7 +42,6 @@ from obb_collision.demo.snapshot import (
     TOUCH_SIGN,
     TOUCHING,
     Body,
-    Color,
     DrawnScene,
     Label,
     diagonal_of,

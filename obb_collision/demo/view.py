@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.demo.listener import Listener
+from obb_collision.demo.listener import Color, Listener
 from obb_collision.demo.snapshot import (
     BALL,
     CUBE,
@@ -42,7 +42,6 @@ from obb_collision.demo.snapshot import (
     TOUCH_SIGN,
     TOUCHING,
     Body,
-    Color,
     DrawnScene,
     DrawnTriangles,
     Label,
