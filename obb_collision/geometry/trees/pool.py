@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from threading import Lock
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
@@ -103,6 +104,8 @@ class Pool(Generic[Item]):
     """Names of the arrays of an item."""
     measure: ClassVar[str]
     """Name of the array whose length is the size of an item."""
+    made: ClassVar[Callable[..., Any]]
+    """Makes items of their arrays by name."""
 
     def __init__(self) -> None:
         self.lock = Lock()
@@ -141,7 +144,7 @@ class Pool(Generic[Item]):
         used = {name: self._used[name] + len(values) for name, values in rows.items()}
         for name, values in rows.items():
             self._arrays[name][self._used[name] : used[name]] = values
-        items = self.made({name: self._arrays[name][: used[name]] for name in self.names})
+        items = self.made(**{name: self._arrays[name][: used[name]] for name in self.names})
         self._used, self._all = used, items
         return row
 
@@ -153,11 +156,6 @@ class Pool(Generic[Item]):
             if array is not None:
                 larger[:used] = array[:used]
             self._arrays[name] = larger
-
-    @staticmethod
-    def made(arrays: Arrays) -> Item:
-        """Return items of their arrays."""
-        raise NotImplementedError
 
     @staticmethod
     def built(body: Body) -> Item:
@@ -174,11 +172,7 @@ class TreePool(Pool[MeshTrees]):
 
     names = TreeArrays._fields
     measure = "triangles"
-
-    @staticmethod
-    def made(arrays: Arrays) -> MeshTrees:
-        """Return trees of their arrays."""
-        return MeshTrees.trusted(**arrays)
+    made = MeshTrees.trusted
 
     @staticmethod
     def built(body: Body) -> MeshTrees:
@@ -205,11 +199,7 @@ class HullPool(Pool[Hulls]):
 
     names = Hulls._fields
     measure = "blocks"
-
-    @staticmethod
-    def made(arrays: Arrays) -> Hulls:
-        """Return hulls of their arrays."""
-        return Hulls(**arrays)
+    made = Hulls
 
     @staticmethod
     def built(body: Body) -> Hulls:

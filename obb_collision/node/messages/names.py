@@ -92,7 +92,6 @@ class NamespaceTable:
         self.version = 0
         """Changes with ``names``."""
         self._numbers: dict[str, int] = {}  # by name
-        self._nameless: set[int] = set()  # those with a stand-in for their name
         self._used: dict[int, int] = {}
         self._unused: dict[int, None] = {}  # the one longest unused first
         self._bytes = 0
@@ -108,13 +107,13 @@ class NamespaceTable:
         One with a stand-in for its name is found by both.
         """
         known = self._numbers.get(name)
-        if known is not None or not self._nameless:
+        if known is not None:
             return known
         try:
             number = namespace_number(name)
         except UnicodeEncodeError:
             return None
-        return number if number in self._nameless else None
+        return number if self.names.get(number) == stand_in(number) else None
 
     def admit(self, name: str) -> int:
         """Return the number of a namespace; a new one takes its place in the table.
@@ -172,8 +171,6 @@ class NamespaceTable:
             raise RefusedError("too many namespaces", f"{limits} is the limit")
         self.names[number] = name
         self._numbers[name] = number
-        if name == stand_in(number):
-            self._nameless.add(number)
         self._unused[number] = None
         self._bytes += size
         self.version += 1
@@ -203,7 +200,6 @@ class NamespaceTable:
         del self._unused[number]
         name = self.names.pop(number)
         del self._numbers[name]
-        self._nameless.discard(number)
         self._bytes -= len(name.encode())
         self.version += 1
 
