@@ -240,10 +240,9 @@ class SceneDescription:
         for pattern, accuracy in self.accuracies:
             for row in np.flatnonzero(matching([pattern], self.names)):
                 result[row] = accuracy
-        return [
-            thing.accuracy if thing.accuracy is not None else accuracy
-            for thing, accuracy in zip(self.objects, result, strict=True)
-        ]
+        for row, thing in enumerate(self.objects):
+            result[row] = result[row] if thing.accuracy is None else thing.accuracy
+        return result
 
     def moving(self) -> list[int]:
         """Return the rows of the objects that move."""

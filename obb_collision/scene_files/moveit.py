@@ -299,7 +299,7 @@ class PlanningScene:
         self._objects: list[SceneObject] = []
         self._own_rules: list[AllowedRule] = []  # of parts and attached objects, matrix or not
         self._notes: list[str] = []
-        self._lines: dict[str, int] = {}
+        self._used: dict[str, Value] = {}
 
     def description(self, path: Path) -> SceneDescription:
         """Return the description in the scene. Raises SceneFileError with all its problems."""
@@ -343,10 +343,9 @@ class PlanningScene:
     def _take(self, item: Value, parts: list[SceneObject]) -> None:
         """Add the parts of an object, which may touch each other."""
         for part in parts:
-            if part.name in self._lines:
-                first = f"first in line {self._lines[part.name]}"
+            if self._used.setdefault(part.name, item) is not item:
+                first = f"first in line {self._used[part.name].line}"
                 (item.peek("id") or item).refuse(f"the name {part.name} stands twice, {first}")
-            self._lines[part.name] = item.line
         self._objects += parts
         if len(parts) > 1:
             name = parts[0].name.rpartition("/")[0]

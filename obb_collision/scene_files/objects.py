@@ -175,29 +175,30 @@ def _within(value: Value, count: int) -> tuple[Any, ...]:
 def check_followers(
     objects: Sequence[SceneObject],
     named: Collection[str],
-    motions: Mapping[str, Value],
+    values: Mapping[str, Value],
     problems: Problems,
 ) -> None:
     """Refuse objects that follow none, or, along a chain, themselves or too many.
 
-    named: all objects that there are, with those that are refused already.
+    named: all objects that there are, with those that are refused already; values: by name.
     """
     leaders = {o.name: o.motion.name for o in objects if isinstance(o.motion, Follow)}
     circling: set[str] = set()
     for name, leader in leaders.items():
         with problems.kept():
+            motion = values[name].peek("motion") or values[name]
             if leader not in named:
-                motions[name].refuse(f"follows {leader}, which is no object here")
+                motion.refuse(f"follows {leader}, which is no object here")
             passed = [name]
             while passed[-1] in leaders and len(passed) <= MAX_CHAIN:
                 passed.append(leaders[passed[-1]])
                 if passed[-1] == name and name not in circling:
                     circling.update(passed)
-                    motions[name].refuse(f"follows itself: {' > '.join(passed)}")
+                    motion.refuse(f"follows itself: {' > '.join(passed)}")
                 if passed[-1] in passed[:-1]:
                     break  # reported for another one in the circle
             if len(passed) > MAX_CHAIN:
-                motions[name].refuse(f"follows more than {MAX_CHAIN} others in a row")
+                motion.refuse(f"follows more than {MAX_CHAIN} others in a row")
 
 
 Fields = dict[str, Value]
@@ -236,22 +237,18 @@ def read_objects(
     """
     objects: list[SceneObject] = []
     named: dict[str, None] = {}
-    lines: dict[str, int] = {}
-    motions: dict[str, Value] = {}
+    used: dict[str, Value] = {}
     for value in values:
         name = value.peek("name")
         if name is not None and isinstance(name.node.value, str):
             named[name.node.value] = None
         with problems.kept():
             thing = _read_object(value, files)
-            if thing.name in lines:
-                first = f"the name {thing.name} stands twice, first in line {lines[thing.name]}"
-                (name or value).refuse(first)
-            lines[thing.name] = value.line
+            if used.setdefault(thing.name, value) is not value:
+                first = f"first in line {used[thing.name].line}"
+                (name or value).refuse(f"the name {thing.name} stands twice, {first}")
             objects.append(thing)
-            if thing.motion is not None:
-                motions[thing.name] = value.peek("motion") or value
-    check_followers(objects, named, motions, problems)
+    check_followers(objects, named, used, problems)
     return (objects if problems.found else _placed(objects)), named
 
 
