@@ -81,7 +81,7 @@ class Spec:
             dynamic_typing=self.choices == MODES or isinstance(self.default, list),
         )
         if self.choices:
-            descriptor.additional_constraints = "one of " + _words(self.choices)
+            descriptor.additional_constraints = "one of " + ", ".join(map(str, self.choices))
         if self.limits is not None and isinstance(self.default, float):
             low, high = self.limits
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
@@ -100,7 +100,7 @@ class Spec:
         if self.choices == MODES and isinstance(value, bool):
             value = ON if value else OFF
         if self.choices and value not in self.choices:
-            words = _words(self.choices)
+            words = ", ".join(map(str, self.choices))
             raise ValueError(
                 f"{self.name} must be one of {words}, not {shown(value)}{instead_of(value)}"
             )
@@ -132,10 +132,6 @@ class Spec:
             return [self.entry(entry) for entry in kept]
         except ValueError as error:
             raise ValueError(f"{self.name}: {error}") from error
-
-
-def _words(choices: tuple[Any, ...]) -> str:
-    return ", ".join(str(choice) for choice in choices)
 
 
 ENTRY = re.compile(r"(?:([A-Za-z][A-Za-z0-9_-]*):\s+)?(/.*)")
