@@ -240,8 +240,8 @@ class SceneDescription:
         for pattern, accuracy in self.accuracies:
             for row in np.flatnonzero(matching([pattern], self.names)):
                 result[row] = accuracy
-        for row, thing in enumerate(self.objects):
-            result[row] = result[row] if thing.accuracy is None else thing.accuracy
+        for k, thing in enumerate(self.objects):
+            result[k] = result[k] if thing.accuracy is None else thing.accuracy
         return result
 
     def moving(self) -> list[int]:
