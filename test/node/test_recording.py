@@ -182,10 +182,10 @@ def write_bag(folder: Path, entries: Iterable[Entry]) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
-        for topic, kind, time, data in entries:
+        for topic, kind, stamp, data in entries:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], time, data)
+            writer.write(connections[topic], stamp, data)
 
 
 def read_bag(folder: Path) -> list[Entry]:
