@@ -174,6 +174,8 @@ class LinkMeshes:
         self._rows = np.zeros(len(parts), np.int64)
         built: dict[object, tuple[int, MeshTrees]] = {}
         for n, (shape, *_) in enumerate(parts):
+            if kind_of(shape) == BOXED:
+                shape = OBB(*local_box(shape))
             if isinstance(shape, OBB):  # in the middle of its pose from now on
                 place = np.append(shape.center, shape.quaternion)
                 self._poses[n] = compose_poses(self._poses[n], place)

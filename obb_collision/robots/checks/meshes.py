@@ -33,7 +33,7 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.robots.checks.arrays import LINK_PLACING
 from obb_collision.robots.checks.model import Prepared
-from obb_collision.scene.store.kinds import ROUND
+from obb_collision.scene.store.kinds import BOXED, ROUND
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
@@ -115,7 +115,7 @@ def _set_depths(sides: LinkMeshPairs, k: Rows, found: PairDistances) -> None:
 
 
 def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[LinkMeshPairs]:
-    """Yield those of pairs (m, 2) that have a mesh, in their states."""
+    """Yield those of pairs (m, 2) that meshes decide, in their states."""
     if len(pairs) == 0:
         return
     own, world, (tree, bodies, tests, *_) = prepared.own.meshes, prepared.world, prepared.checked
@@ -123,7 +123,8 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
     i, j = np.ascontiguousarray(pairs.T)
     outside = j >= tests.first
     segments = outside.copy()
-    segments[outside] = world.kinds[j[outside] - tests.first] == ROUND
+    kinds = world.kinds[j[outside] - tests.first]
+    segments[outside], decided[outside] = kinds == ROUND, decided[outside] & (kinds != BOXED)
     for part in (~outside, outside & ~segments, segments):
         rows = np.flatnonzero(part & decided)
         if len(rows) == 0:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from each import each
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -146,6 +147,31 @@ def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> Non
     assert not report.undecided[0]
     # where a corner at x = 0.125, y = 0.2 is 0.13 from the middle of the pole
     assert 1.755 < 4.0 * report.parameters[0] <= 1.8 - np.sqrt(0.13**2 - 0.125**2)
+
+
+def test_a_mesh_without_faces_counts_as_its_box(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).normal(0, 0.1, (5, 3))
+    shape, reports = oc.shapes.Mesh(points, np.empty((0, 3), np.int64)), []
+    (tmp_path / "cup.urdf").write_text(slider(cup(tmp_path), "0 1 0"))
+    robot = oc.Robot.from_urdf(tmp_path / "cup.urdf")
+    states = np.linspace(-3.0, 3.0, 40)[:, None]
+
+    def answers(checker: oc.RobotScene) -> list[np.ndarray]:
+        motions = checker.check_motions(states[:-1], states[1:])
+        return [checker.check(states).valid, checker.distances(states).distances, motions.valid]
+
+    for thing in (shape, oc.OBB(*shape.local_box)):
+        scene = oc.Scene()
+        scene.add("annulus", oc.shapes.Mesh(trimesh.creation.annulus(0.2, 0.3, 0.4)))
+        checker = oc.RobotScene([robot], scene, "mesh")
+        checker.attach("thing", thing, "body", [0, 0, 0.4, 0, 0, 0, 1])
+        reports.append(answers(checker))
+    scene = oc.Scene()
+    scene.add("thing", shape, [0, 2, 0, 0, 0, 0, 1])
+    levels = [answers(oc.RobotScene([robot], scene, accuracy)) for accuracy in ("hull", "mesh")]
+    for pair in (reports, levels):
+        assert all(np.allclose(*each, atol=1e-9) for each in zip(*pair, strict=True))
+        assert 0 < pair[0][0].sum() < 40
 
 
 def test_planar_and_floating_joints_are_bounded_and_no_quaternion_goes_through_zero() -> None:
