@@ -154,7 +154,7 @@ class Inputs:
             detail = f"{len(twists)} twists, {len(names)} names; poses used"
             monitor.refuse(LENGTHS_DIFFER, "twist", detail)
             return 0.0
-        bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
+        bad = np.asarray(~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1))
         monitor.refuse_rows(bad, "bad twist", lambda row: _shown(names[row]), "pose used")
         twists[bad] = 0.0
         return twists

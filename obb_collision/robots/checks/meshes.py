@@ -33,7 +33,7 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.robots.checks.arrays import LINK_PLACING
 from obb_collision.robots.checks.model import Prepared
-from obb_collision.scene.store.kinds import BOXED, ROUND
+from obb_collision.scene.store.kinds import BOXED, ROUND, TRIANGLES
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
@@ -119,12 +119,10 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
     if len(pairs) == 0:
         return
     own, world, (tree, bodies, tests, *_) = prepared.own.meshes, prepared.world, prepared.checked
-    decided = prepared.meshes[pairs].any(axis=1)
     i, j = np.ascontiguousarray(pairs.T)
-    outside = j >= tests.first
-    segments = outside.copy()
-    kinds = world.kinds[j[outside] - tests.first]
-    segments[outside], decided[outside] = kinds == ROUND, decided[outside] & (kinds != BOXED)
+    outside, kinds = j >= tests.first, np.full(len(pairs), TRIANGLES)
+    kinds[outside] = world.kinds[j[outside] - tests.first]
+    segments, decided = kinds == ROUND, prepared.meshes[pairs].any(axis=1) & (kinds != BOXED)
     for part in (~outside, outside & ~segments, segments):
         rows = np.flatnonzero(part & decided)
         if len(rows) == 0:

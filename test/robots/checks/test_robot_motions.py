@@ -170,7 +170,7 @@ def test_a_mesh_without_faces_counts_as_its_box(tmp_path: Path) -> None:
     scene.add("thing", shape, [0, 2, 0, 0, 0, 0, 1])
     levels = [answers(oc.RobotScene([robot], scene, accuracy)) for accuracy in ("hull", "mesh")]
     for pair in (reports, levels):
-        assert all(np.allclose(*each, atol=1e-9) for each in zip(*pair, strict=True))
+        assert all(np.allclose(a, b, atol=1e-9) for a, b in zip(*pair, strict=True))
         assert 0 < pair[0][0].sum() < 40
 
 
