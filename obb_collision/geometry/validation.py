@@ -219,9 +219,9 @@ def as_points(value: ArrayLike, name: str) -> NDArray[np.floating]:
 
     They need not be finite. Raises ValueError naming the argument for another shape or kind.
     """
+    array = as_any_array(value, name, "numbers of shape (n, 3)")
+    usable = array.dtype in (np.float32, np.float64) and array.flags.aligned
     try:
-        array = as_any_array(value, name, "numbers of shape (n, 3)")
-        usable = array.dtype in (np.float32, np.float64) and array.flags.aligned
         if not (usable and array.dtype.isnative):
             array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -55,7 +55,7 @@ LARGEST_POINT = 2**31 - 1
 KNOWN_LAYOUTS = 64
 """Layouts of clouds that are remembered: a sender has one, and reading it takes 30 us."""
 FIELD, LAYOUT = struct.Struct("<IBxxxI"), struct.Struct("<BxxxIII")
-"""Parts of a serialised cloud: see ``marker_writer``."""
+"""Parts of a serialised cloud: the end of a field, and what follows all fields."""
 DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 
 
