@@ -277,6 +277,7 @@ def test_what_is_checked_is_kept_before_it_counts_as_such(monkeypatch: pytest.Mo
 #: Makes a row of boxes that fill their arrays, each of which meets the next, and changes it with a
 #: little more memory than it has, in steps of some MiB, until each change has been possible.
 SCRIPT = """
+import ctypes
 import resource
 import numpy as np
 import obb_collision as oc
@@ -322,6 +323,7 @@ for number, change in enumerate(changes):
     old, pairs = scene.boxes, report.pairs.copy()
     depths = oc.separations(old, old, pairs).separations if scene.indices[-1] < len(scene) else None
     for mebibytes in range(0, 800, STEP):
+        ctypes.CDLL(None).malloc_trim(0)  # what the allocator keeps would do for some changes
         resource.setrlimit(resource.RLIMIT_AS, (used() + (mebibytes << 20), FREE[1]))
         try:
             change()
