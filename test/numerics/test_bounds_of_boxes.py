@@ -23,7 +23,6 @@ import numpy as np
 import pytest
 from error_bounds import (
     Moved,
-    Record,
     check_flips,
     check_ratios,
     edge_lengths,
@@ -93,7 +92,7 @@ def careful_bound(a: Box, b: Box) -> Fraction:
     return Fraction(CAREFUL_BOUND) * size + Fraction(UNDERFLOW)
 
 
-def test_fast_verdicts(record_property: Record) -> None:
+def test_fast_verdicts() -> None:
     """Edge axes are not normalised there: a gap counts times the length of its axis."""
 
     def decide(a: Boxes, b: Boxes) -> Mask:
@@ -108,33 +107,32 @@ def test_fast_verdicts(record_property: Record) -> None:
         edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths, strict=False)]
         return max([*gaps[:6], *edges]) / fast_bound(a, b)
 
-    Moved(PAIRS, loose=True).check(record_property, decide, quantity)
+    Moved(PAIRS, loose=True).check(decide, quantity)
 
 
-def test_careful_verdicts_apart(record_property: Record) -> None:
+def test_careful_verdicts_apart() -> None:
     Moved(PAIRS, loose=True).check(
-        record_property,
         lambda a, b: oc.verdicts(a, b) == Verdict.SEPARATE,
         lambda a, b: max(exact_gaps(a, b)) / careful_bound(a, b),
     )
 
 
-def test_careful_verdicts_overlapping(record_property: Record) -> None:
+def test_careful_verdicts_overlapping() -> None:
     moved = Moved(PAIRS, families=("ordinary scene", "edge against edge", "thin plates and rods"))
 
     def quantity(a: Box, b: Box) -> Fraction:
         return max(exact_gaps(a, b)) / careful_bound(a, b) + 2  # certain at -1, unsure beyond
 
-    moved.check(record_property, lambda a, b: oc.verdicts(a, b) != Verdict.OVERLAP, quantity)
+    moved.check(lambda a, b: oc.verdicts(a, b) != Verdict.OVERLAP, quantity)
 
 
-def test_coarse_spheres(record_property: Record) -> None:
+def test_coarse_spheres() -> None:
     def quantity(a: Box, b: Box) -> Fraction:
         distance, radii = norm(offset(a, b)), norm(exact(a[2])) + norm(exact(b[2]))
         bound = Fraction(SPHERE_SLACK) * (distance + radii) + Fraction(UNDERFLOW)
         return (distance - radii) / bound
 
-    Moved(PAIRS).check(record_property, lambda a, b: ~spheres_may_collide(*_rows(a, b)), quantity)
+    Moved(PAIRS).check(lambda a, b: ~spheres_may_collide(*_rows(a, b)), quantity)
 
 
 def _rows(a: Boxes, b: Boxes) -> tuple[Boxes, np.ndarray, np.ndarray]:
@@ -148,7 +146,7 @@ def turned_boxes() -> Boxes:
     return Moved(PAIRS, names).a
 
 
-def test_world_bounds(record_property: Record) -> None:
+def test_world_bounds() -> None:
     boxes = turned_boxes()
     minimum, maximum = boxes.world_bounds()
     ratios = []
@@ -160,10 +158,10 @@ def test_world_bounds(record_property: Record) -> None:
             low, high = Fraction(minimum[n, k]), Fraction(maximum[n, k])
             ratios += [abs(min(places[k]) - low - slack) / slack]
             ratios += [abs(high - max(places[k]) - slack) / slack]
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_overlap_volumes(record_property: Record) -> None:
+def test_overlap_volumes() -> None:
     ratios = []
     for a, b in (family(name, 8) for name in FAMILIES):
         volumes = oc.overlap_volumes(a, b)
@@ -176,10 +174,10 @@ def test_overlap_volumes(record_property: Record) -> None:
             size += extents(*sides)
             error = abs(Fraction(volumes[k]) - overlap_volume(*sides))
             ratios.append(error / (Fraction(VOLUME_BOUND) * size * surface))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_meeting_bounds(record_property: Record) -> None:
+def test_meeting_bounds() -> None:
     boxes = turned_boxes()
     minimum, _ = meeting_bounds(boxes)
     ratios = []
@@ -191,10 +189,10 @@ def test_meeting_bounds(record_property: Record) -> None:
             center = Fraction(float(row[0][k]))
             inner = Fraction(BOUND_SLACK) * (abs(center) + max(places[k]) - center)
             ratios.append(abs(min(places[k]) - Fraction(minimum[n, k]) - inner - grown) / grown)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_witnesses(record_property: Record) -> None:
+def test_witnesses() -> None:
     """The signed separation of a pair: the largest gap, or minus the least penetration."""
     moved = Moved(PAIRS, loose=True)
     a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
@@ -204,7 +202,7 @@ def test_witnesses(record_property: Record) -> None:
         abs(Fraction(gap) - max(exact_gaps(*pair))) / careful_bound(*pair)
         for gap, pair in zip(gaps.tolist(), pairs, strict=True)
     ]
-    check_ratios(record_property, errors)
+    check_ratios(errors)
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
@@ -217,7 +215,7 @@ def test_witnesses_of_any_doubles(pair: tuple[Boxes, Boxes]) -> None:
     assert abs(Fraction(float(gap)) - max(exact_gaps(*row))) <= careful_bound(*row)
 
 
-def test_gap_bounds_and_best_faces(record_property: Record) -> None:
+def test_gap_bounds_and_best_faces() -> None:
     """Upper bounds of all 15 gaps: by as much above them as their bound, but for the error."""
     moved = Moved(PAIRS, loose=True)
     a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
@@ -236,10 +234,10 @@ def test_gap_bounds_and_best_faces(record_property: Record) -> None:
         face = Fraction(best_face(pair)[0]) / Fraction(scale)
         near = Fraction(NEAR) * Fraction(size) / Fraction(scale)
         ratios.append(abs(face - max(gaps[:6])) / near)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_clearances(record_property: Record) -> None:
+def test_clearances() -> None:
     moved = Moved(2, families=("ordinary scene", "edge against edge", "thin plates and rods"))
     a, b = moved.at(0.5 * moved.farthest)
     found = oc.clearances(a, b).distances
@@ -249,10 +247,10 @@ def test_clearances(record_property: Record) -> None:
         expected = root(squared_distance(corners(row[0]), corners(row[1])))
         size = taxicab(offset(*row)) + extents(*row)
         ratios.append(abs(Fraction(distance) - expected) / (Fraction(PROVEN) * size))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_contact_depths(record_property: Record) -> None:
+def test_contact_depths() -> None:
     moved = Moved(PAIRS)
     a, b = moved.at(np.linspace(0.01, 0.2, len(moved.a)) * moved.farthest)
     found = oc.contacts(a, b)
@@ -262,10 +260,10 @@ def test_contact_depths(record_property: Record) -> None:
         depth = max(-max(exact_gaps(*row)), Fraction(0))
         ratios.append(abs(Fraction(found.depths[n]) - depth) / careful_bound(*row))
     assert len(ratios) > 20
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_rotations_of_quaternions(record_property: Record) -> None:
+def test_rotations_of_quaternions() -> None:
     quaternions = np.random.default_rng(3).normal(size=(500, 4))
     matrices = matrices_from_quaternions(unit_quaternions(quaternions))
     ratios = []
@@ -273,10 +271,10 @@ def test_rotations_of_quaternions(record_property: Record) -> None:
         columns = [exact(column) for column in matrix.T]
         defect = max(abs(dot(u, v) - (u is v)) for u in columns for v in columns)
         ratios.append(defect / Fraction(ORTHONORMAL_ROUNDING))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_containment(record_property: Record) -> None:
+def test_containment() -> None:
     moved = Moved(FEWER, loose=True)
     boxes = moved.a
 
@@ -294,10 +292,10 @@ def test_containment(record_property: Record) -> None:
             ratios.append(excess / (bound + Fraction(2) ** -1060))
         return max(ratios)
 
-    check_flips(record_property, outside, quantity, moved.farthest)
+    check_flips(outside, quantity, moved.farthest)
 
 
-def test_points_within_a_margin(record_property: Record) -> None:
+def test_points_within_a_margin() -> None:
     moved, margin = Moved(FEWER, FEW, loose=True), 0.25
     boxes = moved.a
 
@@ -314,12 +312,12 @@ def test_points_within_a_margin(record_property: Record) -> None:
         size = taxicab(minus(exact(point), exact(stored[0]))) + extents(stored)
         return gap / (Fraction(INSIDE_BOUND) * (size + Fraction(margin)))
 
-    check_flips(record_property, outside, quantity, moved.farthest + 2.0)
+    check_flips(outside, quantity, moved.farthest + 2.0)
 
 
 @pytest.mark.parametrize("verdict", [Verdict.SEPARATE, Verdict.OVERLAP])
 @pytest.mark.parametrize("pair", [False, True])
-def test_capsules(verdict: Verdict, pair: bool, record_property: Record) -> None:
+def test_capsules(verdict: Verdict, pair: bool) -> None:
     """Where SEPARATE or OVERLAP ends; what is left open is up to NEAR_BOUND wide."""
     sign = 1 if verdict == Verdict.SEPARATE else -1
     limit = NEAR_BOUND if sign < 0 and not pair else FAR_BOUND
@@ -363,10 +361,10 @@ def test_capsules(verdict: Verdict, pair: bool, record_property: Record) -> None
         assert unsure <= 2 * Fraction(NEAR_BOUND / limit)
         # a gap is along some direction, not the best: less than the distance, whatever the error
         ratios.append(observed_at_flip(unsure if sign < 0 else Fraction(0), certain))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_planes(record_property: Record) -> None:
+def test_planes() -> None:
     moved = Moved(FEWER, loose=True)
     points, boxes = moved.a.centers, moved.at(0.3 * moved.farthest)[1]
     low, high = (
@@ -381,7 +379,7 @@ def test_planes(record_property: Record) -> None:
         bound = Fraction(CAREFUL_BOUND) * (norm(offset) + extents(stored)) + Fraction(2) ** -1060
         for value, height in ((low[n], min(heights)), (-high[n], max(heights))):
             ratios.append(abs(Fraction(value) - height / norm(normal)) / bound)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
 def least_growth(stored: Box, origin: Vector, direction: Vector) -> Fraction:
@@ -399,7 +397,7 @@ def least_growth(stored: Box, origin: Vector, direction: Vector) -> Fraction:
     return min(max(p + t * v for p, v in lines) for t in times)
 
 
-def test_rays_that_miss(record_property: Record) -> None:
+def test_rays_that_miss() -> None:
     moved = Moved(FEWER, FEW, loose=True)
     boxes = moved.a
     rng = np.random.default_rng(6)
@@ -419,10 +417,10 @@ def test_rays_that_miss(record_property: Record) -> None:
         growth = least_growth(stored, origin, exact(along[n]))
         return growth / (Fraction(HIT_BOUND) * size)
 
-    check_flips(record_property, misses, quantity, moved.farthest + 2.0)
+    check_flips(misses, quantity, moved.farthest + 2.0)
 
 
-def test_rays_moved_ahead(record_property: Record) -> None:
+def test_rays_moved_ahead() -> None:
     """How far the point is from the line of the ray, with its direction as it was given."""
     rng = np.random.default_rng(8)
     ratios = []
@@ -437,10 +435,10 @@ def test_rays_moved_ahead(record_property: Record) -> None:
         share = dot(rest, line) / dot(line, line)
         ratios.append(norm(minus(rest, [share * x for x in line])) / Fraction(bound))
     assert len(ratios) > 50
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_rays_down_the_tree(record_property: Record) -> None:
+def test_rays_down_the_tree() -> None:
     """Where a ray enters the bounds of a node: earlier by the slack, but for the error."""
     rng = np.random.default_rng(7)
     ratios = []
@@ -457,4 +455,4 @@ def test_rays_down_the_tree(record_property: Record) -> None:
         )  # fmt: skip
         slack = Fraction(DISTANCE_SLACK) * near
         ratios.append(abs(near - Fraction(found) - slack) / slack)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)

@@ -21,7 +21,7 @@ from fractions import Fraction
 import numpy as np
 from convex_bodies import CORNER_SIGNS, corners_of, distances_of, family, pool_of
 from each import each
-from error_bounds import Moved, Record, check_flips, check_ratios, edge_lengths, exact_gaps, solved
+from error_bounds import Moved, check_flips, check_ratios, edge_lengths, exact_gaps, solved
 from exact_vectors import cross, dot, exact, minus, norm, taxicab
 from hull_distances import placed
 from mesh_zoo import TRIANGLE, ZOO
@@ -67,7 +67,7 @@ RNG = np.random.default_rng(10)
 COUNT = 60
 
 
-def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None:
+def test_corners_in_the_frame_of_the_other_mesh() -> None:
     """By the transposed rotation instead of the inverse: that is most of the error."""
     boxes = Moved(4, loose=True).a
     rotations = boxes.rotations
@@ -82,10 +82,10 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
         place = minus(place, exact(centers[0]))
         error = max(map(abs, minus(exact(found), solved(columns, place))))
         ratios.append(error / (Fraction(POINT_BOUND) * Fraction(pose.size)))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_distances_of_meshes(record_property: Record) -> None:
+def test_distances_of_meshes() -> None:
     """Of points: their distance has no error but that of the pose and its own rounding."""
     rotations = Moved(4, loose=True).a.rotations
     ratios = []
@@ -104,10 +104,10 @@ def test_distances_of_meshes(record_property: Record) -> None:
         bound = Fraction(DISTANCE_BOUND) * size
         error = abs(Fraction(found.distances[0]) + bound - true)
         ratios.append(max(error, abs(Fraction(found.upper[0]) - bound - true)) / bound)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_determinants(record_property: Record) -> None:
+def test_determinants() -> None:
     """Three vectors: one leaves the plane of the others until the sign is certain."""
     vectors = RNG.normal(size=(COUNT, 3, 3))
     weights = RNG.normal(size=(COUNT, 2, 1))
@@ -131,11 +131,11 @@ def test_determinants(record_property: Record) -> None:
             Fraction(DETERMINANT_ROUNDING) * sizes[0] * sizes[1] * sizes[2]
         )
 
-    check_flips(record_property, certain, quantity, np.ones(COUNT), np.full(COUNT, -1.0))
+    check_flips(certain, quantity, np.ones(COUNT), np.full(COUNT, -1.0))
     assert determinant_bound(1.0, 1.0, 1.0, 0.0) >= DETERMINANT_ROUNDING
 
 
-def test_triangles_with_twice_the_digits(record_property: Record) -> None:
+def test_triangles_with_twice_the_digits() -> None:
     """Two triangles of parallel planes, as far apart as the second digits go."""
     triangles = RNG.uniform(-1.0, 1.0, (COUNT, 9))
     triangles[:, 2::3] = 0.0
@@ -165,7 +165,7 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
         scale = Fraction(2) ** -int(np.frexp(largest)[1])
         return gap * scale / (16 * Fraction(WIDTH))
 
-    check_flips(record_property, apart, quantity, np.full(COUNT, 1e-10))
+    check_flips(apart, quantity, np.full(COUNT, 1e-10))
 
 
 def nodes_of(boxes: Boxes) -> Floats:
@@ -175,7 +175,7 @@ def nodes_of(boxes: Boxes) -> Floats:
 
 
 @each("which", ["all axes", "faces, b moved", "faces, a moved"])
-def test_boxes_of_trees(which: str, record_property: Record) -> None:
+def test_boxes_of_trees(which: str) -> None:
     boxes = Moved(6, ("ordinary scene", "edge against edge", "thin plates and rods"), loose=True)
     here = place_at(np.zeros((1, 3)), np.eye(3)[None], 0)
     pose = relative_pose(here, here, 4.0 * float(boxes.farthest.max()))
@@ -201,10 +201,10 @@ def test_boxes_of_trees(which: str, record_property: Record) -> None:
         counted = [*gaps[:6], *edges] if which == "all axes" else gaps[:6]
         return max(counted) / Fraction(pose.gap_bound)
 
-    check_flips(record_property, apart, quantity, boxes.farthest)
+    check_flips(apart, quantity, boxes.farthest)
 
 
-def test_points_outside_boxes_of_trees(record_property: Record) -> None:
+def test_points_outside_boxes_of_trees() -> None:
     moved = Moved(6)
     boxes = moved.a
     nodes = nodes_of(boxes)
@@ -220,10 +220,10 @@ def test_points_outside_boxes_of_trees(record_property: Record) -> None:
         excess = max(abs(x) - h for x, h in zip(along, exact(boxes.half_extents[n]), strict=True))
         return excess / (Fraction(SLAB_SLACK) * taxicab(offset)) if any(offset) else Fraction(0)
 
-    check_flips(record_property, outside, quantity, moved.farthest)
+    check_flips(outside, quantity, moved.farthest)
 
 
-def test_hulls(record_property: Record) -> None:
+def test_hulls() -> None:
     """Two cubes of one rotation, one beyond a face of the other: the distance is the gap."""
     pool = pool_of([CORNER_SIGNS])
     rotations = Rotation.random(COUNT, RNG).as_matrix()
@@ -245,10 +245,10 @@ def test_hulls(record_property: Record) -> None:
         gap = solved(axes, place)[n % 3] - 2
         return gap / (Fraction(GAP_BOUND) * (taxicab(place) + 2 * Fraction(radius)))
 
-    check_flips(record_property, apart, quantity, np.full(COUNT, 4.0))
+    check_flips(apart, quantity, np.full(COUNT, 4.0))
 
 
-def test_convex_distances(record_property: Record) -> None:
+def test_convex_distances() -> None:
     """The gap along the normal returned, exactly, and the lower bound on the distance."""
     a, b = family("far apart", ("hull", "box"), COUNT, 0)
     found = distances_of(a, b)
@@ -263,10 +263,10 @@ def test_convex_distances(record_property: Record) -> None:
         size += Fraction(float(a.hulls.radii[a.rows[n]] + b.sizes[n].sum()))
         slack = Fraction(CONVEX_ROUNDING) * size
         ratios.append(abs(gap - slack - Fraction(float(found.lower[n]))) / slack)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_boxes_of_leaves(record_property: Record) -> None:
+def test_boxes_of_leaves() -> None:
     ratios = []
     for name in ("torus0", "box1", "crumbs1"):
         vertices, faces = ZOO[name]
@@ -280,10 +280,10 @@ def test_boxes_of_leaves(record_property: Record) -> None:
             for k in range(3):
                 reach = max(abs(place[k]) for place in along)
                 ratios.append(abs(Fraction(row[12 + k]) - reach - slack) / slack)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_boxes_of_points(record_property: Record) -> None:
+def test_boxes_of_points() -> None:
     """Faces with too many points to settle each exactly: moved out by the rounding bound."""
     ratios = []
     for rotation in Rotation.random(8, RNG).as_matrix():
@@ -301,5 +301,5 @@ def test_boxes_of_points(record_property: Record) -> None:
             bound = Fraction(COORDINATE_BOUND) * Fraction(size[k])
             bound += dot(skew[k], exact(near.max(axis=0)))
             ratios.append(abs(Fraction(half[k]) - reach - bound) / bound)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
     assert norm(exact(half)) > 1

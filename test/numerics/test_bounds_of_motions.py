@@ -22,7 +22,6 @@ from fractions import Fraction
 import numpy as np
 from error_bounds import (
     Moved,
-    Record,
     Rows,
     check_flips,
     check_ratios,
@@ -67,7 +66,7 @@ COUNT = 60
 SIGNS = [(i, j) for i in (-1, 1) for j in (-1, 1)]
 
 
-def test_times_of_contact(record_property: Record) -> None:
+def test_times_of_contact() -> None:
     """At the time given, the gap is the bound by which the boxes are grown, but for the error."""
     moved = Moved(8)
     a, b = moved.at(moved.farthest)
@@ -86,10 +85,10 @@ def test_times_of_contact(record_property: Record) -> None:
         assert gap >= 0
         bound = Fraction(CAREFUL_BOUND)
         ratios.append(abs(gap - bound) / (bound + Fraction(TIME_ROUNDING)))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_radii(record_property: Record) -> None:
+def test_radii() -> None:
     moved = Moved(8)
     ratios = []
     slack = Fraction(OUTWARD) - 1
@@ -99,10 +98,10 @@ def test_radii(record_property: Record) -> None:
         true = norm(exact(half))
         if true > Fraction(2) ** -900:
             ratios.append(abs(Fraction(radius) / true - 1 - slack) / slack)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_offsets(record_property: Record) -> None:
+def test_offsets() -> None:
     """From velocities: where the second box is from the first at the end."""
     ratios = []
     for starts, velocities in RNG.normal(size=(COUNT, 2, 2, 3)) * [[[[1e6]], [[3.0]]]]:
@@ -111,7 +110,7 @@ def test_offsets(record_property: Record) -> None:
         rate = minus(exact(velocities[1]), exact(velocities[0]))
         bound = Fraction(POSITION) * (norm(first) + norm(exact(way)))
         ratios.append(norm(minus(exact(last), along(first, Fraction(0.7), rate))) / bound)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
 def exactly_turned(rotation: np.ndarray, way: np.ndarray, time: float) -> list[Vector]:
@@ -130,17 +129,17 @@ def random_turns() -> list[tuple[np.ndarray, np.ndarray, float]]:
     )
 
 
-def test_rotations_at_a_time(record_property: Record) -> None:
+def test_rotations_at_a_time() -> None:
     ratios = []
     for rotation, way, time in random_turns():
         found = rotated(columns(rotation), vector(way), time)
         bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(way)) * Fraction(time)
         for column, expected in zip(found, exactly_turned(rotation, way, time), strict=True):
             ratios.append(norm(minus(exact(column), expected)) / bound)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_corners_of_turned_boxes(record_property: Record) -> None:
+def test_corners_of_turned_boxes() -> None:
     ratios, corners = [], np.empty((CORNER_ROWS, 3))
     half = np.array([0.4, 0.7, 1.1])
     for rotation, way, time in random_turns():
@@ -153,10 +152,10 @@ def test_corners_of_turned_boxes(record_property: Record) -> None:
             sides = [h if n >> k & 1 else -h for k, h in enumerate(exact(half))]
             expected = [dot(sides, row) for row in zip(*expected_columns, strict=True)]
             ratios.append(norm(minus(exact(corners[1 + n]), expected)) / (bound * reach))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
-def test_free_slices(record_property: Record) -> None:
+def test_free_slices() -> None:
     """Two boxes of one rotation, one beyond a face of the other, that do not turn in a slice."""
     moved = Moved(4, ("ordinary scene", "thin plates and rods"))
     boxes = moved.a
@@ -188,7 +187,7 @@ def test_free_slices(record_property: Record) -> None:
         radius = max(abs(end[2]) for end in ends) + max(norm((end[0], end[1], 0)) for end in ends)
         return gap / (Fraction(SLICE_SLACK) * (2 * norm(place) + 2 * radius))
 
-    check_flips(record_property, free, quantity, 10.0 * boxes.half_extents.max(axis=1))
+    check_flips(free, quantity, 10.0 * boxes.half_extents.max(axis=1))
 
 
 def certain_gap(a: Boxes, b: Boxes, n: int, rounding: float) -> float:
@@ -204,7 +203,7 @@ def certain_gap(a: Boxes, b: Boxes, n: int, rounding: float) -> float:
     return best_step(approach, first, second, rounding, 0.0)[0]
 
 
-def test_gaps_of_turning_boxes(record_property: Record) -> None:
+def test_gaps_of_turning_boxes() -> None:
     """The largest gap that is certain: by the bound below the largest, but for the error.
 
     The centres are at the ends of arms from the origin: their difference is rounded, too.
@@ -227,7 +226,7 @@ def test_gaps_of_turning_boxes(record_property: Record) -> None:
         )
         error = abs(Fraction(certain_gap(a, b, n, rounding)) - certain)
         ratios.append(error * Fraction(length) / Fraction(rounding))
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
 BOX = (0.2, 0.1, 0.3)
@@ -270,7 +269,7 @@ def exact_corners(joints: list[OracleJoint], state: list[float]) -> list[Vector]
     return [along(place, 1, applied(rows, corner)) for corner in CORNERS]
 
 
-def test_bodies_of_robots(record_property: Record) -> None:
+def test_bodies_of_robots() -> None:
     """Corners of a box at the end of chains of joints of all lengths and sizes."""
     rng = np.random.default_rng(7)
     ratios = []
@@ -292,4 +291,4 @@ def test_bodies_of_robots(record_property: Record) -> None:
             found = [along(center, 1, applied(zip(*axes, strict=True), x)) for x in CORNERS]
             for ours, true in zip(found, exact_corners(joints, state.tolist()), strict=True):
                 ratios.append(norm(minus(ours, true)) / bound)
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)

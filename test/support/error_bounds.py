@@ -37,14 +37,11 @@ from tools.cases.families import FAMILIES
 Rows = Sequence[Vector]
 #: Bits that are kept of fractions.
 BITS = 200
-#: The fixture ``record_property``.
-Record = Callable[[str, object], None]
 
 
-def check_ratios(record_property: Record, ratios: Iterable[Fraction]) -> None:
+def check_ratios(ratios: Iterable[Fraction]) -> None:
     """Assert that no observed error exceeds its bound, and that there were errors to observe."""
     largest = float(max(ratios))
-    record_property("largest observed error over bound", largest)
     print(f"largest observed error over bound: {largest:.2g}")  # noqa: T201  # pytest -rP
     assert 0.0 < largest <= 1.0
 
@@ -73,7 +70,6 @@ def observed_at_flip(unsure: Fraction, certain: Fraction) -> Fraction:
 
 
 def check_flips(
-    record_property: Record,
     decide: Callable[[Floats], Mask],
     quantity: Callable[[int, float], Fraction],
     most: Floats,
@@ -83,7 +79,7 @@ def check_flips(
     low, high = (end.tolist() for end in flips(decide, most, least))
     pairs = enumerate(zip(low, high, strict=True))
     ratios = [observed_at_flip(quantity(n, x), quantity(n, y)) for n, (x, y) in pairs]
-    check_ratios(record_property, ratios)
+    check_ratios(ratios)
 
 
 def normals(columns: Rows) -> Rows:
@@ -180,7 +176,6 @@ class Moved:
 
     def check(
         self,
-        record_property: Record,
         decide: Callable[[Boxes, Boxes], Mask],
         quantity: Callable[[Box, Box], Fraction],
     ) -> None:
@@ -190,7 +185,7 @@ class Moved:
             a, b = self.at(np.full(len(self.a), distance))
             return quantity(row_of(a, n), row_of(b, n))
 
-        check_flips(record_property, lambda d: decide(*self.at(d)), of_row, self.farthest)
+        check_flips(lambda d: decide(*self.at(d)), of_row, self.farthest)
 
 
 def join(boxes: list[Boxes]) -> Boxes:
