@@ -115,8 +115,13 @@ class Detections(LookAlike):
 
 def serialised(message: Any) -> bytes:
     """Return the bytes of a message, of ROS or of this module."""
-    if not isinstance(message, LookAlike):
-        return bytes(serialize_message(message))
+    if isinstance(message, LookAlike):
+        return written(message)
+    return bytes(serialize_message(message))
+
+
+def written(message: Any) -> bytes:
+    """Return the bytes of a message by its fields, zeros between them."""
     data = bytearray()
     _write(data, "", message)
     return ENCAPSULATION + bytes(data)

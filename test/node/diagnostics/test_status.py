@@ -203,9 +203,14 @@ def test_points_arrive_from_a_driver_that_sends_best_effort() -> None:
         rig.until(inside, "points in the box")
 
 
-def test_joints_and_detections_match_what_sends_best_effort(monkeypatch: Patch) -> None:
-    given = {"detections": Input(PointCloud2, *detections.QUEUE)}  # vision_msgs need not be there
+@pytest.fixture
+def detecting(monkeypatch: Patch) -> None:
+    """Let nodes have the topic of detections, whether vision_msgs is there or not."""
+    given = {"detections": Input(PointCloud2, *detections.QUEUE)}
     monkeypatch.setattr(detections, "INPUTS", given)
+
+
+def test_joints_and_detections_match_what_sends_best_effort(detecting: None) -> None:
     with Rig(robots=["arm"]) as rig:
         for kind, topic in ((JointState, "arm/joint_states"), (PointCloud2, "detections")):
             qos = QoSProfile(depth=5, reliability=BEST_EFFORT)
@@ -271,11 +276,11 @@ def test_objects_latched_before_a_node_was_configured_are_received() -> None:
         rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair again")
 
 
-def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
+def test_every_input_and_output_takes_overrides(detecting: None, rig: Rig) -> None:
     declared = set(rig.node._parameters)
     subscribed = [end.topic_name for end in rig.node.subscribed.open.values()]
     published = [end.topic_name for end in rig.node.outputs.ends.values()]
-    assert {*subscribed} == {f"{NAMESPACE}/{topic}" for topic in INPUTS}
+    assert {*subscribed} == {f"{NAMESPACE}/{topic}" for topic in (*INPUTS, "detections")}
     assert not rig.node.robots.robots, "without robots none of theirs"
     for policy in ("depth", "durability", "reliability"):
         assert {f"qos_overrides.{name}.subscription.{policy}" for name in subscribed} <= declared

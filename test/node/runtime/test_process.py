@@ -186,8 +186,10 @@ BROKEN = {
 
 def test_broken_packages_are_said_and_signals_may_go_on_until_the_last_word(tmp_path: Path) -> None:
     for name, text in BROKEN.items():
-        folder = tmp_path.joinpath(*name.split("."))
+        package, _, part = name.partition(".")
+        folder = tmp_path / package / part
         folder.mkdir(parents=True)
+        (folder.parent / "__init__.py").touch()  # without, one that is installed comes first
         (folder / "__init__.py").write_text(text)
     path = os.pathsep.join([str(tmp_path), environment()["PYTHONPATH"]])
     more = "-r objects:=scene -p rate:=20.0 -p fixed_frame:=odom -p robots:=['arm']"
