@@ -30,7 +30,6 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
-from tools.peers.robots import Vamp
 
 #: Lengths of motions, the root of the sum of squares of what all joints move.
 LENGTHS = 0.3, 1.5
@@ -114,9 +113,9 @@ def least_times(calls: Sequence[Callable[[], object]], rounds: int = ROUNDS) -> 
 
 
 def motion_rows(
-    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int, vamp: Vamp | None
+    robot: Robot, accuracy: str, boxes: Sequence[int], compared: int, seed: int
 ) -> Iterator[Row]:
-    """Yield a row per number of boxes and length of motions, each followed by one of a peer."""
+    """Yield a row per number of boxes and length of motions."""
     for count in boxes:
         rng = np.random.default_rng([seed, count])
         objects = boxes_of(count, rng)
@@ -128,34 +127,6 @@ def motion_rows(
             collides = sampled(checker, *some) if compared else np.empty(0, np.bool_)
             here = {"world": f"{count} boxes", "length": length, "checker": "this library"}
             yield here | _row(checker, starts, ends, collides)
-            if vamp is not None:
-                a, b = starts[:TIMED], ends[:TIMED]
-                state, each = (vamp.check(objects, a, to, ROUNDS)[0] for to in (a, b))
-                free = vamp.check(objects, *some, 1)[1]
-                yield (
-                    here
-                    | {"checker": "VAMP, sampled"}
-                    | _costs(state, each, len(a))
-                    | _verdicts(free, collides)
-                )
-
-
-def _costs(state: float, motion: float, count: int) -> Row:
-    """Return the time of a state and of a motion, of the times of all."""
-    return {
-        "us_per_state": 1e6 * state / count,
-        "us_per_motion": 1e6 * motion / count,
-        "in_states": motion / state,
-    }
-
-
-def _verdicts(free: Mask, collides: Mask) -> Row:
-    """Return how many verdicts differ from those of samples."""
-    return {
-        "compared": len(free),
-        "missed": int((collides & free).sum()),
-        "not_called_free": int((~collides & ~free).sum()),
-    }
 
 
 def _row(checker: RobotScene, starts: Floats, ends: Floats, collides: Mask) -> Row:
@@ -168,9 +139,13 @@ def _row(checker: RobotScene, starts: Floats, ends: Floats, collides: Mask) -> R
     compared = len(collides)
     report = checker.check_motions(starts[:compared], ends[:compared])
     return {
-        **_costs(state, each, len(a)),
+        "us_per_state": 1e6 * state / len(a),
+        "us_per_motion": 1e6 * each / len(a),
+        "in_states": each / state,
         "us_of_free": 1e6 * of_free / max(1, int(free.sum())),
         "us_of_colliding": 1e6 * of_others / max(1, int((~free).sum())),
         "us_of_call": 1e6 * single / CALLS,
-        **_verdicts(report.valid, collides),
+        "compared": compared,
+        "missed": int((collides & report.valid).sum()),
+        "not_called_free": int((~collides & ~report.valid).sum()),
     }

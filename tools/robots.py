@@ -20,7 +20,6 @@ import argparse
 import json
 import re
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
@@ -46,7 +45,6 @@ from tools.peers.robots import (
     TRUTH,
     Case,
     CheckStates,
-    Vamp,
     pinocchio_kinematics,
 )
 from tools.robot_motions import CLEAR_OF_BASE, box_at, least_times, motion_rows, scene_of
@@ -269,7 +267,6 @@ def parser() -> Parser:
     option(made, "--motions", whole(0, 10**6), 200, text)
     made.add_argument("--accuracy", choices=ALL_LEVELS, default="hull", help="of this library")
     made.add_argument("--only-motions", action="store_true", help="measure motions alone")
-    option(made, "--vamp", Path, text="checkout of VAMP whose motions are measured, too")
     option(made, "--seed", SEED, 0, "of states and boxes")
     text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
     option(made, "--latency", whole(1, 10**6), text=text)
@@ -287,9 +284,7 @@ def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
         return {"latency": [chunk_row(robot, options)]}
     show("motions")
     given = options.accuracy, options.boxes, options.motions, options.seed
-    with tempfile.TemporaryDirectory() as folder:
-        vamp = None if options.vamp is None else Vamp(options.vamp, robot, Path(folder))
-        motions = list(motion_rows(robot, *given, vamp))
+    motions = list(motion_rows(robot, *given))
     if options.only_motions:
         return {"motions": motions}
     show("kinematics")
