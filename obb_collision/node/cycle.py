@@ -32,7 +32,7 @@ from rclpy.clock_type import ClockType
 
 from obb_collision.node.diagnostics.monitors import CycleMonitor
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
-from obb_collision.node.objects.conditions import ASIDE, LIVE, SET_ASIDE, TRIED_AGAIN
+from obb_collision.node.objects.conditions import ASIDE, SET_ASIDE, TRIED_AGAIN
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.outputs.outputs import Published
@@ -169,8 +169,7 @@ class CycleRunner:
         pairs, were, more = self._last
         if len(pairs) == 0:
             return 0, False
-        table = self._objects.table
-        left = (table.has(LIVE, pairs) & (table.serial[pairs] == were)).all(axis=1)
+        left = self._objects.table.are(pairs, were).all(axis=1)
         if self.report is not None and left.all():  # and so are those beyond what it lists
             return self.report.total, more
         return int(np.count_nonzero(left)), more

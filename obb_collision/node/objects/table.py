@@ -253,6 +253,11 @@ class ObjectTable:
         """Let a fact that goes by the clock hold for some objects (rows,), and for no others."""
         judge(self.condition, fact, holds)
 
+    def are(self, slots: Slots, serials: Slots) -> Mask:
+        """Return whether slots (any shape) still have the objects of these serials."""
+        same: Mask = self.has(LIVE, slots) & (self.serial[slots] == serials)
+        return same
+
     @property
     def live(self) -> Mask:
         """(rows,) rows of objects."""

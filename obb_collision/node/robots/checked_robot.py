@@ -33,12 +33,12 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.robots.joints import Joints
-from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
+from obb_collision.node.robots.links import AttachedObjects, LinkObjects
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.robots.checks.bodies import WorldState
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Rows
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
@@ -51,7 +51,7 @@ FEW = 4
 class Attachment(NamedTuple):
     """All that an attached object depends on."""
 
-    slot: int
+    serial: int
     link: str
     pose: tuple[float, ...]
     touch_links: tuple[str, ...]
@@ -110,6 +110,7 @@ class CheckedRobot:
         unknown = self._node.evidence.not_known()
         if unknown:
             raise RefusedError(SCENE_NOT_KNOWN, unknown)
+        self._node.robots.attach()
         robot, base = self.robot, self._base()
         made = self._made.get(padding)
         if made is None or made[0] is not robot:
@@ -139,8 +140,7 @@ class CheckedRobot:
 
     def _held(self) -> dict[str, Attachment]:
         links, objects = self.links, self.objects
-        # not what the last cycle found: a pose that came since applies the markers before it
-        slots, rows = find_attached(objects, self._frames).get(self.given.name, NOTHING)
+        attached, rows = self.given.attached, self.given.attached.links
         table, revision = objects.table, objects.scene.objects.revision
         named = [f"{links.name}/{link}" for link in links.robot.link_names]
         touched = {
@@ -150,10 +150,12 @@ class CheckedRobot:
             for row in np.unique(rows).tolist()
         }
         found = {}
-        for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):
-            pose = tuple(table.given[slot].tolist())
-            held = Attachment(slot, named[row], pose, touched[row], revision)
-            found[name_from_key(table.key(slot))] = held
+        places = map(tuple, table.given[attached.slots].tolist())
+        for key, serial, row, pose in zip(
+            attached.keys, attached.serials, rows.tolist(), places, strict=True
+        ):
+            held = Attachment(serial, named[row], pose, touched[row], revision)
+            found[name_from_key(key)] = held
         return found
 
     def world(self, checker: RobotScene) -> tuple[object, ...]:
@@ -240,14 +242,13 @@ def find_attached(objects: Objects, frames: LinkFrames) -> dict[str, AttachedObj
     """Return what is attached to the links of each robot, by its name."""
     table = objects.table
     slots = np.flatnonzero(table.live & table.locked)
-    found: dict[str, list[AttachedObjects]] = {}
+    found: dict[str, list[tuple[Rows, Rows]]] = {}
     for index in np.unique(table.frame[slots]).tolist():
         link = frames.find(objects.placement.frame_table.name(index))
         if link is not None:
             some = slots[table.frame[slots] == index]
-            part = AttachedObjects(some, np.full(len(some), link[1]))
-            found.setdefault(link[0].name, []).append(part)
+            found.setdefault(link[0].name, []).append((some, np.full(len(some), link[1])))
     return {
-        name: AttachedObjects(*map(np.concatenate, zip(*parts, strict=True)))
+        name: AttachedObjects.of(table, *map(np.concatenate, zip(*parts, strict=True)))
         for name, parts in found.items()
     }

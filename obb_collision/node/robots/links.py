@@ -40,6 +40,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
+from obb_collision.node.objects.table import ObjectTable
 from obb_collision.node.robots.joints import Joints
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 from obb_collision.robots.robot import Robot
@@ -53,13 +54,28 @@ SLOWEST = TWIST_STEP
 
 
 class AttachedObjects(NamedTuple):
-    """Slots (n,) of objects, and the rows (n,) of the links that they are attached to."""
+    """Slots (n,) of objects, and the rows (n,) of the links that they are attached to.
+
+    keys, serials (n,): of the objects, since another one can have their slot, or their name.
+    """
 
     slots: Rows
     links: Rows
+    keys: tuple[Key, ...]
+    serials: tuple[int, ...]
+
+    @classmethod
+    def of(cls, table: ObjectTable, slots: Rows, links: Rows) -> AttachedObjects:
+        """Return the objects at slots."""
+        return cls(slots, links, tuple(table.keys(slots)), tuple(table.serial[slots].tolist()))
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What differs where something else is attached, or is elsewhere."""
+        return self.slots.tolist(), self.links.tolist(), self.keys, self.serials
 
 
-NOTHING = AttachedObjects(np.empty(0, np.int64), np.empty(0, np.int64))
+NOTHING = AttachedObjects(np.empty(0, np.int64), np.empty(0, np.int64), (), ())
 
 
 class LinkObjects:
@@ -82,6 +98,7 @@ class LinkObjects:
         self._poses = np.array([pose for *_, pose in parts]).reshape(-1, 7)
         self.slots: Rows = np.empty(0, np.int64)
         """Of the objects, in the order of the keys."""
+        self._serials: Rows = np.empty(0, np.int64)
         self.are_speeds_known = True
         """Whether all twists are those of the velocities, none being out of range."""
 
@@ -100,21 +117,29 @@ class LinkObjects:
             shapes.remove(np.array(added, np.int64))
             raise
         self.slots = np.array(added, np.int64)
+        self._serials = table.serial[self.slots]
+
+    @property
+    def _present(self) -> Rows:
+        """The slots that they still have: an error in ``~/clear`` may have ended some."""
+        return self.slots[self._objects.table.are(self.slots, self._serials)]
 
     def remove(self) -> None:
         """Remove them."""
-        self._objects.shapes.remove(self.slots)
-        self.slots = self.slots[:0]
+        self._objects.shapes.remove(self._present)
+        self.slots = self._serials = self.slots[:0]
 
     def refuse(self) -> None:
         """Mark that where they are is not known any more: the last boxes stay, grey."""
-        self._objects.states.refuse(self.slots)
+        self._objects.states.refuse(self._present)
 
     def place(self, base: Floats, state: State) -> None:
         """Store where they are, and how they move; RefusedError for poses that can't be used.
 
         base: pose (7,) of the root link in the frame of the state.
         """
+        if len(self._present) < len(self.slots):
+            raise RefusedError("links removed", "call ~/clear")
         try:
             links = self.robot.link_poses(self.joints.positions[None])[0, self._links]
             poses = compose_poses(base, compose_poses(links, self._poses))
@@ -144,7 +169,7 @@ class LinkObjects:
 
     def set_twists(self, attached: AttachedObjects, poses: Floats) -> None:
         """Store how what is attached moves, in the frames of its links, which are at poses."""
-        table, (slots, links) = self._objects.table, attached
+        table, slots, links = self._objects.table, attached.slots, attached.links
         if len(slots) and (self.joints.velocities.any() or table.twist[slots].any()):
             twists = self._twists(links, table.given[slots], IDENTITY_POSE)
             back = poses[links, 3:] * (-1.0, -1.0, -1.0, 1.0)
@@ -185,7 +210,7 @@ class LinkObjects:
         Links of one rigid body, adjacent ones, and those disabled by the SRDF.
         """
         rules, names, touch_links = [*self._link_rules], self._patterns, [*touch_links]
-        held = [escape(name_from_key(key)) for key in self._objects.table.keys(attached.slots)]
+        held = [escape(name_from_key(key)) for key in attached.keys]
         groups = self._groups[attached.links]
         for link in np.unique(attached.links).tolist():
             own = [held[row] for row in np.flatnonzero(attached.links == link).tolist()]

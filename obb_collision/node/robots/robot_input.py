@@ -317,8 +317,7 @@ class RobotInput:
 
         It is as old as the joints, for it moves with them.
         """
-        same = all(np.array_equal(a, b) for a, b in zip(attached, self.attached, strict=True))
-        self.attached = attached
+        same, self.attached = attached.identity == self.attached.identity, attached
         if len(attached.slots) and not self.faults:
             assert self.links is not None
             newest, received = self.links.joints.newest, self._objects.table.received

@@ -171,12 +171,20 @@ class Robots:
             return
         now, timeout = self._clock(), self._parameters.joint_timeout
         changed = [robot.apply(now, timeout) for robot in self.robots]  # all of them
-        attached = find_attached(self._objects, self._frames)
-        changed += [robot.set_attached(attached.get(robot.name, NOTHING)) for robot in self.robots]
         touch_links = self._parameters.touch_links
         changed.append(touch_links != self._touch_links)
         self._touch_links = touch_links
-        if any(changed):
+        self.attach(any(changed))
+
+    def attach(self, renews: bool = False) -> None:
+        """Find what is attached, and bring the rules in line where that is something else.
+
+        Also between two cycles: a pose that comes applies the markers before it. renews: whether
+        the rules are others anyway.
+        """
+        attached = find_attached(self._objects, self._frames)
+        changed = [robot.set_attached(attached.get(robot.name, NOTHING)) for robot in self.robots]
+        if renews or any(changed):
             self._node.settings.allow(self._rules())
 
     def publish(self) -> None:

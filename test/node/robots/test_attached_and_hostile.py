@@ -150,6 +150,37 @@ def test_it_is_detached_at_once_by_markers_applied_between_two_cycles(arm: Askin
     assert scene().attached == {}
 
 
+INSIDE = (1.0, 0.0, 0.5)
+"""Within the box of the hand."""
+
+
+@each("at_once", [True, False])
+def test_what_takes_the_place_of_an_attached_object_leaves_it_no_rights(
+    arm: AskingRig, at_once: bool
+) -> None:
+    """The other one gets its slot, and has its link."""
+    put(arm, held(*LONG[:1]))
+    slot = arm.node.objects.table.slots[TOOL]
+    gone = cube(TOOL, action=Marker.DELETE)
+    for markers in ([gone, held(id=2)],) if at_once else ([gone], [held(id=2)]):
+        put(arm, *markers)
+    assert arm.node.objects.table.slots["tool", 2] == slot
+    assert arm.pairs() == set()
+    put(arm, cube(TOOL, INSIDE, EDGES))
+    assert {frozenset(pair) for pair in arm.pairs()} == {frozenset(("arm/hand/1", NAME))}
+    assert arm.reasons([HERE]) == ["collides"]
+
+
+def test_it_loses_its_rights_at_once_by_markers_applied_between_two_cycles(arm: AskingRig) -> None:
+    arm.set(ignored_objects=["nobody/*"])
+    put(arm, held())
+    takes = arm.node.inputs.callbacks()
+    takes["objects"](serialize_message(MarkerArray(markers=[cube(TOOL, INSIDE, EDGES)])))
+    takes["object_transform"](serialize_message(TransformStamped(child_frame_id="nobody/1")))
+    arm.node.objects.placement.place(arm.now())
+    assert arm.ends.checked.scene().check(np.array([HERE])).colliding.tolist() == [True]
+
+
 def test_it_is_grey_without_its_joints_or_its_link_and_no_state_valid() -> None:
     with AskingRig() as rig:
         rig.send(held())

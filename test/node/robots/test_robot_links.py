@@ -37,8 +37,10 @@ from visualization_msgs.msg import Marker
 
 import obb_collision as oc
 from obb_collision import Accuracy, Robot
+from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
+from obb_collision.node.objects.states import State
 from obb_collision.node.robots import AttachedObjects, LinkObjects
 from obb_collision.node.runtime import warm_up
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
@@ -214,7 +216,7 @@ def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
     rig = ObjectsRig(("held", 0), ("held", 1))
     made = LinkObjects("arm", robot, rig.objects)
     made.add()
-    attached = AttachedObjects(rig.slots, np.array([3, 3]))
+    attached = AttachedObjects.of(rig.objects.table, rig.slots, np.array([3, 3]))
     rules = made.rules(attached, [])
     groups = rigid_groups(robot.tree)
     bodies = len(np.unique(groups))
@@ -231,6 +233,21 @@ def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
     assert counted is not None
     rows, columns = (each.ravel() for each in np.indices(allowed.shape))
     np.testing.assert_array_equal(counted(rows, columns), ~allowed.ravel())
+
+
+def test_links_that_an_error_has_removed_take_no_other_object_along() -> None:
+    rig = ObjectsRig()
+    made = LinkObjects("arm", oc.Robot.from_urdf(URDF), rig.objects)
+    made.add()
+    rig.objects.shapes.remove(made.slots)
+    others = [rig.objects.shapes.put(("crate", n), oc.shapes.Box(EDGES)) for n in range(3)]
+    assert {*others} <= {*made.slots.tolist()}
+    with pytest.raises(ValueError, match="links removed"):
+        made.place(IDENTITY_POSE, State("", 0, rig.now))
+    made.refuse()
+    made.remove()
+    assert rig.objects.table.live[others].all()
+    assert not rig.objects.table.doubtful.any()
 
 
 def statuses(rig: RobotRig) -> list[Any]:
