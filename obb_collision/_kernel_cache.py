@@ -23,6 +23,10 @@ it calls and all constants of these, numba's version and flags (see ``kernel_key
 and the processor. Edits elsewhere compile nothing. A file begins with a digest of the rest: one
 that is damaged counts as missing and is written anew. Where nothing can be written, each process
 compiles its own.
+
+What is read is executed, so that it must be this user's or root's: a folder or file of somebody
+else, or that others may write to, counts as missing. A group that this process runs with may write,
+as it is the user's alone where folders are made for groups (umask 002).
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ import hashlib
 import logging
 import os
 import shutil
+import stat
 import sys
 import tempfile
 import threading
@@ -165,12 +170,45 @@ def why_not_kept() -> str:
     if not places:
         return "there is no home folder; set NUMBA_CACHE_DIR"
     try:
-        places[0].mkdir(parents=True, exist_ok=True)
+        _make(places[0])
         with tempfile.TemporaryFile(dir=places[0]) as file:
             file.write(bytes(PROBE))
     except (OSError, ValueError) as error:
         return str(error)
     return ""
+
+
+def _why_foreign(*paths: Path) -> str:
+    """Return why somebody else may have written what is in folders or a file, "" if nobody has.
+
+    paths: from the outside in; what is not there can be made. OSError where one can't be looked at.
+    """
+    shared = stat.S_IWGRP | stat.S_IWOTH
+    for path in paths:
+        try:
+            found = path.stat()
+        except FileNotFoundError:
+            return ""
+        if found.st_uid not in (os.geteuid(), 0):
+            return f"{path} belongs to another user; set NUMBA_CACHE_DIR to a folder of your own"
+        if found.st_mode & (stat.S_IWOTH if found.st_gid == os.getegid() else shared):
+            return f"others may write to {path}; remove it, or NUMBA_CACHE_DIR names another folder"
+    return ""
+
+
+def _make(place: Path, *folders: Path) -> None:
+    """Make folders that only their owner may write to; OSError where that is not possible.
+
+    Not as root in a folder of a user, whom they would lock out (``sudo -E`` keeps HOME).
+    """
+    why = _why_foreign(place, *folders)
+    if not why and not place.exists() and os.geteuid() == 0:
+        above = next(path for path in place.parents if path.exists())
+        why = _why_foreign(above) if above.stat().st_uid != 0 else ""
+    if why:
+        raise OSError(why)
+    for folder in (place, *folders):
+        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
 
 
 @cache
@@ -240,14 +278,24 @@ class KernelCache:
     @property
     def is_kept(self) -> bool:
         """Whether there is a file of the kernel, for whichever arguments."""
-        found = (path for place in places for path in (place / self.folder).glob("*.kernel"))
-        return any(path.is_file() for path in found)
+        for place in places:
+            folder = place / self.folder
+            with suppress(OSError):
+                if not _why_foreign(place, folder):
+                    found = (path for path in folder.glob("*.kernel") if path.is_file())
+                    if any(not _why_foreign(path) for path in found):
+                        return True
+        return False
 
     def _load(self, place: Path, name: str, rebuilt: Callable[[bytes], Any]) -> Any:
         """Return a kernel from a folder, None where it is not there or can't be used."""
         folder = place / self.folder
         try:
             if not (folder / name).is_file():  # a pipe or a device would be read for ever
+                return None
+            why = _why_foreign(place, folder, folder / name)
+            if why:
+                _say_once(place, f"kernels in {place} are not used: {why}")
                 return None
             content = (folder / name).read_bytes()
         except FileNotFoundError:
@@ -258,9 +306,9 @@ class KernelCache:
         try:
             digest, data = content[:DIGEST_SIZE], content[DIGEST_SIZE:]
             if _digest(data) != digest:
-                raise ValueError("not what was written")
-            result = rebuilt(data)
-        except Exception:  # whatever a damaged or foreign file makes pickle and numba raise
+                raise _DamagedError
+            result = _unless_interrupted(rebuilt, data)
+        except _DamagedError:
             _say_once(place, f"kernels in {place} are damaged: these are compiled anew")
             return None
         if folder not in _used:
@@ -287,8 +335,9 @@ class KernelCache:
         return f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.kernel"
 
     def _write(self, folder: Path, name: str, content: bytes) -> None:
-        if not folder.is_dir():
-            folder.mkdir(parents=True, exist_ok=True)
+        is_new = not folder.is_dir()
+        _make(folder.parent, folder)
+        if is_new:
             _drop_unused(folder.parent)
         handle, temporary = tempfile.mkstemp(dir=folder)
         try:
@@ -299,6 +348,26 @@ class KernelCache:
             with suppress(OSError):
                 os.unlink(temporary)
             raise
+
+
+class _DamagedError(Exception):
+    """A file is not what was written, or can't be used."""
+
+
+def _unless_interrupted(rebuilt: Callable[[bytes], Any], data: bytes) -> Any:
+    """Return a kernel; _DamagedError for whatever pickle and numba raise of a foreign file.
+
+    A handler of a signal may raise meanwhile, and that is raised here: it does not come again.
+    """
+    try:
+        return rebuilt(data)
+    except Exception as error:
+        try:
+            rebuilt(data)
+        except Exception as again:
+            if type(again) is type(error):
+                raise _DamagedError from error
+        raise
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -18,8 +18,10 @@ from __future__ import annotations
 
 import ast
 import os
+import pickle
 import re
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -62,6 +64,8 @@ def kernel(x):
     point = Point(helper(x) * FACTOR + 0.25, ARRAY[STEPS[0]])
     return point.x + point.y
 """
+#: Neither root nor who runs the tests.
+OTHER_USER = 54321
 NAMES = ["example.helper", "example.kernel"]
 RUN = f"""
 names = {{"__name__": "obb_collision.example"}}
@@ -167,6 +171,111 @@ def test_damage_is_written_over(home: Path, damage: str, caplog: pytest.LogCaptu
     again = kernels(home)
     assert again.keys() == good.keys()
     assert all(len(again[path]) > len(content) // 2 for path, content in good.items())
+    assert use_example() == []
+
+
+def give_away(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have a file or folder belong to another user."""
+    if os.geteuid() == 0:
+        os.chown(path, OTHER_USER, -1)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: OTHER_USER)
+
+
+OWNED = {"another user's": (None, None), "all may write": (0o757, None), "group": (0o775, 12345)}
+
+
+@pytest.mark.parametrize("how", OWNED)
+@pytest.mark.parametrize("what", ["cache", "folder", "file"])
+def test_what_somebody_else_may_have_written_is_not_executed(
+    home: Path, what: str, how: str, monkeypatch: pytest.MonkeyPatch, caplog: Any
+) -> None:
+    assert use_example() == NAMES
+    files = [*kernels(home)]
+    mode, group = OWNED[how]
+    for path in {"cache": [home], "folder": [file.parent for file in files], "file": files}[what]:
+        if mode is None:
+            give_away(path, monkeypatch)
+        else:
+            path.chmod(mode)
+        if group is not None:
+            monkeypatch.setattr(os, "getegid", lambda: group)
+    assert not jit.caches[-1].is_kept
+    executed: list[object] = []
+    monkeypatch.setattr(numba_parts.pickle, "loads", executed.append)
+    assert use_example() == NAMES
+    assert not executed
+    assert f"kernels in {home} are not used: " in caplog.text
+    assert ("another user" in caplog.text) == (mode is None)
+    if what == "cache":
+        assert str(home) in kernel_cache.why_not_kept()
+    monkeypatch.undo()
+    if what == "file":  # written anew, and one's own
+        assert {path.stat().st_uid for path in files} == {os.geteuid()}
+        assert all(path.stat().st_mode & 0o077 == 0 for path in files)
+
+
+def test_a_group_of_ones_own_may_write_as_it_does_with_umask_002(home: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        assert use_example() == NAMES
+    finally:
+        os.umask(before)
+    for folder in (home, *home.iterdir()):
+        folder.chmod(0o775)
+    assert use_example() == []
+
+
+def test_no_umask_makes_a_cache_that_all_may_write(home: Path) -> None:
+    before = os.umask(0)
+    try:
+        assert use_example() == NAMES
+    finally:
+        os.umask(before)
+    assert use_example() == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="as root only: sudo -E")
+def test_root_leaves_nothing_in_the_home_of_a_user(tmp_path: Path) -> None:
+    os.chown(tmp_path, OTHER_USER, -1)
+    for folder in (tmp_path, tmp_path / ".cache"):  # the second one is there already
+        done = run_python("-c", RUN, HOME=str(tmp_path), XDG_CACHE_HOME="", NUMBA_CACHE_DIR="")
+        assert done.returncode == 0, done.stderr
+        assert f"{folder} belongs to another user" in done.stderr
+        assert [path for path in tmp_path.rglob("*") if path.stat().st_uid == 0] == []
+        (tmp_path / ".cache").mkdir(exist_ok=True)
+        os.chown(tmp_path / ".cache", OTHER_USER, -1)
+
+
+class HandlerError(Exception):
+    """What a handler of a signal raises."""
+
+
+def raise_error(*_: object) -> None:
+    raise HandlerError
+
+
+@pytest.mark.parametrize("is_damaged", [False, True])
+def test_what_a_handler_of_a_signal_raises_while_a_kernel_loads_is_not_lost(
+    home: Path, is_damaged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert use_example() == NAMES
+    load, signals = pickle.loads, iter([signal.SIGUSR1])
+
+    def interrupted(content: bytes) -> object:
+        for number in signals:
+            signal.raise_signal(number)
+        return pickle.UnpicklingError if is_damaged else load(content)
+
+    monkeypatch.setattr(numba_parts.pickle, "loads", interrupted)
+    before = signal.signal(signal.SIGUSR1, raise_error)
+    try:
+        with pytest.raises(HandlerError):
+            use_example()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    monkeypatch.undo()
+    monkeypatch.setattr(kernel_cache, "places", [home])
     assert use_example() == []
 
 

@@ -43,7 +43,14 @@ from obb_collision.geometry.shapes.primitives import (
     positive_triple,
     read_only,
 )
-from obb_collision.geometry.validation import as_array, as_indices, check_kind, check_magnitude
+from obb_collision.geometry.validation import (
+    as_array,
+    as_half_extents,
+    as_indices,
+    as_rotations,
+    check_kind,
+    check_magnitude,
+)
 from obb_collision.numerics.constants import ROUNDOFF, SPLITTER
 from obb_collision.typing import Floats
 from obb_collision.words import printable
@@ -152,9 +159,10 @@ class Hull(_Cloud):
 
     @classmethod
     def fitted(cls, points: Floats, local_box: LocalBox) -> Hull:
-        """Return the hull of points with a given local box; nothing is checked or copied."""
-        points.setflags(write=False)
-        return cls.trusted(points=points, fit="best", local_box=read_only(*local_box))
+        """Return the hull of points with a given local box, all of it checked."""
+        hull = cls(points)
+        hull._store(local_box=_checked_box(*local_box))
+        return hull
 
     def _points(self) -> Floats:
         return self.points
@@ -227,11 +235,10 @@ class Mesh(_Cloud):
 
     @classmethod
     def fitted(cls, vertices: Floats, faces: Triangles, scale: Floats, local_box: LocalBox) -> Mesh:
-        """Return the mesh with a given local box; nothing is checked or copied."""
-        vertices.setflags(write=False)
-        faces.setflags(write=False)
-        given, box = tuple(scale.tolist()), read_only(*local_box)
-        return cls.trusted(vertices=vertices, faces=faces, scale=given, fit="best", local_box=box)
+        """Return the mesh with a given local box, all of it checked."""
+        mesh = cls(vertices, faces, scale)
+        mesh._store(local_box=_checked_box(*local_box))
+        return mesh
 
     @classmethod
     def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:
@@ -292,6 +299,14 @@ def _owned_points(value: Any, name: str) -> Floats:
         raise ValueError(f"{name} must not be empty")
     points.setflags(write=False)
     return points
+
+
+def _checked_box(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBox:
+    return read_only(
+        as_array(center, "center", (3,)),
+        as_rotations(rotation, "rotation", (3, 3)),
+        as_half_extents(half_extents, "half_extents", (3,)),
+    )
 
 
 def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:

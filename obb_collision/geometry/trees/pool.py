@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from threading import Lock
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
@@ -28,7 +28,8 @@ from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays, shifted
-from obb_collision.numerics.intrinsics import in_blocks
+from obb_collision.geometry.validation import as_array
+from obb_collision.numerics.intrinsics import LANES, in_blocks
 from obb_collision.typing import Floats, Integers, Rows
 
 
@@ -134,6 +135,11 @@ class Pool(Generic[Item]):
         """Return the arrays of an item."""
         return {name: getattr(item, name) for name in cls.names}
 
+    @classmethod
+    def received(cls, arrays: Sequence[NDArray[Any]]) -> Item:
+        """Return an item of its arrays as another process has built it; ValueError for others."""
+        raise NotImplementedError
+
     def append(self, item: Item) -> int:
         """Add an item; return its row. If memory runs out, nothing changes."""
         row = self._used["radii"]
@@ -181,6 +187,11 @@ class TreePool(Pool[MeshTrees]):
             return box_tree(body)
         return mesh_tree(body) if isinstance(body, Mesh) else hull_tree(body)
 
+    @classmethod
+    def received(cls, arrays: Sequence[NDArray[Any]]) -> MeshTrees:
+        """Return a tree of its arrays, all of them checked."""
+        return MeshTrees(**dict(zip(cls.names, arrays, strict=True)))
+
     def _moved(self, arrays: Arrays) -> Arrays:
         return shifted(arrays, *(self._used[name] for name in ("nodes", "triangles", "pieces")))
 
@@ -206,6 +217,16 @@ class HullPool(Pool[Hulls]):
         """Return the hull of a body."""
         corners = box_corners(body) if isinstance(body, np.ndarray) else hull_mesh(body)[0]
         return Hulls.of(corners)
+
+    @classmethod
+    def received(cls, arrays: Sequence[NDArray[Any]]) -> Hulls:
+        """Return a hull of its arrays, all of them checked."""
+        given = Hulls(*arrays)
+        blocks = as_array(given.blocks, "blocks", (None, 3, LANES))
+        radii, starts = as_array(given.radii, "radii", (1,)), np.array([0, len(blocks)])
+        if len(blocks) == 0 or not np.array_equal(given.starts, starts):
+            raise ValueError("starts must be those of one hull")
+        return Hulls(blocks, starts, radii)
 
     def _moved(self, arrays: Arrays) -> Arrays:
         return {"starts": arrays["starts"][1 if self.size else 0 :] + self.size}

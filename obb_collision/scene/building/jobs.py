@@ -15,17 +15,19 @@
 """Jobs of building: a task that another process does, and what is made of its result here.
 
 A task is a function and its arguments; ``perform`` runs it in that process. ``task`` and ``finish``
-run in the thread that talks to it. What both sides have already is not sent back.
+run in the thread that talks to it. What both sides have already is not sent back. Results are plain
+arrays (see ``replies``), which ``finish`` checks: kernels follow the indices in them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision.geometry.shapes import files
 from obb_collision.geometry.shapes.files import MeshFolders, allowed_path
@@ -104,13 +106,14 @@ class BuildJob:
 
     def task(self) -> Task:
         """Return what builds it."""
-        return self.per_shape.pool.built, (self.shape,)
+        return _arrays_of, (type(self.per_shape.pool), self.shape)
 
-    def finish(self, result: Any) -> tuple[Pool[Any], Any, int]:
+    def finish(self, result: Sequence[NDArray[Any]]) -> tuple[Pool[Any], Any, int]:
         """Return the pool that what was built is in, itself, and its row."""
         pool = self.per_shape.pool
+        item = pool.received(result)
         with pool.lock:
-            return pool, result, pool.append(result)
+            return pool, item, pool.append(item)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,6 +228,10 @@ class MeshFile:
                 (data, version), name = files.read_file(path, self.largest), path.name
             mesh = Mesh(*files.read_mesh(bytes(data), name, self.triangles), self.scale)
             return mesh.vertices, mesh.faces, mesh.local_box, version
+
+
+def _arrays_of(pool: type[Pool[Any]], shape: Shape) -> tuple[NDArray[Any], ...]:
+    return tuple(pool.arrays(pool.built(shape)).values())
 
 
 def body_corners(points: Floats, widths: Floats) -> Floats:

@@ -40,6 +40,7 @@ from obb_collision.scene.building.jobs import (
     Task,
     perform,
 )
+from obb_collision.scene.building.replies import BadReplyError, receive_reply, send_reply
 from obb_collision.shapes import Hull
 
 #: Seconds that the process may take to begin: it takes 1 idle, 4 where it compiles.
@@ -116,18 +117,18 @@ class WorkerProcess:
             connection.send((limits.seconds, _more_kernels(), task))
             if not connection.poll(limits.seconds):
                 raise BlockingIOError
-            reply = connection.recv()
+            return receive_reply(connection)
         except BlockingIOError:  # also where it does not take, or give, all of a message
             self.stop()
             raise BuildError(TOO_SLOW, f"{limits.seconds:g} s is the limit") from None
         except MemoryError:
             self.stop()  # with half a message on its way it is of no use
             raise BuildError(NO_MEMORY) from None
+        except BadReplyError as error:
+            self.stop()
+            raise BuildError(NO_BUILDER, str(error)) from None
         except (OSError, EOFError) as error:
             raise self._ended(f": {error}" if str(error) else "") from None
-        if isinstance(reply, BuildError):
-            raise reply
-        return reply
 
     def _started(self, limits: Limits) -> Connection:
         ended = self._process is not None and self._process.poll() is not None
@@ -156,7 +157,7 @@ class WorkerProcess:
                 process.kill()
             if not connection.poll(STARTING):
                 raise TimeoutError
-            connection.recv()
+            connection.recv_bytes(0)
         except (OSError, EOFError, ValueError) as error:
             # no interpreter, no memory to start it, or it does not begin
             raise self._ended(f" {error}", "it does not start: ") from None
@@ -220,18 +221,18 @@ def main(descriptor: int, memory: int, kernels: list[str]) -> None:
     _look_for_kernels_in(kernels)
     _take_what_all_jobs_need()
     _limit_memory(memory)
-    connection.send(None)  # ready
+    connection.send_bytes(b"")  # ready
     with suppress(EOFError, OSError):
         while True:
             try:
                 seconds, kernels, task = connection.recv()
             except MemoryError:  # with half a message taken there is no other one
-                connection.send(BuildError(NO_MEMORY))
+                send_reply(connection, BuildError(NO_MEMORY))
                 return
             # Ends the process, even if it is blocked and its parent has ended.
             signal.setitimer(signal.ITIMER_REAL, seconds + GRACE)
             _look_for_kernels_in(kernels)
-            connection.send(_reply(task))
+            send_reply(connection, _reply(task))
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             del task
 
