@@ -223,7 +223,8 @@ class CollisionNode(ManagedNode):
         frames = link_frames if names else self.frames
         self.objects = Objects(fixed_frame, frames, self.guard, self.monitors)
         self.undo.callback(self.objects.close)
-        self.inputs = Inputs(self.objects, self.now, self._wants_twists, self.frames)
+        self.objects.states.wants_twists = self._wants_twists
+        self.inputs = Inputs(self.objects, self.now, self.frames)
         self.obstacles = Obstacles(self.objects, self.frames)
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
         self.robots = Robots(self, link_frames)

@@ -117,7 +117,7 @@ def answered(data: bytes, room: int) -> set[Pair]:
     monitors = {topic: InputMonitor(topic, lambda text: None) for topic in INPUTS}
     objects = Objects("map", frames, guard, monitors)
     objects.shapes.max_objects = room
-    inputs = Inputs(objects, lambda: 10**18, lambda: False, frames)
+    inputs = Inputs(objects, lambda: 10**18, frames)
     inputs.callbacks()["object_boxes"](data)
     inputs.boxes.apply()
     objects.update(10**18)

@@ -62,11 +62,10 @@ class Inputs:
         self,
         objects: Objects,
         clock: Callable[[], int],
-        wants_twists: Callable[[], bool],
         frames: FrameSource,
     ) -> None:
         self._objects, self._monitors = objects, objects.monitors
-        self._clock, self._wants_twists = clock, wants_twists
+        self._clock = clock
         self.unknown = UnknownObjects(objects.table)
         """Names that states came for, and that have no object."""
         self.markers = MarkerInput(objects, clock, self.unknown)
@@ -144,19 +143,19 @@ class Inputs:
         twists = self._twists(message)
         self._store_named("object_states", names, poses, message.header, now, twists)
 
-    def _twists(self, message: NamedStates) -> Floats | float:
-        """Return twists (n, 6), zero where they are invalid; 0 where they are not used."""
+    def _twists(self, message: NamedStates) -> Floats | None:
+        """Return twists (n, 6), NaN where they are invalid; None without one for each pose."""
         names, twists = message.names, message.twists
-        if not (len(twists) and self._wants_twists()):
-            return 0.0
+        if len(twists) == 0:
+            return None
         monitor = self._monitors["object_states"]
         if len(twists) != len(names):
             detail = f"{len(twists)} twists, {len(names)} names; poses used"
             monitor.refuse(LENGTHS_DIFFER, "twist", detail)
-            return 0.0
+            return None
         bad = np.asarray(~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1))
         monitor.refuse_rows(bad, "bad twist", lambda row: _shown(names[row]), "pose used")
-        twists[bad] = 0.0
+        twists[bad] = np.nan
         return twists
 
     def _poses(self, data: bytes, now: int) -> None:
@@ -199,7 +198,7 @@ class Inputs:
         poses: Floats,
         header: Header,
         now: int,
-        twists: Floats | float = 0.0,
+        twists: Floats | None = None,
     ) -> None:
         slots = self._objects.table.find_named(names)
         self._note_unknown(slots < 0, lambda row: names[row], now)
@@ -213,7 +212,7 @@ class Inputs:
         header: Header,
         now: int,
         describe: Callable[[int], str],
-        twists: Floats | float = 0.0,
+        twists: Floats | None = None,
     ) -> None:
         """Store the good rows; count the others by reason and mark their objects."""
         monitor = self._monitors[topic]
@@ -231,7 +230,7 @@ class Inputs:
             usable = free & (kinds != UNUSABLE) & (kinds != ZERO)
             refused = slots[free & ~usable]
             slots, poses = slots[usable], poses[usable]
-            twists = twists[usable] if isinstance(twists, np.ndarray) else twists
+            twists = None if twists is None else twists[usable]
         try:
             stamp = stamp_from_ros(header.stamp)
             state = State(header.frame_id, stamp, now, topic)

@@ -21,6 +21,7 @@ object wherever it is by now. Beyond ``reach`` boxes grow no more, and where it 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -80,38 +81,51 @@ class States:
     def __init__(self, objects: Objects) -> None:
         self._table, self._placement = objects.table, objects.placement
         self._monitors = objects.monitors
+        self.wants_twists: Callable[[], bool] = lambda: True
+        """Whether anything depends on how objects move."""
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not believed."""
         self.order_timeout = NANOSECONDS
         """For how long after a state (ns) an older one is taken for late, not for a new start."""
 
     def store(
-        self, slots: Slots, poses: Floats, state: State, twists: Floats | float = 0.0
+        self, slots: Slots, poses: Floats, state: State, twists: Floats | None = None
     ) -> Mask:
         """Store poses (n, 7) of slots (n,) for the next cycle; returns which were too old (n,).
 
-        The poses are finite with quaternions that are not zero, the twists (n, 6) finite: inputs
-        see to that. Of rows for the same object the last one stays. Raises RefusedError ("unknown
-        frame").
+        The poses are finite with quaternions that are not zero, the twists (n, 6) finite or NaN for
+        none: inputs see to that. Of rows for the same object the last one stays. Raises
+        RefusedError ("unknown frame").
         """
         frame = self._placement.frame_index(state.frame)
-        twists = np.broadcast_to(twists, (len(slots), 6))
         stamps = np.broadcast_to(state.stamp, len(slots))
         received = np.broadcast_to(state.received, len(slots))
         old = self._find_old(slots, stamps, received, state.topic)
         if old.any():
-            slots, poses, twists = slots[~old], poses[~old], twists[~old]
-            stamps, received = stamps[~old], received[~old]
+            slots, poses, stamps, received = (x[~old] for x in (slots, poses, stamps, received))
+            twists = None if twists is None else twists[~old]
         if len(slots):
             self._monitors[state.topic].superseded += self._placement.supersede(slots, frame)
             poses = self._unit(slots, poses, state.topic)
             table, rows = self._table, as_slice(slots)
-            table.given[rows], table.twist[rows], table.frame[rows] = poses, twists, frame
+            table.given[rows], table.frame[rows] = poses, frame
+            table.twist[rows] = self._take_twists(slots, twists)
             table.topic[rows] = self._placement.topics.index(state.topic)
             table.locked[rows] = False
             table.mark(rows, POSE_GIVEN)
             self._stamp(slots, stamps, received, state.topic)
         return old
+
+    def _take_twists(self, slots: Slots, twists: Floats | None) -> Floats | float:
+        """Return what is to move objects on; remember twists for when they are stale, used or not.
+
+        Whoever sends poses alone says nothing of how fast an object can be.
+        """
+        if twists is None:
+            return 0.0
+        known = ~np.isnan(twists).any(axis=1)
+        self._table.told[slots[known]] = twists[known]
+        return np.where(known[:, None], twists, 0.0) if self.wants_twists() else 0.0
 
     def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
         """Store stamps; one that is not believed orders nothing."""
@@ -249,7 +263,7 @@ class Staleness:
         if len(changed):
             gone = changed[stale[changed]]
             table.order[gone] = 0  # a restarted sender may begin anew
-            table.speed[gone] = self._scene.objects.speeds_of(gone, table.twist[gone])
+            table.speed[gone] = self._scene.objects.speeds_of(gone, table.told[gone])
             self._placement.stop(gone)  # how they move is not known any more
         self._judge(self._grow(now))
         self._placement.enable(changed)

@@ -67,7 +67,7 @@ NOTHING = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
 
 DTYPES = {"Slots": np.int64, "Mask": np.bool_, "Floats": np.float64, "Conditions": np.uint16}
-WIDTHS = {"size": (3,), "given": (7,), "twist": (6,)}
+WIDTHS = {"size": (3,), "given": (7,), "twist": (6,), "told": (6,)}
 
 
 class ObjectTable:
@@ -83,6 +83,7 @@ class ObjectTable:
     size: Floats  # of such a shape: the scale
     given: Floats  # the latest pose as given, in ``frame``
     twist: Floats  # of ``given``: linear, angular; zero if there was none
+    told: Floats  # the last twist that was told, by whichever state; zero if there was none
     moving: Mask  # the scene has a twist
     frame: Slots  # index into the table of frames, 0 is the fixed frame
     stamp: Slots  # of ``given``; 0: none
@@ -100,7 +101,7 @@ class ObjectTable:
     limited: Mask  # the next two columns are those of its name
     limit: Slots  # age (ns) from which on it is stale; 0: none, -1: that of all
     policy: Slots  # for then, the index in POLICIES
-    speed: Floats  # of a stale one: the most of any of its points, by its last twist
+    speed: Floats  # of a stale one: the most of any of its points, by ``told``
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()

@@ -174,7 +174,7 @@ class LinkObjects:
             twists = self._twists(links, table.given[slots], IDENTITY_POSE)
             back = poses[links, 3:] * (-1.0, -1.0, -1.0, 1.0)
             parts = (rotate_vectors(back, twists[:, k : k + 3]) for k in (0, 3))
-            table.twist[slots] = np.hstack(list(parts))
+            table.twist[slots] = table.told[slots] = np.hstack(list(parts))
 
     @cached_property
     def names(self) -> dict[str, list[str]]:

@@ -38,7 +38,14 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import stand_in
 from obb_collision.node.objects import conditions
 from obb_collision.node.objects.states import AgeLimits, State
-from obb_collision.node.objects.table import COLLIDE, COLUMNS, FIRST_ROWS, IGNORE, ObjectTable
+from obb_collision.node.objects.table import (
+    COLLIDE,
+    COLUMNS,
+    FIRST_ROWS,
+    IGNORE,
+    UNKNOWN,
+    ObjectTable,
+)
 from obb_collision.scene.store import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere
 from obb_collision.typing import Floats
@@ -179,7 +186,7 @@ def lost_sight(policy: str = COLLIDE, x: float = 4.0) -> ObjectsRig:
     return rig
 
 
-def send(rig: ObjectsRig, row: int, x: float, twist: Floats | float = 0.0, frame: str = "") -> None:
+def send(rig: ObjectsRig, row: int, x: float, twist: Floats | None = None, frame: str = "") -> None:
     poses = np.array([pose(x)])
     rig.objects.states.store(rig.slots[[row]], poses, State(frame, 0, rig.now), twist)
 
@@ -222,6 +229,26 @@ def test_a_faster_twist_counts_also_while_its_state_waits(waits: bool) -> None:
         send(rig, 0, 0.0, twist=1.1 * twist, frame="nowhere")
     step(rig, 1.0)
     assert half_extents(rig) == pytest.approx(0.5 + (2.75 if waits else 2.5))
+
+
+@each("policy", [COLLIDE, UNKNOWN])
+def test_the_last_twist_that_was_told_counts_whenever_the_object_is_stale(policy: str) -> None:
+    """It is stale twice, is sent without a twist in between, and has its policy afterwards."""
+    rig = lost_sight(policy)
+    rig.objects.states.wants_twists = lambda: policy == COLLIDE
+    send(rig, 0, 0.0, twist=np.array([[0.0, 2.5, 0.0, 0.0, 0.0, 0.0]]))
+    for _ in range(2):
+        step(rig, 1.0)
+        rig.limit(0.5, COLLIDE, speed=SPEED, reach=3.0)
+        step(rig, 0.0)
+        assert half_extents(rig) == pytest.approx(0.5 + 2.5)
+        send(rig, 0, 0.0)
+        step(rig, 0.0)
+        assert half_extents(rig).tolist() == [0.5] * 3
+    send(rig, 0, 0.0, twist=np.full((1, 6), np.nan))
+    send(rig, 0, 0.0, twist=np.zeros((1, 6)))
+    step(rig, 1.0)
+    assert half_extents(rig) == pytest.approx(0.5 + SPEED), "slower, says the last one"
 
 
 def test_a_grown_box_contains_the_object_however_it_moved_and_turned() -> None:

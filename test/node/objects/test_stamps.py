@@ -219,6 +219,17 @@ def test_a_stale_object_is_not_taken_to_go_on() -> None:
         assert twist(rig, "a/1") == [0.0] * 6
 
 
+def test_a_policy_set_after_the_last_twist_knows_its_speed() -> None:
+    with Rig(given={"effects.sweep": "off", "object_timeout": 0.3}) as rig:
+        rig.send(cube(A1)).answer()
+        rig.send_states(["a/1"], [pose(0.0)], twists=[[10.0, 0, 0, 0, 0, 0]]).answer()
+        rig.set(stale_policy="collide", stale_reach=1000.0)
+        store, slot = rig.node.objects.scene.objects.store, rig.node.objects.table.slots[A1]
+        rig.until(lambda: store.growths[slot] > 10.0 * 0.3, "what it can have moved at 10 m/s")
+        rig.send_by("objects", {A1: pose(0.0)}).answer()
+        rig.until(lambda: store.growths[slot] > 10.0 * 0.3, "and so again")
+
+
 def test_twists_are_not_used_where_sweeps_are_off() -> None:
     with Rig(given={"effects.sweep": "off"}) as rig:
         rig.send(cube(A1)).answer()
