@@ -202,7 +202,7 @@ def test_what_somebody_else_may_have_written_is_not_executed(
             monkeypatch.setattr(os, "getegid", lambda: group)
     assert not jit.caches[-1].is_kept
     executed: list[object] = []
-    monkeypatch.setattr(numba_parts.pickle, "loads", executed.append)
+    monkeypatch.setattr(pickle, "loads", executed.append)
     assert use_example() == NAMES
     assert not executed
     assert f"kernels in {home} are not used: " in caplog.text
@@ -267,7 +267,7 @@ def test_what_a_handler_of_a_signal_raises_while_a_kernel_loads_is_not_lost(
             signal.raise_signal(number)
         return pickle.UnpicklingError if is_damaged else load(content)
 
-    monkeypatch.setattr(numba_parts.pickle, "loads", interrupted)
+    monkeypatch.setattr(pickle, "loads", interrupted)
     before = signal.signal(signal.SIGUSR1, raise_error)
     try:
         with pytest.raises(HandlerError):

@@ -21,7 +21,8 @@ number, a text, an array of numbers, or a tuple of these; or a BuildError by its
 from __future__ import annotations
 
 import json
-from multiprocessing.connection import BufferTooShort, Connection
+from multiprocessing import BufferTooShort
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
