@@ -44,6 +44,8 @@ class PlacedRobots(NotCopied):
 
     ignores_points = False
     """Whether obstacle points of the scene are none for robots; else a scene with some raises."""
+    warns = True
+    """Whether a check warns of a robot that nothing can collide with."""
 
     def __init__(
         self,
@@ -59,6 +61,7 @@ class PlacedRobots(NotCopied):
         self._scene = Scene() if scene is None else scene
         self._check_points()
         self._model = Model(several, names, unit_poses(checked, "bases"))
+        self._model.warns = self.warns
         self._joint_count = len(self._model.joint_names)
         self.padding = padding
 

@@ -22,7 +22,7 @@ from os import PathLike
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.shapes.primitives import positive_number
-from obb_collision.geometry.validation import as_flag, check_kind
+from obb_collision.geometry.validation import as_flag, check_kind, warn_caller
 from obb_collision.robots.description.joints import (
     adjacent_pairs,
     driven,
@@ -54,6 +54,8 @@ from obb_collision.robots.proofs.proved_pairs import PairProof, prove_pairs
 from obb_collision.typing import Floats
 
 Source = str | bytes | PathLike[str]
+#: Unknown links that a warning names.
+MOST_NAMED = 5
 
 
 class Robot:
@@ -97,7 +99,9 @@ class Robot:
     virtual_joint : VirtualJoint or None
         How the SRDF says that the robot stands in the world.
     doubts : tuple of str
-        What is odd but was used, one line each: names that the robot does not have.
+        What is odd but was used, one line each: names that the robot does not have, for example.
+    unknown_links : tuple of str
+        Links that the SRDF names and the robot does not have.
 
     Examples
     --------
@@ -142,6 +146,7 @@ class Robot:
         self.end_effectors = semantics.end_effectors
         self.default_disabled = semantics.default_disabled
         self.doubts = description.doubts + semantics.doubts
+        self.unknown_links = semantics.unknown
         defaults = {
             sorted_pair(link, other)
             for link in semantics.default_disabled
@@ -162,6 +167,8 @@ class Robot:
     ) -> Robot:
         """Return the robot that a URDF describes.
 
+        Warns, once, of links that only the SRDF has.
+
         Parameters
         ----------
         urdf : str, bytes or path
@@ -181,29 +188,20 @@ class Robot:
         Raises
         ------
         ValueError
-            ``RobotError``, naming file, line and element.
+            ``RobotError``, naming file, line and element; also for the SRDF of another robot.
 
         Examples
         --------
         >>> oc.Robot.from_urdf('<robot name="rock"><link name="rock"/></robot>')
         Robot('rock': 1 links, 0 joints)
         """
-        moves = as_flag(move_virtual_joint, "move_virtual_joint")
-        check_kind(urdf, str, "urdf", bytes, PathLike)
-        data, file, path = read_source(urdf, "urdf")
-        source = MeshSource(path, package_dirs, read_mesh)
-        description = read_urdf(parse(data, file), source)
-        root, joints = ordered_joints(description)
-        for joint in joints:
-            driven(joint, description.joints)
-        semantics = NOTHING
-        if srdf is not None:
-            check_kind(srdf, str, "srdf", bytes, PathLike)
-            data, file, _ = read_source(srdf, "srdf")
-            links = (root, *(joint.child for joint in joints))
-            semantics = read_srdf(parse(data, file), description.name, links, joints)
-        virtual = virtual_joint_of(semantics.virtual_joint, description) if moves else None
-        return cls(description, semantics, root, joints, virtual)
+        given = urdf, srdf, package_dirs
+        robot = read_robot(*given, move_virtual_joint=move_virtual_joint, read_mesh=read_mesh)
+        if robot.unknown_links:
+            names = ", ".join(map(repr, robot.unknown_links[:MOST_NAMED]))
+            more = ", ..." if len(robot.unknown_links) > MOST_NAMED else ""
+            warn_caller(f"the SRDF names links that the URDF has not: {names}{more}")
+        return robot
 
     def link_poses(self, states: ArrayLike) -> Floats:
         """Return the poses of all links, in the frame of the root link.
@@ -281,3 +279,30 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}: {len(self.link_names)} links, {len(self.joint_names)} joints)"
+
+
+def read_robot(
+    urdf: Source,
+    srdf: Source | None = None,
+    package_dirs: PackageDirs | None = None,
+    *,
+    move_virtual_joint: bool = False,
+    read_mesh: ReadMesh | None = None,
+) -> Robot:
+    """Return what ``from_urdf`` does without a warning: for callers that print all doubts."""
+    moves = as_flag(move_virtual_joint, "move_virtual_joint")
+    check_kind(urdf, str, "urdf", bytes, PathLike)
+    data, file, path = read_source(urdf, "urdf")
+    source = MeshSource(path, package_dirs, read_mesh)
+    description = read_urdf(parse(data, file), source)
+    root, joints = ordered_joints(description)
+    for joint in joints:
+        driven(joint, description.joints)
+    semantics = NOTHING
+    if srdf is not None:
+        check_kind(srdf, str, "srdf", bytes, PathLike)
+        data, file, _ = read_source(srdf, "srdf")
+        links = (root, *(joint.child for joint in joints))
+        semantics = read_srdf(parse(data, file), description.name, links, joints)
+    virtual = virtual_joint_of(semantics.virtual_joint, description) if moves else None
+    return Robot(description, semantics, root, joints, virtual)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,9 @@ from obb_collision.scene.objects import as_padding
 from obb_collision.scene.questions import any_collides, cast_at_objects, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
-from obb_collision.scene.store.allowed import PairRules
+from obb_collision.scene.store.allowed import PairRules, Sides, guess
 from obb_collision.scene.store.completed import completed
-from obb_collision.scene.store.patterns import as_patterns, matching
+from obb_collision.scene.store.patterns import as_patterns, as_tuples, matching
 from obb_collision.scene.store.region import Region
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
@@ -247,9 +248,42 @@ class Scene(NamedObjects):
         """Raise ValueError for a name or pattern that no object has."""
         for pattern in as_patterns(side, argument):
             if not matching([pattern], self.names).any():
-                close = get_close_matches(pattern, self.names, 1)
-                hint = f"; did you mean {close[0]}?" if close else ""
+                hint = guess(pattern, self.names)
                 raise ValueError(f"{argument} must fit objects, got {shown(pattern)}{hint}")
+
+    def check_only(self, sides: Iterable[Sides], *, known: bool = False) -> None:
+        """Let nothing count but some pairs, in place of those before; [] lets all count again.
+
+        As ``rules.check_only = sides``. Pairs are also for objects to come, and for links of
+        robots, so a name that no object has is no error, unless ``known`` says so. A check warns
+        of one.
+
+        Parameters
+        ----------
+        sides : iterable of (first, second)
+            Names or patterns such as ``gripper/*``, one or several each.
+        known : bool
+            Whether each name or pattern must be that of an object that is there.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> for name in ("cup", "plate", "table"):
+        ...     _ = scene.add(name, oc.shapes.Sphere(0.1))
+        >>> scene.check_only([("cup", "*")], known=True)
+        >>> scene.check().names()
+        [('cup', 'plate'), ('cup', 'table')]
+        """
+        pairs = as_tuples(sides, "sides", 2)
+        if as_flag(known, "known"):
+            for side in chain.from_iterable(pairs):
+                self._check_known(side, "sides")
+        self._rules.set_only(pairs, "sides")
 
     def set_effect(
         self,

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -27,10 +27,11 @@ from typing import Any
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot import Robot, read_robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import MODES
+from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files.description import (
     NODE_EFFECTS,
     AllowedRule,
@@ -117,7 +118,7 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
     place = fields["position"].triple() if "position" in fields else ORIGIN
     with fields["urdf"].reasons():
         reading = files.reading
-        robot = Robot.from_urdf(urdf, srdf, reading.folders, read_mesh=reading.read)
+        robot = read_robot(urdf, srdf, reading.folders, read_mesh=reading.read)
     for doubt in robot.doubts:
         value.doubt(doubt)
     start = _start_of(robot)
@@ -187,8 +188,15 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
     fields = top.fields(KEYS, ("objects",))
     objects, named = read_objects(fields["objects"].items(), files, problems)
     words = Words(named)
+
+    def robots_of(value: Value) -> tuple[SceneRobot, ...]:
+        robots = read_robots(value.items(), files, problems)
+        words.add_links(robots)
+        return robots
+
     readers: dict[str, Reader] = {
-        "groups": words.read_groups,  # first: the others use them
+        "robots": robots_of,  # first: patterns may be of their links
+        "groups": words.read_groups,  # then: the others use them
         "name": Value.text,
         "description": Value.prose,
         "allowed": lambda value: _read_allowed(value, words),
@@ -196,7 +204,6 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
         "time_budget": _read_budget,
         "effects": lambda value: MappingProxyType(read_effects(value, words.patterns)),
         "lidar": lambda value: _read_lidar(value, words),
-        "robots": lambda value: read_robots(value.items(), files, problems),
         "view": _read_view,
         "accuracy": lambda value: _read_accuracies(value, words),
     }
@@ -212,6 +219,15 @@ class Words:
     def __init__(self, names: Collection[str]) -> None:
         self._names = names
         self._groups: dict[str, tuple[str, ...]] = {}
+        self._links: list[str] = []
+        self._looked_up: set[str] = set()
+
+    def add_links(self, robots: Iterable[SceneRobot]) -> None:
+        """Take the links of robots, whose objects are called ``ROBOT/LINK/0``, and so on."""
+        for each in robots:
+            for link, shapes in zip(each.robot.link_names, each.robot.shapes, strict=True):
+                name = f"{each.name}/{link}"
+                self._links += [name, *(f"{name}/{number}" for number in range(len(shapes)))]
 
     def read_groups(self, value: Value) -> MappingProxyType[str, tuple[str, ...]]:
         """Take the groups of a file."""
@@ -224,6 +240,17 @@ class Words:
                     entry.refuse(f"a group can't be called {name}")
                 self._groups[name] = self.patterns(entry)
         return MappingProxyType(self._groups)
+
+    def known_patterns(self, value: Value) -> tuple[str, ...]:
+        """Return what ``patterns`` does; one that matches nothing yet is a doubt."""
+        found = self.patterns(value)
+        for word in found:
+            if word in self._looked_up:
+                continue
+            self._looked_up.add(word)
+            if not any(matching([word], [*names]).any() for names in (self._names, self._links)):
+                value.doubt(f"{word} matches no object and no link of a robot")
+        return found
 
     def patterns(self, value: Value) -> tuple[str, ...]:
         """Return the patterns of a word or a list of words."""
@@ -258,7 +285,7 @@ def _read_allowed(value: Value, words: Words) -> tuple[AllowedRule, ...]:
         with value.problems.kept():
             if not entry.is_list or len(entry.items()) != 2:
                 entry.expected("a pair of groups, names or patterns")
-            first, second = (words.patterns(item) for item in entry.items())
+            first, second = (words.known_patterns(item) for item in entry.items())
             if len(rules) + len(first) * len(second) > MAX_RULES:
                 value.refuse(f"these are more than {MAX_RULES} pairs of patterns")
             rules += [AllowedRule(a, b) for a, b in product(first, second)]

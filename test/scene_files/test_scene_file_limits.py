@@ -34,6 +34,7 @@ from scenes import counted
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load, load_scene
 from obb_collision.scene_files import yaml_values as values
+from obb_collision.scene_files.load import find_scene
 
 DATA = Path(__file__).parents[1] / "data" / "moveit"
 CONFIG = Path(__file__).parents[2] / "config"
@@ -358,6 +359,23 @@ def test_a_quaternion_far_from_unit_length_is_told_by_its_line(write: Any) -> No
     assert isinstance(description.build(), oc.Scene)
     near = load_scene(write(f"objects:\n- {{name: a, {BOX}, quaternion: [0, 0, 0.7, 0.7]}}"))
     assert (near.notes, near.objects[0].pose[5:]) == ((), (0.7, 0.7))
+
+
+def test_a_pattern_that_matches_nothing_is_told_and_one_of_links_is_not(write: Any) -> None:
+    urdf = find_scene("arm_cell").parent / "arm.urdf"
+    path = write(
+        f"objects:\n- {{name: cup/0, {BOX}}}\n"
+        f"robots:\n- {{name: arm, urdf: {urdf}}}\n"
+        "allowed:\n- [arm/*, cup/*]\n- [arm/hand/1, cup/0]\n- [arm/hnad, cap/*]\n- [cap/*, cup/*]\n"
+    )
+    with pytest.warns(UserWarning, match="matches no object and no link of a robot") as warnings:
+        description = load_scene(path, [urdf.parent])
+    told = [str(warning.message) for warning in warnings]
+    assert description.notes == tuple(told)
+    assert [text.split("matches no ")[0] for text in told] == [
+        f"{path}:8: allowed[2][0]: arm/hnad ",
+        f"{path}:8: allowed[2][1]: cap/* ",
+    ]
 
 
 def test_reading_an_object_takes_few_calls(write: Any) -> None:

@@ -133,6 +133,7 @@ ARGUMENTS: dict[str, Any] = {
     "duration": 1.0, "twist": [0.0] * 6, "twists": np.zeros((2, 6)), "each_point": True,
     "scores": [0.5, 0.5], "threshold": 0.5, "number": 2, "name": "a", "names": ["p", "q"],
     "first": "a", "second": "b", "allowed": True, "enabled": True, "objects": ["a"],
+    "sides": [("a", "*")],
     "mode": "on", "effects": ["contacts"], "effect": "contacts", "ignore": ["a"],
     "urdf": ROCK, "srdf": ROCK, "package_dirs": ["."], "move_virtual_joint": False,
     "robots": [rock()], "bases": [POSE], "states": STATES,

@@ -58,6 +58,7 @@ class Objects:
         monitors: Mapping[str, InputMonitor],
     ) -> None:
         self.scene, self.table, self.guard, self.monitors = Scene(), ObjectTable(), guard, monitors
+        self.scene.rules.warns = False  # objects come and go
         self.placement = Placement(self, frames, fixed_frame)
         self.staleness, self.states, self.shapes = Staleness(self), States(self), ObjectShapes(self)
         self.unplaceable = self.shapes.unplaceable

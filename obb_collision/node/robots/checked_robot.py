@@ -59,9 +59,9 @@ class Attachment(NamedTuple):
 
 
 class NodeRobotScene(RobotScene):
-    """Robots in the node's scene, whose points are no obstacles for them."""
+    """Robots in the node's scene, whose points are no obstacles for them; doubts are published."""
 
-    ignores_points = True
+    ignores_points, warns = True, False
 
 
 def portions(count: int, quick: float) -> Iterator[slice]:

@@ -26,6 +26,7 @@ import numpy as np
 
 from obb_collision._jit import Held, hold
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.validation import warn_caller
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.arrays import (
     Checked,
@@ -125,6 +126,7 @@ class Prepared:
     world: World
     limits: JointLimits
     names: list[str]
+    joint_names: tuple[str, ...]
     _moving: dict[Accuracy, Held] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -180,6 +182,8 @@ class Model:
     """Robots with names for their links and joints, and what is attached to them."""
 
     def __init__(self, robots: Sequence[Robot], names: Sequence[str | None], bases: Floats) -> None:
+        self.warns = True
+        """Whether a check warns of a robot that nothing can collide with."""
         self.robots, self._names = tuple(robots), tuple(names)
         self.link_names = _prefixed(names, [robot.link_names for robot in robots])
         self.joint_names = _prefixed(names, [robot.joint_names for robot in robots])
@@ -192,6 +196,7 @@ class Model:
                 )
         self.limits = JointLimits(robots)
         self._own: OwnBodies | None = None
+        self._bare: set[int] = set()  # robots without bodies
         self._prepared: tuple[WorldState, Prepared] | None = None
         self._kept: Kept = {}
         self._chains: Floats = np.empty(0)
@@ -311,9 +316,19 @@ class Model:
             for row, each in enumerate(attached, start=len(shapes)):
                 padding = float(self.paddings[each.link]) + each.padding
                 parts.append(Part(each.shape, each.pose, each.link, padding, row))
+            self._look_for_bodies(parts)
             allowed = self._allowed_of(attached)
             self._grown, self._own = grown, OwnBodies.of(parts, allowed, self._chains)
         return self._own
+
+    def _look_for_bodies(self, parts: Sequence[Part]) -> None:
+        """Warn, once each, of robots without bodies: they would be valid wherever they are."""
+        of_links = np.repeat(range(len(self.robots)), [len(r.link_names) for r in self.robots])
+        bare = {*range(len(self.robots))} - {int(of_links[part.link]) for part in parts}
+        for row in sorted(bare - self._bare if self.warns else ()):
+            name = self._names[row] or self.robots[row].name
+            warn_caller(f"robot {shown(name)} collides with nothing: no link has a <collision>")
+        self._bare |= bare
 
     def _allowed_of(self, attached: Sequence[Attached]) -> Mask:
         """Return the pairs not checked with rows for what is attached after those of the links."""
@@ -342,7 +357,7 @@ class Model:
         bodies = joined([own.bodies, world.bodies])
         owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
         checked = Checked(self.tree, bodies, tests, owners, NO_CHAINS, np.empty(0, np.bool_))
-        return Prepared(checked, own, world, self.limits, names)
+        return Prepared(checked, own, world, self.limits, names, self.joint_names)
 
     def _counted(self, scene: Scene, links: list[str], objects: list[str]) -> Mask | None:
         """Return (links, links and objects) which pairs count by the rules of a scene.
@@ -350,7 +365,9 @@ class Model:
         None: all of them. Any name of a link, of those that objects have that it is, will do.
         """
         known_as = [self.link_objects.get(link) or (link,) for link in links]
-        rules = scene.rules.filter_of([*chain.from_iterable(known_as), *objects])
+        names = [*chain.from_iterable(known_as), *objects]
+        scene.rules.warn_of_unknown(names)
+        rules = scene.rules.filter_of(names)
         if rules is None:
             return None
         count = sum(map(len, known_as))

@@ -100,7 +100,8 @@ def check_motions(
         _decide_meshes(prepared, question, MotionHits(*found), open_)
     out = prepared.limits.exceeded(starts, ends)
     parameters, undecided, bodies = found
-    return MotionReport(parameters, undecided, out, prepared.owners_of(bodies), prepared.names)
+    pairs, joints = prepared.owners_of(bodies), prepared.joint_names
+    return MotionReport(parameters, undecided, out, pairs, prepared.names, joints)
 
 
 def displacements(prepared: Prepared, states: Floats, deviations: Floats) -> Floats:

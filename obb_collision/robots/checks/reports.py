@@ -25,6 +25,9 @@ import numpy as np
 
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
+#: What stands for the other side of a pair where a joint leaves its limits.
+OUT_OF_LIMITS = "out of limits"
+
 
 class StatePairs(NamedTuple):
     """Every colliding pair of every state, states ascending.
@@ -78,8 +81,9 @@ class ValidityReport(FirstPairs):
         return np.asarray(free & ~self.out_of_limits.any(axis=1))
 
     def __repr__(self) -> str:
-        count = int(self.valid.sum())
-        return f"{type(self).__name__}({count} of {len(self)}{self._things} valid)"
+        count, out = int(self.valid.sum()), int(self.out_of_limits.any(axis=1).sum())
+        limits = f", {out} out of limits" if out else ""
+        return f"{type(self).__name__}({count} of {len(self)}{self._things} valid{limits})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,6 +186,8 @@ class MotionReport(ValidityReport):
         The pair, as in ``StateReport``.
     names : sequence of str
         As in ``StateReport``.
+    joint_names : sequence of str
+        The columns of ``out_of_limits``.
     """
 
     parameters: Floats
@@ -189,6 +195,19 @@ class MotionReport(ValidityReport):
     out_of_limits: Mask
     first_pairs: Integers
     names: Sequence[str]
+    joint_names: Sequence[str]
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str] | None]:
+        """(n,) the names of the first pair of each motion, or None.
+
+        Where nothing collides and the motion leaves limits: the first joint, and OUT_OF_LIMITS.
+        """
+        pairs = super().pairs
+        for row in np.flatnonzero(self.out_of_limits.any(axis=1)).tolist():
+            joint = self.joint_names[int(self.out_of_limits[row].argmax())]
+            pairs[row] = pairs[row] or (joint, OUT_OF_LIMITS)
+        return pairs
 
     @property
     def first_invalid(self) -> int | None:

@@ -48,7 +48,10 @@ class Group(NamedTuple):
 
 
 class Semantics(NamedTuple):
-    """What an SRDF says; doubts: what it names that the robot has not, one line each."""
+    """What an SRDF says.
+
+    doubts: what it names that the robot has not, one line each; unknown: the links among these.
+    """
 
     virtual_joint: VirtualJoint | None
     disabled: Pairs
@@ -58,9 +61,10 @@ class Semantics(NamedTuple):
     group_states: dict[tuple[str, str], dict[str, tuple[float, ...]]]
     end_effectors: dict[str, str]
     doubts: tuple[str, ...]
+    unknown: tuple[str, ...]
 
 
-NOTHING = Semantics(None, frozenset(), frozenset(), (), {}, {}, {}, ())
+NOTHING = Semantics(None, frozenset(), frozenset(), (), {}, {}, {}, (), ())
 
 
 def sorted_pair(a: str, b: str) -> tuple[str, str]:
@@ -72,9 +76,12 @@ def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joi
     """Return what an SRDF says of the robot; RobotError naming file, line and element."""
     if srdf.tag != "robot":
         raise srdf.refuse("the root of an SRDF is <robot>")
-    reader = _Reader(srdf, links, joints)
     if srdf.word("name") != name:
-        reader.doubt(srdf, f"it is of another robot than the URDF, {name!r}")
+        raise srdf.refuse(
+            f"the URDF is of robot {name!r}: with the SRDF of another one, links that can collide "
+            "would not be checked; give both the same name if they are of one robot"
+        )
+    reader = _Reader(srdf, links, joints)
     defaults = [reader.link(each, "link") for each in srdf.children("disable_default_collisions")]
     disabled = reader.pairs("disable_collisions")
     return Semantics(
@@ -86,6 +93,7 @@ def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joi
         reader.group_states(),
         reader.end_effectors(),
         tuple(reader.doubts),
+        tuple(reader.unknown),
     )
 
 
@@ -98,6 +106,7 @@ class _Reader:
         self._by_name = {joint.name: joint for joint in joints}
         self._is_link = frozenset(links)
         self.doubts: list[str] = []
+        self.unknown: dict[str, None] = {}
 
     def doubt(self, element: Element, reason: str) -> None:
         """Add what is odd but can be used."""
@@ -109,6 +118,7 @@ class _Reader:
         name = element.word(key)
         if name in self._is_link:
             return name
+        self.unknown[name] = None
         self.doubt(element, f"its {key} {name!r} is no link of the robot")
         return None
 

@@ -227,6 +227,8 @@ def read_urdf(robot: Element, source: MeshSource) -> Description:
         name: tuple(_read_collision(each, source) for each in element.children("collision"))
         for name, element in links.items()
     }
+    if not any(shapes.values()):
+        doubts.append(str(robot.refuse("no link has a <collision>: nothing collides with it")))
     return Description(robot.word("name"), shapes, joints, robot, tuple(doubts))
 
 

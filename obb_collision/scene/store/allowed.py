@@ -22,22 +22,26 @@ ones to check, if any are given; and namespaces within which objects may touch.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.validation import as_flag
+from obb_collision.geometry.validation import as_flag, warn_caller
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.patterns import as_patterns, as_tuples, is_pattern, matching
 from obb_collision.typing import Mask, Rows
+from obb_collision.words import shown
 
 Patterns = tuple[str, ...]
 #: Whether pairs of slots (m,), (m,) count, (m,).
 PairFilter = Callable[[Rows, Rows], NDArray[np.bool_]]
 #: Namespaces remembered that no object has any more, before all are looked up anew.
 SPARE_NAMESPACES = 1000
+#: Most names that an unknown one is compared with: 20 ms.
+MOST_GUESSES = 2000
 
 
 class PairTable:
@@ -167,7 +171,7 @@ class PairRules:
     [('cup', 'table', True)]
     """
 
-    __slots__ = ("_changing", "_made", "_only", "_rules", "_table", "_within")
+    __slots__ = ("_changing", "_made", "_only", "_rules", "_seen", "_table", "_within", "warns")
 
     def __init__(self, changing: Callable[[], object] = lambda: None) -> None:
         self._changing = changing
@@ -176,6 +180,9 @@ class PairRules:
         self._within: Patterns = ()
         self._table: PairTable | None = None
         self._made: tuple[int, PairFilter | None] | None = None
+        self._seen: set[str] = set()  # patterns of check_only that are known, or were warned of
+        self.warns = True
+        """Whether a check warns of patterns of ``check_only`` that nothing there matches."""
 
     def add(self, first: Iterable[str], second: Iterable[str], allowed: bool) -> None:
         """Let objects of two sides touch each other, or, with False, no longer.
@@ -229,16 +236,20 @@ class PairRules:
     def check_only(self) -> list[Sides]:
         """The only pairs that count, (first, second); [], the default, for all; may be set.
 
-        A pair that is allowed does not count here either.
+        A pair that is allowed does not count here either. A check warns, once, of a name or pattern
+        that no object and no link of its robots matches; see ``Scene.check_only``.
         """
         return [(_shown(a), _shown(b)) for a, b in self._only]
 
     @check_only.setter
     def check_only(self, pairs: Iterable[Sides]) -> None:
-        sides = as_tuples(pairs, "check_only", 2)
-        only = [(_side(a, "check_only"), _side(b, "check_only")) for a, b in sides]
+        self.set_only(pairs, "check_only")
+
+    def set_only(self, pairs: Iterable[Sides], name: str) -> None:
+        """Set the only pairs that count; ValueError naming the argument."""
+        only = [(_side(a, name), _side(b, name)) for a, b in as_tuples(pairs, name, 2)]
         self._renew()
-        self._only = only
+        self._only, self._seen = only, set()
 
     @property
     def allowed_within(self) -> list[str]:
@@ -255,6 +266,15 @@ class PairRules:
         self._renew()
         self._within = within
 
+    def warn_of_unknown(self, names: Sequence[str | None]) -> None:
+        """Warn of patterns of ``check_only`` that no name matches: misspelt, they check nothing."""
+        patterns = {pattern for pair in self._only for side in pair for pattern in side}
+        for pattern in sorted(patterns - self._seen if self.warns and any(names) else ()):
+            self._seen.add(pattern)
+            if not matching([pattern], names).any():
+                hint = guess(pattern, filter(None, names))
+                warn_caller(f"check_only names {shown(pattern)}, which nothing there has{hint}")
+
     def filter_of(self, names: Sequence[str | None]) -> PairFilter | None:
         """Return which pairs of names count, None for all."""
         if not (self._rules or self._only or self._within):
@@ -269,8 +289,15 @@ class PairRules:
         names: by slot; version: a number that changes with them, so that the table can be kept.
         """
         if self._made is None or self._made[0] != version:
+            self.warn_of_unknown(names)
             self._made = version, self.filter_of(names)
         return self._made[1]
+
+
+def guess(pattern: str, names: Iterable[str]) -> str:
+    """Return a hint at the name or pattern that was probably meant, "" for none."""
+    close = get_close_matches(pattern, list(names)[:MOST_GUESSES], 1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _side(value: Iterable[str], name: str) -> Patterns:

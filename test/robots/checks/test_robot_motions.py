@@ -234,6 +234,8 @@ def test_motions_out_of_limits_are_not_valid() -> None:
     assert report.out_of_limits.tolist() == [[True], [False]]
     assert report.colliding.tolist() == [False, False]
     assert report.valid.tolist() == [False, True]
+    assert report.pairs == [("x", "out of limits"), None]
+    assert repr(report) == "MotionReport(1 of 2 valid, 1 out of limits)"
 
 
 def test_threads_do_not_change_motions() -> None:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -122,14 +123,47 @@ DOUBTS = {
 }
 
 
-def test_what_the_robot_has_not_is_a_doubt_with_its_line() -> None:
+def test_what_the_robot_has_not_is_a_doubt_with_its_line_and_unknown_links_are_warned_of() -> None:
     for element, reason in DOUBTS.items():
-        found = robot(element)
+        unknown = pytest.warns(
+            UserWarning, match="the SRDF names links that the URDF has not: 'x'$"
+        )
+        with unknown if "'x'" in reason else nullcontext():
+            found = robot(element)
         assert len(found.doubts) == 1, element
         assert found.doubts[0].startswith("srdf:2: ")
         assert reason in found.doubts[0]
         assert found.disabled_pairs == frozenset()
-    assert "of another robot" in oc.Robot.from_urdf(ARM, '<robot name="s"/>').doubts[0]
+
+
+def test_unknown_links_are_warned_of_once_and_many_are_not_all_named() -> None:
+    elements = (f'<disable_collisions link1="a" link2="x{k}"/>' for k in (*range(9), 1))
+    with pytest.warns(UserWarning, match="the URDF has not") as caught:
+        robot(*elements)
+    (warning,) = caught
+    assert warning.filename == __file__
+    assert str(warning.message).endswith(": 'x0', 'x1', 'x2', 'x3', 'x4', ...")
+
+
+def test_the_srdf_of_another_robot_is_refused() -> None:
+    bad("^srdf:1: robot 's': the URDF is of robot 'r'", ARM, '<robot name="s"/>')
+
+
+def test_a_robot_without_collision_geometry_is_a_doubt_and_warned_of_where_it_is_checked() -> None:
+    bare = oc.Robot.from_urdf(urdf(link("a"), link("b"), joint("ab", "revolute", "a", "b")))
+    (doubt,) = bare.doubts
+    assert doubt == "urdf:1: robot 'r': no link has a <collision>: nothing collides with it"
+    scene = oc.Scene()
+    scene.add("shelf", oc.shapes.Box([9, 9, 9]))
+    checker = oc.RobotScene({"first": bare, "second": oc.Robot.from_urdf(ARM)}, scene)
+    states = np.zeros((1, len(checker.joint_names)))
+    with pytest.warns(UserWarning, match="robot 'first' collides with nothing: no link") as caught:
+        checker.check(states)
+    assert caught[0].filename == __file__
+    checker.check(states)  # once
+    checker = oc.RobotScene(bare, scene)
+    checker.attach("cup", oc.shapes.Sphere(1), "a")  # that collides
+    assert not checker.check([0.0]).valid[0]
 
 
 BAD_SRDF = {
@@ -161,7 +195,8 @@ def test_groups_and_doubts_have_limits() -> None:
     bad("there are 10001 parts of groups", ARM, urdf(f'<group name="g">{chains}</group>'))
     nested = [f'<group name="g{k}"><group name="g{k + 1}"/></group>' for k in range(1000)]
     assert len(robot(*nested).groups) == 1000
-    found = robot(*('<disable_collisions link1="x" link2="y"/>' for _ in range(200)))
+    with pytest.warns(UserWarning, match="'x', 'y'$"):
+        found = robot(*('<disable_collisions link1="x" link2="y"/>' for _ in range(200)))
     assert len(found.doubts) == 100
 
 
@@ -366,7 +401,7 @@ def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
 def test_a_joint_that_mimics_nothing_moves_by_itself_and_is_named() -> None:
     robot = oc.Robot.from_urdf(bad_joint(MIMIC + LIMIT))
     assert robot.joint_names == ("j",)
-    (doubt,) = robot.doubts
+    doubt, _ = robot.doubts  # the other one is that nothing collides with it
     assert doubt == "urdf:4: joint 'j': it mimics 'k', which is no joint: it moves by itself"
 
 

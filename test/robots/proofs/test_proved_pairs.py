@@ -109,7 +109,8 @@ def no_state_contradicts(proofs: Iterable[PairProof], file: Path, count: int, *m
     """Assert that links which never collide do not in so many states; more: of the robot."""
     others = [proof for proof in proofs if proof.verdict != "never"]
     elements = ['<disable_collisions link1="{}" link2="{}"/>'.format(*one.links) for one in others]
-    robot = oc.Robot.from_urdf(file, urdf(*elements), *more)
+    named = urdf(*elements).replace('"r"', f'"{oc.Robot.from_urdf(file, None, *more).name}"')
+    robot = oc.Robot.from_urdf(file, named, *more)
     states = np.random.default_rng(3).uniform(robot.lower, robot.upper, (count, len(robot.lower)))
     assert oc.RobotScene([robot]).check(states).valid.all()
 

@@ -26,6 +26,7 @@ import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
+from small_robots import link, urdf
 from support import refused
 
 import obb_collision as oc
@@ -77,6 +78,7 @@ def counted(scene: oc.Scene, rules: Any, only: Any, within: Any) -> list[tuple[s
 @given(rules, only, within, st.data())
 def test_pairs_count_by_filters(rules: Any, only: Any, within: Any, data: st.DataObject) -> None:
     scene = crowd(data.draw(st.integers(0, len(NAMES))))
+    scene.rules.warns = False  # of objects that are still to come
     report, everything = scene.check(), list(combinations(scene.names, 2))
     for rule in rules:
         scene.allow(*rule)
@@ -333,3 +335,31 @@ def test_a_renamed_object_is_the_same_under_its_new_name() -> None:
     scene.objects.rename(np.array([slot]), ["c"])
     assert (scene.index("c"), NAMES[0] in scene, scene.names) == (slot, False, ["c", other])
     assert scene.check().names() == [], "rules count by the new name"
+
+
+def test_a_misspelt_name_of_check_only_is_warned_of_and_refused_if_known() -> None:
+    scene = oc.Scene()
+    scene.rules.check_only = [(("grippr/*", "arm"), "*")]
+    assert not scene.check().names()  # objects are still to come
+    scene.add("gripper", Box([1, 1, 1]))
+    scene.add("arm", Box([1, 1, 1]))
+    with pytest.warns(UserWarning, match="'grippr/.*, which nothing there has; did") as caught:
+        scene.check()
+    assert [each.filename for each in caught] == [__file__]
+    scene.add("cup", Box([1, 1, 1]))
+    scene.check()  # once
+    with pytest.raises(ValueError, match=r"^sides must fit objects, got 'grippr/\*'; did you"):
+        scene.check_only([("grippr/*", "cup")], known=True)
+    assert scene.rules.check_only == [(("grippr/*", "arm"), "*")]
+    scene.check_only([("gripp*", "c?p")], known=True)
+    assert scene.check().names() == [("gripper", "cup")]
+
+
+def test_check_only_may_name_links() -> None:
+    robot = oc.Robot.from_urdf(urdf(link("hand", '<sphere radius="0.1"/>')))
+    scene = oc.Scene()
+    scene.add("cup", Box([1, 1, 1]))
+    scene.check_only([("hand", "cup"), ("hnad", "cup")])
+    with pytest.warns(UserWarning, match="check_only names 'hnad', which nothing there has") as one:
+        assert not oc.RobotScene(robot, scene).check([[]]).valid[0]
+    assert len(one) == 1
