@@ -19,8 +19,10 @@ from __future__ import annotations
 import math
 import re
 import sys
+import threading
 import warnings
-from collections.abc import Sequence, Sized
+from collections.abc import Iterator, Sequence, Sized
+from contextlib import contextmanager
 from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
@@ -150,8 +152,23 @@ def check_lengths(**sides: Sized) -> None:
         raise ValueError(f"{names} must have the same length, got {numbers}")
 
 
+_this_thread = threading.local()
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Let this thread warn of nothing: what is odd is told otherwise."""
+    _this_thread.is_quiet = True
+    try:
+        yield
+    finally:
+        _this_thread.is_quiet = False
+
+
 def warn_caller(message: str) -> None:
     """Warn at the line that called this package."""
+    if getattr(_this_thread, "is_quiet", False):
+        return
     package = __name__.partition(".")[0]
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == package:

@@ -100,8 +100,6 @@ class Robot:
         How the SRDF says that the robot stands in the world.
     doubts : tuple of str
         What is odd but was used, one line each: names that the robot does not have, for example.
-    unknown_links : tuple of str
-        Links that the SRDF names and the robot does not have.
 
     Examples
     --------
@@ -146,7 +144,6 @@ class Robot:
         self.end_effectors = semantics.end_effectors
         self.default_disabled = semantics.default_disabled
         self.doubts = description.doubts + semantics.doubts
-        self.unknown_links = semantics.unknown
         defaults = {
             sorted_pair(link, other)
             for link in semantics.default_disabled
@@ -195,13 +192,26 @@ class Robot:
         >>> oc.Robot.from_urdf('<robot name="rock"><link name="rock"/></robot>')
         Robot('rock': 1 links, 0 joints)
         """
-        given = urdf, srdf, package_dirs
-        robot = read_robot(*given, move_virtual_joint=move_virtual_joint, read_mesh=read_mesh)
-        if robot.unknown_links:
-            names = ", ".join(map(repr, robot.unknown_links[:MOST_NAMED]))
-            more = ", ..." if len(robot.unknown_links) > MOST_NAMED else ""
+        moves = as_flag(move_virtual_joint, "move_virtual_joint")
+        check_kind(urdf, str, "urdf", bytes, PathLike)
+        data, file, path = read_source(urdf, "urdf")
+        source = MeshSource(path, package_dirs, read_mesh)
+        description = read_urdf(parse(data, file), source)
+        root, joints = ordered_joints(description)
+        for joint in joints:
+            driven(joint, description.joints)
+        semantics = NOTHING
+        if srdf is not None:
+            check_kind(srdf, str, "srdf", bytes, PathLike)
+            data, file, _ = read_source(srdf, "srdf")
+            links = (root, *(joint.child for joint in joints))
+            semantics = read_srdf(parse(data, file), description.name, links, joints)
+        virtual = virtual_joint_of(semantics.virtual_joint, description) if moves else None
+        if semantics.unknown:
+            names = ", ".join(map(repr, semantics.unknown[:MOST_NAMED]))
+            more = ", ..." if len(semantics.unknown) > MOST_NAMED else ""
             warn_caller(f"the SRDF names links that the URDF has not: {names}{more}")
-        return robot
+        return cls(description, semantics, root, joints, virtual)
 
     def link_poses(self, states: ArrayLike) -> Floats:
         """Return the poses of all links, in the frame of the root link.
@@ -279,30 +289,3 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}: {len(self.link_names)} links, {len(self.joint_names)} joints)"
-
-
-def read_robot(
-    urdf: Source,
-    srdf: Source | None = None,
-    package_dirs: PackageDirs | None = None,
-    *,
-    move_virtual_joint: bool = False,
-    read_mesh: ReadMesh | None = None,
-) -> Robot:
-    """Return what ``from_urdf`` does without a warning: for callers that print all doubts."""
-    moves = as_flag(move_virtual_joint, "move_virtual_joint")
-    check_kind(urdf, str, "urdf", bytes, PathLike)
-    data, file, path = read_source(urdf, "urdf")
-    source = MeshSource(path, package_dirs, read_mesh)
-    description = read_urdf(parse(data, file), source)
-    root, joints = ordered_joints(description)
-    for joint in joints:
-        driven(joint, description.joints)
-    semantics = NOTHING
-    if srdf is not None:
-        check_kind(srdf, str, "srdf", bytes, PathLike)
-        data, file, _ = read_source(srdf, "srdf")
-        links = (root, *(joint.child for joint in joints))
-        semantics = read_srdf(parse(data, file), description.name, links, joints)
-    virtual = virtual_joint_of(semantics.virtual_joint, description) if moves else None
-    return Robot(description, semantics, root, joints, virtual)

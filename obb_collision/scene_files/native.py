@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.robots.robot import Robot, read_robot
+from obb_collision.geometry.validation import without_warnings
+from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import MODES
@@ -116,9 +117,9 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
     urdf = files.path(fields["urdf"], "URDF")
     srdf = files.path(fields["srdf"], "SRDF") if "srdf" in fields else None
     place = fields["position"].triple() if "position" in fields else ORIGIN
-    with fields["urdf"].reasons():
+    with fields["urdf"].reasons(), without_warnings():
         reading = files.reading
-        robot = read_robot(urdf, srdf, reading.folders, read_mesh=reading.read)
+        robot = Robot.from_urdf(urdf, srdf, reading.folders, read_mesh=reading.read)
     for doubt in robot.doubts:
         value.doubt(doubt)
     start = _start_of(robot)

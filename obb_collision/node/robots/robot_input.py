@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
+from obb_collision.geometry.validation import without_warnings
 from obb_collision.node.messages.cdr import NamedPose
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
@@ -40,7 +41,7 @@ from obb_collision.node.parameters.entries import BY_TOPIC, Base
 from obb_collision.node.robots.joints import Arrivals, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
-from obb_collision.robots.robot import Robot, read_robot
+from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
 
@@ -75,7 +76,8 @@ class DescriptionReading(Thread):
         """Read the description."""
         try:
             meshes = self._meshes
-            self.found = read_robot(*self._texts, meshes.folders, read_mesh=meshes.read)
+            with without_warnings():  # what is odd is in the diagnostics
+                self.found = Robot.from_urdf(*self._texts, meshes.folders, read_mesh=meshes.read)
         except ValueError as error:
             self.found = str(error)
         except Exception as error:
