@@ -30,7 +30,6 @@ setup(
         (f"share/{package_name}/config", glob("config/*")),
     ],
     python_requires=">=3.10",
-    # pycollada and lxml: trimesh reads DAE files with them
     # The lower bounds are those that .ci/full runs the tests with.
     install_requires=[
         "setuptools>=61.0.0",
@@ -39,7 +38,6 @@ setup(
         "scipy>=1.11.1",
         "trimesh>=4.4.9",
         "pyyaml>=6.0",
-        "pycollada>=0.7.2",
         "lxml>=4.9.0",
     ],
     extras_require={
@@ -54,8 +52,13 @@ setup(
         "view": ["viser>=1.1.1"],
         # bags of ROS 2 without a ROS installation: a test replays one
         "bags": ["rosbags"],
-        # pytest-xdist: two tests at a time
-        "test": ["pytest>=7.4.0", "pytest-xdist>=3.4.0", "hypothesis>=6.98.0"],
+        # pytest-xdist: two tests at a time; pycollada: trimesh writes and reads DAE with it
+        "test": [
+            "pytest>=7.4.0",
+            "pytest-xdist>=3.4.0",
+            "hypothesis>=6.98.0",
+            "pycollada>=0.7.2",
+        ],  # fmt: skip
         # the pages of docs/ and the API reference
         "docs": ["sphinx", "myst-parser", "furo"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from obb_collision.geometry.formats.parts import shortened
 from obb_collision.geometry.shapes.files import (
     LARGEST_FILE,
     MOST_TRIANGLES,
@@ -27,7 +28,6 @@ from obb_collision.geometry.shapes.files import (
     PACKAGE,
     MeshFolders,
     allowed_path,
-    shortened,
     source_folder,
 )
 from obb_collision.geometry.shapes.primitives import Triple

@@ -27,24 +27,19 @@ a link may lead to the sources of the same package.
 from __future__ import annotations
 
 import codecs
-import importlib.util
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
-from typing import Any, NoReturn
 from urllib.parse import unquote, urlparse
 
-import numpy as np
-from numpy.typing import NDArray
-
+from obb_collision.geometry.formats import dae, gltf, obj, off, ply, stl
+from obb_collision.geometry.formats.parts import SHOWN, Parts, TooManyError, Triangles, shortened
 from obb_collision.typing import Floats
 
-Triangles = NDArray[np.int64]
 #: Identifies a state of a file: time of modification (ns) and size (bytes).
 Version = tuple[int, int]
 
@@ -54,41 +49,23 @@ PACKAGE = "package://"
 LARGEST_FILE = 1 << 30
 #: Bytes per read.
 PORTION = 1 << 24
-#: Maximum number of characters of a path or message in an error.
-SHOWN = 200
-#: The types that are read, by the suffix of the name.
-TYPES = ("stl", "stl_ascii", "obj", "ply", "off", "dae", "glb", "gltf")
-#: Maximum number of triangles, and of vertices per triangle: more vertices than that are unused.
-MOST_TRIANGLES, MOST_VERTICES = 100_000_000, 3
+#: What reads the types, by the suffix of the name; returns the unit in metres where a file has one.
+READERS: dict[str, Callable[[bytes, Parts], float | None]] = {
+    **dict.fromkeys(("stl", "stl_ascii"), stl.read),
+    "obj": obj.read,
+    "ply": ply.read,
+    "off": off.read,
+    "dae": dae.read,
+    "glb": gltf.read_glb,
+    "gltf": gltf.read_json,
+}
+#: Maximum number of triangles.
+MOST_TRIANGLES = 100_000_000
 #: In XML a document type may refer to other files, and its entities may grow without bound.
 DOCUMENT_TYPE = "<!DOCTYPE"
 #: Encodings of XML in which a document type is seen.
 ENCODINGS = ("ascii", "us-ascii", "utf-8", "utf-16", "iso-8859-1")
 DECLARED = re.compile(r"""<\?xml[^>]*?encoding\s*=\s*["']([^"']*)""")
-
-
-class NoFiles:
-    """In place of trimesh's resolvers: every file that a mesh refers to is missing."""
-
-    def get(self, name: str) -> NoReturn:
-        """Raise FileNotFoundError."""
-        raise FileNotFoundError(f"it refers to {shortened(name)!r}: other files are not read")
-
-    __getitem__ = get
-
-    def keys(self) -> list[str]:
-        """Return no names."""
-        return []
-
-    def namespaced(self, namespace: str) -> NoFiles:
-        """Return a resolver without files, too."""
-        return self
-
-
-def shortened(text: str) -> str:
-    """Return a text with its middle left out where it is too long to be shown."""
-    half = SHOWN // 2
-    return text if len(text) <= SHOWN else f"{text[:half]}...{text[-half:]}"
 
 
 def resolve_path(path: str | Path) -> Path:
@@ -183,60 +160,24 @@ def read_mesh(
     """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a mesh file.
 
     data: content of the file; its type is the suffix of ``name``. ValueError where it can't be
-    read or has more triangles, MemoryError where there is not enough memory.
+    read whole or has more triangles, MemoryError where there is not enough memory.
     """
     kind = Path(name).suffix.lower()[1:]
-    if kind not in TYPES:
+    if kind not in READERS:
         what = f"its type {shortened(kind)!r} is" if kind else "its name has no suffix, which is"
-        raise ValueError(f"it can't be read: {what} none of {', '.join(TYPES)}")
+        raise ValueError(f"it can't be read: {what} none of {', '.join(READERS)}")
     if kind == "dae":
-        if importlib.util.find_spec("collada") is None:
-            raise ValueError("reading DAE needs the package pycollada")
         _check_xml(data)
-    import trimesh  # here, as it takes half a second
-
+    parts = Parts(most_triangles)
     try:
-        scene: Any = trimesh.load(
-            BytesIO(data),
-            file_type=kind,
-            resolver=NoFiles(),  # type: ignore[arg-type]
-            force="scene",
-            process=False,
-        )
-        _check_count(scene, most_triangles)
-        parts = [part for part in scene.dump() if hasattr(part, "vertices")]
-        unit = 1.0 if scene.units is None else trimesh.units.unit_conversion(scene.units, "meters")
-        return _joined(parts, unit)
+        unit = READERS[kind](data, parts)
+        return parts.joined(1.0 if unit is None else unit)
     except (MemoryError, TooManyError):
         raise
-    except Exception as error:  # each of trimesh's readers raises what its parser raises
-        text = f"it can't be read: {type(error).__name__}: {error}"
-        raise ValueError(shortened(text)) from error
-
-
-class TooManyError(ValueError):
-    """A mesh has more triangles than the limit."""
-
-
-def check_triangles(count: int, most: int) -> None:
-    """Raise TooManyError for more triangles than there may be."""
-    if count > most:
-        raise TooManyError(f"it has {count} triangles, {most} is the limit")
-
-
-def _check_count(scene: Any, most: int) -> None:
-    """Raise ValueError for a scene that would have too much once its parts are joined.
-
-    A part counts as often as the scene places it.
-    """
-    triangles = vertices = 0
-    for node in scene.graph.nodes_geometry:
-        part = scene.geometry[scene.graph[node][1]]
-        triangles += len(getattr(part, "faces", ()))
-        vertices += len(getattr(part, "vertices", ()))
-    check_triangles(triangles, most)
-    if vertices > MOST_VERTICES * most:
-        raise TooManyError(f"it has {vertices} vertices, {MOST_VERTICES * most} is the limit")
+    except ValueError as error:
+        raise type(error)(shortened(str(error))) from error
+    except Exception as error:  # such as a text where a list is expected
+        raise ValueError("it is damaged: it has a value that its place can't have") from error
 
 
 def _check_xml(data: bytes) -> None:
@@ -253,17 +194,6 @@ def _check_xml(data: bytes) -> None:
         raise ValueError(f"it is XML in {shortened(declared[1])!r}, none of {', '.join(ENCODINGS)}")
     if DOCUMENT_TYPE in text:
         raise ValueError(f"it has a {DOCUMENT_TYPE}, which may refer to other files")
-
-
-def _joined(parts: list[Any], unit: float) -> tuple[Floats, Triangles]:
-    vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
-    for part in parts:
-        vertices.append(np.asarray(part.vertices, dtype=np.float64))
-        if len(getattr(part, "faces", ())):
-            faces.append(np.asarray(part.faces, dtype=np.int64) + count)
-        count += len(vertices[-1])
-    joined = np.concatenate(vertices)
-    return (joined if unit == 1.0 else joined * unit), np.concatenate(faces)
 
 
 #: Files of the kernel and of devices: none of them is ever read.

@@ -28,12 +28,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.fitting.fit import check_fit, fit_points
+from obb_collision.geometry.formats.parts import Triangles, shortened
 from obb_collision.geometry.shapes.files import (
-    Triangles,
     read_file,
     read_mesh,
     resolve_path,
-    shortened,
 )
 from obb_collision.geometry.shapes.primitives import (
     NO_SCALE,
@@ -242,10 +241,11 @@ class Mesh(_Cloud):
 
     @classmethod
     def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:
-        """Return the mesh of a file that trimesh reads: STL, OBJ, PLY, DAE, GLB and others.
+        """Return the mesh of a file: STL, OBJ, PLY, OFF, DAE, GLB or glTF.
 
-        The parts of a scene are joined, each where the scene places it. Lengths are metres; a file
-        that names another unit (DAE) is converted. Only the file itself is read: no materials,
+        All that it declares is read, or it is refused. The parts of a scene are joined, each where
+        the scene places it. Lengths are metres; a file that names another unit (DAE) is converted.
+        Polygons become triangles that cover them. Only the file itself is read: no materials,
         textures or buffers in other files.
 
         Parameters
@@ -260,8 +260,8 @@ class Mesh(_Cloud):
         Raises
         ------
         ValueError
-            Naming the file, which is missing, no regular file, larger than a gigabyte, unreadable
-            or without vertices.
+            Naming the file, which is missing, no regular file, larger than a gigabyte, cut,
+            damaged or without vertices, or has a part that is not read, such as a compressed one.
 
         Examples
         --------

@@ -43,7 +43,7 @@ from visualization_msgs.msg import Marker
 from obb_collision import shapes
 from obb_collision.geometry.fitting.candidates import complete_frame
 from obb_collision.geometry.fitting.enclosing import enclose_points
-from obb_collision.geometry.shapes.files import shortened
+from obb_collision.geometry.formats.parts import shortened
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, SMALLEST_MEANT
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.scene.building.jobs import (

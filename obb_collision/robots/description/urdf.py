@@ -29,13 +29,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from obb_collision.geometry.formats.parts import shortened
 from obb_collision.geometry.poses import IDENTITY, Pose, quaternion_from_rpy
 from obb_collision.geometry.shapes.files import (
     PACKAGE,
     MeshFolders,
     allowed_path,
     resolve_path,
-    shortened,
     source_folder,
 )
 from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple

@@ -27,7 +27,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
-from obb_collision.geometry.shapes.files import read_file, shortened
+from obb_collision.geometry.formats.parts import shortened
+from obb_collision.geometry.shapes.files import read_file
 from obb_collision.geometry.validation import number_of
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.words import MAX_NAME, MAX_PATH, printable, shown, text_fault

@@ -29,9 +29,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.formats.parts import TooManyError, shortened
+from obb_collision.geometry.formats.parts import Triangles as Faces
 from obb_collision.geometry.shapes import files
 from obb_collision.geometry.shapes.files import MeshFolders, allowed_path
-from obb_collision.geometry.shapes.files import Triangles as Faces
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.primitives import LocalBox, Shape
 from obb_collision.geometry.trees.pool import Pool
@@ -93,7 +94,7 @@ def perform(task: Task | None) -> Any:
     except BuildError:
         raise
     except ValueError as error:
-        raise BuildError(BAD_SHAPE, files.shortened(str(error))) from error
+        raise BuildError(BAD_SHAPE, shortened(str(error))) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,5 +258,5 @@ def _refused(name: str) -> Iterator[None]:
     except ValueError as error:
         text = str(error)
         known = text.startswith("mesh file ")  # it names the file
-        reason = TOO_MANY_TRIANGLES if isinstance(error, files.TooManyError) else UNREADABLE
-        raise BuildError(reason, text if known else f"{files.shortened(name)}: {text}") from error
+        reason = TOO_MANY_TRIANGLES if isinstance(error, TooManyError) else UNREADABLE
+        raise BuildError(reason, text if known else f"{shortened(name)}: {text}") from error

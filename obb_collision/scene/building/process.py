@@ -245,7 +245,7 @@ def _look_for_kernels_in(folders: list[str]) -> None:
 
 def _take_what_all_jobs_need() -> None:
     """Load what would else be part of the memory of the first job, or of its time."""
-    import trimesh  # noqa: F401
+    import lxml.etree  # noqa: F401  # for DAE
 
     corners = np.vstack([np.zeros(3), np.eye(3)])
     _ = Hull(corners).local_box  # compiles what fits boxes, where the cache lacks it

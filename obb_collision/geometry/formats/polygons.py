@@ -1,0 +1,242 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Polygons to triangles that cover them, no more and no less.
+
+A polygon is seen along the axis that its normal (Newell's) is nearest to: the coordinates stay as
+they are. Most are a fan about a corner; of the others ears are cut off (Meisters 1975). Corners may
+coincide, as where a hole is joined to the outline by two edges along one line. A polygon that
+crosses itself gets the fan about its first corner: the fan covers it, and perhaps more. Polygons
+that are not flat are cut as seen along the axis.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from obb_collision.geometry.formats.parts import NO_FACES, Triangles
+from obb_collision.typing import Floats, Mask
+
+#: Corners of polygons that are cut at once.
+TOGETHER = 1 << 18
+#: Most corners that are looked at, in all tests of ears, half a minute of them; and what a test of
+#: few corners costs in corners.
+MOST_LOOKS, FEWEST_LOOKS = 1_000_000_000, 1000
+#: Most pairs of corners between which a hole is joined to an outline, and of those that are tried.
+MOST_PAIRS, MOST_TRIES = 10_000_000, 1000
+
+
+def triangulated(points: Floats, corners: Triangles, counts: Triangles) -> Triangles:
+    """Return triangles (m, 3) of polygons, in no order.
+
+    points: (n, 3); corners: (sum of counts,) rows of points, polygon after polygon; counts: of the
+    corners of each. Those of fewer than three are no polygons. ValueError for a row that is none,
+    and where cutting would take too long.
+    """
+    if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):
+        bad = corners[(corners < 0) | (corners >= len(points))][0]
+        raise ValueError(f"a face names vertex {bad}, there are 0 to {len(points) - 1}")
+    firsts = np.cumsum(counts) - counts
+    cutter, made = _Cutter(), [NO_FACES]
+    for count in np.unique(counts[counts > 2]).tolist():
+        rows = firsts[counts == count]
+        step = max(1, TOGETHER // count)
+        for start in range(0, len(rows), step):
+            ring = corners[rows[start : start + step, None] + np.arange(count)]
+            made.append(ring if count == 3 else cutter.cut(points, ring))
+    return np.concatenate(made)
+
+
+def with_holes(points: Floats, loops: list[Triangles]) -> Triangles:
+    """Return the corners of one polygon: the first loop, joined to the others, which are holes.
+
+    ValueError where a hole can't be joined to the outline by a line that crosses nothing.
+    """
+    axes = _axes(points[loops[0]][None])[0]
+    flat = points[:, axes]
+    walls = [(flat[loop], flat[np.roll(loop, -1)]) for loop in loops]
+    starts, ends = (np.concatenate(parts) for parts in zip(*walls, strict=True))
+    outline = loops[0]
+    for hole in loops[1:]:
+        if _area(flat[hole]) > 0.0:  # holes run round the other way
+            hole = hole[::-1]
+        at, of = _bridge(flat[outline], flat[hole], starts, ends)
+        there = np.r_[of : len(hole), 0 : of + 1]
+        outline = np.concatenate([outline[: at + 1], hole[there], outline[at:]])
+        bridge = flat[hole[of]][None], flat[outline[at]][None]
+        starts, ends = (np.concatenate(pair) for pair in zip((starts, ends), bridge, strict=True))
+    return outline
+
+
+class _Cutter:
+    """Cuts polygons of equal counts of corners, many at once; counts the work of all."""
+
+    def __init__(self) -> None:
+        self._looks = 0
+
+    def cut(self, points: Floats, rings: Triangles) -> Triangles:
+        """Return triangles (k (n - 2), 3) of polygons (k, n), n > 3."""
+        count = rings.shape[1]
+        flat, local = _flat(points[rings]), np.empty((len(rings), count - 2, 3), np.int64)
+        local[:] = fan = _fan(count, 0)
+        waiting = np.flatnonzero(~_is_fan(flat, 0))
+        others = flat[waiting]
+        as_second = _is_fan(others, 1)
+        local[waiting[as_second]] = _fan(count, 1)
+        waiting, others = waiting[~as_second], others[~as_second]
+        # a flat line stays a fan; so does a quadrangle that is no fan, as it crosses itself
+        solid = _area(others) > 0.0
+        if count > 4 and solid.any():
+            local[waiting[solid]] = self._ears(others[solid], fan)
+        return rings[np.arange(len(rings))[:, None, None], local].reshape(-1, 3)
+
+    def _ears(self, flat: Floats, fan: Triangles) -> Triangles:
+        """Return rows of corners (k, n - 2, 3); ``fan`` for polygons (k, n, 2) without ears."""
+        polygons, count, _ = flat.shape
+        made = np.tile(fan, (polygons, 1, 1))
+        rows, left = np.arange(polygons), np.tile(np.arange(count), (polygons, 1))
+        start = 1
+        for length in range(count, 2, -1):
+            ears = self._find_ears(flat, start % length)
+            start = int(ears[0]) if len(ears) else 0  # the next one is tried at the next corner
+            crossing = ears < 0
+            if crossing.any():
+                made[rows[crossing]] = fan
+                rows, left = rows[~crossing], left[~crossing]
+                flat, ears = flat[~crossing], ears[~crossing]
+            if len(rows) == 0:
+                break
+            each = np.arange(len(rows))
+            around = np.stack([ears - 1, ears, ears + 1], axis=1) % length
+            made[rows, count - length] = left[each[:, None], around]
+            keep = np.arange(length) != ears[:, None]
+            left = left[keep].reshape(-1, length - 1)
+            flat = flat[keep].reshape(-1, length - 1, 2)
+        return made
+
+    def _find_ears(self, flat: Floats, start: int) -> Triangles:
+        """Return an ear of each polygon (k, n, 2); else a corner on a line, else -1.
+
+        The triangle of an ear with its neighbours holds no other corner.
+        """
+        count = flat.shape[1]
+        found, on_line = np.full((2, len(flat)), -1)
+        waiting = np.arange(len(flat))
+        for at in (start + np.arange(count)) % count:
+            a, b, c = (flat[waiting, (at + step) % count] for step in (-1, 0, 1))
+            turn = _turn(a, b, c)
+            on_line[waiting[turn == 0.0]] = at
+            bulges = turn > 0.0
+            some = waiting[bulges]
+            self._count(len(some) * count)
+            if len(some):
+                ear = np.stack([a, b, c])[:, bulges, None]
+                free = count == 3 or ~_holds(ear[0], ear[1], ear[2], flat[some])
+                found[some[free]] = at
+            waiting = waiting[found[waiting] < 0]
+            if len(waiting) == 0:
+                break
+        return np.where(found < 0, on_line, found)
+
+    def _count(self, looks: int) -> None:
+        self._looks += looks + FEWEST_LOOKS
+        if self._looks > MOST_LOOKS:
+            raise ValueError("its concave faces take too long to cut: export it as triangles")
+
+
+def _fan(count: int, first: int) -> Triangles:
+    """Return the rows (n - 2, 3) of corners of a fan about one of them."""
+    steps = np.arange(1, count - 1)
+    return (first + np.stack([0 * steps, steps, steps + 1], axis=1)) % count
+
+
+def _is_fan(flat: Floats, first: int) -> Mask:
+    """Return whether the fan about a corner covers polygons (k, n, 2) and is nowhere double."""
+    around = np.roll(flat, -first, axis=1)
+    root, rest = around[:, :1], around[:, 1:]
+    turns = _turn(root, rest[:, :-1], rest[:, 1:])
+    good: Mask = (turns >= 0.0).all(axis=1)
+    if flat.shape[1] > 4:  # two triangles make no full turn; more of them do in a half-plane only
+        good &= (_turn(root, rest[:, :1], rest) >= 0.0).all(axis=1)
+    return good
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> Any:
+    """Return twice the area of triangles; positive where they run anticlockwise."""
+    u, v = b - a, c - a
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+
+def _holds(a: Floats, b: Floats, c: Floats, points: Floats) -> Any:
+    """Return whether triangles hold any points (k, n, 2) that are none of their corners."""
+    inside = (_turn(a, b, points) >= 0.0) & (_turn(b, c, points) >= 0.0)
+    inside &= _turn(c, a, points) >= 0.0
+    for corner in (a, b, c):
+        inside &= (points != corner).any(axis=-1)
+    return inside.any(axis=-1)
+
+
+def _normals(around: Floats) -> Floats:
+    """Return normals (k, 3) of polygons (k, n, 3), as long as twice the area."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        spokes = around - around[:, :1]
+        return np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1)
+
+
+def _axes(around: Floats) -> Triangles:
+    """Return (k, 2) the axes of coordinates that polygons are seen in, anticlockwise."""
+    normals = _normals(around)
+    along = np.abs(normals).argmax(axis=1)
+    back = normals[np.arange(len(along)), along] < 0.0
+    axes = (along[:, None] + np.where(back[:, None], (2, 1), (1, 2))) % 3
+    return np.asarray(axes)
+
+
+def _flat(around: Floats) -> Floats:
+    """Return polygons (k, n, 2), anticlockwise, as seen along an axis of coordinates."""
+    return np.take_along_axis(around, _axes(around)[:, None, :], axis=2)
+
+
+def _area(flat: Floats) -> Any:
+    """Return twice the area of polygons (..., n, 2)."""
+    spokes = flat - flat[..., :1, :]
+    return _turn(np.zeros(2), spokes[..., 1:-1, :], spokes[..., 2:, :]).sum(axis=-1)
+
+
+def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tuple[int, int]:
+    """Return the nearest corners of two loops (n, 2) whose line crosses no wall and is inside.
+
+    starts, ends: (k, 2) of walls, of the loops themselves, too.
+    """
+    if len(outline) * len(hole) > MOST_PAIRS:
+        raise ValueError("a hole of a face has too many corners: export it as triangles")
+    away = np.square(outline[:, None] - hole).sum(axis=-1)
+    before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
+    for pair in np.argsort(away, axis=None, kind="stable")[:MOST_TRIES].tolist():
+        at, of = divmod(pair, len(hole))
+        p, q = outline[at], hole[of]
+        lefts = _turn(before[at], p, q) > 0.0, _turn(p, after[at], q) > 0.0
+        bulges = _turn(before[at], p, after[at]) >= 0.0
+        if not (all(lefts) if bulges else any(lefts)):
+            continue
+        meets = (_turn(p, q, starts) * _turn(p, q, ends) <= 0.0) & (
+            _turn(starts, ends, p) * _turn(starts, ends, q) <= 0.0
+        )
+        for one in (p, q):
+            meets &= (starts != one).any(axis=1) & (ends != one).any(axis=1)
+        if not meets.any():
+            return at, of
+    raise ValueError("a hole of a face crosses its outline: export it as triangles")
