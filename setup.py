@@ -58,7 +58,7 @@ setup(
             "pytest-xdist>=3.4.0",
             "hypothesis>=6.98.0",
             "pycollada>=0.7.2",
-        ],  # fmt: skip
+        ],
         # the pages of docs/ and the API reference
         "docs": ["sphinx", "myst-parser", "furo"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
