@@ -23,7 +23,7 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
-from obb_collision.node.objects.states import AgeLimits
+from obb_collision.node.objects.states import BY_STAMP, AgeLimits
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.scene.building.process import Limits
@@ -186,6 +186,8 @@ def apply_limits(parameters: Parameters, objects: Objects) -> None:
     objects.placement.timeout = parameters.transform_timeout
     objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
     objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
+    by_stamp = parameters.judge_ages == BY_STAMP
+    objects.states.by_stamp = objects.placement.latest.by_stamp = by_stamp
     groups = Groups(parameters.groups, parameters.robots)
     objects.staleness.limits = AgeLimits(
         parameters.object_timeout,

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import combinations
@@ -32,6 +32,7 @@ ORDER = (
 ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.23
 """The robot, its links, and the edge of the first one: the other is moved by joints along x. With
 this edge nothing just touches."""
+TIMEOUT = "object_timeout"
 Rows = list[tuple[str, float, float, str]]
 OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
 """Where odom is, and for how long (s) states wait for it."""
@@ -46,7 +47,8 @@ class Thing:
     """An object: what was said of it, and what of that could be used.
 
     awaited: the size that is being built; shaped: whether it has one; seen: by a cycle; serial:
-    of the node's, when it was last looked at.
+    of the node's, when it was last looked at; carried: when the transform was true that placed it,
+    if that was the latest; told: its last speed; speed: that when it became stale.
     """
 
     size: float
@@ -55,7 +57,10 @@ class Thing:
     x: float | None = None
     at: float = 0.0
     stamp: float = 0.0
-    states: list[tuple[float, str, float, float]] = field(default_factory=list)
+    carried: float = inf
+    told: float = 0.0
+    speed: float = 0.0
+    states: list[tuple[float, str, float, float, float]] = field(default_factory=list)
     received: float = 0.0
     order: float = 0.0
     repeated: bool = False
@@ -74,11 +79,16 @@ class Thing:
     def is_building(self) -> bool:
         return self.awaited is not None or not self.shaped
 
-    def jump(self, by: float) -> None:
-        for name in ("at", "received", "expiry"):
+    def since(self, by_stamp: bool) -> float:
+        return min(self.at, self.carried, self.stamp if by_stamp and self.stamp else inf)
+
+    def jump(self, by: float, by_stamp: bool) -> None:
+        if by_stamp and self.stamp:
+            self.carried = min(self.carried, self.stamp)
+        for name in ("at", "received", "expiry", "carried"):
             setattr(self, name, getattr(self, name) + by)
         self.stamp = self.order = 0.0
-        self.states = [(x, frame, stamp, at + by) for x, frame, stamp, at in self.states]
+        self.states = [(x, frame, s, at + by, c + by) for x, frame, s, at, c in self.states]
 
 
 @dataclass
@@ -88,25 +98,29 @@ class Joint:
     x: float = nan
     stamp: float = 0.0
     at: float = -inf
+    since: float = -inf
     frame: str = "map"
     bad: bool = False
     repeated: bool = False
     overdue: float = inf
 
-    def after(self, x: float, stamp: float, now: float, fault: str, frame: str = "map") -> Joint:
+    def after(
+        self, x: float, stamp: float, now: float, fault: str, by_stamp: bool, frame: str = "map"
+    ) -> Joint:
         late = 0 < stamp < self.stamp and now - self.at <= REORDERED
         if fault or (isnan(x) and not late):
             return replace(self, bad=True)
         if late:
             return replace(self, overdue=self.at + REORDERED / 2)
         believed = stamp if stamp <= now + AHEAD else 0.0
-        return Joint(x, believed, now, frame, repeated=not isnan(self.x))
+        since = min(now, believed) if by_stamp and believed else now
+        return Joint(x, believed, now, since, frame, repeated=not isnan(self.x))
 
     def is_unknown(self, now: float, limit: float) -> bool:
-        return isnan(self.x) or self.bad or self.overdue < now or 0.0 < limit < now - self.at
+        return isnan(self.x) or self.bad or self.overdue < now or 0.0 < limit < now - self.since
 
-    def jump(self, by: float) -> None:
-        self.stamp, self.at, self.overdue = 0.0, self.at + by, inf
+    def jump(self, by: float, _: bool) -> None:
+        self.stamp, self.at, self.since, self.overdue = 0.0, self.at + by, self.since + by, inf
 
 
 @dataclass
@@ -131,17 +145,25 @@ class Robot:
         """Return what is not known when links are placed."""
         if self.refused or not self.links:
             return {"robot_unknown"}
-        own = last(given["object_timeout_overrides"], ARM)
-        limit = given["object_timeout"] if self.base.repeated else 0.0
-        limit = limit if own is None else own
-        found = {"base_unknown"} if self.base.is_unknown(now, float(limit)) else set()
+        limit = self.limit(given) if self.base.repeated else self.limit(given | {TIMEOUT: 0.0})
+        found = {"base_unknown"} if self.base.is_unknown(now, limit) else set()
         if any(joint.is_unknown(now, given["joint_timeout"]) for joint in self.joints):
             found.add("joint_unknown")
         return found
 
-    def codes(self, now: float, given: dict[str, Any]) -> set[str]:
-        is_lost = bool(self.links) and not isnan(self.base.x) and self.base.frame == "lost"
-        return self.faults(now, given) | ({"base_unknown"} if is_lost else set())
+    @staticmethod
+    def limit(given: dict[str, Any]) -> float:
+        own = last(given["object_timeout_overrides"], ARM)
+        return float(given[TIMEOUT] if own is None else own)
+
+    def codes(self, now: float, given: dict[str, Any], latest: Callable[[], float]) -> set[str]:
+        found = self.faults(now, given)
+        if self.links and not isnan(self.base.x):
+            is_lost = self.base.frame == "lost"
+            if self.base.frame == "odom":
+                is_lost = 0.0 < self.limit(given) < now - latest()
+            found |= {"base_unknown"} if is_lost else set()
+        return found
 
 
 class Model:
@@ -165,6 +187,8 @@ class Model:
         self.set_order = self.set_received = 0.0
         self.declared = False
         self.ignored: list[str] = []
+        self.by_stamp = True
+        self.seen = 0.0, 0.0  # the latest transform of odom, and since when it is it
         self.pairs: list[tuple[Thing, Thing]] = []
 
     def declare(self) -> None:
@@ -181,7 +205,16 @@ class Model:
         thing.overtaken |= late
         return late
 
-    def state(self, thing: Thing, x: float, frame: str, stamp: float) -> None:
+    def latest(self) -> float:
+        """Return when the latest transform of odom was true, which is used now."""
+        if self.seen[0] != self.until:
+            self.seen = self.until, self.now
+        return min(self.seen) if self.by_stamp else self.seen[1]
+
+    def state(
+        self, thing: Thing, x: float, frame: str, stamp: float, carried: float = inf,
+        speed: float | None = None,
+    ) -> None:  # fmt: skip
         if self.is_late(thing, stamp):
             return
         thing.bad_pose = thing.overtaken = False
@@ -189,7 +222,8 @@ class Model:
         thing.received = self.now
         if 0 < stamp <= self.now + AHEAD:
             thing.order = stamp
-        thing.states.append((x, frame, stamp, self.now))
+        thing.states.append((x, frame, stamp, self.now, carried))
+        thing.told = thing.told if speed is None else speed
 
     def add(
         self, name: str, x: float, size: float, frame: str, stamp: float, fault: str, life: float,
@@ -245,7 +279,10 @@ class Model:
         if gone:
             self.declare()
 
-    def named(self, name: str, x: float, frame: str, stamp: float, fault: str = "") -> None:
+    def named(
+        self, name: str, x: float, frame: str, stamp: float, fault: str = "",
+        speed: float | None = None,
+    ) -> None:  # fmt: skip
         thing = self.things.get(name)
         if thing is None:
             ignored = any(fnmatch(name, pattern) for pattern in self.ignored)
@@ -254,7 +291,7 @@ class Model:
         elif fault:
             thing.bad_pose = True
         else:
-            self.state(thing, x, frame, stamp)
+            self.state(thing, x, frame, stamp, speed=speed)
 
     def take_set(self, frame: str, stamp: float, rows: Rows) -> None:
         if 0 < stamp < self.set_order and self.now - self.set_received <= REORDERED:
@@ -298,6 +335,7 @@ class Model:
         for name in [n for n, thing in self.things.items() if thing.of_set]:
             if name not in [row[0] for row in rows]:
                 del self.things[name]
+        carried = self.latest() if frame == "odom" and not stamp else inf
         now, self.now = self.now, received
         for name, x, size, fault in rows:
             if name in self.things and not self.things[name].of_set:
@@ -309,7 +347,7 @@ class Model:
             thing = self.things.setdefault(name, Thing(size, True))
             thing.size, thing.bad_shape = size, False
             self.newcomers.pop(name, None)
-            self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp)
+            self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp, carried)
         self.now = now
         self.declare()
 
@@ -331,14 +369,14 @@ class Model:
     def jump(self, by: float) -> None:
         """Set the clock back: ages stay, and stamps mean nothing any more."""
         for thing in self.all_things().values():
-            thing.jump(by)
+            thing.jump(by, self.by_stamp)
         for joint in [] if self.robot is None else [*self.robot.joints, self.robot.base]:
-            joint.jump(by)
+            joint.jump(by, self.by_stamp)
         self.newcomers = {n: (of_set, at + by) for n, (of_set, at) in self.newcomers.items()}
         for times in (self.unknown, self.deleted):
             times.update({name: at + by for name, at in times.items()})
         self.sets = [(frame, stamp, at + by, rows) for frame, stamp, at, rows in self.sets]
-        self.set_order = 0.0
+        self.set_order, self.seen = 0.0, (self.seen[0], self.seen[1] + by)
 
     def all_things(self) -> dict[str, Thing]:
         return self.things | (self.robot.links if self.robot else {})
@@ -371,7 +409,8 @@ class Model:
 
     def take_base(self, x: float, frame: str, stamp: float, fault: str) -> None:
         assert self.robot is not None
-        self.robot.base = base = self.robot.base.after(x, stamp, self.now, fault, frame)
+        given = x, stamp, self.now, fault, self.by_stamp
+        self.robot.base = base = self.robot.base.after(*given, frame)
         self.robot.changed |= base.at == self.now
 
     def take_joints(self, values: Sequence[Any], stamp: float, fault: str) -> None:
@@ -380,7 +419,7 @@ class Model:
         for k, value in enumerate(values if self.robot.links else ()):
             if value is not None:
                 joint = self.robot.joints[k]
-                self.robot.joints[k] = joint.after(value, stamp, self.now, fault)
+                self.robot.joints[k] = joint.after(value, stamp, self.now, fault, self.by_stamp)
 
     def place_links(self, robot: Robot, given: dict[str, Any]) -> None:
         is_unknown = bool(robot.faults(self.now, given))
@@ -445,14 +484,16 @@ class Model:
         return [pair for pair in self.pairs if {*map(id, pair)} <= there]
 
     def place(self, thing: Thing) -> None:
-        usable = [k for k, (_, frame, stamp, _) in enumerate(thing.states)
+        usable = [k for k, (_, frame, stamp, *_) in enumerate(thing.states)
                   if self.is_placed_at(frame, stamp)]  # fmt: skip
         if usable:
-            x, frame, thing.stamp, thing.at = thing.states[usable[-1]]
+            x, frame, thing.stamp, thing.at, thing.carried = thing.states[usable[-1]]
             thing.x = x + OFFSET * (frame == "odom")
+            if frame == "odom" and not thing.stamp:
+                thing.carried = self.latest()
             del thing.states[: usable[-1] + 1]
             thing.late = False
-        thing.late |= any(self.now - at > WAIT for *_, at in thing.states)
+        thing.late |= any(self.now - at > WAIT for *_, at, _ in thing.states)
         thing.states = [
             state
             for state in thing.states
@@ -465,16 +506,17 @@ class Model:
         limit = given["object_timeout"] if thing.repeated else 0.0
         limit = limit if own is None else own
         before = thing.stale
-        thing.stale = thing.x is not None and 0.0 < float(limit) < self.now - thing.at
+        age = self.now - thing.since(self.by_stamp)
+        thing.stale = thing.x is not None and 0.0 < float(limit) < age
         if thing.stale and not before:
-            thing.order = 0.0
+            thing.order, thing.speed = 0.0, max(thing.told, SPEED)
 
     def has(self, name: str, thing: Thing, given: dict[str, Any], policy: str) -> bool:
         is_it = (last(given["stale_policy_overrides"], name) or given["stale_policy"]) == policy
         return thing.stale and is_it
 
     def moved(self, thing: Thing) -> float:
-        return SPEED * (self.now - min(thing.at, thing.stamp or inf))
+        return thing.speed * max(self.now - thing.since(self.by_stamp), 0.0)
 
     def growth(self, name: str, thing: Thing, given: dict[str, Any]) -> float:
         collides = self.has(name, thing, given, "collide")
@@ -482,7 +524,7 @@ class Model:
 
     def codes(self, given: dict[str, Any]) -> list[str]:
         found = {*self.of_cycle(), *self.of_scene(given)}
-        unknown = set() if self.robot is None else self.robot.codes(self.now, given)
+        unknown = set() if not self.robot else self.robot.codes(self.now, given, self.latest)
         for name, thing in (self.things if unknown else self.all_things()).items():
             if self.has(name, thing, given, "ignore"):
                 continue

@@ -180,8 +180,12 @@ class Client:
         wanted = [p for topic, p in self.pubs.items() if topic not in self.unmatched]
         self.until(lambda: all(p.get_subscription_count() for p in wanted), "match")
 
+    def time(self) -> int:
+        """Return the least stamp (ns) to send: by default they tell no time, and only rise."""
+        return 0
+
     def header(self, frame: str = FRAME) -> Header:
-        self.stamp += 1_000_000
+        self.stamp = max(self.stamp + 1_000_000, self.time())
         return Header(stamp=cv.stamp_to_ros(self.stamp), frame_id=frame)
 
     def send(self, *markers: Marker, stamped: bool = True) -> Client:
@@ -371,6 +375,8 @@ def node_apart(name: str) -> Iterator[Node]:
 class Rig(Client):
     """A collision node and a client in one context on one executor."""
 
+    has_true_stamps = False
+
     def __init__(
         self,
         frames: Any = None,
@@ -456,6 +462,9 @@ class Rig(Client):
     def now(self) -> int:
         return self.node.now()
 
+    def time(self) -> int:
+        return self.node.get_clock().now().nanoseconds if self.has_true_stamps else 0
+
     def monitor(self, topic: str) -> InputMonitor:
         return self.node.monitors[topic]
 
@@ -503,7 +512,10 @@ def color(marker: Marker) -> Any:
 
 
 class FakeFrames:
-    """Frames that a test moves about: the poses of some, and of some between which stamps."""
+    """Frames that a test moves about: the poses of some, and of some between which stamps.
+
+    Those without stamps are static.
+    """
 
     waits = True
     description = "a test"
@@ -520,4 +532,4 @@ class FakeFrames:
         first, last = self.spans.get(frame, (stamp, stamp))
         if stamp and not first <= stamp <= last:
             raise RefusedError(EXTRAPOLATION, f"{stamp} is not between {first} and {last}")
-        return np.array(self.known.get(frame, pose(0.0)))
+        return np.array(self.known.get(frame, pose(0.0))), stamp or last

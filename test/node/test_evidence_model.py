@@ -148,7 +148,7 @@ ANY = one_of(["a/0", "a/1", "b/0", "boxes/0", "boxes/1", "a/7", "z/0"])
 PLACES = st.integers(0, 5).map(lambda k: 0.7 * k)
 SIZES = one_of([1.0, 2.0])
 FRAMES = one_of(["map", "map", "map", "odom", "lost"])
-STAMPS = one_of([0.0, 0.0, 0.0, -0.3, 5.0, None])
+STAMPS = one_of([0.0, 0.0, 0.0, -0.3, -30.0, 5.0, None])
 """Seconds from now on; None: no stamp."""
 POSE_FAULTS = one_of(["", "", "", "pose", "zero", "stamp"])
 USUALLY = st.integers(0, 2).map(bool)
@@ -162,6 +162,7 @@ GIVEN = st.fixed_dictionaries(
             [[], ["a/1: 0.3"], ["a/*: 0.8", "a/0: 0"], ["arm*: 0.9"]]
         ),
         "joint_timeout": one_of([0.0, 0.6]),
+        "judge_ages": one_of(["stamp_and_receipt", "stamp_and_receipt", "receipt"]),
         "stale_policy": one_of(["unknown", "collide", "keep", "ignore"]),
         "stale_policy_overrides": one_of([[], ["b/*: keep", "arm/*: collide"], ["a/0: ignore"]]),
         "required_objects": one_of([[], [], [], ["b/*"]]),
@@ -202,7 +203,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.is_started = True
         robot = Robot() if self.has_robot else None
         self.model = Model(self.world.now, self.world.steady, self.world.now, robot)
-        self.model.ignored = self.given["ignored_objects"]
+        self.set_model()
         self.tick(0.1103)
         for name, x in zip(("a/0", "a/1", "b/0"), self.scene, strict=False):
             self.markers([name], x)
@@ -224,12 +225,17 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.teardown()
         self.start()
 
+    def set_model(self) -> None:
+        self.model.ignored = self.given["ignored_objects"]
+        self.model.by_stamp = self.given["judge_ages"] != "receipt"
+
     @rule(given=GIVEN)
     def configure(self, given: dict[str, Any]) -> None:
         self.given = given
         self.world.set(given)
+        self.model.by_stamp = given["judge_ages"] != "receipt"
         self.tick(0.1103)
-        self.model.ignored = given["ignored_objects"]
+        self.set_model()
 
     @rule(step=STEPS)
     def tick(self, step: float = 0.0503) -> None:
@@ -281,6 +287,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def known_to_collide(self) -> None:
         if hasattr(self, "model"):
             answer = self.node.evidence.answer()
+            self.model.codes(self.given)  # both look at the transforms of bases
             assert not self.model.left() or answer.level == b"\2"
 
     def apply(self) -> None:
@@ -478,20 +485,23 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(
         names=st.lists(ANY, max_size=3, unique=True), missing=st.integers(0, 5),
         x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS, cut=st.booleans(),
+        speed=one_of([None, None, 0.0, 0.9]),
     )  # fmt: skip
     def states(
         self, names: list[str], missing: int, x: float, frame: str, ahead: float | None,
-        fault: str, cut: bool,
+        fault: str, cut: bool, speed: float | None,
     ) -> None:  # fmt: skip
         header, stamp = self.header(frame, ahead, fault)
         poses = [self.pose(x + 0.7 * k, fault) for k, _ in enumerate(names)]
-        message = cv.states_to_ros(names, np.reshape(poses, (-1, 7)), header)
+        one = [[0.0, speed or 0.0, 0.0, 0.0, 0.0, 0.0]]
+        twists = None if speed is None else np.repeat(one, len(names), axis=0)
+        message = cv.states_to_ros(names, np.reshape(poses, (-1, 7)), header, twists)
         if missing == 5 and names:
             message.transforms.pop()
             fault = "missing"
         if self.send("object_states", message, cut and fault == "zero"):
             for k, name in enumerate(names):
-                self.model.named(name, x + 0.7 * k, frame, stamp, fault)
+                self.model.named(name, x + 0.7 * k, frame, stamp, fault, speed)
 
     @rule(
         names=st.lists(ANY.filter(lambda n: n != "z/0"), min_size=1, max_size=3, unique=True),
@@ -638,7 +648,7 @@ TestEvidenceMachine.settings = settings(max_examples=100, stateful_step_count=15
 
 LISTS = "object_timeout_overrides stale_policy_overrides required_objects required_inputs"
 PLAIN: dict[str, Any] = {name: [] for name in (*LISTS.split(), "ignored_objects")}
-PLAIN |= {"object_timeout": 0.0, "joint_timeout": 0.0}
+PLAIN |= {"object_timeout": 0.0, "joint_timeout": 0.0, "judge_ages": "stamp_and_receipt"}
 PLAIN |= {"stale_policy": "unknown", "expect_empty": False}
 SILENT = PLAIN | {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
 GOOD, REFUSED = [(0.0, 1.0, "")], [(0.0, 1.0, "scale")]

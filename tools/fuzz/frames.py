@@ -62,14 +62,15 @@ class StandInFrames:
             at = stamp.sec * NANOSECONDS + stamp.nanosec
             stored.append((at, transform_from_ros(message.transform)))
 
-    def lookup(self, frame: str, stamp: int) -> Floats:
-        """Return the pose (7,) of a frame: the newest one up to a stamp (ns)."""
+    def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
+        """Return the pose (7,) of a frame, the newest one up to a stamp (ns), and its stamp."""
         if frame not in self._frames:
             raise RefusedError(UNKNOWN_FRAME, f"{frame!r}")
         known = sorted(self._frames[frame], key=lambda pair: pair[0])
         if stamp and not known[0][0] <= stamp <= known[-1][0]:
             raise RefusedError(EXTRAPOLATION, f"{frame!r} at {stamp}")
-        return [pose for at, pose in known if not stamp or at <= stamp][-1]
+        at, pose = [one for one in known if not stamp or one[0] <= stamp][-1]
+        return pose, stamp or at
 
 
 def main() -> int:

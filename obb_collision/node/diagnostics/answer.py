@@ -83,11 +83,11 @@ REMEDIES = {
     "refused": "The latest state was bad; the object stays where it was. /diagnostics has the "
     "reason.",
     "late_frame": "Publish the transform within transform_timeout; the object follows late.",
-    "stale": "The latest state is older than the age limit: start its sender, or set "
-    "stale_policy_overrides.",
+    "stale": "The latest state is older than the age limit, by stamp, receipt or transform: start "
+    "its sender, synchronise clocks (judge_ages), or set stale_policy_overrides.",
     "robot_unknown": "Publish ROBOT/robot_description.",
-    "joint_unknown": "Publish finite values of every joint within joint_timeout.",
-    "base_unknown": "Publish the robot's base: see robot_bases.",
+    "joint_unknown": "Publish finite values of every joint, stamped within joint_timeout.",
+    "base_unknown": "Publish the robot's base, or its transform: see robot_bases.",
     "incomplete": "Merger: a region's status has no content.",
     "region_silent": "Merger: start the regions named, or send them all objects again.",
     "region_unmatched": "Merger: no stamp was evaluated by all regions: stamp the states.",

@@ -172,7 +172,7 @@ class BoxInput:
             poses[good] = compose_poses(frame, poses[good])
             bad = np.any(pose_faults(poses), axis=0)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
-        state = State("", cloud.stamp, cloud.received, self.source.topic)
+        state = State("", cloud.stamp, cloud.received, self.source.topic, cloud.carried)
         self._update(numbers, ids, poses, given.sizes, faults, state)
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:

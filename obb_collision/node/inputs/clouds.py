@@ -44,13 +44,17 @@ MAX_CLOUD_BYTES = 1 << 26
 
 
 class QueuedCloud(NamedTuple):
-    """A queued cloud: content, frame, stamp (ns), size in bytes, and time of receipt (ns)."""
+    """A queued cloud: content, frame, stamp (ns), size in bytes, and time of receipt (ns).
+
+    carried: when the transform was true by which it is placed (ns), if that is the latest; else 0.
+    """
 
     content: Any
     frame: str
     stamp: int
     size: int
     received: int = 0
+    carried: int = 0
 
 
 class WaitingClouds:
@@ -96,7 +100,7 @@ class WaitingClouds:
         while waiting:
             cloud = waiting.pop()
             try:
-                use(cloud, self._place(cloud))
+                use(*self._place(cloud, now))
                 break
             except Exception as error:
                 refusal = self._objects.guard.refusal(f"input {self._monitor.topic}", error)
@@ -110,13 +114,16 @@ class WaitingClouds:
             refuse(newer, reason)
         return len(waiting)
 
-    def _place(self, cloud: QueuedCloud) -> Floats | None:
+    def _place(self, cloud: QueuedCloud, now: int) -> tuple[QueuedCloud, Floats | None]:
         if not self._is_elsewhere(cloud):
-            return None
-        frame = self._frames.lookup(cloud.frame, cloud.stamp)
+            return cloud, None
+        frame, at = self._frames.lookup(cloud.frame, cloud.stamp)
         if any(fault.any() for fault in pose_faults(frame[None])):
             raise RefusedError("bad transform", f"{frame.tolist()}")
-        return frame
+        if cloud.stamp == 0:
+            latest = self._objects.placement.latest
+            cloud = cloud._replace(carried=latest.since(cloud.frame, at, now))
+        return cloud, frame
 
     def _may_wait(self, cloud: QueuedCloud, now: int) -> bool:
         late = now - cloud.received > int(self._objects.placement.timeout * NANOSECONDS)

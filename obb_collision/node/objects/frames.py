@@ -24,7 +24,11 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
 
-from obb_collision.node.messages.conversions import pose_faults, transform_from_ros
+from obb_collision.node.messages.conversions import (
+    pose_faults,
+    stamp_from_ros,
+    transform_from_ros,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.optional import optional
 from obb_collision.node.objects.table import Slots
@@ -53,9 +57,10 @@ class FrameSource(Protocol):
     description: str
     """For the log: what frames are accepted."""
 
-    def lookup(self, frame: str, stamp: int) -> Floats:
+    def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
         """Pose (7,) of ``frame`` in the fixed frame at ``stamp`` (ns; 0 is the latest known).
 
+        And the stamp of the transform that was used: of a chain the oldest, 0 of static ones.
         Raises RefusedError where it isn't known (yet): "unknown frame", "no transform" between the
         two, "extrapolation" where the stamp is later or earlier than what is known.
         """
@@ -71,7 +76,7 @@ class FixedFrameOnly:
         self._fixed_frame = fixed_frame
         self.description = "fixed frame only (no tf2_ros here)"
 
-    def lookup(self, frame: str, stamp: int) -> Floats:
+    def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
         """Refuse every frame."""
         raise RefusedError(UNKNOWN_FRAME, f"{frame!r} is not {self._fixed_frame!r}; no tf2 here")
 
@@ -96,13 +101,17 @@ class TfFrames:
         self.buffer: Any = tf2_ros.Buffer(node=node)
         self._listener: Any = tf2_ros.TransformListener(self.buffer, node, spin_thread=False)
 
-    def lookup(self, frame: str, stamp: int) -> Floats:
-        """Pose of ``frame`` from the tf2 buffer, without waiting."""
+    def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
+        """Pose of ``frame`` from the tf2 buffer, without waiting.
+
+        At time 0 tf2 stamps what it finds by the latest time that all transforms of the chain have,
+        static ones aside, and 0 where all are static.
+        """
         try:
             found = self.buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
         except tf2_ros.TransformException as error:
             raise RefusedError(reason_from_tf2(error, tf2_ros), str(error)) from error
-        return transform_from_ros(found.transform)
+        return transform_from_ros(found.transform), stamp_from_ros(found.header.stamp)
 
 
 def make_frames(node: Node, fixed_frame: str) -> FrameSource:
@@ -110,6 +119,32 @@ def make_frames(node: Node, fixed_frame: str) -> FrameSource:
     return FixedFrameOnly(fixed_frame) if tf2_ros is None else TfFrames(node, fixed_frame)
 
 
+class LatestTransforms:
+    """When the latest transforms of frames were true: they stay when their sender has died.
+
+    That is the older of their stamp and of when they were first seen. by_stamp: False where stamps
+    are of other clocks.
+    """
+
+    def __init__(self) -> None:
+        self.by_stamp = True
+        self._seen: dict[str, tuple[int, int]] = {}  # by frame: the stamp, and since when it is it
+
+    def since(self, frame: str, stamp: int, now: int) -> int:
+        """Return it (ns), of the stamp by which a frame was found just now; 0 if that is static."""
+        if stamp == 0:
+            return 0
+        if self._seen.get(frame, NOT_SEEN)[0] != stamp:
+            self._seen[frame] = stamp, now
+        first = self._seen[frame][1]
+        return max(min(stamp, first) if self.by_stamp else first, 1)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        self._seen = {name: (stamp, at + shift) for name, (stamp, at) in self._seen.items()}
+
+
+NOT_SEEN = 0, 0
 FEW_STAMPS = 8
 """Up to this many stamps of a frame are looked up one after the other, newest first; with
 more, steps backwards double: a transform missing at a stamp is missing at all newer ones."""
@@ -123,24 +158,27 @@ class Transforms:
 
     def __init__(self, frames: FrameSource, name: Callable[[int], str], guard: Guard) -> None:
         self._frames, self._name, self._guard = frames, name, guard
-        self._found: dict[tuple[int, int], Floats | None] = {}
+        self._found: dict[tuple[int, int], tuple[Floats, int] | None] = {}
         self.errors: dict[int, RefusedError] = {}
         """By frame: why the latest look-up of those that failed did."""
 
-    def get(self, frame: int, stamp: int) -> Floats | None:
-        """Pose (7,) of a frame at a stamp (ns, 0 for the latest); None where there is none."""
+    def get(self, frame: int, stamp: int) -> tuple[Floats, int] | None:
+        """Pose (7,) of a frame at a stamp (ns, 0 for the latest), and the stamp of the transform.
+
+        None where there is none.
+        """
         key = frame, stamp
         if key not in self._found:
             self._found[key] = self._look_up(frame, stamp)
         return self._found[key]
 
-    def _look_up(self, frame: int, stamp: int) -> Floats | None:
+    def _look_up(self, frame: int, stamp: int) -> tuple[Floats, int] | None:
         name = self._name(frame)
         try:
-            found = self._frames.lookup(name, stamp)
+            found, at = self._frames.lookup(name, stamp)
             if any(fault.any() for fault in pose_faults(found[None])):
                 raise RefusedError("bad transform", f"{name!r}: {found.tolist()}")
-            return found
+            return found, at
         except Exception as error:
             self.errors[frame] = self._guard.refusal("look-up of frames", error, name)
         return None

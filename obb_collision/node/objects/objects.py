@@ -60,7 +60,8 @@ class Objects:
         self.scene, self.table, self.guard, self.monitors = Scene(), ObjectTable(), guard, monitors
         self.scene.rules.warns = False  # objects come and go
         self.placement = Placement(self, frames, fixed_frame)
-        self.staleness, self.states, self.shapes = Staleness(self), States(self), ObjectShapes(self)
+        self.states = States(self)
+        self.staleness, self.shapes = Staleness(self), ObjectShapes(self)
         self.unplaceable = self.shapes.unplaceable
         """Newcomers that were refused, and why."""
         self.table.namespaces.named = self._rename
@@ -138,6 +139,7 @@ class Objects:
         Stamps of before it mean nothing any more.
         """
         table = self.table
+        self.staleness.keep_ages(shift)
         table.received += shift
         table.world_received += shift
         table.expiry[table.expiry != NEVER] += shift

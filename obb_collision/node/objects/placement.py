@@ -48,7 +48,13 @@ from obb_collision.node.objects.conditions import (
     UNPLACED,
     WAITING,
 )
-from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource, Transforms
+from obb_collision.node.objects.frames import (
+    EXTRAPOLATION,
+    LINK_NOT_KNOWN,
+    FrameSource,
+    LatestTransforms,
+    Transforms,
+)
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
@@ -168,6 +174,7 @@ class Placement:
         self._scene, self._table, self._frames = objects.scene, objects.table, frames
         self._guard, self._monitors = objects.guard, objects.monitors
         self.frame_table = FrameTable(fixed_frame)
+        self.latest = LatestTransforms()
         self.topics = list(objects.monitors)
         """Input topics: states have their indices."""
         self._next_retry = 0
@@ -250,6 +257,7 @@ class Placement:
         """Shift times by a jump of the clock (ns)."""
         self._next_retry = 0
         self.waiting.rows["received"] += shift
+        self.latest.clock_jumped(shift)
 
     def stop(self, slots: Slots) -> None:
         """Take the twists of objects away."""
@@ -276,11 +284,17 @@ class Placement:
         groups, which = np.unique(pairs, axis=0, return_inverse=True)
         which = which.reshape(-1)  # numpy 2.0 gave it another shape
         for number, (frame, stamp) in enumerate(groups.tolist()):
-            outer = None if frame == 0 else transforms.get(frame, stamp)
-            if frame == 0 or outer is not None:
-                self._move(ready[which == number], outer)
+            found, states = transforms.get(frame, stamp) if frame else None, ready[which == number]
+            if found is not None:
+                self._move(states, found[0], self._carried(frame, stamp, found[1], now))
+            elif frame == 0:
+                self._move(states)
         self._drop_superseded()
         self._time_out(latest_states(table, rows[table.has(WAITING, rows)]), transforms, now)
+
+    def _carried(self, frame: int, stamp: int, found: int, now: int) -> int:
+        """Return when a transform of a stamp was true (ns), 0 if the state's own stamp says it."""
+        return 0 if stamp else self.latest.since(self.frame_table.name(frame), found, now)
 
     def _drop_superseded(self) -> None:
         """Drop states older than the one placed last, and those of removed objects."""
@@ -325,10 +339,10 @@ class Placement:
             monitor = self._monitors[self.topics[topic]]
             monitor.refuse(error.reason, name, error.detail, len(some))
 
-    def _move(self, states: States, outer: Floats | None = None) -> None:
+    def _move(self, states: States, outer: Floats | None = None, carried: int = 0) -> None:
         """Move objects to states, given in a frame that is at ``outer`` (7,).
 
-        What fails is refused: alone, if need be.
+        carried: when that was true (ns), 0 for none. What fails is refused: alone, if need be.
         """
         try:
             poses, twists = (np.ascontiguousarray(states[name]) for name in ("pose", "twist"))
@@ -339,10 +353,12 @@ class Placement:
                 twists = turned_twists(twists, outer)
             columns = states["stamp"], states["received"], states["number"]
             self._set(states["slot"], poses, twists, columns)
+            if outer is not None:
+                self._table.carried[states["slot"]] = carried
         except Exception as error:
             if len(states) > 1:
                 for row in range(len(states)):
-                    self._move(states[row : row + 1], outer)
+                    self._move(states[row : row + 1], outer, carried)
                 return
             slot, frame, number = states[["slot", "frame", "number"]].tolist()[0]
             name = name_from_key(self._table.key(slot))

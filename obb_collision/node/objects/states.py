@@ -42,6 +42,7 @@ from obb_collision.node.objects.conditions import (
     POSE_REFUSED,
     STALE,
     UNPLACED,
+    WAITING,
 )
 from obb_collision.node.objects.table import COLLIDE, IGNORE, POLICIES, UNKNOWN, Slots
 from obb_collision.scene.store.patterns import Overrides
@@ -51,6 +52,8 @@ from obb_collision.typing import Floats, Mask
 if TYPE_CHECKING:
     from obb_collision.node.objects.objects import Objects
 
+JUDGED_BY = BY_STAMP, _ = "stamp_and_receipt", "receipt"
+"""What ages go by: the older of both, or receipt alone."""
 OLDER = "older stamp"
 """Reason: a state was received after one with a newer stamp."""
 FAR = "quaternion far from unit length"
@@ -66,13 +69,15 @@ restarted."""
 class State:
     """Where poses come from: their frame, stamp (ns, 0: none), time of receipt (ns) and topic.
 
-    Stamp and time of receipt are those of all poses, or arrays with one for each.
+    Stamp and time of receipt are those of all poses, or arrays with one for each. carried: when the
+    transform was true that has placed them already (ns), 0 for none.
     """
 
     frame: str
     stamp: int | Slots
     received: int | Slots
     topic: str = "objects"
+    carried: int = 0
 
 
 class States:
@@ -81,6 +86,8 @@ class States:
     def __init__(self, objects: Objects) -> None:
         self._table, self._placement = objects.table, objects.placement
         self._monitors = objects.monitors
+        self.by_stamp = True
+        """Whether a state is as old as its stamp says, if that is older than its receipt."""
         self.wants_twists: Callable[[], bool] = lambda: True
         """Whether anything depends on how objects move."""
         self.stamp_tolerance = NANOSECONDS // 2
@@ -102,7 +109,7 @@ class States:
         received = np.broadcast_to(state.received, len(slots))
         old = self._find_old(slots, stamps, received, state.topic)
         if old.any():
-            slots, poses, stamps, received = (x[~old] for x in (slots, poses, stamps, received))
+            slots, stamps, received, poses = slots[~old], stamps[~old], received[~old], poses[~old]
             twists = None if twists is None else twists[~old]
         if len(slots):
             self._monitors[state.topic].superseded += self._placement.supersede(slots, frame)
@@ -112,6 +119,8 @@ class States:
             table.twist[rows] = self._take_twists(slots, twists)
             table.topic[rows] = self._placement.topics.index(state.topic)
             table.locked[rows] = False
+            if frame == 0:  # others get it when they are placed
+                table.carried[rows] = state.carried
             table.mark(rows, POSE_GIVEN)
             self._stamp(slots, stamps, received, state.topic)
         return old
@@ -123,7 +132,7 @@ class States:
         """
         if twists is None:
             return 0.0
-        known = ~np.isnan(twists).any(axis=1)
+        known = np.asarray(~np.isnan(twists).any(axis=1))
         self._table.told[slots[known]] = twists[known]
         return np.where(known[:, None], twists, 0.0) if self.wants_twists() else 0.0
 
@@ -139,6 +148,10 @@ class States:
             self._doubt(AHEAD, slots[doubted], topic, most)
         orders = ~doubted & (stamps != 0)
         table.order[rows] = np.where(orders, stamps, table.order[rows])
+
+    def since(self, stamp: int, received: int) -> int:
+        """Return since when (ns) a value is known; stamp: 0 for none."""
+        return min(stamp, received) if self.by_stamp and stamp > 0 else received
 
     def _unit(self, slots: Slots, poses: Floats, topic: str) -> Floats:
         """Return poses whose quaternions are not far from unit length."""
@@ -219,6 +232,7 @@ class Staleness:
 
     def __init__(self, objects: Objects) -> None:
         self._scene, self._table, self._placement = objects.scene, objects.table, objects.placement
+        self._states = objects.states
         self._limits = AgeLimits()
         self._grown: Slots = np.empty(0, np.int64)
 
@@ -254,10 +268,9 @@ class Staleness:
         if not (has_limits or len(self._grown) or table.facts & STALE):
             return
         before = table.has(STALE)
-        default = np.where(table.repeated, int(self._limits.timeout * NANOSECONDS), 0)
-        limits = np.where(table.limit < 0, default, table.limit)
+        since, limits = self._judged()
         placed = (table.condition & (LIVE | UNPLACED)) == LIVE
-        stale = placed & (limits > 0) & (now - table.world_received > limits)
+        stale = placed & (limits > 0) & (now - since > limits)
         table.judge(STALE, stale)
         changed = np.flatnonzero(stale != before)
         if len(changed):
@@ -265,8 +278,40 @@ class Staleness:
             table.order[gone] = 0  # a restarted sender may begin anew
             table.speed[gone] = self._scene.objects.speeds_of(gone, table.told[gone])
             self._placement.stop(gone)  # how they move is not known any more
-        self._judge(self._grow(now))
+        self._judge(self._grow(now - since))
         self._placement.enable(changed)
+
+    def _judged(self) -> tuple[Slots, Slots]:
+        """Return (rows,) since when states are known, and their age limits (ns), 0 for none.
+
+        By the oldest of stamp, receipt and transform. What is locked to a frame and was sent once
+        does not age itself, but its transform does.
+        """
+        table, most = self._table, int(self._limits.timeout * NANOSECONDS)
+        since = self._own_since()
+        limits = np.where(table.limit < 0, np.where(table.repeated, most, 0), table.limit)
+        if table.carried.any():
+            carried = table.carried > 0
+            alone = carried & table.locked & (limits == 0)
+            since = np.where(carried & ~alone, np.minimum(since, table.carried), since)
+            since = np.where(alone, table.carried, since)
+            limits = np.where(alone & (table.limit < 0), most, limits)
+        return since, limits
+
+    def _own_since(self) -> Slots:
+        """Return (rows,) since when states are known (ns), whatever placed them."""
+        stamps, received = self._table.world_stamp, self._table.world_received
+        older = self._states.by_stamp & (stamps > 0) & (stamps < received)
+        return np.where(older, stamps, received)
+
+    def keep_ages(self, shift: int) -> None:
+        """Keep ages that go by stamps, which mean nothing after a jump of the clock (ns)."""
+        table, since = self._table, self._own_since()
+        older = (since < table.world_received) & ((table.carried == 0) | (since < table.carried))
+        older &= ~table.has(WAITING) | (table.frame != 0)  # those have that of what they wait for
+        table.carried[older] = since[older]
+        carried = table.carried > 0
+        table.carried[carried] = np.maximum(table.carried[carried] + shift, 1)
 
     def _look_up(self) -> None:
         """Give new objects their limit, -1 for that of all, and their policy."""
@@ -284,10 +329,10 @@ class Staleness:
             if policy is not None:
                 table.policy[slot] = POLICIES.index(policy)
 
-    def _grow(self, now: int) -> Slots:
+    def _grow(self, ages: Slots) -> Slots:
         """Grow stale objects by what they can have moved, and others no longer.
 
-        Returns those that can have moved farther than their boxes grow.
+        ages: (rows,) of all states (ns). Returns those that can have moved farther than boxes grow.
         """
         table, limits = self._table, self._limits
         rows = np.flatnonzero(self._has(COLLIDE))
@@ -295,14 +340,8 @@ class Staleness:
             return rows
         back = np.setdiff1d(self._grown[table.has(LIVE, self._grown)], rows)
         self._scene.objects.grow(back, np.zeros(len(back)))
-        moved = np.maximum(table.speed[rows], limits.speed) * self._ages(rows, now)
+        seconds = np.maximum(ages[rows], 0) / NANOSECONDS
+        moved = np.maximum(table.speed[rows], limits.speed) * seconds
         self._scene.objects.grow(rows, np.minimum(np.nextafter(moved, np.inf), limits.reach))
         self._grown = rows
         return rows[moved > limits.reach]
-
-    def _ages(self, rows: Slots, now: int) -> Floats:
-        """Return how old (s) the states of objects are: by their stamps, if those are believed."""
-        stamps, received = self._table.world_stamp[rows], self._table.world_received[rows]
-        since = np.where(stamps > 0, np.minimum(stamps, received), received)
-        ages: Floats = np.maximum(now - since, 0) / NANOSECONDS
-        return ages

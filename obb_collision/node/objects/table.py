@@ -94,6 +94,7 @@ class ObjectTable:
     world_stamp: Slots  # stamp of the state that is in the scene; 0: none
     world_received: Slots  # when it came
     world_number: Slots  # its number
+    carried: Slots  # when the transform that placed it was true, if it was the latest; 0: none
     expiry: Slots
     seen: Mask  # a cycle has looked at it since its last marker
     locked: Mask  # frame_locked: placed anew every cycle

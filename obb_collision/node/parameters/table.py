@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from obb_collision._threads import MAX_THREADS
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.names import MAX_NAME_BYTES
+from obb_collision.node.objects.states import JUDGED_BY
 from obb_collision.node.objects.table import POLICIES
 from obb_collision.node.parameters.entries import (
     MAX_ROBOTS,
@@ -92,6 +93,11 @@ GENERAL = (
     Spec("object_timeout_overrides", [""], entry=_limit_from_text, most=MAX_OVERRIDES).means(
         "Age limits of some objects (s), from their first message on: 'person/*: 0.5' by name, "
         "pattern or group, 'person=0.5' by namespace. The last match counts. 0: never."
+    ),
+    Spec("judge_ages", JUDGED_BY[0], choices=JUDGED_BY).means(
+        "What ages go by. stamp_and_receipt: the older of a state's stamp and its receipt, and of "
+        "the transform that placed it. receipt: receipt only, for senders whose clocks are not the "
+        "node's, and for bags replayed without /clock."
     ),
     Spec("stale_policy", "unknown", choices=POLICIES).means(
         "What a stale object does. unknown: it collides at its last pose, and collision_status "

@@ -173,7 +173,7 @@ class CheckedRobot:
     def _base(self) -> Floats:
         """Return where the root link is (7,), in the fixed frame."""
         try:
-            return self._frames.base(self.given)
+            return self._frames.base(self.given)[0]
         except RefusedError as error:
             raise RefusedError(SCENE_NOT_KNOWN, error.detail) from error
 
@@ -205,17 +205,21 @@ class LinkFrames:
             return None
         return found[0]
 
-    def lookup(self, frame: str, stamp: int) -> Floats:
-        """Return the pose (7,) of a frame; RefusedError also while joints are not known."""
+    def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
+        """Return the pose (7,) of a frame, and its stamp; RefusedError also without joints.
+
+        The stamp of a link is that of its base: joints have ages of their own.
+        """
         found = self.find(frame) if stamp == 0 else None
         if found is None:
             return self._other(frame, stamp)
         robot, row = found
         if robot.fault:
             raise RefusedError(LINK_NOT_KNOWN, f"{frame!r}: {robot.fault}")
-        return compose_poses(self.base(robot), robot.link_poses[row])
+        base, at = self.base(robot)
+        return compose_poses(base, robot.link_poses[row]), at
 
-    def _other(self, frame: str, stamp: int) -> Floats:
+    def _other(self, frame: str, stamp: int) -> tuple[Floats, int]:
         try:
             return self._inner.lookup(frame, stamp)
         except RefusedError as error:
@@ -225,17 +229,20 @@ class LinkFrames:
                 raise RefusedError(LINK_NOT_KNOWN, f"{frame!r}: {robots[0].fault}") from error
             raise
 
-    def base(self, robot: RobotInput) -> Floats:
-        """Return where the root link is (7,), in the fixed frame; RefusedError if not known."""
+    def base(self, robot: RobotInput) -> tuple[Floats, int]:
+        """Return where the root link is (7,), in the fixed frame; RefusedError if not known.
+
+        And the stamp of the transform that says so, 0 for none.
+        """
         if robot.where is None:
             raise RefusedError(LINK_NOT_KNOWN, f"robot {robot.name}: no base")
         pose, frame = robot.where
         if frame in ("", self._fixed_frame):
-            return pose
-        found = self._inner.lookup(frame, 0)
+            return pose, 0
+        found, at = self._inner.lookup(frame, 0)
         if any(fault.any() for fault in pose_faults(found[None])):
             raise RefusedError(LINK_NOT_KNOWN, f"robot {robot.name}: bad pose of its base")
-        return compose_poses(found, pose)
+        return compose_poses(found, pose), at
 
 
 def find_attached(objects: Objects, frames: LinkFrames) -> dict[str, AttachedObjects]:

@@ -79,12 +79,13 @@ class Arrivals:
     """When the latest values of n things came.
 
     known: which have one; repeated: which had one before; bad: those whose latest one could not be
-    used; overdue: when it is no more a late one that came last (ns).
+    used; since: when they were true (ns), by which they age; overdue: when it is no more a late one
+    that came last (ns).
     """
 
     def __init__(self, count: int) -> None:
         self.known, self.bad, self.repeated = (np.zeros(count, np.bool_) for _ in range(3))
-        self.stamps, self.received = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self.stamps, self.received, self.since = (np.zeros(count, np.int64) for _ in range(3))
         self.overdue = np.full(count, NEVER)
 
     def find_late(self, rows: Rows, stamp: int, now: int, order_timeout: int) -> Mask:
@@ -94,15 +95,17 @@ class Arrivals:
         self.overdue[rows[late]] = self.received[rows[late]] + order_timeout // 2
         return late
 
-    def accept(self, rows: Rows, stamp: int, now: int) -> None:
+    def accept(self, rows: Rows, stamp: int, now: int, states: States) -> None:
         """Take note of values that can be used."""
         self.repeated[rows] |= self.known[rows]
         self.known[rows], self.bad[rows], self.received[rows] = True, False, now
         self.stamps[rows], self.overdue[rows] = stamp, NEVER
+        self.since[rows] = states.since(stamp, now)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
         self.received += shift
+        self.since += shift
         self.stamps[:] = 0
         self.overdue[:] = NEVER  # stamps may restart
 
@@ -170,7 +173,7 @@ class Joints(Arrivals):
         velocities[lacking] = self._differences(kept, positions, stamp, states)[lacking]
         self.unclear[kept] = unclear = np.isnan(velocities)
         self.positions[kept], self.velocities[kept] = positions, np.where(unclear, 0.0, velocities)
-        self.accept(kept, stamp, now)
+        self.accept(kept, stamp, now, states)
 
     def _checked_stamp(self, message: JointMessage, rows: Rows) -> int:
         """Return the stamp (ns); RefusedError for a message that is refused whole."""
@@ -244,7 +247,7 @@ class Joints(Arrivals):
 
     def fault(self, now: int, timeout: float) -> str:
         """Return why the joints are not known, "" if they are; timeout (s): 0 for none."""
-        old = self.known & (timeout > 0.0) & (now - self.received > timeout * NANOSECONDS)
+        old = self.known & (timeout > 0.0) & (now - self.since > timeout * NANOSECONDS)
         for rows, what in (
             (~self.known, "joints without a state"),
             (self.bad, "joints whose state was refused"),

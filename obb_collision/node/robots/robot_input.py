@@ -191,7 +191,8 @@ class RobotInput:
             if error.reason != OLDER:
                 self._base_refused = f"its latest pose was refused: {error.reason}"
             return
-        self._bases.accept(FIRST, stamp if stamp <= now + states.stamp_tolerance else 0, now)
+        stamp = stamp if stamp <= now + states.stamp_tolerance else 0
+        self._bases.accept(FIRST, stamp, now, states)
         self._base = unit_poses(message.pose[0]), message.header.frame_id
         self._base_refused, self._changed = "", True
 
@@ -245,11 +246,22 @@ class RobotInput:
             return self._base_refused or f"no base by {BY_TOPIC}"
         if self._bases.overdue[0] < now:
             return "its latest poses have older stamps"
+        is_old = self._is_old(int(self._bases.since[0]), now, bool(self._bases.repeated[0]))
+        return f"its base by {BY_TOPIC} is stale" if is_old else ""
+
+    def _is_old(self, since: int, now: int, repeated: bool) -> bool:
+        """Return whether what the base goes by is older (ns) than the age limit of its name."""
         limits = self._objects.staleness.limits
         own = limits.timeouts.value(self.name)
-        most = own if own is not None else limits.timeout if self._bases.repeated[0] else 0.0
-        old = 0.0 < most * NANOSECONDS < now - self._bases.received[0]
-        return f"no base by {BY_TOPIC} for longer than {most:g} s" if old else ""
+        most = own if own is not None else limits.timeout if repeated else 0.0
+        return 0.0 < most * NANOSECONDS < now - since
+
+    def transform_fault(self, stamp: int, now: int) -> str:
+        """Return why the transform of its base, of a stamp, says no more where it is, or ""."""
+        frame = "" if self.where is None else self.where[1]
+        since = self._objects.placement.latest.since(frame, stamp, now)
+        is_old = since > 0 and self._is_old(since, now, True)
+        return f"the transform of its base, of {frame!r}, is stale" if is_old else ""
 
     def _replace(self, robot: Robot) -> None:
         """Take a robot in place of the one before."""
@@ -322,7 +334,7 @@ class RobotInput:
         same, self.attached = attached.identity == self.attached.identity, attached
         if len(attached.slots) and not self.faults:
             assert self.links is not None
-            newest, received = self.links.joints.newest, self._objects.table.received
+            newest, received = self.links.joints.since.max(initial=0), self._objects.table.received
             received[attached.slots] = np.maximum(received[attached.slots], newest)
             self.links.set_twists(attached, self.link_poses)
         return not same

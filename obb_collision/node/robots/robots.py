@@ -216,7 +216,9 @@ class Robots:
             faults = dict(robot.faults)
             try:
                 if robot.where is not None:
-                    self._frames.base(robot)
+                    old = robot.transform_fault(self._frames.base(robot)[1], self._clock())
+                    if old:
+                        faults.setdefault(BASE, old)
             except RefusedError as error:
                 faults.setdefault(BASE, error.detail)
             slots = NOTHING.slots if robot.links is None else robot.links.slots

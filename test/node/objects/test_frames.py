@@ -44,7 +44,7 @@ from obb_collision.node.objects import frames as frames_of_node
 from obb_collision.node.objects import placement
 from obb_collision.node.objects.conditions import STALE, UNPLACED
 from obb_collision.node.objects.frames import EXTRAPOLATION
-from obb_collision.node.objects.states import State
+from obb_collision.node.objects.states import AgeLimits, State
 
 
 def test_without_tf2_the_node_says_so(monkeypatch: Patch) -> None:
@@ -76,6 +76,11 @@ class Buffer:
         stamp = cv.stamp_from_ros(transform.header.stamp)
         self._poses.setdefault(names, {})[stamp] = cv.transform_from_ros(transform.transform)
 
+    def set_transform_static(self, transform: TransformStamped, authority: str) -> None:
+        self.set_transform(transform, authority)
+        names = transform.header.frame_id, transform.child_frame_id
+        self._poses[names] = {0: cv.transform_from_ros(transform.transform)}
+
     def lookup_transform(self, target: str, source: str, time: Time) -> TransformStamped:
         poses = self._poses.get((target, source))
         if poses is None:
@@ -84,11 +89,12 @@ class Buffer:
             raise UNKNOWN_FRAME(f"{source!r} or {target!r} does not exist")
         stamps = sorted(poses)
         at = time.nanoseconds or stamps[-1]
-        if not stamps[0] <= at <= stamps[-1]:
+        if stamps != [0] and not stamps[0] <= at <= stamps[-1]:
             raise TOO_FAR(f"{at} is outside of {stamps[0]} to {stamps[-1]}")
         numbers = np.array([poses[stamp] for stamp in stamps])
         found = [np.interp(at, stamps, column) for column in numbers.T]
-        return TransformStamped(transform=cv.transform_to_ros(found))
+        header = Header(stamp=cv.stamp_to_ros(at))  # as tf2 does: the time for which it is
+        return TransformStamped(header=header, transform=cv.transform_to_ros(found))
 
 
 class TransformListener:
@@ -115,12 +121,15 @@ def tf2_ros(request: pytest.FixtureRequest, monkeypatch: Patch) -> Any:
     return STAND_IN
 
 
-def set_transform(rig: Rig, x: float, stamp: int, frame: str = "robot", of: str = FRAME) -> None:
+def set_transform(
+    rig: Rig, x: float, stamp: int, frame: str = "robot", of: str = FRAME, static: bool = False
+) -> None:
     """Give the node a transform of a frame, as tf2's listener does."""
     transform = TransformStamped(child_frame_id=frame, transform=cv.transform_to_ros(pose(x)))
     transform.header = Header(stamp=cv.stamp_to_ros(stamp), frame_id=of)
     frames: Any = rig.node.frames
-    frames.buffer.set_transform(transform, "test")
+    buffer = frames.buffer
+    (buffer.set_transform_static if static else buffer.set_transform)(transform, "test")
 
 
 def test_with_tf2_poses_are_placed_at_their_stamp_or_by_the_last_transform(tf2_ros: Any) -> None:
@@ -139,6 +148,22 @@ def test_with_tf2_poses_are_placed_at_their_stamp_or_by_the_last_transform(tf2_r
         set_transform(rig, 7.0, rig.stamp + 10_000_000)
         rig.cycles(2)
         assert rig.pose_of(B1)[0] == 3.5, "not locked: stays where it was placed"
+
+
+def test_with_tf2_the_latest_transform_has_its_stamp_and_static_ones_none(tf2_ros: Any) -> None:
+    with Rig(tf2=True) as rig:
+        set_transform(rig, 2.0, rig.stamp)
+        set_transform(rig, 4.0, rig.stamp + 2_000_000)
+        lookup = rig.node.frames.lookup
+        found = [lookup("robot", stamp) for stamp in (0, rig.stamp + 1_000_000)]
+        assert [place[0] for place, _ in found] == [4.0, 3.0]
+        assert [stamp - rig.stamp for _, stamp in found] == [2_000_000, 1_000_000]
+        set_transform(rig, 1.0, rig.stamp, "table", static=True)
+        assert lookup("table", 0)[1] == 0
+        if tf2_ros is not STAND_IN:  # chains: the oldest of all that are not static
+            set_transform(rig, 1.0, rig.stamp + 9_000_000, "hand", "robot")
+            set_transform(rig, 1.0, 0, "finger", "hand", static=True)
+            assert lookup("finger", 0)[1] == rig.stamp + 2_000_000
 
 
 def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_own_reasons(tf2_ros: Any) -> None:
@@ -270,6 +295,42 @@ def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> N
     assert rig.x() == place(rig.now)
 
 
+@each("by_stamp", [True, False])
+@each("locked", [True, False])
+@each("shift", [0, -100 * SECOND, 100 * SECOND])
+def test_what_the_latest_transform_places_is_as_old_as_that(
+    by_stamp: bool, locked: bool, shift: int
+) -> None:
+    """Sent once what is locked to its frame, again and again what has no stamp."""
+    rig = ObjectsRig(A1)
+    objects, frames = rig.objects, rig.frames
+    objects.staleness.limits = AgeLimits(0.5)
+    objects.states.by_stamp = objects.placement.latest.by_stamp = by_stamp
+
+    def run(seconds: float, is_live: bool) -> bool:
+        for _ in range(round(10 * seconds)):
+            rig.now += SECOND // 10
+            if is_live:
+                ahead = 0 if by_stamp else 1000 * SECOND  # as the clock of the sender
+                frames.spans["robot"] = 0, rig.now + ahead
+            if not (locked and objects.table.locked.any()):
+                rig.send(0, "robot")
+                if locked:
+                    objects.states.lock(rig.slots)
+            rig.cycle()
+        return bool(objects.table.has(STALE, rig.slots[0]))
+
+    assert not run(2.0, is_live=True)
+    assert not run(0.5, is_live=False)
+    rig.now += shift
+    objects.clock_jumped(shift)
+    assert run(0.1, is_live=False)
+    assert not run(0.1, is_live=True)
+    del frames.spans["robot"]
+    frames.known["robot"] = pose(0.0)
+    assert not run(2.0, is_live=False), "static"
+
+
 @settings(max_examples=8)
 @given(st.integers(300, 9000), st.integers(1, 50), st.integers(0, 2**32))
 def test_few_states_wait_for_a_transform_and_all_follow(lag: int, every: int, seed: int) -> None:
@@ -330,13 +391,13 @@ def test_many_stamps_of_a_late_frame_take_few_look_ups() -> None:
 
 def test_a_transform_or_a_place_that_is_no_number_is_refused() -> None:
     rig = ObjectsRig(A1)
-    rig.frames.lookup = lambda frame, stamp: np.zeros(7)  # type: ignore[method-assign]
+    rig.frames.lookup = lambda frame, stamp: (np.zeros(7), stamp)  # type: ignore[method-assign]
     rig.send(START + 1, "robot")
     rig.now += SECOND
     rig.cycle()
     assert rig.refused == {("object_states", "bad transform"): 1}
     huge = np.array([-1e300, 0, 0, 0, 0, 0, 1.0])
-    rig.frames.lookup = lambda frame, stamp: huge  # type: ignore[method-assign]
+    rig.frames.lookup = lambda frame, stamp: (huge, stamp)  # type: ignore[method-assign]
     far = np.array([[-1e300, 0, 0, 0, 0, 0, 1.0]])
     rig.objects.states.store(rig.slots, far, State("robot", START + 2, rig.now, "object_states"))
     rig.now += SECOND

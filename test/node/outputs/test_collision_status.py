@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from rclpy.duration import Duration as Seconds
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from rig import A1, A2, B1, FRAME, OUTPUTS, STATUS, FakeFrames, Patch, Rig, cube, pose
+from rig import A1, A2, B1, FRAME, OUTPUTS, POSES, STATUS, FakeFrames, Patch, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
@@ -202,6 +203,27 @@ TABLE: dict[str, tuple[dict[str, Any], Step, tuple[str, str], Step]] = {
         ("late_frame", "a/1"),
         lambda rig: rig.send_transform("a/1", pose(0)),
     ),
+    **{
+        f"old by its stamp, by {topic}": (
+            {"object_timeout_overrides": ["a/1: 1000"]},
+            partial(Rig.send_by, topic=topic, poses={A1: pose(0.0)}),
+            ("stale", "a/1"),
+            lambda rig: rig.set(judge_ages="receipt"),
+        )
+        for topic in POSES
+    },
+    "a box that is old by its stamp": (
+        {"object_timeout_overrides": ["boxes/*: 1000"]},
+        lambda rig: rig.send_boxes([1], [pose(9.0)]),
+        ("stale", "boxes/1"),
+        lambda rig: rig.set(judge_ages="receipt"),
+    ),
+    "followed the transform of a frame that has died": (
+        {"object_timeout": 1000.0, "object_timeout_overrides": ["boxes/*: 1000"]},
+        lambda rig: followers(rig, rig.stamp),
+        ("stale", "b/1, boxes/1"),
+        lambda rig: followers(rig, rig.now()),
+    ),
     "deleted and added with each message": (
         {"object_timeout": 0.2},
         lambda rig: rig.send(Marker(action=Marker.DELETEALL), *APART),
@@ -209,6 +231,18 @@ TABLE: dict[str, tuple[dict[str, Any], Step, tuple[str, str], Step]] = {
         lambda rig: rig.set(object_timeout=0.0),
     ),
 }
+
+
+def followers(rig: Rig, latest: int) -> None:
+    """Send what is placed by the latest transform of a frame: once what follows it, and a set."""
+    frames: Any = rig.node.frames
+    frames.spans["robot"] = 0, latest
+    slots = rig.node.objects.table.slots
+    if B1 not in slots:
+        rig.send(cube(B1, (5, 0, 0), frame="robot", frame_locked=True))
+        rig.until(lambda: B1 in slots, "an object")
+    message = boxes_to_ros([1], [pose(9.0)], np.ones((1, 3)), header=Header(frame_id="robot"))
+    rig.pubs["object_boxes"].publish(message)
 
 
 @each("name", TABLE)

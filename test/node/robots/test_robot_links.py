@@ -106,6 +106,31 @@ def test_a_base_by_tf_is_not_known_without_its_transform(base: list[str]) -> Non
         np.testing.assert_allclose(rig.pose_of(HAND), pose(4.0, 0.0, 0.5), atol=1e-12)
 
 
+@each("base", [["arm: base"], ["arm: object_transform"]])
+def test_a_robot_is_as_old_as_its_stamps_and_the_transform_of_its_base(base: list[str]) -> None:
+    """Joints and base keep coming; the stamps of the rig, and the transform, are of 1970."""
+    frames, given = FakeFrames(), {"robot_bases": base, "judge_ages": "receipt"}
+    frames.spans["base"] = 0, 2**62
+    with RobotRig(given, frames=frames) as rig:
+        rig.describe()
+        rig.send_transform("arm", pose(0.0))
+        rig.start_robot()
+        rig.known()
+        rig.set(judge_ages="stamp_and_receipt", joint_timeout=1000.0)
+        rig.send_transform("arm", pose(0.0))
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.known("joint_unknown", "arm (joints with a stale state: lift, turn)")
+        rig.set(joint_timeout=0.0, object_timeout_overrides=["arm: 1000"])
+        frames.spans["base"] = 0, rig.stamp
+        rig.known("base_unknown", "base")
+        assert rig.ends.checked._node.evidence.not_known(), "nor of states to check"
+        rig.set(judge_ages="receipt")
+        frames.spans["base"] = 0, 2**62
+        rig.send_transform("arm", pose(0.0))
+        rig.move()
+        rig.known()
+
+
 def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
     with RobotRig() as rig:
         rig.known("robot_unknown", "arm (no robot_description)")
