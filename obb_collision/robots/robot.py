@@ -99,7 +99,8 @@ class Robot:
     virtual_joint : VirtualJoint or None
         How the SRDF says that the robot stands in the world.
     doubts : tuple of str
-        What is odd but was used, one line each: names that the robot does not have, for example.
+        What is odd but was used, one line each: names that the robot does not have, geometries
+        without extent, limits and prefixes that count as none.
 
     Examples
     --------
@@ -196,7 +197,8 @@ class Robot:
         check_kind(urdf, str, "urdf", bytes, PathLike)
         data, file, path = read_source(urdf, "urdf")
         source = MeshSource(path, package_dirs, read_mesh)
-        description = read_urdf(parse(data, file), source)
+        doubts: list[str] = []
+        description = read_urdf(parse(data, file, doubts), source, doubts)
         root, joints = ordered_joints(description)
         for joint in joints:
             driven(joint, description.joints)

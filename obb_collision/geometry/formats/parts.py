@@ -34,6 +34,8 @@ MOST_VERTICES = 3
 MOST_NODES = 1_000_000
 #: Maximum levels of nodes below one another.
 MOST_LEVELS = 200
+#: Why a file is refused that is whole, but shows nothing.
+NOTHING = "it has no triangles"
 #: Characters of numbers, with the one between them.
 PLAIN, DIGITS = b"0123456789+-.eE,", b"0123456789 \t\n"
 NO_FACES: Triangles = np.empty((0, 3), np.int64)
@@ -41,6 +43,15 @@ NO_FACES: Triangles = np.empty((0, 3), np.int64)
 
 class TooManyError(ValueError):
     """A mesh has more triangles than the limit."""
+
+
+class EmptyMeshError(ValueError):
+    """A mesh has no triangles and no points."""
+
+
+def is_empty(error: ValueError) -> bool:
+    """Return whether an error, also one of the process that builds, says that a mesh is empty."""
+    return isinstance(error, EmptyMeshError) or str(error).endswith(NOTHING)
 
 
 def check_triangles(count: int, most: int) -> None:

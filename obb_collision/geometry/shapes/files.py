@@ -37,7 +37,15 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 from obb_collision.geometry.formats import dae, gltf, obj, off, ply, stl
-from obb_collision.geometry.formats.parts import SHOWN, Parts, TooManyError, Triangles, shortened
+from obb_collision.geometry.formats.parts import (
+    NOTHING,
+    SHOWN,
+    EmptyMeshError,
+    Parts,
+    TooManyError,
+    Triangles,
+    shortened,
+)
 from obb_collision.typing import Floats
 
 #: Identifies a state of a file: time of modification (ns) and size (bytes).
@@ -171,7 +179,10 @@ def read_mesh(
     parts = Parts(most_triangles)
     try:
         unit = READERS[kind](data, parts)
-        return parts.joined(1.0 if unit is None else unit)
+        vertices, faces = parts.joined(1.0 if unit is None else unit)
+        if not len(vertices):
+            raise EmptyMeshError(NOTHING)
+        return vertices, faces
     except (MemoryError, TooManyError):
         raise
     except ValueError as error:
@@ -242,10 +253,11 @@ class MeshFolders:
 NO_FOLDERS = MeshFolders()
 
 
-def allowed_path(path: Path, chosen: Iterable[str | Path]) -> Path:
+def allowed_path(path: Path, chosen: Iterable[str | Path], option: str = "mesh_folders") -> Path:
     """Return where a path leads; ValueError unless that is in an allowed folder.
 
-    chosen: the folders that are allowed besides the share folders of installed packages.
+    chosen: the folders that are allowed besides the share folders of installed packages; option:
+    what these are called where they are given.
     """
     try:
         real = Path(os.path.realpath(path))
@@ -260,7 +272,7 @@ def allowed_path(path: Path, chosen: Iterable[str | Path]) -> Path:
     leads = "" if real == path else f" leads to {shortened(str(real))}, which"
     raise ValueError(
         f"it{leads} is in no folder from which meshes are read: the shares of installed packages "
-        "and mesh_folders"
+        f"and {option}"
     )
 
 

@@ -187,6 +187,7 @@ def gather(parts: Sequence[Items], received: Sequence[int]) -> Batch:
     times = np.asarray(received, np.int64)[part]
     numbers = np.concatenate([part.numbers for part in parts])
     head, body, stamp = numbers["head"], numbers["body"], numbers["stamp"]
+    counts = np.concatenate([part.of("points")[:, 1] for part in parts])
     lifetime = _nanoseconds(body["lifetime"])
     lives = lifetime > SHORTEST_LIFETIME
     legal = (stamp["sec"] >= 0) & (stamp["nanosec"] < NANOSECONDS)
@@ -201,11 +202,19 @@ def gather(parts: Sequence[Items], received: Sequence[int]) -> Batch:
         type=head["type"].astype(np.int64),
         action=head["action"].astype(np.int64),
         locked=body["locked"] != 0,
-        poses=body["pose"].astype(np.float64),
+        poses=_poses(numbers, counts),
         scales=body["scale"].astype(np.float64),
         ns=_names(parts, "ns", "namespace"),
         frame=_names(parts, "frame", "frame"),
     )
+
+
+def _poses(numbers: npt.NDArray[Any], points: Rows) -> Floats:
+    """Return poses (n, 7); an arrow between points needs no quaternion, as in RViz."""
+    poses: Floats = numbers["body"]["pose"].astype(np.float64)
+    is_between = (numbers["head"]["type"] == Marker.ARROW) & (points > 1)
+    poses[is_between & ~poses[:, 3:].any(axis=1), 6] = 1.0
+    return poses
 
 
 def _nanoseconds(times: npt.NDArray[Any]) -> Rows:

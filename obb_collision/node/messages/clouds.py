@@ -74,6 +74,8 @@ def cloud_from_ros(
     if width * height == 0:
         return np.zeros(0, dtype)
     rows, size = int(message.row_step) or width * step, len(message.data)
+    if height > 1 and rows == size == height * width * step:
+        rows = width * step  # some say so of the whole cloud; RViz reads point after point
     # Rows that overlap would make far more points than there are bytes.
     if step == 0 or rows < width * step or size < (height - 1) * rows + width * step:
         raise RefusedError(

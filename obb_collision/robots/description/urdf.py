@@ -21,7 +21,7 @@ read from their files, and origins become poses.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.formats.parts import shortened
+from obb_collision.geometry.formats.parts import EmptyMeshError, is_empty, shortened
 from obb_collision.geometry.poses import IDENTITY, Pose, quaternion_from_rpy
 from obb_collision.geometry.shapes.files import (
     PACKAGE,
@@ -134,6 +134,7 @@ class MeshSource:
         if not callable(self._read):
             raise TypeError(f"read_mesh must be callable, got {shown(read)}")
         self._folders = _mesh_folders(package_dirs)
+        self._option = "mesh_folders" if isinstance(package_dirs, MeshFolders) else "package_dirs"
         self._folder = None if file is None else file.absolute().parent
         self._found: dict[tuple[str, Triple], Mesh] = {}
 
@@ -148,12 +149,14 @@ class MeshSource:
         x, y, z = (abs(part) for part in scale)
         path, own = self._path(name)
         try:
-            mesh = self._read(allowed_path(path, (*self._folders.chosen, *own)), (x, y, z))
+            allowed = allowed_path(path, (*self._folders.chosen, *own), self._option)
+            mesh = self._read(allowed, (x, y, z))
         except ValueError as error:
             reason = str(error)
-            raise ValueError(
+            named = (
                 reason if "mesh file" in reason else f"mesh file {shortened(str(path))}: {reason}"
-            ) from error
+            )
+            raise (EmptyMeshError if is_empty(error) else ValueError)(named) from error
         signs = np.sign(scale)
         if (signs > 0.0).all():
             return mesh
@@ -181,7 +184,7 @@ class MeshSource:
                 if above.name == package:  # the URDF's own package, which is not installed
                     return above / inside, [*own, above]
             raise ValueError(
-                f"mesh file {shortened(name)}: package {package!r} is in none of package_dirs, "
+                f"mesh file {shortened(name)}: package {package!r} is in none of {self._option}, "
                 f"not installed, and not the URDF's own ({shortened(str(error))})"
             ) from None
 
@@ -201,8 +204,11 @@ def _mesh_folders(given: Any) -> MeshFolders:
     return MeshFolders(tuple(folders), named)
 
 
-def read_urdf(robot: Element, source: MeshSource) -> Description:
-    """Return what a URDF says; RobotError naming file, line and element."""
+def read_urdf(robot: Element, source: MeshSource, doubts: list[str]) -> Description:
+    """Return what a URDF says; RobotError naming file, line and element.
+
+    doubts: what is odd in its XML; what is odd in it is added.
+    """
     if robot.tag != "robot":
         raise robot.refuse("the root of a URDF is <robot>")
     elements = limited(robot.children("link"), MOST_LINKS, "links")
@@ -213,26 +219,34 @@ def read_urdf(robot: Element, source: MeshSource) -> Description:
         raise robot.refuse("there are no links")
     joints: dict[str, Joint] = {}
     for name, element in named(robot.children("joint"), "joint").items():
-        joints[name] = joint = _read_joint(name, element)
+        joints[name] = joint = _read_joint(name, element, doubts)
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
                 raise element.refuse(f"its {role} {link!r} is no link of this robot")
-    doubts = []
     for joint in joints.values():
         if joint.mimic is not None and joint.mimic.joint not in joints:  # as MoveIt does
             reason = f"it mimics {joint.mimic.joint!r}, which is no joint: it moves by itself"
             doubts.append(str(joint.element.refuse(reason)))
             joints[joint.name] = replace(joint, mimic=None)
     shapes = {  # last, as meshes are read from files
-        name: tuple(_read_collision(each, source) for each in element.children("collision"))
-        for name, element in links.items()
+        name: tuple(_read_collisions(element, source, doubts)) for name, element in links.items()
     }
     if not any(shapes.values()):
         doubts.append(str(robot.refuse("no link has a <collision>: nothing collides with it")))
     return Description(robot.word("name"), shapes, joints, robot, tuple(doubts))
 
 
+def _read_collisions(link: Element, source: MeshSource, doubts: list[str]) -> Iterator[PlacedShape]:
+    """Yield the shapes of a link; what has no extent is a doubt."""
+    for element in link.children("collision"):
+        try:
+            yield _read_collision(element, source)
+        except _NothingError as error:
+            doubts.append(str(error))
+
+
 def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
+    """Return the shape of an element; _NothingError where it has no extent."""
     geometry = element.needed("geometry")
     found = geometry.children(*GEOMETRIES)
     if len(found) != 1:
@@ -244,6 +258,8 @@ def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
         _ = shape.local_box
     except RobotError:
         raise
+    except EmptyMeshError as error:
+        raise _nothing(shaped, str(error)) from error
     except ValueError as error:
         raise shaped.refuse(str(error)) from error
     except MemoryError as error:
@@ -251,10 +267,21 @@ def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
     return shape, _read_origin(element)
 
 
+class _NothingError(RobotError):
+    """A geometry that has no extent, and is left out."""
+
+
+def _nothing(element: Element, reason: str) -> _NothingError:
+    error = element.refuse(f"{reason}: it is left out")
+    return _NothingError(error.file, error.line, error.element, error.reason)
+
+
 def _primitive(element: Element) -> Shape:
     if element.tag == "box":
         return Box(element.numbers("size", 3))
     radius = element.number("radius")
+    if radius == 0.0:
+        raise _nothing(element, "its radius is 0")
     if element.tag == "sphere":
         return Sphere(radius)
     length = element.number("length")
@@ -269,9 +296,9 @@ def _mesh(element: Element, source: MeshSource) -> Shape:
     return source.mesh(name, (x, y, z))
 
 
-def _read_joint(name: str, element: Element) -> Joint:
+def _read_joint(name: str, element: Element, doubts: list[str]) -> Joint:
     kind = element.choice("type", KINDS)
-    limits = _read_limits(element, kind)
+    limits = _read_limits(element, kind, doubts)
     parent, child = (element.needed(role).word("link") for role in ("parent", "child"))
     place = _read_origin(element), _read_axis(element, kind)
     mimic = _read_mimic(element, kind)
@@ -300,7 +327,9 @@ def _read_axis(element: Element, kind: JointKind) -> Triple | None:
     return x / length, y / length, z / length
 
 
-def _read_limits(element: Element, kind: JointKind) -> tuple[float, float, float]:
+def _read_limits(
+    element: Element, kind: JointKind, doubts: list[str]
+) -> tuple[float, float, float]:
     limit = element.child("limit")
     bounded = kind in (JointKind.REVOLUTE, JointKind.PRISMATIC)
     if limit is None:
@@ -309,12 +338,17 @@ def _read_limits(element: Element, kind: JointKind) -> tuple[float, float, float
         return -math.inf, math.inf, math.inf
     velocity = limit.number("velocity", math.inf)
     if velocity < 0.0:
-        raise limit.refuse(f"its velocity must not be negative, got {velocity}")
-    if not bounded:
-        return -math.inf, math.inf, velocity
+        doubts.append(str(limit.refuse(f"its velocity {velocity} is negative: it counts as none")))
+        velocity = math.inf
     lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
     if lower > upper:
-        raise limit.refuse(f"its lower {lower} exceeds its upper {upper}")
+        wrong = f"its lower {lower} exceeds its upper {upper}"
+        if bounded:
+            raise limit.refuse(f"{wrong}: exchange them")
+        kept = f"{wrong}: a {kind.name.lower()} joint has no limits"
+        doubts.append(str(limit.refuse(kept)))
+    if not bounded:
+        return -math.inf, math.inf, velocity
     return lower, upper, velocity
 
 

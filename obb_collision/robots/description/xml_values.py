@@ -45,7 +45,10 @@ PORTION = 1 << 14
 #: The declaration of a text that is decoded already says nothing of use.
 DECLARATION = re.compile(r"\A\s*<\?xml[^>]*\?>")
 #: The namespace of files that are to become XML by the program xacro.
-XACRO = "ros.org/wiki/xacro"
+XACRO, XACRO_PREFIX = "ros.org/wiki/xacro", "xacro:"
+#: Maximum number of prefixes without a declaration that are named.
+MOST_PREFIXES = 100
+PREFIX = re.compile(r"Namespace prefix (\S+)")
 
 
 class RobotError(ValueError):
@@ -201,8 +204,11 @@ def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, 
         raise RobotError(shortened(str(source)), 0, what, str(error)) from None
 
 
-def parse(data: bytes, file: str) -> Element:
-    """Return the root of XML; RobotError where it is none, or exceeds a limit."""
+def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
+    """Return the root of XML; RobotError where it is none, or exceeds a limit.
+
+    Prefixes that are not declared, which parsers of ROS do not know, are added to ``doubts``.
+    """
     from lxml import etree  # here, as what needs no robots need not load it
 
     if len(data) > LARGEST:
@@ -214,6 +220,7 @@ def parse(data: bytes, file: str) -> Element:
         load_dtd=False,
         dtd_validation=False,
         huge_tree=False,
+        recover=True,  # what is more than a prefix without a declaration is raised below
         remove_comments=True,
         remove_pis=True,
     )
@@ -224,6 +231,7 @@ def parse(data: bytes, file: str) -> Element:
                 parser.feed(data[first : first + PORTION])
             else:
                 root = parser.close()
+            _check_errors(parser.feed_error_log, file)
             for event, node in parser.read_events():
                 level += 1 if event == "start" else -1
                 count += event == "start"
@@ -233,7 +241,26 @@ def parse(data: bytes, file: str) -> Element:
     except etree.XMLSyntaxError as error:
         reason = f"no XML: {shortened(str(error.msg))}"
         raise RobotError(file, int(error.lineno or 0), "", reason) from None
+    if root is None:
+        raise RobotError(file, 1, "", "no XML: there is no element")
+    found = {PREFIX.match(entry.message): entry.line for entry in parser.feed_error_log}
+    named = {prefix[1]: line for prefix, line in reversed(found.items()) if prefix}
+    if doubts is not None:
+        doubts += [
+            str(RobotError(file, line, "", f"the prefix {shown(prefix)} is not declared"))
+            for prefix, line in [*named.items()][::-1][:MOST_PREFIXES]
+        ]
     return Element(root, file)
+
+
+def _check_errors(log: Any, file: str) -> None:
+    """Raise RobotError for an error that is more than a prefix without a declaration."""
+    from lxml import etree
+
+    harmless = etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE
+    for entry in log:
+        if entry.type != harmless and entry.level >= etree.ErrorLevels.ERROR:
+            raise RobotError(file, entry.line, "", f"no XML: {shortened(entry.message)}")
 
 
 def _excess(node: Any, count: int, level: int) -> str:
@@ -244,4 +271,5 @@ def _excess(node: Any, count: int, level: int) -> str:
         return f"nested too deeply, more than {MOST_LEVELS} levels"
     if count > MOST_ELEMENTS:
         return f"there are more than {MOST_ELEMENTS} elements"
-    return "this is a xacro file: run xacro on it first" if XACRO in str(node.tag) else ""
+    is_xacro = XACRO in str(node.tag) or str(node.tag).startswith(XACRO_PREFIX)
+    return "this is a xacro file: run xacro on it first" if is_xacro else ""

@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 import trimesh
 from each import each
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Point, Twist
 from objects_rig import BOX, levels, mesh_marker, triangle
 from rig import A1, A2, B1, POSES, Patch, Printed, Rig, cube, pose, sync
 from robot_rig import URDF, RobotRig
@@ -93,6 +93,17 @@ def test_a_bad_marker_is_refused_alone(rig: Rig, reason: str, fields: dict[str, 
     assert sync(rig) == {("a/1", "a/2")}, "the last good box stays"
     rig.refuses("objects", {reason: 2})
     assert rig.is_doubtful(A1)
+
+
+def test_an_arrow_between_points_needs_no_quaternion(rig: Rig) -> None:
+    points = [Point(x=-1.0), Point(x=1.0)]
+    arrow = cube(A1, size=(0.1, 0.2, 0), type=Marker.ARROW, points=points)
+    arrow.pose.orientation.w = 0.0
+    rig.send(arrow, cube(A2))
+    assert rig.pairs() == {("a/1", "a/2")}
+    arrow.points = []
+    rig.send(arrow)
+    rig.refuses("objects", {"zero quaternion": 1})
 
 
 def test_annotations_are_counted_as_refused_and_no_objects_that_are_not_checked(rig: Rig) -> None:

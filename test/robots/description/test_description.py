@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import re
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,10 @@ import numpy as np
 import pytest
 import trimesh
 from small_robots import LIMIT, joint, link, urdf
+from support import refused
 
 import obb_collision as oc
+from obb_collision.geometry.shapes import MeshFolders
 from obb_collision.robots.description import RobotError, xml_values
 
 SMALL = urdf(
@@ -349,7 +352,6 @@ BAD = [
     (bad_joint('<axis xyz="0 0 0"/>' + LIMIT), 4, "axis of joint 'j'", "zero"),
     (bad_joint(""), 4, "joint 'j'", "<limit> is missing"),
     (bad_joint('<limit lower="2" upper="1"/>'), 4, "limit of joint 'j'", "exceeds its upper 1.0"),
-    (bad_joint('<limit velocity="-1"/>'), 4, "limit of joint 'j'", "not be negative"),
     (bad_joint('<limit lower="nan"/>'), 4, "limit of joint 'j'", "its lower must be of finite num"),
     (bad_joint('<origin xyz="0 inf 0"/>' + LIMIT), 4, "origin of joint 'j'", "finite"),
     (bad_joint('<origin xyz="0 1e301 0"/>' + LIMIT), 4, "origin of joint 'j'", "up to 1e\\+300"),
@@ -365,7 +367,7 @@ BAD = [
     (urdf('<link name="a"><collision/></link>'), 2, "collision of link 'a'", "<geometry> is miss"),
     (urdf(link("a", "")), 2, "geometry of collision", "got none"),
     (urdf(link("a", '<sphere radius="1"/><sphere radius="1"/>')), 2, "geometry", "got 2"),
-    (urdf(link("a", '<sphere radius="0"/>')), 2, "sphere", "radius must be positive"),
+    (urdf(link("a", '<sphere radius="-1"/>')), 2, "sphere", "radius must be positive"),
     (urdf(link("a", "<sphere/>")), 2, "sphere", "its radius is missing"),
     (urdf(link("a", '<box size="1 -1 1"/>')), 2, "box", "size must not be negative"),
     (urdf(link("a", "<box/>")), 2, "box", "its size is missing"),
@@ -398,6 +400,41 @@ def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
     bad("srdf: it is no regular file", urdf(A), tmp_path)
 
 
+EMPTY = "solid part\nendsolid part\n"
+ODD_LIMIT = '<limit lower="2" upper="1" velocity="{}"/>'
+#: What ROS reads, and why it is a doubt.
+ODD = {
+    urdf(link("a", '<sphere radius="0"/>')): "urdf:2: sphere of .*: its radius is 0: it is left",
+    urdf(link("a", '<cylinder radius="0" length="1"/>')): "its radius is 0: it is left out",
+    mesh("package://bot/meshes/empty.stl"): "empty.stl: it has no triangles: it is",
+    bad_joint('<limit velocity="-1"/>'): "its velocity -1.0 is negative: it counts",
+    bad_joint(ODD_LIMIT.format(1), "continuous"): "2.0 exceeds .*: a continuous joint has",
+    bad_joint(ODD_LIMIT.format(1), "fixed"): "lower 2.0 exceeds .*: a fixed joint has",
+    urdf(A, '<sensor:camera name="c"/>', "<gazebo sensor:x='1'/>"): "3: the prefix .sensor. is not",
+}
+
+
+def test_what_ros_reads_is_used_and_named(package: Path) -> None:
+    (package / "meshes" / "empty.stl").write_text(EMPTY)
+    for text, reason in ODD.items():
+        robot = oc.Robot.from_urdf(text, package_dirs={"bot": package})
+        assert re.search(reason, robot.doubts[0]), robot.doubts
+        assert not robot.shapes[0]
+        assert np.isinf(robot.velocity_limits).all() or "exceeds" in reason
+    refused(
+        r"empty\.stl: it has no triangles$", oc.shapes.Mesh.from_file, package / "meshes/empty.stl"
+    )
+
+
+def test_folders_of_meshes_have_the_name_that_the_call_has(package: Path) -> None:
+    text = mesh(f"file://{package}/meshes/box.stl")
+    bad("shares of installed packages and package_dirs$", text)
+    bad("shares of installed packages and mesh_folders$", text, package_dirs=MeshFolders(("/opt",)))
+    other = mesh("package://other/box.stl")
+    bad("'other' is in none of package_dirs", other)
+    bad("'other' is in none of mesh_folders", other, package_dirs=MeshFolders(("/opt",)))
+
+
 def test_a_joint_that_mimics_nothing_moves_by_itself_and_is_named() -> None:
     robot = oc.Robot.from_urdf(bad_joint(MIMIC + LIMIT))
     assert robot.joint_names == ("j",)
@@ -413,6 +450,8 @@ HOSTILE = {
     "parameter": ENTITY.format('% a SYSTEM "file:///etc/passwd"> %a;<!ENTITY b "c"', "a"),
     "document type": '<!DOCTYPE robot SYSTEM "http://127.0.0.1:9/x.dtd">' + urdf(A),
     "laughs": f'<!DOCTYPE r [<!ENTITY l0 "lol">{LAUGHS}]>\n' + urdf('<link name="&l12;"/>'),
+    "xacro without its namespace": urdf("<xacro:macro/>"),
+    "a prefix, and no end": urdf("<a:b/>", "<c>"),
     "unknown entity": urdf('<link name="&a;"/>'),
     "deep": urdf(A, "<x>" * 61 + "</x>" * 61),
     "very deep": urdf(A, "<x>" * 100_000),
