@@ -302,6 +302,7 @@ def _run_view(
 
     from obb_collision.demo.listener import Listener
     from obb_collision.demo.scene import DemoScene
+    from obb_collision.demo.status import publishers_of_status
     from obb_collision.demo.view import LiveView
 
     scene = DemoScene(*options.scene) if options.scene else None
@@ -326,5 +327,7 @@ def _run_view(
             if listener.boxes.stamp < 0 and monotonic() > limit:
                 limit = inf
                 topic = listener.resolve_topic_name(f"{name}/markers")
-                say(f"nothing received on {topic} yet: is {options.node} running?")
+                nodes = ", ".join(filter(None, sorted(publishers_of_status(listener))))
+                can = f"nodes that run: {nodes}" if nodes else "no collision node is seen"
+                say(f"nothing received on {topic} yet; {can}")
     return 0

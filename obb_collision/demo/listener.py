@@ -21,7 +21,8 @@ ones, for the picture.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -40,7 +41,7 @@ from obb_collision import node
 from obb_collision.accuracy import Accuracy
 from obb_collision.demo.status import Status
 from obb_collision.node import collisions_from_ros, named_pairs
-from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.messages.box_markers import COLLIDING, COLORS, DOUBTFUL
 from obb_collision.node.messages.cdr import markers_from_bytes
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
@@ -215,22 +216,24 @@ Color = tuple[float, float, float]
 
 
 class MarkerBoxes(NamedTuple):
-    """Boxes of n objects: names, poses (n, 7), edge lengths (n, 3), stale or refused ones (n,).
+    """Boxes of n objects: names, poses (n, 7), edge lengths (n, 3), and states by colour.
 
-    lines: ends (2 k, 3) and colour, where the node draws edges and not boxes. frame, stamp (ns): of
-    the message, "" and -1 before the first one.
+    colliding, and doubtful: stale or refused (n,). lines: ends (2 k, 3) and colour, where the node
+    draws edges and not boxes. frame, stamp (ns): of the message, "" and -1 before the first one.
     """
 
     names: list[str]
     poses: Floats
     sizes: Floats
+    colliding: npt.NDArray[np.bool_]
     doubtful: npt.NDArray[np.bool_]
     lines: list[tuple[Floats, Color]]
     frame: str
     stamp: int
 
 
-NO_BOXES = MarkerBoxes([], np.empty((0, 7)), np.empty((0, 3)), np.empty(0, np.bool_), [], "", -1)
+NONE = np.empty(0, np.bool_)
+NO_BOXES = MarkerBoxes([], np.empty((0, 7)), np.empty((0, 3)), NONE, NONE, [], "", -1)
 
 
 def boxes_from_bytes(data: bytes) -> MarkerBoxes:
@@ -245,15 +248,66 @@ def boxes_from_bytes(data: bytes) -> MarkerBoxes:
     cubes = np.flatnonzero(added & (head["type"] == Marker.CUBE))
     lines = np.flatnonzero(added & (head["type"] == Marker.LINE_LIST)).tolist()
     namespaces = [markers.text("ns", row).decode(errors="replace") for row in cubes.tolist()]
+    colliding, doubtful = (
+        np.abs(colors[cubes] - COLORS[state][:3]).max(axis=1, initial=0.0) < 1e-3
+        for state in (COLLIDING, DOUBTFUL)
+    )
     return MarkerBoxes(
         list(map(name_from_key, zip(namespaces, head["id"][cubes].tolist(), strict=True))),
         body["pose"][cubes],
         body["scale"][cubes],
-        np.abs(colors[cubes] - COLORS[DOUBTFUL][:3]).max(axis=1, initial=0.0) < 1e-3,
+        colliding,
+        doubtful,
         [(markers.points("points", row), tuple(colors[row].tolist())) for row in lines],
         markers.text("frame", 0).decode(errors="replace"),
         int((stamps["sec"].astype(np.int64) * NANOSECONDS + stamps["nanosec"]).max()),
     )
+
+
+#: Messages of a topic that are kept until those of others with their stamps have come; and how much
+#: older (ns) the last one is of a topic that is not sent any more.
+KEPT, STILL = 32, NANOSECONDS
+
+
+class Pairs(NamedTuple):
+    """A message of ``collisions``: its rows, and their places (n, 3), m.
+
+    by_box: names of the objects of pairs that their boxes decided.
+    """
+
+    rows: list[node.NamedPair]
+    places: Floats
+    by_box: frozenset[str]
+
+
+NO_PAIRS = Pairs([], np.empty((0, 3)), frozenset())
+
+
+class Cycle(NamedTuple):
+    """What a node published of one cycle, and no message of another one.
+
+    status: its level is that of the pairs, their number is theirs. effects: rows by effect. points
+    and the rows about them are of one cloud. at: when all of it had come (s of the steady clock).
+    """
+
+    boxes: MarkerBoxes
+    pairs: Pairs
+    effects: Mapping[str, list[Any]]
+    robots: set[str]
+    points: Floats
+    status: Status
+    at: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether colours, pairs and level say the same of what collides: stamps may be equal."""
+        boxes, listed = self.boxes, {name for row in self.pairs.rows for name in row[:2]}
+        red = {boxes.names[row] for row in np.flatnonzero(boxes.colliding)}
+        if boxes.names and self.pairs is not NO_PAIRS:
+            listed &= {*boxes.names}
+            if not listed <= red or (red and not listed):
+                return False
+        return not self.status.level or (self.status.level == "ERROR") == bool(listed or red)
 
 
 class Listener(Node):
@@ -263,12 +317,12 @@ class Listener(Node):
     ``rclpy.node.Node`` (context, namespace...).
     start: stamp (ns) before which messages do not count; epoch: that of the demo's time 0.
     stamp: of the latest collisions; effect_stamps: of the latest message by effect; -1 for none.
-    pairs, places: the latest collisions and where they are (m). by_box: names of the objects of
-    pairs that their boxes decided. status: the latest ``collision_status``, and when it came (s of
+    pairs: the latest collisions. status: the latest ``collision_status``, and when it came (s of
     the steady clock). robots: those whose joints are a topic of the node. latencies: seconds from
     the stamp of a state to its collisions. cycles: messages received. effects: narrators by effect.
-    boxes: the latest markers, once ``watch_boxes`` was called. shapes, points: what others publish,
-    once ``watch_inputs`` was called.
+    boxes: the latest markers, once ``watch_boxes`` was called, and cycle: what is of one cycle with
+    some of them, None for nothing. shapes, points: what others publish, once ``watch_inputs`` was
+    called.
     """
 
     def __init__(
@@ -279,11 +333,11 @@ class Listener(Node):
         self._names: DiagnosticStatus | None = None
         self.stamp, self.start, self.epoch, self.cycles = -1, 0, 0, 0
         self.pairs = PairsNarrator()
-        self.places: Floats = np.empty((0, 3))
-        self.by_box: set[str] = set()
         self.status, self.heard, self.robots = Status(), 0.0, set[str]()
         self.latencies: list[float] = []
         self.boxes = NO_BOXES
+        self.cycle: Cycle | None = None
+        self._kept: dict[str, dict[int, Any]] = defaultdict(dict)  # by topic and stamp
         self.shapes: dict[str, Shape] = {}
         self.points: Floats = np.empty((0, 3))
         self._markers: dict[str, Marker] = {}
@@ -317,12 +371,14 @@ class Listener(Node):
         self._names = message
 
     def _take_status(self, message: DiagnosticArray) -> None:
-        self.status.take(message)
-        self.heard = monotonic()
+        status = Status()  # another thread may draw the one before
+        status.take(message)
+        self.status, self.heard = status, monotonic()
         base = f"{self.get_namespace().rstrip('/')}/"
         topics = [topic for topic, _ in self.get_topic_names_and_types() if topic.startswith(base)]
         ends = (topic[len(base) :].rpartition("/") for topic in topics)
         self.robots = {robot for robot, _, topic in ends if topic == "joint_states" and robot}
+        self._gather()
 
     def _take_pairs(self, message: PointCloud2) -> None:
         now = self.get_clock().now().nanoseconds
@@ -336,14 +392,16 @@ class Listener(Node):
         if stamp > self.stamp:
             self.latencies.append((now - stamp) / NANOSECONDS)
         rows = collisions_from_ros(message)
-        self.places = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
+        places = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
+        boxed: list[tuple[str, str]] = []
         if "accuracy" in (rows.dtype.names or ()):
             levels = rows["accuracy"].tolist()
             boxed = [pair[:2] for pair, k in zip(pairs, levels, strict=True) if k <= Accuracy.OBB]
-            self.by_box = {name for names in boxed for name in names}
         self.cycles += 1
         self._print(self.pairs, pairs, stamp)
         self.stamp = stamp
+        by_box = frozenset(name for names in boxed for name in names)
+        self._keep("collisions", stamp, Pairs(pairs, places, by_box))
 
     def _take_effect(self, name: str, message: PointCloud2) -> None:
         stamp = stamp_from_ros(message.header.stamp)
@@ -353,6 +411,7 @@ class Listener(Node):
             return  # as above
         self._print(self.effects[name], rows, stamp)
         self.effect_stamps[name] = max(stamp, self.effect_stamps[name])
+        self._keep(name, stamp, self.effects[name].rows)
 
     def _print(self, narrator: Any, rows: list[Any], stamp: int) -> None:
         seconds = max(0, stamp - self.epoch) / NANOSECONDS
@@ -361,7 +420,53 @@ class Listener(Node):
 
     def _take_boxes(self, data: bytes) -> None:
         with suppress(RefusedError):
-            self.boxes = boxes_from_bytes(data)
+            boxes = boxes_from_bytes(data)
+            if boxes is not NO_BOXES:
+                self.boxes = boxes
+                self._keep("boxes", boxes.stamp, boxes)
+
+    def _keep(self, topic: str, stamp: int, value: Any) -> None:
+        kept = self._kept[topic]
+        kept.pop(stamp, None)
+        kept[stamp] = value  # the newest last, whatever the clock does
+        if len(kept) > KEPT:
+            del kept[next(iter(kept))]
+        self._gather()
+
+    def _gather(self) -> None:
+        """Put together what is of the latest cycle of which everything has come."""
+        for stamp, boxes in reversed(self._kept["boxes"].items()):
+            if self.cycle is not None and boxes is self.cycle.boxes:
+                return
+            parts = self._parts(stamp)
+            if parts is None:
+                continue
+            pairs = parts.pop("collisions", NO_PAIRS)
+            points, parts["points"] = self._inside()
+            status = self.status.counting(len(pairs.rows))
+            found = Cycle(boxes, pairs, parts, self.robots, points, status, monotonic())
+            if found.agrees:
+                self.cycle = found
+                return
+
+    def _parts(self, stamp: int) -> dict[str, Any] | None:
+        """Return what has this stamp of the topics that come with each cycle; None if one lacks."""
+        found = {}
+        for topic in {"collisions", *self.effects} - {"points"}:
+            kept = self._kept[topic]
+            if stamp in kept:
+                found[topic] = kept[stamp]
+            elif stamp - next(reversed(kept), -STILL) < STILL:
+                return None  # it is on its way, or was lost
+        return found
+
+    def _inside(self) -> tuple[Floats, list[Any]]:
+        """Return the latest points, and the rows about them: these have the stamp of the cloud."""
+        rows, clouds = self._kept["points"], self._kept["cloud"]
+        for stamp in reversed(rows):
+            if stamp in clouds:
+                return clouds[stamp], rows[stamp]
+        return self.points, next(reversed(rows.values()), [])
 
     def _take_shapes(self, message: MarkerArray) -> None:
         for marker in message.markers:
@@ -379,6 +484,7 @@ class Listener(Node):
         if message.header.frame_id == self.boxes.frame:
             points = points_from_ros(message).astype(np.float64)
             self.points = points[np.isfinite(points).all(axis=1)]
+            self._keep("cloud", stamp_from_ros(message.header.stamp), self.points)
 
 
 def _is_same_shape(a: Marker, b: Marker) -> bool:

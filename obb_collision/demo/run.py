@@ -34,7 +34,7 @@ from sensor_msgs.msg import JointState, MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.demo.listener import LATCHED, NARRATORS, Listener
+from obb_collision.demo.listener import LATCHED, NARRATORS, Cycle, Listener
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import DrawnScene, take_snapshot
 from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
@@ -348,15 +348,19 @@ class Demo:
         listener, names = self.listener, self.scene.shapes
         if listener.boxes.stamp < 0:
             listener.watch_boxes(f"{NODE_NAME}/markers")
-        self.spin_until(
-            lambda: (
-                listener.boxes.stamp >= listener.stamp and len(listener.boxes.names) == len(names)
-            )
-        )
-        points = self.scene.points(self.time)
+
+        def latest() -> Cycle | None:
+            found = listener.cycle
+            if found is None or found.boxes.stamp < listener.stamp:
+                return None
+            return found if len(found.boxes.names) == len(names) else None
+
+        self.spin_until(lambda: latest() is not None)
+        cycle, points = latest(), self.scene.points(self.time)
+        assert cycle is not None
         if points is not None:
-            listener.points = points.astype(np.float64)
-        return take_snapshot(listener, self.scene.shapes, self.scene.zones)
+            cycle = cycle._replace(points=points.astype(np.float64))
+        return take_snapshot(cycle, self.scene.shapes, self.scene.zones)
 
     def save_picture(self, file: Path) -> None:
         """Draw the latest state. ImportError without matplotlib, OSError for the file."""

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
 from obb_collision import shapes
-from obb_collision.demo.listener import Color, Listener, is_touching, pair_of
+from obb_collision.demo.listener import Color, Cycle, is_touching, pair_of
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.primitives import Primitive
 from obb_collision.node import NamedPair
@@ -219,6 +219,19 @@ class DrawnScene:
     notes: list[Label]
     boxed: frozenset[str] = frozenset()
 
+    def unknown(self) -> DrawnScene:
+        """Return the same where nothing is known any more of what collides."""
+        none: Floats = np.empty((0, 3))
+        return replace(
+            self,
+            states=np.full(len(self.names), DOUBTFUL),
+            contacts=none,
+            predicted=none,
+            near=np.empty((0, 2, 3)),
+            notes=[],
+            boxed=frozenset(),
+        )
+
     def wires(self) -> Iterator[Body]:
         """Yield what has edges: the objects, and the boxes that decided a pair in their place."""
         rows = {name: row for row, name in enumerate(self.names)}
@@ -273,23 +286,24 @@ class DrawnScene:
 
 
 def take_snapshot(
-    listener: Listener, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
+    cycle: Cycle, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
 ) -> DrawnScene:
-    """Return what a listener has received. ValueError if there are no boxes among it."""
-    boxes, names = listener.boxes, listener.boxes.names
+    """Return what there is of a cycle. ValueError if there are no boxes among it."""
+    boxes, names = cycle.boxes, cycle.boxes.names
     if not names:
         raise ValueError("no boxes received")
     placed = Boxes.from_poses(boxes.poses, 0.5 * boxes.sizes)
-    states = {name: ROBOT for name in names if name.partition("/")[0] in listener.robots}
+    states = {name: ROBOT for name in names if name.partition("/")[0] in cycle.robots}
     states |= {names[row]: DOUBTFUL for row in np.flatnonzero(boxes.doubtful)}
-    pairs = listener.pairs.rows
+    states |= {names[row]: OVERLAPPING for row in np.flatnonzero(boxes.colliding)}
+    pairs = cycle.pairs.rows
     for pair in sorted(pairs, key=lambda pair: not is_touching(pair)):  # overlapping ones last
         states |= dict.fromkeys(pair[:2], TOUCHING if is_touching(pair) else OVERLAPPING)
-    near = [(row.point_a, row.point_b) for row in _rows(listener, "clearance")]
-    predicted = [row.point for row in _rows(listener, "sweep")]
-    cloud = listener.points
+    near = [(row.point_a, row.point_b) for row in _rows(cycle, "clearance")]
+    predicted = [row.point for row in _rows(cycle, "sweep")]
+    cloud = cycle.points
     inside = np.zeros(len(cloud), np.bool_)
-    counted = zones.keys() | {row.name for row in _rows(listener, "points")}
+    counted = zones.keys() | {row.name for row in _rows(cycle, "points")}
     for row in [row for row, name in enumerate(names) if name in counted]:
         local = (cloud - placed.centers[row]) @ placed.rotations[row]
         inside |= (np.abs(local) <= placed.half_extents[row]).all(axis=1)
@@ -299,13 +313,13 @@ def take_snapshot(
         states=np.array([states.get(name, FREE) for name in names]),
         shapes=shapes,
         zones=zones,
-        contacts=_contacts(listener, names, placed),
+        contacts=_contacts(cycle, names, placed),
         predicted=np.array(predicted, np.float64).reshape(-1, 3),
         near=np.array(near, np.float64).reshape(-1, 2, 3),
         cloud=cloud,
         inside=inside,
-        notes=_notes(listener, names, placed, zones),
-        boxed=frozenset(listener.by_box),
+        notes=_notes(cycle, names, placed, zones),
+        boxed=cycle.pairs.by_box,
     )
 
 
@@ -325,9 +339,7 @@ def look_at(view: View | None, boxes: Boxes) -> tuple[Floats, Floats]:
     return target + DISTANCE * reach * DIRECTION, target
 
 
-def _notes(
-    listener: Listener, names: list[str], boxes: Boxes, zones: Mapping[str, Color]
-) -> list[Label]:
+def _notes(cycle: Cycle, names: list[str], boxes: Boxes, zones: Mapping[str, Color]) -> list[Label]:
     notes = []
     sizes = dict(zip(names, 2.0 * np.linalg.norm(boxes.half_extents, axis=1), strict=True))
     corners = boxes.centers + np.einsum("nij,nj->ni", boxes.rotations, boxes.half_extents)
@@ -338,12 +350,12 @@ def _notes(
         text = f"{text} {pair_of(row)}"
         notes.append(Label(np.asarray(place), text, color, extent, depth, tuple(row[:2])))
 
-    for row in _rows(listener, "points"):
+    for row in _rows(cycle, "points"):
         if row.name in corner_of:
             color = zones.get(row.name, INSIDE_COLOR)
             text = f"{row.points} points in {row.name}"
             notes.append(Label(corner_of[row.name], text, color, sizes[row.name]))
-    places = _places(listener, names, boxes)
+    places = _places(cycle, names, boxes)
     for pair, place in sorted(
         places, key=lambda p: (is_touching(p[0]), -np.nan_to_num(p[0].depth))
     ):
@@ -352,27 +364,27 @@ def _notes(
         else:
             depth = "" if np.isnan(pair.depth) else f"{1e3 * pair.depth:.0f} mm deep:"
             add(pair, place, depth or "overlapping:", STATE_COLORS[OVERLAPPING], pair.depth)
-    for row in sorted(_rows(listener, "sweep"), key=lambda row: row.time):
+    for row in sorted(_rows(cycle, "sweep"), key=lambda row: row.time):
         add(row, row.point, f"in {row.time:.1f} s:", PREDICTED_COLOR)
-    for row in sorted(_rows(listener, "clearance"), key=lambda row: row.distance):
+    for row in sorted(_rows(cycle, "clearance"), key=lambda row: row.distance):
         middle = 0.5 * (np.array(row.point_a) + np.array(row.point_b))
         add(row, middle, f"{1e3 * row.distance:.0f} mm apart:", NEAR_COLOR)
     return notes
 
 
-def _contacts(listener: Listener, names: list[str], boxes: Boxes) -> Floats:
+def _contacts(cycle: Cycle, names: list[str], boxes: Boxes) -> Floats:
     """Return the contact points, and the place of each pair that overlaps without one."""
-    rows = _rows(listener, "contacts")
+    rows = _rows(cycle, "contacts")
     have = {(row.a, row.b) for row in rows}
-    pairs = [(p, at) for p, at in _places(listener, names, boxes) if not is_touching(p)]
+    pairs = [(p, at) for p, at in _places(cycle, names, boxes) if not is_touching(p)]
     places = [place for pair, place in pairs if pair[:2] not in have]
     return np.array([*places, *(row.point for row in rows)], np.float64).reshape(-1, 3)
 
 
-def _places(listener: Listener, names: list[str], boxes: Boxes) -> list[tuple[NamedPair, Floats]]:
+def _places(cycle: Cycle, names: list[str], boxes: Boxes) -> list[tuple[NamedPair, Floats]]:
     """Return the pairs and where they are: between the centres where that is not computed."""
     center_of, result = dict(zip(names, boxes.centers, strict=True)), []
-    for pair, at in zip(listener.pairs.rows, listener.places, strict=False):
+    for pair, at in zip(cycle.pairs.rows, cycle.pairs.places, strict=True):
         if np.isfinite(at).all():
             result.append((pair, at))
         elif {pair.a, pair.b} <= center_of.keys():
@@ -380,5 +392,5 @@ def _places(listener: Listener, names: list[str], boxes: Boxes) -> list[tuple[Na
     return result
 
 
-def _rows(listener: Listener, effect: str) -> list[Any]:
-    return listener.effects[effect].rows if effect in listener.effects else []
+def _rows(cycle: Cycle, effect: str) -> list[Any]:
+    return cycle.effects.get(effect, [])

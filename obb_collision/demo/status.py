@@ -22,6 +22,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from copy import copy
 from functools import partial
 from importlib.util import find_spec
 from math import inf
@@ -36,9 +37,12 @@ from obb_collision.words import printable
 
 if TYPE_CHECKING:
     from rclpy.context import Context
+    from rclpy.node import Node
 
 PROGRAM, TOPIC = "obb_collision status", "collision_status"
 LEVELS = {b"\0": "OK", b"\2": "ERROR", b"\3": "STALE"}
+#: In the name of an endpoint whose node is not discovered yet.
+UNNAMED = "_UNKNOWN_"
 #: 2 is left to wrong arguments, as in all commands.
 EXIT_CODES = {"OK": 0, "ERROR": 1, "STALE": 3}
 NOBODY = 4
@@ -103,6 +107,15 @@ class Status:
         self.level, self.message = LEVELS.get(status.level, "STALE"), status.message
         self.values = {pair.key: pair.value for pair in status.values}
 
+    def counting(self, pairs: int) -> Status:
+        """Return the same for this many pairs: a number that changes is told ten times a second."""
+        other = copy(self)
+        first, *more = self.message.split("; ")
+        if self.level == "ERROR" and self.values.get("colliding pairs") == first.split(" ")[0]:
+            first = f"{pairs} pair{'s collide' if pairs > 1 else ' collides'}"
+            other.message = "; ".join([first, *more])
+        return other
+
     def lines(self, name: str) -> list[str]:
         """Return what people read."""
         reason = self.values.get("reason", "")
@@ -117,13 +130,27 @@ class Status:
         return [printable(line) for line in lines]
 
 
+def publishers_of_status(listener: Node) -> dict[str, str]:
+    """Return the topics of nodes that publish a status; "" is the name of one that has none yet.
+
+    An endpoint is discovered before the node that it belongs to.
+    """
+    return {
+        name if UNNAMED not in name else "": topic
+        for topic, _ in listener.get_topic_names_and_types()
+        if topic.endswith(f"/{TOPIC}")
+        for end in listener.get_publishers_info_by_topic(topic)
+        for name in [f"{end.node_namespace.rstrip('/')}/{end.node_name}"]
+    }
+
+
 def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStack) -> int:
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
+    from rclpy.node import Node as RosNode
     from rclpy.qos import DurabilityPolicy, QoSProfile
 
-    listener = Node("obb_collision_status", context=context)
+    listener = RosNode("obb_collision_status", context=context)
     stack.callback(listener.destroy_node)
     found: dict[str, Status] = {}
     wanted = None if options.node is None else "/" + options.node.strip("/")
@@ -135,16 +162,14 @@ def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStac
                 node.parts[part] = {"message": status.message}
                 node.parts[part] |= {pair.key: pair.value for pair in status.values}
 
-    def look() -> None:
-        """Subscribe to the status of nodes that are new."""
-        for topic, _ in listener.get_topic_names_and_types():
-            if not topic.endswith(f"/{TOPIC}"):
-                continue
-            for end in listener.get_publishers_info_by_topic(topic):
-                name = f"{end.node_namespace.rstrip('/')}/{end.node_name}"
-                if name not in found and (wanted is None or name == wanted):
-                    status = found[name] = Status()
-                    listener.create_subscription(DiagnosticArray, topic, status.take, latched)
+    def look() -> bool:
+        """Subscribe to the status of nodes that are new; returns whether all have a name yet."""
+        nodes = publishers_of_status(listener)
+        for name, topic in nodes.items():
+            if name and name not in found and (wanted is None or name == wanted):
+                status = found[name] = Status()
+                listener.create_subscription(DiagnosticArray, topic, status.take, latched)
+        return "" not in nodes or wanted in found
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     listener.create_subscription(DiagnosticArray, "/diagnostics", take_diagnostics, 10)
@@ -154,9 +179,9 @@ def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStac
     limit = monotonic() + options.timeout
     first = inf
     while monotonic() < limit and not interrupts.asked:
-        look()
+        named = look()
         executor.spin_once(timeout_sec=GLANCE)
-        if found and all(status.level for status in found.values()):
+        if named and found and all(status.level for status in found.values()):
             first = min(first, monotonic())
             if all(status.parts for status in found.values()):
                 break

@@ -58,8 +58,8 @@ from obb_collision.scene_files.description import View as Viewpoint
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
-#: Updates of the browser per second, Hz: smooth to the eye; and of the panel: legible.
-RATE, PANEL_RATE = 15.0, 3.0
+#: Updates of the browser per second, Hz: smooth to the eye.
+RATE = 15.0
 #: Notes in the panel, those with a number in the scene, and objects with the sign of a touch.
 NOTES, MARKED, SIGNS = 14, 5, 8
 #: In terms of the scene's diagonal: the diameter of a contact's dot and of a point, the radius of
@@ -70,8 +70,10 @@ OPACITY = {OVERLAPPING: 0.55, DOUBTFUL: 0.3}
 #: A flight to a pair: steps, seconds from one to the next, and the distance at its end in terms of
 #: the pair's smaller object, at least of the scene's diagonal.
 STEPS, STEP, NEAR, NEAREST = 20, 0.03, 4.0, 0.05
-#: Seconds without a status after which the banner says STALE: several periods.
-SILENT = 2.0
+#: Seconds without a status after which the banner says STALE, and without a whole cycle after which
+#: all is drawn as unknown: several periods. The latter also once the level has been another one for
+#: so long: longer than the boxes of its cycle take.
+SILENT, DISAGREED = 2.0, 0.5
 LEVEL_COLORS = {
     "OK": (0.10, 0.50, 0.32),
     "ERROR": (0.80, 0.08, 0.10),
@@ -111,12 +113,12 @@ class BrowserView:
         self.rows = [self._add_row(row) for row in range(NOTES)]
         self._notes: list[Label] = []  # of the rows
         self._view = view
-        self._size, self._next_panel = 0.0, 0.0
+        self._size = 0.0
         self.handles: dict[str, tuple[Any, Any]] = {}  # with what they were made from
         self.url = f"http://{host}:{self._server.get_port()}"
 
-    def show(self, snapshot: DrawnScene) -> None:
-        """Draw a snapshot in place of the last one."""
+    def show(self, snapshot: DrawnScene, status: Status, silent: float = 0.0) -> None:
+        """Draw a snapshot in place of the last one, and tell the status and its notes with it."""
         self._begin(snapshot.boxes)
         zone = np.array([name in snapshot.zones for name in snapshot.names])
         zones = snapshot.boxes[zone]
@@ -134,9 +136,8 @@ class BrowserView:
                     self._lines(name, points, color, 4.0)
                 else:
                     self._dots(name, points, color, DOT if form == "dot" else SPECK)
-        if monotonic() >= self._next_panel:
-            self._next_panel = monotonic() + 1.0 / PANEL_RATE
-            self.show_notes(snapshot)
+            self._show_notes(snapshot)
+            self.show_status(status, silent)
 
     def show_status(self, status: Status, silent: float) -> None:
         """Write a node's status into the banner; silent: for how long it has sent none, s."""
@@ -154,8 +155,26 @@ class BrowserView:
                 camera.look_at = target + share * (note.place - target)
             sleep(STEP)
 
-    def show_lines(self, lines: list[tuple[Floats, Color]]) -> None:
+    def show_lines(
+        self, lines: list[tuple[Floats, Color]], status: Status, silent: float = 0.0
+    ) -> None:
         """Draw edges (2 k, 3) of boxes, as a node publishes them for many objects."""
+        with self._server.atomic():
+            self.show_status(status, silent)
+            if lines:
+                self._draw_lines(lines)
+
+    def clear(self) -> None:
+        """Remove what is drawn, and the list."""
+        for _, handle in self.handles.values():
+            if handle is not None:
+                handle.remove()
+        self.handles.clear()
+        self._notes, self.panel.content = [], ""
+        for button in self.rows:
+            button.visible = False
+
+    def _draw_lines(self, lines: list[tuple[Floats, Color]]) -> None:
         ends = np.concatenate([ends for ends, _ in lines]).reshape(-1, 2, 3)
         low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
         self._begin(Boxes([0.5 * (low + high)], [np.eye(3)], [0.5 * (high - low)]))
@@ -333,7 +352,7 @@ class BrowserView:
 
         return button
 
-    def show_notes(self, snapshot: DrawnScene) -> None:
+    def _show_notes(self, snapshot: DrawnScene) -> None:
         """Write what the colours mean, and the notes, into the panel."""
         lines = [_line(text, color) for text, color, _ in snapshot.legend()]
         self._notes = snapshot.notes[:NOTES]
@@ -398,6 +417,8 @@ class LiveView:
     ) -> None:
         self._view, self._listener = view, listener
         self._shapes, self._zones = shapes, zones or {}
+        self._form = False, False  # what is drawn: objects, or lines
+        self._agreed = 0.0  # when status and cycle last were of one level, s
         self._ended = Event()
         self._thread = Thread(target=self._run, name="view", daemon=True)
         self._thread.start()
@@ -412,13 +433,25 @@ class LiveView:
 
     def update(self) -> None:
         """Draw what the listener has, as soon as it has anything."""
-        listener = self._listener
-        self._view.show_status(listener.status, monotonic() - listener.heard)
-        if listener.boxes.names:
+        listener, now = self._listener, monotonic()
+        cycle, status, silent = listener.cycle, listener.status, now - listener.heard
+        if cycle is None:
+            self._view.show_status(status, silent)
+            return
+        if cycle.status.level == status.level and now - cycle.at < SILENT:
+            self._agreed = now
+        known = now - self._agreed < DISAGREED
+        told = (cycle.status if known else status), silent
+        form = bool(cycle.boxes.names), bool(cycle.boxes.lines)
+        if form != self._form:
+            self._view.clear()
+        self._form = form
+        if cycle.boxes.names:
             shapes = {**listener.shapes, **(self._shapes or {})}
-            self._view.show(take_snapshot(listener, shapes, self._zones))
-        elif listener.boxes.lines:
-            self._view.show_lines(listener.boxes.lines)
+            snapshot = take_snapshot(cycle, shapes, self._zones)
+            self._view.show(snapshot if known else snapshot.unknown(), *told)
+        else:
+            self._view.show_lines(cycle.boxes.lines, *told)
 
     def close(self) -> None:
         """End the thread and take the server down."""

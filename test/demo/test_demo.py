@@ -23,6 +23,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
+from random import Random
 from types import SimpleNamespace
 from typing import Any
 from urllib.request import urlopen
@@ -30,6 +31,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from each import each
 from processes import output_until, started
 from rclpy.executors import ExternalShutdownException
 from rig import own_context
@@ -40,17 +42,19 @@ from obb_collision.demo.command import MIN_OBJECTS, main, open_view
 from obb_collision.demo.listener import Listener, boxes_from_bytes
 from obb_collision.demo.run import NAMESPACE, Demo
 from obb_collision.demo.scene import DemoScene, random_scene
-from obb_collision.demo.snapshot import FREE
+from obb_collision.demo.snapshot import FREE, take_snapshot
 from obb_collision.demo.status import Status
 from obb_collision.demo.view import NOTES, WAITING, BrowserView, LiveView, banner
 from obb_collision.node import namespace_number
-from obb_collision.node.messages.box_markers import COLORS, Markers
+from obb_collision.node.diagnostics.answer import Answer
+from obb_collision.node.messages.box_markers import COLLIDING, COLORS, Markers
+from obb_collision.node.messages.box_markers import FREE as FREE_BOX
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import namespaces_to_ros, stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import shape_from_ros, shape_to_ros
 from obb_collision.node.node import NODE_NAME
-from obb_collision.node.topics.topics import COLLISIONS
+from obb_collision.node.topics.topics import COLLISIONS, TOPICS
 
 #: Domains of these tests, apart from those a robot or the other tests use.
 DOMAIN = 60 + os.getpid() % 40
@@ -212,6 +216,74 @@ def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
         listener.destroy_node()
 
 
+def messages_of(number: int, stamp: int, pairs: int, told: bool) -> Iterator[tuple[str, Any]]:
+    """Yield topics and messages of a cycle: its number is the depth (mm), place and distance (m).
+
+    told: whether it has boxes and a status, which have rates of their own.
+    """
+    poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (6, 1))
+    poses[:, 0], header = number, Header(stamp=stamp_to_ros(stamp))
+    clearance: Any = TOPICS["clearance"]
+    rows, near = np.zeros(pairs, COLLISIONS.dtype), np.zeros(1, clearance.dtype)
+    rows["ns_a"] = rows["ns_b"] = near["ns_a"] = near["ns_b"] = namespace_number("a")
+    rows["id_a"], rows["id_b"] = 2 * np.arange(pairs), 2 * np.arange(pairs) + 1
+    rows["depth"], near["distance"] = 1e-3 * number, number
+    yield "collisions", cloud_to_ros(rows, header)
+    yield "clearances", cloud_to_ros(near, header)
+    if told:
+        states = np.where(np.arange(6) < 2 * pairs, COLLIDING, FREE_BOX)
+        boxes = oc.Boxes.from_poses(poses, np.ones((6, 3)))
+        keys = [("a", ident) for ident in range(6)]
+        yield "markers", Markers("map").write(keys, boxes, states, stamp, 1.0, None)
+    status = Answer((), pairs, stamp=stamp).to_ros("node", stamp, True)
+    yield "collision_status", DiagnosticArray(header=header, status=[status])
+
+
+@each("stands", [False, True])
+def test_nothing_of_two_cycles_is_drawn_together(stands: bool) -> None:
+    random, pairs, level = Random(3), 0, None
+    mixed, shown = 0, set[int]()
+    with own_context(DOMAIN) as context:
+        listener = Listener(lambda line: None, ["clearance"], context=context)
+        listener.watch_boxes("markers")
+        take = {one.topic_name.split("/")[-1]: one.callback for one in listener.subscriptions}
+        take["namespaces"](namespaces_to_ros(["a"]))
+        waiting: dict[str, list[Any]] = {topic: [] for topic in take}
+        for number in range(1, 400):
+            pairs = random.choice((0, 0, 1, 2, 3)) if number % 4 == 0 else pairs
+            stamp = 7 if stands else number * 10**7
+            for topic, message in messages_of(number, stamp, pairs, number % 3 == 0):
+                if topic != "collision_status" or level != bool(pairs) or number % 7 == 0:
+                    waiting[topic].append(message)
+            level = bool(pairs)
+            while sum(map(len, waiting.values())) > 8:  # each topic in its order, all in any
+                topic = random.choice([topic for topic, queue in waiting.items() if queue])
+                take[topic](waiting[topic].pop(0))
+                if listener.cycle is None:
+                    continue
+                boxes, found, effects, *_, status, _ = listener.cycle
+                shown.add(round(boxes.poses[0, 0]))
+                assert status.level == ("ERROR" if found.rows else "OK")
+                legend = dict(
+                    text.split(" ", 1)[::-1]
+                    for text, _, form in take_snapshot(listener.cycle, {}, {}).legend()
+                    if form == "box"
+                )
+                colliding = int(legend.get("overlapping", 0))
+                assert int(legend.get("free", 0)) == 6 - colliding
+                assert status.message.startswith(f"{len(found.rows)} " if found.rows else "free")
+                if not stands:
+                    numbers = {1e3 * row.depth for row in found.rows}
+                    numbers |= {row.distance for row in effects["clearance"]}
+                    np.testing.assert_allclose([*numbers], boxes.poses[0, 0], rtol=1e-6)
+                    assert colliding == 2 * len(found.rows)
+                latest = listener.status.level == "ERROR", bool(listener.pairs.rows)
+                mixed += len({*latest, bool(listener.boxes.colliding.any())}) > 1
+        listener.destroy_node()
+    assert mixed > 50, "messages of several cycles were there at once"
+    assert len(shown) > 60
+
+
 @pytest.fixture
 def live() -> Iterator[Demo]:
     """Yield a demo as it is watched."""
@@ -228,7 +300,7 @@ def test_the_view_shows_what_the_node_published(live: Demo) -> None:
         for time in (0.0, 4.0):
             live.settle(time)
             snapshot = live.snapshot()
-            view.show(snapshot)
+            view.show(snapshot, Status())
             drawn = {name: handle for name, (_, handle) in view.handles.items() if handle}
             scales = [h.batched_scales for name, h in drawn.items() if "/" in name]
             assert np.count_nonzero(np.concatenate(scales).all(axis=1)) == 20
@@ -236,7 +308,6 @@ def test_the_view_shows_what_the_node_published(live: Demo) -> None:
             assert len(drawn["edges"].points) == sum(ends) > 12
             np.testing.assert_allclose(drawn["contact"].points, snapshot.contacts, atol=1e-5)
             states.append(snapshot.states.tolist())
-        view.show_notes(snapshot)
         assert sum(row.visible for row in view.rows) == min(len(snapshot.notes), NOTES)
         note, client = snapshot.notes[0], SimpleNamespace(atomic=nullcontext)
         camera = SimpleNamespace(client=client, position=(9.0, 0.0, 9.0), look_at=(0.0, 0.0, 0.0))
@@ -265,7 +336,7 @@ def test_the_view_follows_the_topics_and_shows_edges_of_many_boxes(live: Demo) -
     with closing(BrowserView(port=0)) as view:
         ends = np.random.default_rng(1).normal(size=(48, 3))
         assert WAITING in view.panel.content
-        view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])
+        view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))], Status())
         assert view.handles["edges of boxes"][0] == 36
         assert view.panel.content == ""
     view = BrowserView(port=0)

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from each import each
 import obb_collision as oc
 
 pytest.importorskip("matplotlib")
-from obb_collision.demo.listener import NO_BOXES
+from obb_collision.demo.listener import NO_PAIRS, Cycle, MarkerBoxes, Pairs
 from obb_collision.demo.picture import draw_picture, save_picture
 from obb_collision.demo.snapshot import (
     DOUBTFUL,
@@ -42,6 +41,7 @@ from obb_collision.demo.snapshot import (
     Label,
     take_snapshot,
 )
+from obb_collision.demo.status import Status
 from obb_collision.node import NamedPair
 
 NONE: Any = np.empty((0, 3))
@@ -88,13 +88,13 @@ def test_a_snapshot_has_states_pairs_and_the_boxes_that_decided_one() -> None:
     doubtful = np.array([False, False, False, False, True])
     touching_pair = NamedPair("box/0", "drum/0", 0.0, True)
     deep_pair = NamedPair("arm/hand/0", "box/0", 0.004, False)
-    listener: Any = SimpleNamespace(
-        boxes=NO_BOXES._replace(names=names, poses=poses, sizes=np.ones((5, 3)), doubtful=doubtful),
-        pairs=SimpleNamespace(rows=[touching_pair, deep_pair]), points=NONE, effects={},
-        places=np.array([[2.5, 0, 0], [np.nan] * 3]), robots={"arm"}, by_box={"box/0", "drum/0"},
-    )  # fmt: skip
+    colliding = np.array([True, False, True, True, False])
+    boxes = MarkerBoxes(names, poses, np.ones((5, 3)), colliding, doubtful, [], "map", 1)
+    places = np.array([[2.5, 0, 0], [np.nan] * 3])
+    pairs = Pairs([touching_pair, deep_pair], places, frozenset({"box/0", "drum/0"}))
+    cycle = Cycle(boxes, pairs, {}, {"arm"}, NONE, Status(), 0.0)
     shapes = {"drum/0": oc.shapes.Cylinder(0.5, 1.0)}
-    snapshot = take_snapshot(listener, shapes, {})
+    snapshot = take_snapshot(cycle, shapes, {})
     assert snapshot.states.tolist() == [OVERLAPPING, ROBOT, OVERLAPPING, TOUCHING, DOUBTFUL]
     deep, touching = snapshot.notes
     assert deep.text.startswith("4 mm deep: arm/hand/0")
@@ -103,6 +103,9 @@ def test_a_snapshot_has_states_pairs_and_the_boxes_that_decided_one() -> None:
     assert snapshot.small() == [0]
     wires = [body.name for body in snapshot.wires()]
     assert sorted(wires) == sorted([*names, "box/0", "drum/0"])
+    assert [text for text, *_ in snapshot.unknown().legend()] == ["5 unknown"]
+    alone = take_snapshot(cycle._replace(pairs=NO_PAIRS), shapes, {})  # collisions may be off
+    assert alone.states.tolist() == [OVERLAPPING, ROBOT, OVERLAPPING, OVERLAPPING, DOUBTFUL]
 
 
 def test_zones_wear_colours_of_their_own() -> None:

@@ -20,6 +20,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -34,9 +35,15 @@ from rig import DOMAIN, NAMESPACE, Rig, cube, own_context, sync
 
 import obb_collision as oc
 from obb_collision import commands
+from obb_collision.demo import command
 from obb_collision.demo import status as module
 from obb_collision.demo.command import main, make_parser
-from obb_collision.demo.listener import ClearancesNarrator, PointsInsideNarrator, Predictions
+from obb_collision.demo.listener import (
+    ClearancesNarrator,
+    Listener,
+    PointsInsideNarrator,
+    Predictions,
+)
 from obb_collision.demo.run import Demo
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import OVERLAPPING, ROBOT
@@ -288,6 +295,54 @@ def test_levels_are_exit_codes_with_reasons(rig: Rig, capsys: pytest.CaptureFixt
     assert text.startswith(f"{NODE}: ERROR\n  1 pair collides")
     for word in ("objects 3", "  objects: 3 objects; count 3; colliding 2", "  cycle: ", "input "):
         assert word in text
+
+
+def test_a_node_whose_name_comes_later_is_listed_once(
+    rig: Rig, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = Node.get_publishers_info_by_topic, count()
+
+    def without_names(*args: Any) -> Any:
+        ends = real(*args)
+        for end in ends if next(calls) < 3 else ():
+            end.node_name, end.node_namespace = "_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_"
+        return ends
+
+    monkeypatch.setattr(Node, "get_publishers_info_by_topic", without_names)
+    with spinning(rig):
+        assert commands.status(["--json", "--timeout", "60"])
+    nodes = json.loads(capsys.readouterr().out)
+    assert NODE in nodes
+    assert not [name for name in nodes if "UNKNOWN" in name]
+
+
+def test_the_view_names_the_nodes_that_it_could_show(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("viser")
+    lines, listeners = list[str](), list[Listener]()
+
+    class EndedByItsLine(command.Interrupts):
+        asked = property(lambda self: "nothing received" in lines[-1], lambda self, value: None)
+
+    class Noted(Listener):
+        """One that this test can see."""
+
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            listeners.append(self)
+
+    def time() -> float:  # its patience ends when it has discovered the node
+        return 1e9 if listeners and NODE in module.publishers_of_status(listeners[0]) else 0.0
+
+    monkeypatch.setattr(command, "Interrupts", EndedByItsLine)
+    monkeypatch.setattr("obb_collision.demo.listener.Listener", Noted)
+    monkeypatch.setattr(command, "monotonic", time)
+    monkeypatch.setattr(command, "say", lambda line, *_: lines.append(line))
+    with spinning(rig):
+        assert commands.view(["/nobody", "--port", "0"]) == 0
+    assert lines[-1].startswith("nothing received on /nobody/markers yet; nodes that run: /")
+    assert NODE in lines[-1]
 
 
 def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:
