@@ -142,10 +142,10 @@ def namespace_table(
 
     Tables of several nodes can be merged: ``{**namespace_table(a), **namespace_table(b)}``.
     """
-    if isinstance(namespaces, DiagnosticStatus):
-        return {int(pair.key): pair.value for pair in namespaces.values}
     if isinstance(namespaces, Mapping):
         return namespaces
+    if hasattr(namespaces, "values"):  # a message, of whatever library has read it
+        return {int(pair.key): pair.value for pair in namespaces.values}
     return {namespace_number(name): name for name in namespaces}
 
 

@@ -17,8 +17,10 @@
 from __future__ import annotations
 
 import tracemalloc
+from array import array
 from collections.abc import Callable
 from operator import add
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -297,6 +299,33 @@ def test_pairs_get_their_names_in_one_line() -> None:
         named_pairs(message, ["arm"])
     with pytest.raises(RefusedError, match="not a collisions message"):
         named_pairs(clouds.poses_to_ros([1], np.zeros((1, 7))), table)
+
+
+def plain(value: Any) -> Any:
+    """Return a message as readers of recordings give it: an object of their own, by its fields."""
+    if isinstance(value, array):
+        return value.tobytes()
+    if isinstance(value, list):
+        return [plain(one) for one in value]
+    names: Any = getattr(value, "get_fields_and_field_types", dict)()
+    return SimpleNamespace(**{one: plain(getattr(value, one)) for one in names}) if names else value
+
+
+def read_by_rosbags(message: Any) -> Any:
+    types = pytest.importorskip("rosbags.typesys")
+    name = f"{type(message).__module__.partition('.')[0]}/msg/{type(message).__name__}"
+    store = types.get_typestore(types.Stores.ROS2_JAZZY)
+    return store.deserialize_cdr(serialize_message(message), name)
+
+
+@each("read", [plain, read_by_rosbags])
+def test_recorded_messages_get_their_names_whatever_has_read_them(read: Any) -> None:
+    rows = np.zeros(1, COLLISIONS.dtype)
+    rows["ns_a"], rows["ns_b"] = map(namespace_number, ("arm", ""))
+    rows["id_a"], rows["id_b"], rows["depth"] = 3, 5, 0.25
+    cloud = clouds.cloud_to_ros(rows, Header())
+    named = named_pairs(read(cloud), read(cv.namespaces_to_ros(["arm", ""])))
+    assert [row[:3] for row in named] == [("arm/3", "/5", 0.25)]
 
 
 def test_faults_of_poses_are_told_apart() -> None:
