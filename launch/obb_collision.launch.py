@@ -54,8 +54,14 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "scene_file",
                 default_value="",
-                description="Initial scene file: a path, or tabletop, warehouse, lidar_zone. "
-                + as_in_file,
+                description="Initial scene file: a path, or tabletop, warehouse, lidar_zone, "
+                "arm_cell. " + as_in_file,
+            ),
+            DeclareLaunchArgument(
+                "robots",
+                default_value="",
+                description="Names of robots whose URDF and joints are on topics: arm, or "
+                "'arm_left arm_right'. " + as_in_file,
             ),
             DeclareLaunchArgument(
                 "fixed_frame",
@@ -95,7 +101,11 @@ def start(context: LaunchContext) -> list[Action]:
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
-    given = {name: text for name in ("scene_file", "fixed_frame") if (text := value(name))}
+    given: dict[str, object] = {
+        name: text for name in ("scene_file", "fixed_frame") if (text := value(name))
+    }
+    if value("robots"):
+        given["robots"] = value("robots").split()
     if value("use_sim_time"):
         given["use_sim_time"] = value("use_sim_time") == "true"
     if value("autostart"):

@@ -91,5 +91,6 @@ def start(context: LaunchContext) -> list[Node]:
     ]
     if value("merge") == "true":
         given = {"regions": list(regions), "timeout": float(value("timeout"))}
-        nodes.append(node("obb_collision_merge", root, [given], name="obb_collision_merge"))
+        files = [value("params_file"), given]  # the clock and unknown_is_collision are the merger's
+        nodes.append(node("obb_collision_merge", root, files, name="obb_collision_merge"))
     return nodes

@@ -58,6 +58,7 @@ from numba.core import types as _types
 from numba.experimental.structref import StructRefProxy
 
 from obb_collision._numba import Cache, Key, can_keep, function_of
+from obb_collision.words import command_line
 
 config: Any = _config  # its attributes are set at run time
 types: Any = _types
@@ -129,7 +130,7 @@ class Compiled:
         if self.seconds < self._due:
             return
         kept = f", kept in {places[0]} for the next time" if places and not unsaved else ""
-        how = f" (obb_collision warm-up compiles all beforehand){kept}"
+        how = f" ({command_line('obb_collision warm-up')} compiles all beforehand){kept}"
         is_first, self._due = self._due == FIRST_LINE, self.seconds + NEXT_LINE
         count = len(self.names)
         logger.warning(

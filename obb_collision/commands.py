@@ -41,6 +41,7 @@ from obb_collision.node.runtime.environment import (
     restored_signals,
     without_ros_arguments,
 )
+from obb_collision.words import command_line
 
 Command = Callable[[Sequence[str] | None], int]
 
@@ -71,7 +72,7 @@ def _program(name: str, what: str, epilog: str, module: str, needed: str = "") -
             prog=name,
             usage="%(prog)s [--help] [--ros-args ...]",
             description=f"{what}, until SIGINT or SIGTERM. Takes ROS arguments only.",
-            epilog=f"For example: {name} --ros-args {epilog}",
+            epilog=f"For example: {command_line(name)} --ros-args {epilog}",
             allow_abbrev=False,
         )
         given = sys.argv[1:] if args is None else args

@@ -20,8 +20,10 @@ control character breaks the line of a log, and an enormous one is copied with e
 
 from __future__ import annotations
 
+import os
 import re
 import reprlib
+import shutil
 from collections.abc import Sequence
 
 #: Maximum characters of a name or namespace as it is given.
@@ -40,6 +42,17 @@ UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 _repr = reprlib.Repr()
 _repr.maxstring = _repr.maxother = MAX_SHOWN
+
+
+def command_line(words: str) -> str:
+    """Return how a command of this package is called here: its words, or behind ``ros2 run``.
+
+    That is where only ros2 finds it: colcon puts executables into ``lib``, which is not on PATH.
+    """
+    program = words.partition(" ")[0]
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    by_ros = (os.path.exists(os.path.join(p, "lib", "obb_collision", program)) for p in prefixes)
+    return f"ros2 run obb_collision {words}" if not shutil.which(program) and any(by_ros) else words
 
 
 def text_fault(text: str, most: int) -> str | None:

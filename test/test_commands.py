@@ -38,6 +38,7 @@ import obb_collision
 from obb_collision import commands
 from obb_collision.cli import Progress, real, whole
 from obb_collision.node.runtime import environment
+from obb_collision.words import command_line
 
 Captured = pytest.CaptureFixture[str]
 
@@ -64,6 +65,27 @@ def test_help_prints_the_usage_and_starts_nothing(
     assert not ended.value.code, errors
     assert output.startswith(f"usage: {script}")
     assert "ready:" not in output + errors
+
+
+def test_commands_are_named_as_they_are_called_here(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Captured
+) -> None:
+    wanted = "obb_collision warm-up"
+    script = tmp_path / "lib" / "obb_collision" / "obb_collision"  # where colcon puts it
+    script.parent.mkdir(parents=True)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nothing:{tmp_path}:")
+    assert command_line(wanted) == wanted
+    for name in ("obb_collision", "obb_collision_node"):
+        (script.parent / name).write_text("#!/bin/sh")
+        (script.parent / name).chmod(0o755)
+    assert command_line(wanted) == f"ros2 run obb_collision {wanted}"
+    with pytest.raises(SystemExit):
+        commands.node(["--help"])
+    example = "For example: ros2 run obb_collision obb_collision_node --ros-args"
+    assert example in " ".join(capsys.readouterr().out.split())
+    monkeypatch.setenv("PATH", f"{tmp_path}:{script.parent}")
+    assert command_line(wanted) == wanted
 
 
 def test_the_version_is_said_and_what_is_no_command_refused(capsys: Captured) -> None:

@@ -49,7 +49,7 @@ LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
     "_numba": set(),
-    "_kernel_cache": {"_numba"},
+    "_kernel_cache": {"_numba", "words"},
     "_jit": {"_kernel_cache", "_numba"},
     "_threads": {"words"},
     "typing": set(),
@@ -70,7 +70,7 @@ LAYERS: dict[str, set[str]] = {
     "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up"},
     "demo": LIBRARY | {"cli", "robots", "scene_files", "node"},
     "benchmarks": LIBRARY | {"cli", "scene_files"},
-    "commands": {"cli", "node", "demo"},
+    "commands": {"cli", "node", "demo", "words"},
     "__main__": {"commands"},
 }
 #: The layers that may import ROS.

@@ -42,6 +42,7 @@ from obb_collision.warm_up.steps import (
     effect_level_step,
     effect_step,
 )
+from obb_collision.words import command_line
 
 FIRST_WORD, NEXT_WORD = 2.0, 5.0
 """Seconds until the first line about the progress, and between two lines."""
@@ -202,7 +203,8 @@ class WarmUp:
         kept = f"cached in {_kernel_cache.places[0]}" if _kernel_cache.places else "not cached"
         self._info(
             f"compiling kernels for {', '.join(missing)} (up to a minute on first use), {kept}"
-            f"{MEANWHILE if niceness else ''}; obb_collision warm-up compiles all beforehand"
+            f"{MEANWHILE if niceness else ''}; "
+            f"{command_line('obb_collision warm-up')} compiles all beforehand"
         )
         report("compiling kernels (up to a minute on first use)")
         start = perf_counter()
