@@ -224,6 +224,8 @@ def _listen(tell: Callable[[str, Any], None]) -> None:
     """Pass on what this package logs and the kernels it compiles."""
 
     class NoteHandler(logging.Handler):
+        """Tells what is logged."""
+
         def emit(self, record: logging.LogRecord) -> None:
             tell("note", record.getMessage())
 

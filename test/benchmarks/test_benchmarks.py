@@ -183,6 +183,8 @@ def stand_in(name: str, wrong: Callable[[Rows], Rows]) -> contestants.Contestant
     """Return a peer that reports other pairs than are found."""
 
     class Peer(contestants.OurPairs):
+        """Reports other pairs."""
+
         def pairs(self, found: Rows) -> Rows:
             return wrong(super().pairs(found))
 

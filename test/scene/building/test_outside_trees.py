@@ -256,12 +256,16 @@ def test_what_two_threads_add_is_all_there() -> None:
 
 def test_a_pool_in_use_by_another_thread_is_not_waited_for() -> None:
     class Timer:
+        """Has all the time."""
+
         def left(self) -> float:
             return 1.0
 
     begun, go = threading.Event(), threading.Event()
 
     class Slow(TreePool):
+        """Waits for the test."""
+
         def append(self, item: Any) -> int:
             begun.set()
             assert go.wait(PATIENCE)
