@@ -41,6 +41,7 @@ from obb_collision.geometry.formats.parts import (
     text_of,
 )
 from obb_collision.geometry.formats.polygons import triangulated, with_holes
+from obb_collision.geometry.formats.xml_faults import first_fault
 from obb_collision.typing import Floats
 
 #: What has no surface, in a mesh.
@@ -55,12 +56,16 @@ def read(data: bytes, parts: Parts) -> float:
 
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True,
-        remove_comments=True, remove_pis=True,
+        remove_comments=True, remove_pis=True, recover=True,
     )  # fmt: skip
     try:
         root = etree.fromstring(data, parser)
+        fault = first_fault(parser.error_log)
+        line = None if fault is None else fault.line
     except etree.XMLSyntaxError as error:
-        raise ValueError(f"it is no XML, from line {error.lineno or 1} on") from None
+        root, line = None, error.lineno
+    if root is None or line is not None:
+        raise ValueError(f"it is no XML, from line {line or 1} on")
     if _tag(root) != "COLLADA":
         raise ValueError("it is no DAE: its first element must be COLLADA")
     unit = _unit(root)

@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from obb_collision.geometry.formats.parts import shortened
+from obb_collision.geometry.formats.xml_faults import HARMLESS, first_fault
 from obb_collision.geometry.shapes.files import read_file
 from obb_collision.geometry.validation import number_of
 from obb_collision.numerics.constants import MAX_MAGNITUDE
@@ -46,9 +47,6 @@ PORTION = 1 << 14
 DECLARATION = re.compile(r"\A\s*<\?xml[^>]*\?>")
 #: The namespace of files that are to become XML by the program xacro.
 XACRO, XACRO_PREFIX = "ros.org/wiki/xacro", "xacro:"
-#: Maximum number of prefixes without a declaration that are named.
-MOST_PREFIXES = 100
-PREFIX = re.compile(r"Namespace prefix (\S+)")
 
 
 class RobotError(ValueError):
@@ -207,7 +205,7 @@ def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, 
 def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
     """Return the root of XML; RobotError where it is none, or exceeds a limit.
 
-    Prefixes that are not declared, which parsers of ROS do not know, are added to ``doubts``.
+    Faults that change nothing, such as a prefix that is not declared, are added to ``doubts``.
     """
     from lxml import etree  # here, as what needs no robots need not load it
 
@@ -220,7 +218,7 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
         load_dtd=False,
         dtd_validation=False,
         huge_tree=False,
-        recover=True,  # what is more than a prefix without a declaration is raised below
+        recover=True,  # what is not harmless is raised below
         remove_comments=True,
         remove_pis=True,
     )
@@ -231,7 +229,6 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
                 parser.feed(data[first : first + PORTION])
             else:
                 root = parser.close()
-            _check_errors(parser.feed_error_log, file)
             for event, node in parser.read_events():
                 level += 1 if event == "start" else -1
                 count += event == "start"
@@ -241,26 +238,15 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
     except etree.XMLSyntaxError as error:
         reason = f"no XML: {shortened(str(error.msg))}"
         raise RobotError(file, int(error.lineno or 0), "", reason) from None
-    if root is None:
-        raise RobotError(file, 1, "", "no XML: there is no element")
-    found = {PREFIX.match(entry.message): entry.line for entry in parser.feed_error_log}
-    named = {prefix[1]: line for prefix, line in reversed(found.items()) if prefix}
+    log = [*parser.feed_error_log]
+    fault = first_fault(log)
+    if fault is not None or root is None:
+        reason, line = (fault.message, fault.line) if fault else ("there is no element", 1)
+        raise RobotError(file, line, "", f"no XML: {shortened(reason)}")
     if doubts is not None:
-        doubts += [
-            str(RobotError(file, line, "", f"the prefix {shown(prefix)} is not declared"))
-            for prefix, line in [*named.items()][::-1][:MOST_PREFIXES]
-        ]
+        found = {HARMLESS[one.type_name]: one.line for one in reversed(log)}
+        doubts += [str(RobotError(file, line, "", reason)) for reason, line in found.items()]
     return Element(root, file)
-
-
-def _check_errors(log: Any, file: str) -> None:
-    """Raise RobotError for an error that is more than a prefix without a declaration."""
-    from lxml import etree
-
-    harmless = etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE
-    for entry in log:
-        if entry.type != harmless and entry.level >= etree.ErrorLevels.ERROR:
-            raise RobotError(file, entry.line, "", f"no XML: {shortened(entry.message)}")
 
 
 def _excess(node: Any, count: int, level: int) -> str:

@@ -317,6 +317,13 @@ WHOLE: dict[str, tuple[str, bytes | str, float, Any, Any]] = {
     "DAE, decimal commas in a colour": ("dae", two(CUBE, EFFECT), 12, 0, (6, 1, 1)),
     "DAE, a picture that is gone": ("dae", two(CUBE, IMAGE), 12, 0, (6, 1, 1)),
     "DAE, lines": ("dae", two(LINES + CUBE), 12, 0, (6, 1, 1)),
+    "DAE, a prefix that is not declared": (
+        "dae",
+        two(CUBE).replace("<library_geometries>", "<library_geometries xsi:type='x'>"),
+        12,
+        0,
+        (6, 1, 1),
+    ),
     "DAE, lines only": ("dae", two(LINES), 6, (5, 0, 0), (6, 1, 1)),
     "DAE, a hole": ("dae", two(WALL, corners=HOLED), 18, 0, (6, 4, 1)),
     "DAE, fans and strips": (

@@ -403,14 +403,18 @@ def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
 EMPTY = "solid part\nendsolid part\n"
 ODD_LIMIT = '<limit lower="2" upper="1" velocity="{}"/>'
 #: What ROS reads, and why it is a doubt.
-ODD = {
+ODD: dict[str | bytes, str] = {
+    urdf(A).replace(
+        "<robot", "<!-- a --><?xml version='1.0'?><robot", 1
+    ): "its declaration is not at",
+    b"<?xml version='0.0'?>" + urdf(A).encode(): "urdf:1: its version of XML is unknown",
     urdf(link("a", '<sphere radius="0"/>')): "urdf:2: sphere of .*: its radius is 0: it is left",
     urdf(link("a", '<cylinder radius="0" length="1"/>')): "its radius is 0: it is left out",
     mesh("package://bot/meshes/empty.stl"): "empty.stl: it has no triangles: it is",
     bad_joint('<limit velocity="-1"/>'): "its velocity -1.0 is negative: it counts",
     bad_joint(ODD_LIMIT.format(1), "continuous"): "2.0 exceeds .*: a continuous joint has",
     bad_joint(ODD_LIMIT.format(1), "fixed"): "lower 2.0 exceeds .*: a fixed joint has",
-    urdf(A, '<sensor:camera name="c"/>', "<gazebo sensor:x='1'/>"): "3: the prefix .sensor. is not",
+    urdf(A, '<sensor:camera name="c"/>', "<gazebo sensor:x='1'/>"): "3: a prefix is not declared",
 }
 
 
