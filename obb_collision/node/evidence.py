@@ -50,6 +50,8 @@ from obb_collision.typing import Mask
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
 
+LONGEST_STANDSTILL = 1.0
+"""Seconds of steady time for which a clock may stand still at most while messages come."""
 UNASKED = ("points",)
 """Inputs of which nobody needs to know what they said: no object depends on them."""
 
@@ -60,15 +62,25 @@ class Evidence:
     def __init__(self, node: CollisionNode) -> None:
         self._parameters, self._objects, self._cycle = node.parameters, node.objects, node.cycle
         self._unknown, self._robots = node.inputs.unknown, node.robots
-        self._now, self._steady = node.now, node.steady
+        self._now, self._steady, self._time = node.now, node.steady, node.time
         self._inputs = {t: m for t, m in node.monitors.items() if not node.topics[t].is_query}
         """Of those that can change what collides, by topic."""
         self._activated = node.steady()
+        self._standstill = LONGEST_STANDSTILL
         self._required: tuple[tuple[object, ...], tuple[str, ...]] = (), ()
 
     def activate(self) -> None:
         """Count silences from now on."""
         self._activated = self._steady()
+
+    def apply(self) -> None:
+        """Apply the parameters: a clock may stand still for the shortest age limit at most."""
+        parameters, robots = self._parameters, self._robots.robots
+        limits = [parameters.object_timeout, parameters.joint_timeout if robots else 0.0]
+        for entries in (parameters.object_timeout_overrides, parameters.required_inputs):
+            limits += [limit for _, limit in entries]
+        self._standstill = min((each for each in limits if each), default=LONGEST_STANDSTILL)
+        self._standstill = min(self._standstill, LONGEST_STANDSTILL)
 
     def answer(self) -> Answer:
         """Return what is known of collisions now."""
@@ -83,7 +95,8 @@ class Evidence:
             whole = "*" in setting["objects"]  # else there are pairs of which none is selected
             counts[RADIUS] = setting["max_distance"] if whole else 0.0
             counts[SELECTED_RADIUS] = setting["max_distance"]
-        reasons = *self._of_cycle(), *self._of_scene(now), *self._of_inputs(), *_of_robots(faults)
+        of_node = *self._of_cycle(), *self._of_clock(), *self._of_inputs()
+        reasons = *of_node, *self._of_scene(now), *_of_robots(faults)
         return replace(found, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
 
     def not_known(self) -> str:
@@ -110,6 +123,17 @@ class Evidence:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > allowed_delay(self._parameters):
             yield Reason("overload")
+
+    def _of_clock(self) -> Iterator[Reason]:
+        """Yield that the clock stands still, by which nothing ages.
+
+        A paused simulation may stand for long if nothing comes: then nothing has changed.
+        """
+        clock = self._time
+        heard = max((each.heard for each in self._inputs.values()), default=0.0)
+        until = heard if clock.has_time else self._steady()
+        if until - max(clock.moved, self._activated) > self._standstill:
+            yield Reason("clock_stopped", detail="" if clock.has_time else "no /clock has come")
 
     def _of_scene(self, now: int) -> Iterator[Reason]:
         """Yield what is missing in the scene: objects, or the word that there is none."""

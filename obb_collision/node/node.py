@@ -226,7 +226,9 @@ class CollisionNode(ManagedNode):
         self.objects.states.wants_twists = self._wants_twists
         self.inputs = Inputs(self.objects, self.now, self.frames)
         self.obstacles = Obstacles(self.objects, self.frames)
-        self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
+        self.time = NodeClock(
+            self._read_clock, self._is_simulated, self._clock_jumped, seconds=self.steady
+        )
         self.robots = Robots(self, link_frames)
         self.undo.callback(self.robots.close)
 
@@ -334,6 +336,7 @@ class CollisionNode(ManagedNode):
         parameters = self.parameters
         self.settings.apply()
         apply_limits(parameters, self.objects)
+        self.evidence.apply()
         wants_points = parameters.mode("points") != OFF
         self.subscribed.keep("points", wants_points)
         if not wants_points:
@@ -350,7 +353,7 @@ class CollisionNode(ManagedNode):
 
     def now(self) -> int:
         """Time of the node's clock (ns), after the effects of a jump are applied."""
-        return self._time.now()
+        return self.time.now()
 
     def _is_simulated(self) -> bool:
         clock = self.get_clock()

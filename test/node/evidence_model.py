@@ -24,7 +24,8 @@ from math import inf, isnan, nan
 from typing import Any
 
 ORDER = (
-    *("starting", "inactive", "disabled", "internal_error", "blocked", "overload", "no_objects"),
+    *("starting", "inactive", "disabled", "internal_error", "blocked", "overload"),
+    *("clock_stopped", "no_objects"),
     *("required_missing", "input_silent", "input_unreadable", "unknown_objects", "shape_building"),
     *("unplaced", "refused", "late_frame", "stale", "robot_unknown", "joint_unknown"),
     "base_unknown",
@@ -48,7 +49,8 @@ class Thing:
 
     awaited: the size that is being built; shaped: whether it has one; seen: by a cycle; serial:
     of the node's, when it was last looked at; carried: when the transform was true that placed it,
-    if that was the latest; told: its last speed; speed: that when it became stale.
+    if that was the latest; told: its last speed; speed: that when it became stale; locked: its x in
+    odom, if it follows that; is_alone: that alone has an age.
     """
 
     size: float
@@ -58,6 +60,8 @@ class Thing:
     at: float = 0.0
     stamp: float = 0.0
     carried: float = inf
+    locked: float | None = None
+    is_alone: bool = False
     told: float = 0.0
     speed: float = 0.0
     states: list[tuple[float, str, float, float, float]] = field(default_factory=list)
@@ -80,6 +84,8 @@ class Thing:
         return self.awaited is not None or not self.shaped
 
     def since(self, by_stamp: bool) -> float:
+        if self.is_alone:
+            return self.carried
         return min(self.at, self.carried, self.stamp if by_stamp and self.stamp else inf)
 
     def jump(self, by: float, by_stamp: bool) -> None:
@@ -188,6 +194,7 @@ class Model:
         self.declared = False
         self.ignored: list[str] = []
         self.by_stamp = True
+        self.ticked = steady
         self.seen = 0.0, 0.0  # the latest transform of odom, and since when it is it
         self.pairs: list[tuple[Thing, Thing]] = []
 
@@ -218,6 +225,7 @@ class Model:
         if self.is_late(thing, stamp):
             return
         thing.bad_pose = thing.overtaken = False
+        thing.locked = None
         thing.repeated |= thing.received > 0
         thing.received = self.now
         if 0 < stamp <= self.now + AHEAD:
@@ -227,7 +235,7 @@ class Model:
 
     def add(
         self, name: str, x: float, size: float, frame: str, stamp: float, fault: str, life: float,
-        mesh: bool = False,
+        mesh: bool = False, locked: bool = False,
     ) -> None:  # fmt: skip
         thing = self.things.get(name)
         expiry = self.now + life if life else inf
@@ -248,6 +256,9 @@ class Model:
         thing.bad_shape, thing.expiry, thing.seen = False, expiry, False
         self.newcomers.pop(name, None)
         self.state(thing, x, frame, stamp)
+        if locked:
+            thing.locked = x
+            thing.states.pop()
         self.see()
 
     def refuse(self, name: str, fault: str, expiry: float = inf, of_set: bool = False) -> None:
@@ -484,6 +495,8 @@ class Model:
         return [pair for pair in self.pairs if {*map(id, pair)} <= there]
 
     def place(self, thing: Thing) -> None:
+        if thing.locked is not None:
+            thing.states.append((thing.locked, "odom", 0.0, thing.received, inf))
         usable = [k for k, (_, frame, stamp, *_) in enumerate(thing.states)
                   if self.is_placed_at(frame, stamp)]  # fmt: skip
         if usable:
@@ -503,7 +516,9 @@ class Model:
 
     def age(self, name: str, thing: Thing, given: dict[str, Any]) -> None:
         own = last(given["object_timeout_overrides"], name)
-        limit = given["object_timeout"] if thing.repeated else 0.0
+        thing.is_alone = own is None and not thing.repeated and None is not thing.locked
+        thing.is_alone &= thing.carried < inf
+        limit = given["object_timeout"] if thing.repeated or thing.is_alone else 0.0
         limit = limit if own is None else own
         before = thing.stale
         age = self.now - thing.since(self.by_stamp)
@@ -523,7 +538,7 @@ class Model:
         return min(REACH, self.moved(thing)) if collides else 0.0
 
     def codes(self, given: dict[str, Any]) -> list[str]:
-        found = {*self.of_cycle(), *self.of_scene(given)}
+        found = {*self.of_cycle(), *self.of_clock(given), *self.of_scene(given)}
         unknown = set() if not self.robot else self.robot.codes(self.now, given, self.latest)
         for name, thing in (self.things if unknown else self.all_things()).items():
             if self.has(name, thing, given, "ignore"):
@@ -550,6 +565,15 @@ class Model:
             yield "internal_error"
         if self.overloaded:
             yield "overload"
+
+    def of_clock(self, given: dict[str, Any]) -> Iterator[str]:
+        entries = *given["object_timeout_overrides"], *given["required_inputs"]
+        limits = [given[TIMEOUT], *(float(entry.split(": ")[1]) for entry in entries)]
+        limits += [given["joint_timeout"]] if self.robot else []
+        heard = max(self.heard.values(), default=-inf)
+        patience = min(1.0, *(limit or inf for limit in limits))
+        if heard - max(self.ticked, self.activated) > patience:
+            yield "clock_stopped"
 
     def of_scene(self, given: dict[str, Any]) -> Iterator[str]:
         if not (self.things or self.newcomers or self.declared or given["expect_empty"]):

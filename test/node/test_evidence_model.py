@@ -196,6 +196,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.builder: Any = Builder()
         shapes: Any = self.node.objects.shapes
         shapes.builder = shapes.requests._builder = self.builder
+        self.node.time._steady = lambda: 0  # of the machine, which may be busy
         self.take = self.node.subscribed._callbacks
         self.world.advance(100.0)
         self.world.frames.spans["odom"] = 0, round(self.world.now * SECOND)
@@ -244,6 +245,8 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     def cycle(self, fails: str = "", waited: bool = False) -> None:
         """Let the node run a cycle, and compare what it says with what is known."""
+        if self.model.now != self.world.now:
+            self.model.ticked = self.world.steady
         self.model.now, self.model.steady = self.world.now, self.world.steady
         self.node.run_cycle()
         self.model.cycle(self.given, fails, waited)
@@ -348,9 +351,15 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.node.now()
         if by < 0.0:
             self.model.jump(by)
-        self.model.now = self.world.now
+        self.model.now, self.model.ticked = self.world.now, self.world.steady
         self.model.broken |= fails
         self.heal(fails and clears)
+
+    @rule(step=one_of([0.2311, 0.4703, 1.3017]))
+    def stand_still(self, step: float) -> None:
+        """Let the clock stand still while time goes by."""
+        self.world.advance(0.0, step)
+        self.cycle()
 
     @rule(silence=one_of([0.3017, 0.8917]))
     def block(self, silence: float) -> None:
@@ -428,11 +437,12 @@ class EvidenceMachine(RuleBasedStateMachine):
         x=PLACES, size=SIZES, frame=FRAMES, ahead=STAMPS,
         fault=one_of(["", "", "", "", "scale", "pose", "stamp", "action"]),
         life=one_of([0.0, 0.0, 1.0, 2.5]), cut=st.integers(0, 9).map(lambda k: k == 9),
+        locked=st.booleans(),
     )  # fmt: skip
     def markers(
         self, names: Sequence[str] = ("b/0",), x: float = 0.0, size: float = 1.0,
         frame: str = "map", ahead: Ahead = 0.0, fault: str = "", life: float = 0.0,
-        cut: bool = False,
+        cut: bool = False, locked: bool = False,
     ) -> None:  # fmt: skip
         if frame != "map":  # of markers of an object that come together only the last one counts
             self.apply()
@@ -443,6 +453,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             marker = cube(key(name), (x, 0, 0), [0.0 if fault == "scale" else size] * 3)
             marker.header, marker.action = header, 7 if fault == "action" else Marker.ADD
             marker.lifetime = cv.duration_to_ros(life)
+            marker.frame_locked = locked = locked and frame == "odom"
             if fault == "pose":
                 marker.pose.position.x = nan
             sent.append(marker)
@@ -450,7 +461,8 @@ class EvidenceMachine(RuleBasedStateMachine):
             if fault == "action":  # else a deletion that comes with it says nothing
                 self.apply()
             for name in names:
-                self.model.add(name, x, size, frame, stamp, fault.replace("action", "scale"), life)
+                fault = fault.replace("action", "scale")
+                self.model.add(name, x, size, frame, stamp, fault, life, locked=locked)
 
     @rule(names=st.lists(st.one_of(NAMES, ANY), max_size=2, unique=True))
     def delete(self, names: list[str]) -> None:

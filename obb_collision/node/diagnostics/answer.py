@@ -42,6 +42,7 @@ CODES = {
     "internal_error": "internal error",
     "blocked": "cycle blocked",
     "overload": "overload: states wait too long",
+    "clock_stopped": "the clock stands still",
     "no_objects": "no object is known, and nobody said that there is none",
     "required_missing": "required objects missing",
     "input_silent": "no input",
@@ -70,6 +71,8 @@ REMEDIES = {
     "blocked": "No cycle ended within 1 / rate + cycle_timeout: look at the load of the machine.",
     "overload": "States wait longer than that: send them by object_poses, lower the rate, or set "
     "time_budget.",
+    "clock_stopped": "Nothing ages: /clock does not move though messages come. Start it, or "
+    "unset use_sim_time.",
     "no_objects": "Send objects, or say that there are none: ~/clear, DELETEALL, DELETE of the "
     "last, an empty set, a scene file without objects, expect_empty.",
     "required_missing": "Send the objects of required_objects.",

@@ -67,7 +67,7 @@ class NodeClock:
     """Reads a clock and detects its jumps.
 
     read: the time (ns); is_simulated: whether it is that of /clock. on_jump(shift, now) is called
-    with what a jump added (ns), before the new time is used.
+    with what a jump added (ns), before the new time is used. seconds: steady ones, for ``moved``.
     """
 
     def __init__(
@@ -76,11 +76,19 @@ class NodeClock:
         is_simulated: Callable[[], bool],
         on_jump: Callable[[int, int], None],
         steady: Callable[[], int] = boot_time,
+        seconds: Callable[[], float] = time.monotonic,
     ) -> None:
         self._read, self._is_simulated, self._steady = read, is_simulated, steady
         self._on_jump = on_jump
         self._last, self._last_steady = read(), steady()
         self._was_simulated = is_simulated()
+        self._seconds, self.moved = seconds, seconds()
+        """By steady time (s), when it was last seen to move."""
+
+    @property
+    def has_time(self) -> bool:
+        """Whether there is any: a simulated clock has none before the first message of /clock."""
+        return self._last > 0
 
     def now(self) -> int:
         """Time of the clock (ns)."""
@@ -89,6 +97,8 @@ class NodeClock:
             return now
         simulated = self._is_simulated()
         moved, elapsed = now - self._last, steady - self._last_steady
+        if moved:
+            self.moved = self._seconds()
         shift = 0
         if simulated and self._was_simulated:
             # zero: no message of /clock so far; forward it may go as fast as it likes

@@ -32,6 +32,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rig import A1, A2, B1, FRAME, OUTPUTS, POSES, STATUS, FakeFrames, Patch, Rig, cube, pose
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
@@ -41,7 +42,7 @@ from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, Reason
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import Input
-from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
 from obb_collision.node.outputs import PERIOD, CollisionStatus
@@ -155,18 +156,38 @@ def test_before_the_first_check_nothing_is_known_and_why(rig: Rig, monkeypatch: 
         other.destroy_node()
 
 
-def test_a_stop_of_input_is_stale_while_the_clock_of_the_simulation_stands_still() -> None:
-    with Rig(given={"input_timeout": 0.4, "use_sim_time": True}) as rig:
-        rig.send(cube(A1), cube(A2, (3, 0, 0)), stamped=False)
-        rig.says(UNKNOWN, "input_silent", True)
-        assert rig.now() == 0, "no message of /clock"
+def test_without_clock_nothing_is_free_nor_while_it_stands_still_and_messages_come() -> None:
+    """A paused simulation that sends nothing is as it was; then only silence is noticed."""
+    given = {"use_sim_time": True, "object_timeout_overrides": ["a/1: 0.4"], "cycle_timeout": 30.0}
+    with Rig(given=given) as rig:
+        clock = rig.client.create_publisher(Clock, "/clock", 10)
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+        monitor, time = rig.monitor("object_transform"), rig.node.time
 
-        def heard() -> bool:
+        def tell(moves: bool) -> None:
+            count = monitor.messages
+            if moves:
+                rig.stamp += SECOND // 10
+                clock.publish(Clock(clock=stamp_to_ros(rig.stamp)))
+                rig.until(lambda: rig.now() == rig.stamp, "time")
             rig.send_transform("a/1", pose(0))
-            return rig.node.status.answer.level == FREE
+            rig.until(lambda: monitor.messages > count, "the message")
 
-        rig.until(heard, "free")
-        rig.says(UNKNOWN, "input_silent", True)
+        rig.send(*APART, stamped=False)
+        rig.says(UNKNOWN, "clock_stopped", True, reason="clock_stopped")
+        assert "no /clock has come" in rig.node.status.answer.message
+        for _ in range(2):
+            tell(moves=True)
+            rig.known()
+            end = time.moved + 0.5
+            rig.until(lambda: rig.node.steady() > end, "a while")  # noqa: B023
+            rig.cycles(2)
+            rig.known()
+            tell(moves=False)
+            rig.says(UNKNOWN, "clock_stopped", True, reason="clock_stopped")
+        rig.set(input_timeout=0.1)
+        tell(moves=True)
+        rig.known("input_silent")
 
 
 def test_a_scene_file_says_what_there_is_even_if_that_is_nothing(tmp_path: Path) -> None:
