@@ -32,7 +32,7 @@ from obb_collision.robots.robot import Robot
 from obb_collision.scene.objects import as_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 
@@ -44,6 +44,8 @@ class PlacedRobots(NotCopied):
 
     ignores_points = False
     """Whether obstacle points of the scene are none for robots; else a scene with some raises."""
+    standing: Mask | None = None
+    """(slots,) objects that nothing moves, None for all: see ``Prepared.without_still_pairs``."""
     warns = True
     """Whether a check warns of a robot that nothing can collide with."""
 

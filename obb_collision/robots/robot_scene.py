@@ -196,6 +196,7 @@ class RobotScene(PlacedRobots):
         self_pairs: bool = True,
         all_pairs: bool = False,
         jacobian: bool = False,
+        still_pairs: bool = False,
     ) -> StateDistances:
         """Return the least distance in each state, with its pair, points and direction.
 
@@ -214,6 +215,10 @@ class RobotScene(PlacedRobots):
             Return the distance of every pair within ``max_distance``, which must be finite.
         jacobian : bool
             Return the gradients of distances by the joints, too.
+        still_pairs : bool
+            Whether the least distance is also of pairs whose distance no joint changes: of a link
+            that no joint moves with an object, or with another such link. They collide as others
+            do, and ``all_pairs`` has them in any case.
 
         Returns
         -------
@@ -239,8 +244,10 @@ class RobotScene(PlacedRobots):
         slopes = as_flag(jacobian, "jacobian")
         if every and everything:
             raise ValueError("max_distance must be given for all_pairs")
-        asked = self._accuracy, given, limit, links, every, slopes
-        return state_distances(self._prepared, *asked)
+        prepared = self._prepared
+        if not (as_flag(still_pairs, "still_pairs") or every):
+            prepared = prepared.without_still_pairs(self.standing)
+        return state_distances(prepared, self._accuracy, given, limit, links, every, slopes)
 
     def check_motions(
         self,

@@ -432,6 +432,7 @@ def _robots() -> None:
         checker.check(states, all_pairs=True)
         checker.check_motions(states[:2], states[1:])
         checker.distances(states)
+    checker.distances(states, jacobian=True)
     checker.check_path(states)
     checker.displacements(states, states)
     robot.prove_pairs(1.0)

@@ -138,7 +138,7 @@ ARGUMENTS: dict[str, Any] = {
     "urdf": ROCK, "srdf": ROCK, "package_dirs": ["."], "move_virtual_joint": False,
     "robots": [rock()], "bases": [POSE], "states": STATES,
     "deviations": STATES, "all_pairs": True, "self_pairs": True, "resolution": 1e-3,
-    "group": "all", "base_state": [], "jacobian": True,
+    "group": "all", "base_state": [], "jacobian": True, "still_pairs": True,
     "time_limit": 1.0, "link": "rock", "touch_links": ["rock"], "regions": ["west", "east"],
     "timeout": 0.5, "parts": [2, 1, 1], "now": 1.0, "stamp": 1, "topic": "a", "time": 0.0,
     "rows": np.zeros(1, [("ns", "i4"), ("id", "i4")]), "scene": scene(),

@@ -239,6 +239,10 @@ ROBOTS = (
     Spec("speed_slow_distance", 0.5, (0.001, 1.0e6)).means(
         "Distance from which on ROBOT/speed_scale is 1 (m). More than speed_stop_distance."
     ),
+    Spec("speed_still_pairs", False).means(
+        "Whether ROBOT/speed_scale also counts objects that stand still beside links that no joint "
+        "moves, such as a table under the base."
+    ),
     Spec("speed_reaction_time", 0.2, (0.0, 3600.0)).means(
         "Both distances grow by how far robot and objects can approach in this time (s)."
     ),

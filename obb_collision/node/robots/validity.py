@@ -47,11 +47,12 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
 from obb_collision.node.messages.optional import optional
+from obb_collision.node.objects.states import State
 from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.robot_scene import RobotScene
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 TOO_SLOW = "checking took too long"
 VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
@@ -77,6 +78,8 @@ MEANINGS = {
 FIELDS = field_bytes(ROWS)
 MAX_STATES = 100_000
 """States of a message: the answer has 3.2 MB then, and takes 20 ms without any check."""
+STANDING = 1.0
+"""Seconds after which an object that has not moved stands still."""
 LONGEST_CHECK, QUICK = 0.2, 0.02
 """Seconds after which the states of a message that are left are not checked, as no cycle runs
 meanwhile; and of a portion of them that is quick."""
@@ -221,7 +224,7 @@ class StateService:
             raise RefusedError("bad state", str(error)) from error
         links = group | {n for n, at in scene.attached.items() if at in group}
         pairs = [pair for pair in report.pairs_of(0) if links & set(pair)]
-        deepest = scene.distances(state, max_distance=TOUCHING) if pairs else None
+        deepest = scene.distances(state, max_distance=TOUCHING, still_pairs=True) if pairs else None
         response.contacts = [
             self._contact_of(scene, pair, deepest) for pair in pairs[:MAX_CONTACTS]
         ]
@@ -285,11 +288,51 @@ class StateService:
         return contact
 
 
+class Standstill:
+    """Which objects have stood still, where they came, for a while."""
+
+    def __init__(self) -> None:
+        self._serials, self._since = np.zeros(0, np.int64), np.zeros(0)
+        self._poses = np.zeros((0, 7))
+
+    def look(self, serials: Rows, poses: Floats, moves: Mask, now: float) -> Mask:
+        """Return which do (n,), by the numbers (n,) that no two objects share, and poses (n, 7)."""
+        room = len(serials) - len(self._serials)
+        if room > 0:
+            self._serials = np.pad(self._serials, (0, room), constant_values=-1)
+            self._since = np.pad(self._since, (0, room))
+            self._poses = np.pad(self._poses, ((0, room), (0, 0)))
+        count = len(serials)
+        same = (self._serials[:count] == serials) & (self._poses[:count] == poses).all(axis=1)
+        changed = np.flatnonzero(~same | moves)
+        self._serials[changed], self._poses[changed] = serials[changed], poses[changed]
+        self._since[changed] = now
+        return np.asarray(now - self._since[:count] >= STANDING)
+
+
 class SpeedScale:
     """Publishes the scale of one robot, while somebody subscribes."""
 
     def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
         self._checked, self._robot, self._publisher = checked, checked.given, publisher
+        self._objects, self._base = Standstill(), Standstill()
+
+    def _standing(self, scene: RobotScene) -> Mask:
+        """Return (slots,) which objects stand still, as the base does.
+
+        Of those by markers and of the scene file: what comes by another topic is tracked, and may
+        move at any time.
+        """
+        table, store = self._checked.objects.table, self._checked.objects.scene.objects.store
+        count, now = min(len(table.serial), len(store.poses)), monotonic()
+        marked = self._checked.objects.placement.topics.index(State("", 0, 0).topic)
+        moves = table.moving[:count] | (table.topic[:count] != marked)
+        standing = self._objects.look(table.serial[:count], store.poses[:count], moves, now)
+        one = np.zeros(1, np.int64)
+        stands = self._base.look(one, scene.bases, np.zeros(1, np.bool_), now)[0]
+        found = np.zeros(len(store.poses), np.bool_)
+        found[:count] = standing & stands
+        return found
 
     def publish(self) -> None:
         """Publish the scale as things are now, and tell the robot why it is 0."""
@@ -325,7 +368,14 @@ class SpeedScale:
             raise RefusedError(
                 "it collides" if report.colliding[0] else "a joint out of its limits"
             )
-        found = scene.distances(state, max_distance=slow + come, self_pairs=False)
+        still = parameters.speed_still_pairs
+        scene.standing = self._standing(scene)
+        try:
+            found = scene.distances(
+                state, max_distance=slow + come, self_pairs=False, still_pairs=still
+            )
+        finally:
+            scene.standing = None
         room = float(found.distances[0]) - come - stop
         return float(np.clip(room / (slow - stop), 0.0, 1.0))
 

@@ -352,6 +352,28 @@ def rigid_groups(tree: Tree) -> Rows:
     return groups
 
 
+def driving_joints(tree: Tree) -> Mask:
+    """Return (links + 1, links) whether the joint of a link moves another one; none the world.
+
+    Those of fixed joints, and of joints that mimic others by nothing, move none.
+    """
+    count = len(tree.parents)
+    moving = (tree.kinds != FIXED) & (tree.multipliers != 0.0)
+    driven = np.zeros((count + 1, count), np.bool_)
+    for link, parent in enumerate(tree.parents.tolist()):
+        if parent >= 0:
+            driven[link] = driven[parent]
+        driven[link, link] = moving[link]
+    return driven
+
+
+def next_joint(tree: Tree, link: int) -> int:
+    """Return the link whose joint is the first that moves a link, upwards; -1 for none."""
+    while link >= 0 and (tree.kinds[link] == FIXED or tree.multipliers[link] == 0.0):
+        link = int(tree.parents[link])
+    return link
+
+
 def allowed_links(robots: Sequence[Robot], groups: Rows) -> Mask:
     """Return (links, links) which pairs are not checked: of one rigid body, adjacent, disabled."""
     allowed = groups[:, None] == groups

@@ -46,13 +46,16 @@ from obb_collision.scene.refinement.bodies import places_of, trees_of
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, kind_of
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.shapes import Box, Capsule, Shape
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats, Integers, Rows
 
 #: Relative growth of radii: more than their roundings.
 RADIUS_GROWTH = 1.0 + 64 * ROUNDOFF
 #: The same of balls within bodies; slivers among faces are off by more.
 NARROWER = 1.0 - 2.0**-10
+
+
+ROUND_ABOUT_Z = Sphere, Cylinder, Capsule, Cone
 
 
 class Part(NamedTuple):
@@ -138,6 +141,11 @@ def enclosing_spheres(bodies: LinkBodies, starts: Integers) -> tuple[Floats, Flo
         reaches = np.linalg.norm(places - centers[k], axis=1) + bodies.spheres[first:last]
         radii[k] = reaches.max() * RADIUS_GROWTH
     return centers, radii
+
+
+def is_about_z(shape: Shape | OBB) -> bool:
+    """Return whether a shape stays the same when it turns about its z axis."""
+    return isinstance(shape, ROUND_ABOUT_Z) and shape.scale[0] == shape.scale[1]
 
 
 def _core(shape: Shape | OBB, padding: float) -> tuple[Floats, float, float]:

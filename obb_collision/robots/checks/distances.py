@@ -272,9 +272,11 @@ def state_distances(
     rows, (bounds, bodies, vectors) = ask(prepared, accuracy, states, limit)
     gradients = None
     if jacobian:
-        frames = np.append(checked.bodies.frames, -1)[bodies]
+        frames = np.append(checked.bodies.frames, 0)[bodies]  # of any where there is no pair
         given = np.ascontiguousarray(states[rows])
-        gradients = distance_gradients(checked.tree, given, frames, vectors[:, :2], vectors[:, 2])
+        points, along = np.ascontiguousarray(vectors[:, :2]), np.ascontiguousarray(vectors[:, 2])
+        places = prepared.own.driven, frames, points, along
+        gradients = distance_gradients(checked.tree, given, *places)
     known = prepared.checked.owners, prepared.excess, prepared.world.origin
     _name_pairs(known, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
     if every:  # the least of each two names

@@ -26,6 +26,7 @@ import numpy as np
 
 from obb_collision._jit import Held, hold
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, rotate_vectors
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.arrays import (
@@ -37,6 +38,8 @@ from obb_collision.robots.checks.arrays import (
     allowed_links,
     body_pairs,
     chain_lengths,
+    driving_joints,
+    next_joint,
     one_tree,
     rigid_groups,
 )
@@ -48,15 +51,16 @@ from obb_collision.robots.checks.bodies import (
     WorldState,
     body_of,
     enclosing_spheres,
+    is_about_z,
     joined,
     largest_padding,
     world_of,
 )
 from obb_collision.robots.checks.chains import NO_CHAINS, chains_of
-from obb_collision.robots.kinematics.kinematics import FLOATING
+from obb_collision.robots.kinematics.kinematics import FLOATING, PRISMATIC, Tree, link_poses
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.kinds import TRIANGLES, kind_of
-from obb_collision.shapes import Shape
+from obb_collision.shapes import Shape, Sphere
 from obb_collision.typing import Floats, Integers, Mask, Rows
 from obb_collision.words import shown
 
@@ -66,6 +70,9 @@ if TYPE_CHECKING:
 #: Metres along each axis within which the first robot moves without the world, which is relative
 #: to where that robot was, being placed again; farther away roundings would grow.
 NEAR = 2.0
+#: Metres, and radians, by which the axis of a body may be off that of its joint: the rounding of
+#: angles such as 1.5708 in descriptions.
+COAXIAL = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +99,10 @@ class OwnBodies:
     owners: Rows
     allowed: Mask
     """(links and attached, the same): pairs that are not checked."""
+    tree: Tree
 
     @classmethod
-    def of(cls, parts: list[Part], allowed: Mask, chains: Floats) -> OwnBodies:
+    def of(cls, parts: list[Part], allowed: Mask, chains: Floats, tree: Tree) -> OwnBodies:
         """Return the bodies of parts; chains (links,): the lengths up to links."""
         parts = sorted(parts, key=lambda part: part.link)
         bodies = [
@@ -102,7 +110,39 @@ class OwnBodies:
             for part in parts
         ]
         owners = np.array([part.owner for part in parts], np.int64)
-        return cls(parts, joined(bodies), owners, allowed)
+        return cls(parts, joined(bodies), owners, allowed, tree)
+
+    @cached_property
+    def driven(self) -> Mask:
+        """As ``driving_joints``."""
+        return driving_joints(self.tree)
+
+    @cached_property
+    def moved(self) -> Mask:
+        """(b, links) which joints move bodies: not one that turns a round body about its axis."""
+        tree, moved = self.tree, self.driven[self.bodies.frames].copy()
+        state = np.zeros((1, int(tree.columns.max(initial=-1)) + 8))
+        state[:, tree.columns[tree.kinds == FLOATING] + 6] = 1.0
+        places = link_poses(tree, state)[0]
+        for row, (shape, pose, link, *_) in enumerate(self.parts):
+            joint = next_joint(tree, link)
+            if is_about_z(shape):
+                body = compose_poses(places[link], np.asarray(pose, np.float64))
+                while joint >= 0 and self._turns(joint, places, body, isinstance(shape, Sphere)):
+                    moved[row, joint] = False
+                    joint = next_joint(tree, int(tree.parents[joint]))
+        return moved
+
+    def _turns(self, joint: int, places: Floats, body: Floats, is_ball: bool) -> bool:
+        """Return whether a joint turns a body that is round about its z axis about that axis."""
+        tree, parent = self.tree, self.tree.parents[joint]
+        if tree.kinds[joint] >= PRISMATIC:
+            return False
+        outer = places[parent, 3:] if parent >= 0 else IDENTITY_POSE[3:]
+        axis = rotate_vectors(outer, tree.directions[joint])
+        off = np.abs(np.cross(axis, body[:3] - places[joint, :3])).max()
+        tilt = np.abs(np.cross(axis, rotate_vectors(body[3:], np.array((0.0, 0.0, 1.0))))).max()
+        return bool(off <= COAXIAL and (is_ball or tilt <= COAXIAL))
 
     @cached_property
     def meshes(self) -> LinkMeshes:
@@ -128,6 +168,7 @@ class Prepared:
     names: list[str]
     joint_names: tuple[str, ...]
     _moving: dict[Accuracy, Held] = field(default_factory=dict, init=False)
+    _still: list[tuple[bytes, Prepared]] = field(default_factory=list, init=False)
 
     @cached_property
     def touching(self) -> PairValues:
@@ -160,6 +201,30 @@ class Prepared:
         """The same where only pairs with the world are tested."""
         tests = self.checked.tests._replace(pairs=np.empty((0, 2), np.int64))
         return replace(self, checked=self.checked._replace(tests=tests))
+
+    def without_still_pairs(self, standing: Mask | None = None) -> Prepared:
+        """Return the same where pairs are tested only if a joint changes their distance.
+
+        So one joint at least moves one of the two and not the other. standing (slots,): objects of
+        the scene that nothing else moves either, None for all; pairs with others are tested.
+        """
+        count = len(self.world.slots)
+        world = np.ones(count, np.bool_) if standing is None else standing[self.world.slots]
+        key = world.tobytes()
+        if not self._still or self._still[0][0] != key:
+            tests, driven = self.checked.tests, self.own.moved
+            one, other = (driven[tests.pairs[:, k]] for k in range(2))
+            pairs = tests.pairs[(one != other).any(axis=1)]
+            allowed = tests.allowed
+            still = ~driven.any(axis=1)
+            if still.any():
+                room = np.zeros((tests.first, count), np.bool_)
+                allowed = allowed.copy() if len(allowed) else room
+                allowed[still] |= world
+            changed = tests._replace(pairs=pairs, allowed=allowed)
+            found = replace(self, checked=self.checked._replace(tests=changed))
+            self._still[:] = [(key, found)]
+        return self._still[0][1]
 
     def moving(self, accuracy: Accuracy) -> Held:
         """Return ``checked`` with what motions need."""
@@ -318,7 +383,7 @@ class Model:
                 parts.append(Part(each.shape, each.pose, each.link, padding, row))
             self._look_for_bodies(parts)
             allowed = self._allowed_of(attached)
-            self._grown, self._own = grown, OwnBodies.of(parts, allowed, self._chains)
+            self._grown, self._own = grown, OwnBodies.of(parts, allowed, self._chains, self.tree)
         return self._own
 
     def _look_for_bodies(self, parts: Sequence[Part]) -> None:

@@ -226,6 +226,32 @@ def test_the_scale_falls_with_the_distance(speed: Speed) -> None:
     assert speed.scale() == 0.0, "links collide"
 
 
+def test_what_stands_beside_a_link_that_no_joint_moves_is_no_reason_to_slow_down(
+    speed: Speed, monkeypatch: Patch
+) -> None:
+    now = [validity.monotonic()]
+    monkeypatch.setattr(validity, "monotonic", lambda: now[0])
+    rig = speed.rig
+    rig.set(speed_reaction_time=0.0)
+    table = ("table", 1)
+    rig.put((9.0, 9.0, 9.0))
+    rig.send(cube(table, (0.0, 0.0, -0.65))).answer()  # 5 cm below the base
+    assert speed.scale() == 0.0, "it has just come"
+    now[0] += 2.0
+    assert speed.scale() > 0.0
+    rig.set(speed_still_pairs=True)
+    assert speed.scale() == 0.0
+    rig.set(speed_still_pairs=False)
+    assert speed.scale() > 0.0
+    rig.send(cube(table, (0.01, 0.0, -0.65))).answer()
+    assert speed.scale() == 0.0, "it moves"
+    now[0] += 2.0
+    assert speed.scale() > 0.0
+    rig.send_states(["table/1"], [pose(0.01, 0.0, -0.65)])
+    now[0] += 2.0
+    assert speed.scale() == 0.0, "it is tracked"
+
+
 def test_the_scale_falls_with_speeds(speed: Speed) -> None:
     speed.rig.send_joints({"lift": 0.4}, lift=0.0, turn=0.0)
     assert speed.scale() == pytest.approx(0.3, abs=1e-4)

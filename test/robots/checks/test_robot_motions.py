@@ -25,7 +25,19 @@ from each import each
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from small_robots import SHAPES, arm_in_world, cup, random_arm, random_states, random_world, slider
+from small_robots import (
+    LIMIT,
+    SHAPES,
+    arm_in_world,
+    cup,
+    joint,
+    link,
+    random_arm,
+    random_states,
+    random_world,
+    slider,
+    urdf,
+)
 from support import by_threads, refused
 
 import obb_collision as oc
@@ -229,6 +241,56 @@ def test_what_turns_too_often_beside_something_is_undecided(accuracy: str, turns
     assert report.pairs[0] == ("blade", "wall")
 
 
+def column(*shapes: str) -> oc.RobotScene:
+    """Return a robot on a table: a base, a column that turns about itself, and an arm on that."""
+    text = urdf(
+        link("base", '<box size="0.2 0.2 0.1"/>'), link("column", *shapes),
+        link("arm", '<box size="0.1 0.1 0.1"/>'),
+        joint("turn", "continuous", "base", "column", '<origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>'),
+        joint("slide", "prismatic", "column", "arm",
+              f'<origin xyz="0 0 0.5"/><axis xyz="1 0 0"/>{LIMIT}'),
+    )  # fmt: skip
+    scene = oc.Scene()
+    scene.add("table", oc.shapes.Box([2, 2, 0.02]), [0, 0, -0.07, 0, 0, 0, 1])
+    return oc.RobotScene([oc.Robot.from_urdf(text)], scene)
+
+
+@pytest.mark.parametrize(
+    ("shape", "still"),
+    [
+        ('<cylinder radius="0.1" length="0.1"/>', True),
+        ('<capsule radius="0.02" length="0.05"/>', True),
+        ('<sphere radius="0.06"/>', True),
+        ('<box size="0.1 0.1 0.1"/>', False),
+    ],
+)
+@pytest.mark.parametrize("accuracy", ["obb", "hull", "mesh"])
+def test_pairs_whose_distance_no_joint_changes_are_left_out(
+    shape: str, still: bool, accuracy: str
+) -> None:
+    checker = column(shape)
+    checker.accuracy = accuracy
+    state = [[0.4, 0.0]]
+    everything = checker.distances(state, still_pairs=True)
+    assert everything.pairs == [("base", "table")]
+    alone = checker.distances(state, self_pairs=False, jacobian=True)
+    assert alone.pairs == [("arm" if still else "column", "table")]
+    near = checker.distances(state, max_distance=9.0, all_pairs=True)
+    assert ("base", "table") in near.pairs
+    checker.scene.move("table", [0, 0, 0, 0, 0, 0, 1])  # it still collides
+    assert checker.check(state).pairs == [("base", "table")]
+
+
+def test_two_bases_that_stand_are_left_out_and_joints_count_by_robot() -> None:
+    checker = column('<sphere radius="0.01"/>')
+    robot = checker.robots[0]
+    bases = [[x, 0, 0, 0, 0, 0, 1] for x in (0.0, 0.3)]
+    both = oc.RobotScene({"a": robot, "b": robot}, bases=bases)
+    state = [[0.0, 0.0, 0.0, 0.0]]
+    assert both.distances(state, still_pairs=True).pairs == [("a/base", "b/base")]
+    assert both.distances(state).pairs == [("a/arm", "b/arm")]
+
+
 def test_motions_out_of_limits_are_not_valid() -> None:
     report = ball(0.5).check_motions([[0.0], [0.0]], [[10.0], [1.0]])
     assert report.out_of_limits.tolist() == [[True], [False]]
@@ -332,7 +394,7 @@ def test_distances_are_those_between_links_and_things(seed: int, boxes: bool) ->
     world = random_world(rng, 5)
     checker = oc.RobotScene([robot], world)
     states = random_states(rng, robot, 6)
-    check_nearest(checker, states, checker.distances(states))
+    check_nearest(checker, states, checker.distances(states, still_pairs=True))
 
 
 @settings(deadline=None, max_examples=10, suppress_health_check=[*HealthCheck])
@@ -345,12 +407,12 @@ def test_distances_of_meshes_are_as_by_brute_force(seed: int, boxes: bool, tmp_p
     world = random_world(rng, 4)
     checker = oc.RobotScene([robot], world, "mesh")
     states = random_states(rng, robot, 6)
-    hulls = oc.RobotScene([robot], world).distances(states)
-    found = checker.distances(states)
+    hulls = oc.RobotScene([robot], world).distances(states, still_pairs=True)
+    found = checker.distances(states, still_pairs=True)
     assert (found.distances >= hulls.distances - 1e-9).all()
     assert (found.upper_bounds >= found.distances - 1e-12).all()
     for limit in (0.01, 0.1):
-        near = checker.distances(states, max_distance=limit).distances
+        near = checker.distances(states, max_distance=limit, still_pairs=True).distances
         beyond = found.distances > limit
         assert np.isinf(near[beyond]).all()
         np.testing.assert_allclose(near[~beyond], found.distances[~beyond], atol=1e-9)
@@ -363,15 +425,15 @@ def test_below_hull_distances_are_those_of_boxes(accuracy: str) -> None:
     robot = oc.Robot.from_urdf(random_arm(rng, 4))
     world, states = random_world(rng, 5), random_states(rng, robot, 20)
     checker = oc.RobotScene([robot], world, accuracy)
-    found = checker.distances(states, self_pairs=False)
-    hulls = oc.RobotScene([robot], world).distances(states, self_pairs=False)
+    found = checker.distances(states, self_pairs=False, still_pairs=True)
+    hulls = oc.RobotScene([robot], world).distances(states, self_pairs=False, still_pairs=True)
     assert (found.distances <= hulls.distances + 1e-9).all()
     for state, distance in zip(states, found.distances, strict=True):
         links = robot.link_poses(state[None])[0]
         own = oc.Scene()
-        for link, placed in zip(links, robot.shapes, strict=True):
+        for frame, placed in zip(links, robot.shapes, strict=True):
             for shape, pose in placed:
-                own.add(f"shape{len(own)}", shape, compose_poses(link, pose))
+                own.add(f"shape{len(own)}", shape, compose_poses(frame, pose))
         pairs = list(np.ndindex(len(own), len(world)))
         expected = oc.clearances(own.boxes, world.boxes, pairs).distances.min()
         assert distance == pytest.approx(expected, abs=1e-8)
@@ -411,7 +473,7 @@ def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) 
     assert len(errors) >= 40
     assert np.mean(np.array(errors) < 1e-7) >= 0.9  # others are where the closest features change
     assert np.abs(every.jacobians[every.distances > 1e-3]).max() > 0.01
-    least = checker.distances(states, max_distance=NEAR, jacobian=True)
+    least = checker.distances(states, max_distance=NEAR, jacobian=True, still_pairs=True)
     assert least.jacobians is not None
     for at in np.flatnonzero((least.distances > 1e-3) & (least.distances < NEAR)):
         rows = [k for k in np.flatnonzero(every.states == at) if every.pairs[k] == least.pairs[at]]
@@ -423,7 +485,7 @@ def test_gradients_are_those_of_finite_differences(accuracy: str, mobile: bool) 
 def test_distances_of_every_pair(accuracy: str) -> None:
     rng, robot, checker = arm_in_world(5, 5, 5, accuracy)
     states = random_states(rng, robot, 20)
-    least = checker.distances(states, max_distance=0.3)
+    least = checker.distances(states, max_distance=0.3, still_pairs=True)
     every = checker.distances(states, max_distance=0.3, all_pairs=True, jacobian=True)
     assert every.jacobians is not None
     assert every.jacobians.shape == (len(every), len(robot.joint_names))
