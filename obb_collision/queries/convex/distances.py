@@ -46,6 +46,7 @@ from obb_collision.queries.convex.support import (
     core_at,
 )
 from obb_collision.queries.meshes.inside import OUTSIDE, point_side
+from obb_collision.queries.meshes.one_tree import Waiting, descend_nearest, no_waiting
 from obb_collision.queries.meshes.placed import (
     NodeBox,
     Place,
@@ -55,7 +56,7 @@ from obb_collision.queries.meshes.placed import (
     moved,
     relative_pose,
 )
-from obb_collision.queries.meshes.two_trees import NODE_BOUND, SLACK, STACK, boxes_apart
+from obb_collision.queries.meshes.two_trees import NODE_BOUND, SLACK, boxes_apart
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Mask, Vector
@@ -216,16 +217,14 @@ NOWHERE = 0.0, 0.0, 0.0
 class CoreRoom(NamedTuple):
     """Work space."""
 
-    stack: np.ndarray  #: (STACK, 2) nodes, in the first column
-    bounds: Floats  #: (STACK,) how far from the body they are at least, metres
+    waiting: Waiting
     corners: Floats  #: (1, 3, LANES) of a triangle, as of a hull
 
 
 @njit
 def core_room() -> CoreRoom:
     """Return work space for one pair after another."""
-    stack, corners = np.empty((STACK, 2), np.int64), np.empty((1, 3, LANES))
-    return CoreRoom(stack, np.empty(STACK), corners)
+    return CoreRoom(no_waiting(), np.empty((1, 3, LANES)))
 
 
 class Near(NamedTuple):
@@ -291,7 +290,7 @@ def _mesh_kernel(
             vectors[0, row, k], vectors[1, row, k], vectors[2, row, k] = p[k], q[k], n[k]
 
 
-@njit
+@njit(refcount=False)
 def mesh_apart(
     trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: CoreRoom
 ) -> Near:
@@ -299,59 +298,68 @@ def mesh_apart(
     found = nearest_triangle(trees, mesh, core, pose, limit, room)
     if not (found.lower > 0.0 and trees.solid[mesh]):
         return found
-    if point_side(trees, mesh, pose.offset, pose.point_bound, room.stack) == OUTSIDE:
+    if point_side(trees, mesh, pose.offset, pose.point_bound, room.waiting) == OUTSIDE:
         return found
     return Near(0.0, 0.0, found.normal, pose.offset, NOWHERE)
 
 
-@njit
+class CoreSeen(NamedTuple):
+    """A core seen from a mesh."""
+
+    core: Core
+    pose: Pose
+    box: NodeBox
+    unit: float  #: a power of two that scales both to about 1
+    corners: Floats  #: work space, as of ``CoreRoom``
+
+
+class Nearest(NamedTuple):
+    """The nearest triangle so far."""
+
+    limit: float
+    lower: float  #: none of those looked at is nearer
+    triangle: Near
+
+
+@njit(refcount=False)
 def nearest_triangle(
     trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: CoreRoom
 ) -> Near:
     """Return how far the surface of a mesh and a core are apart."""
-    nodes, children, starts = trees.nodes, trees.children, trees.starts
-    stack, bounds, unit = room.stack, room.bounds, unit_scale(pose.size)[0]
-    box = box_of(core, pose)
-    best, slack = Near(limit, np.inf, NOWHERE, NOWHERE, NOWHERE), SLACK * pose.size
-    lower, enough = limit, limit
-    stack[0, 0], waiting = trees.roots[mesh], 1
-    bounds[0] = boxes_apart(nodes, stack[0, 0], box, unit) / unit
-    while waiting > 0:
-        waiting -= 1
-        node, least = stack[waiting, 0], bounds[waiting]
-        if least >= enough:
-            lower = min(lower, least - NODE_BOUND * pose.size)
-            continue
-        child = children[node]
-        if child < 0:
-            for k in range(starts[node, 0], starts[node, 1]):
-                found = _triangle_apart(trees, k, core, pose, best.normal, enough, room.corners)
-                lower = min(lower, found.lower)
-                if found.upper < best.upper:
-                    best, enough = found, min(enough, found.upper - slack)
-            if best.upper == 0.0:
-                break
-            continue
-        first = boxes_apart(nodes, child, box, unit) / unit
-        second = boxes_apart(nodes, child + 1, box, unit) / unit
-        near, far = (child, child + 1) if first <= second else (child + 1, child)
-        stack[waiting, 0], stack[waiting + 1, 0] = far, near
-        bounds[waiting], bounds[waiting + 1] = max(first, second, least), min(first, second)
-        bounds[waiting + 1] = max(bounds[waiting + 1], least)
-        waiting += 2
+    seen = seen_core(core, pose, room)
+    start = Nearest(limit, limit, Near(limit, np.inf, NOWHERE, NOWHERE, NOWHERE))
+    found, passed = descend_nearest(
+        trees, trees.roots[mesh], seen, core_apart, _with_triangle, start, room.waiting
+    )
+    lower, best = min(found.lower, passed - NODE_BOUND * pose.size), found.triangle
     return Near(max(lower, 0.0), best.upper, best.normal, best.p, best.q)
 
 
 @njit(merge=True)
-def _triangle_apart(
-    trees: TreeArrays, k: int, core: Core, pose: Pose, start: Vector, enough: float, room: Floats
-) -> Near:
-    """Return how far triangle k and a core are apart; beyond ``enough`` only that they are."""
-    triangle = triangle_core(trees, k, room)
-    found = search(triangle, core, pose, start, enough)
-    if found.gap > enough:
-        return Near(found.gap, np.inf, found.normal, NOWHERE, NOWHERE)
-    return Near(found.gap, found.distance, found.normal, found.p, found.q)
+def seen_core(core: Core, pose: Pose, room: CoreRoom) -> CoreSeen:
+    """Return a core as a question to a tree."""
+    return CoreSeen(core, pose, box_of(core, pose), unit_scale(pose.size)[0], room.corners)
+
+
+@njit(merge=True)
+def core_apart(seen: CoreSeen, nodes: Floats, n: int) -> float:
+    """Return how far the box of a node and that of a core are apart at least, metres."""
+    return boxes_apart(nodes, n, seen.box, seen.unit) / seen.unit
+
+
+@njit(merge=True)
+def _with_triangle(
+    seen: CoreSeen, trees: TreeArrays, k: int, _: float, nearest: Nearest
+) -> Nearest:
+    limit, lower, best = nearest
+    triangle = triangle_core(trees, k, seen.corners)
+    found = search(triangle, seen.core, seen.pose, best.normal, limit)
+    lower = min(lower, found.gap)
+    if found.gap > limit or not found.distance < best.upper:
+        return Nearest(limit, lower, best)
+    limit = min(limit, found.distance - SLACK * seen.pose.size) if found.distance > 0.0 else -np.inf
+    best = Near(found.gap, found.distance, found.normal, found.p, found.q)
+    return Nearest(limit, lower, best)
 
 
 @njit
@@ -360,9 +368,12 @@ def box_of(core: Core, pose: Pose) -> NodeBox:
     return NodeBox(pose.offset, pose.axes, (core.size[0], core.size[1], core.size[2] + core.half))
 
 
-@njit
+@njit(inline=True, refcount=False)
 def triangle_core(trees: TreeArrays, k: int, room: Floats) -> Core:
-    """Return triangle k as a core, whose corners are written to (1, 3, LANES)."""
+    """Return triangle k as a core, whose corners are written to (1, 3, LANES).
+
+    For kernels that count no references either.
+    """
     for lane in range(LANES):
         corner = 3 * min(lane, 2)
         for axis in range(3):

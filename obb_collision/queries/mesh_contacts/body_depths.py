@@ -36,10 +36,12 @@ from obb_collision.queries.convex.distance import CLOSE, gap_along, search
 from obb_collision.queries.convex.distances import (
     NOWHERE,
     CoreRoom,
-    box_of,
+    CoreSeen,
+    core_apart,
     core_room,
     mesh_body_distances,
     nearest_triangle,
+    seen_core,
     triangle_core,
     turned_back,
 )
@@ -47,9 +49,8 @@ from obb_collision.queries.convex.support import ConvexBodies, Core, body_place,
 from obb_collision.queries.mesh_contacts.depths import BETTER, CHANGES, SAME
 from obb_collision.queries.mesh_contacts.push import CERTAIN, MARGIN, PLACES, Push, moved_by
 from obb_collision.queries.meshes.inside import OUTSIDE, point_side
+from obb_collision.queries.meshes.one_tree import descend_nearest
 from obb_collision.queries.meshes.placed import PlacedMeshes, Pose, body_at, moved, relative_pose
-from obb_collision.queries.meshes.two_trees import boxes_apart
-from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.typing import Floats, Vector
@@ -167,32 +168,47 @@ def push_body_out(
 
 @njit(merge=True)
 def _is_inside(trees: TreeArrays, mesh: int, pose: Pose, room: CoreRoom) -> bool:
-    return point_side(trees, mesh, pose.offset, pose.point_bound, room.stack) != OUTSIDE
+    return point_side(trees, mesh, pose.offset, pose.point_bound, room.waiting) != OUTSIDE
 
 
-@njit(merge=True)
+class WayOut(NamedTuple):
+    """A core that is pushed along n until it is farther than what is needed from triangles."""
+
+    seen: CoreSeen
+    n: Vector
+    needed: float
+
+
+class Way(NamedTuple):
+    """The longest way out so far, metres."""
+
+    limit: float
+    longest: float
+
+
+@njit(refcount=False)
 def _farthest_way_out(
     trees: TreeArrays, pair: MeshAndCore, pose: Pose, n: Vector, needed: float, room: CoreRoom
 ) -> float:
     """Return the longest way out of the triangles that are too near to a core, metres."""
-    stack, unit = room.stack, unit_scale(pose.size)[0]
-    box, best = box_of(pair.core, pose), -np.inf
-    near = unit * (needed + CLOSE * pose.size)
-    stack[0, 0], waiting = trees.roots[pair.mesh], 1
-    while waiting > 0:
-        waiting -= 1
-        node = stack[waiting, 0]
-        if boxes_apart(trees.nodes, node, box, unit) > near:
-            continue
-        child = trees.children[node]
-        if child >= 0:
-            stack[waiting, 0], stack[waiting + 1, 0] = child, child + 1
-            waiting += 2
-            continue
-        for k in range(trees.starts[node, 0], trees.starts[node, 1]):
-            triangle = triangle_core(trees, k, room.corners)
-            best = _way_out(triangle, pair.core, pose, n, needed, best)
-    return best
+    question = WayOut(seen_core(pair.core, pose, room), n, needed)
+    start = Way(needed + CLOSE * pose.size, -np.inf)
+    root, waiting = trees.roots[pair.mesh], room.waiting
+    way, _ = descend_nearest(trees, root, question, _push_apart, _with_way, start, waiting)
+    return way.longest
+
+
+@njit(merge=True)
+def _push_apart(out: WayOut, nodes: Floats, n: int) -> float:
+    return core_apart(out.seen, nodes, n)
+
+
+@njit(merge=True)
+def _with_way(out: WayOut, trees: TreeArrays, k: int, _: float, way: Way) -> Way:
+    seen = out.seen
+    triangle = triangle_core(trees, k, seen.corners)
+    longest = _way_out(triangle, seen.core, seen.pose, out.n, out.needed, way.longest)
+    return Way(way.limit, longest)
 
 
 @njit(merge=True)

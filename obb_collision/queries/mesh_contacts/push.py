@@ -198,7 +198,7 @@ def pushed(bodies: MeshPair, n: Vector, length: float) -> MeshPair:
 @njit(refcount=False)
 def contacts_of(bodies: MeshPair, room: TreeRoom) -> tuple[int, int]:
     """Write the triangles that touch, as many as there is room for; return verdict and number."""
-    search = Contacting(ALL, UNLIMITED, room.contacts, room.stack)
+    search = Contacting(ALL, UNLIMITED, room.contacts, room.waiting)
     verdict, found = descend(bodies, search, 0, 0)
     return verdict, min(found, len(room.contacts))
 
@@ -241,7 +241,7 @@ def push_out(bodies: MeshPair, needed: float, n: Vector, most: float, room: Tree
             s, t = room.contacts[row, 1], room.contacts[row, 2]
             length += max(way, 0.0) + margin
             continue
-        inside = nesting(here, room.stack)[0] != SEPARATE
+        inside = nesting(here, room.waiting)[0] != SEPARATE
         bound = np.inf if inside else limit
         near = nearest_triangles(here, unit, bound, room)
         if inside:

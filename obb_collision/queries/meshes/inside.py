@@ -27,6 +27,8 @@ lead away from it. Triangles are found through the tree: every node that the ray
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
@@ -34,6 +36,7 @@ from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics import exact
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled, sum_abs
+from obb_collision.queries.meshes.one_tree import LARGEST, Waiting, descend_nearest
 from obb_collision.queries.meshes.triangles import corner, determinant_bound
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
@@ -64,10 +67,10 @@ TIME_SLACK = 1e-5
 
 
 @njit(refcount=False)
-def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack: np.ndarray) -> int:
+def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, waiting: Waiting) -> int:
     """Return INSIDE or OUTSIDE of a closed mesh where certain, else UNKNOWN.
 
-    point: in the frame of the mesh, each component off by at most ``error``; stack (s, 2).
+    point: in the frame of the mesh, each component off by at most ``error``.
     """
     root = trees.roots[mesh]
     if outside_box(trees.nodes, root, point, error):
@@ -75,9 +78,9 @@ def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack:
     unit, _ = unit_scale(trees.radii[mesh] + max_abs(point))
     for k in range(len(DIRECTIONS) + 6):
         ray = _direction(trees.nodes, root, k)
-        grazes, count = _count_crossings(trees, root, point, ray, error, unit, stack)
-        if not grazes:
-            inside = count != 0 if trees.winding[mesh] else count % 2 == 1
+        found = _crossings(trees, root, Crossing(point, ray, error, unit), waiting)
+        if found.limit > 0.0:
+            inside = found.leaves != 0 if trees.winding[mesh] else found.leaves % 2 == 1
             return INSIDE if inside else OUTSIDE
     return UNKNOWN
 
@@ -109,41 +112,41 @@ def outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
     return False
 
 
-@njit(refcount=False)
-def _count_crossings(
-    trees: TreeArrays,
-    root: int,
-    point: Vector,
-    ray: Vector,
-    error: float,
-    unit: float,
-    stack: np.ndarray,
-) -> tuple[bool, int]:
-    """Return whether the ray grazes an edge, and how often it leaves less how often it enters.
+class Crossing(NamedTuple):
+    """A ray that crosses a surface."""
 
-    unit: a power of two that scales the mesh to about 1, so that no product overflows.
-    """
-    nodes, children, starts = trees.nodes, trees.children, trees.starts
-    triangles, counted = trees.triangles, trees.counted
-    crossings = 0
-    stack[0, 0] = root
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        node = stack[waiting, 0]
-        if entry(nodes, node, point, ray, error) == np.inf:
-            continue
-        if children[node] >= 0:
-            stack[waiting, 0], stack[waiting + 1, 0] = children[node], children[node] + 1
-            waiting += 2
-            continue
-        for n in range(starts[node, 0], starts[node, 1]):
-            if counted[n]:
-                hit = _crosses(triangles, n, point, ray, error, unit)
-                if hit == GRAZES:
-                    return True, 0
-                crossings += hit
-    return False, crossings
+    point: Vector
+    ray: Vector
+    error: float  #: by how much a component of the point may be off
+    unit: float  #: a power of two that scales the mesh to about 1, so that no product overflows
+
+
+class Crossings(NamedTuple):
+    """Those of a ray so far."""
+
+    limit: float  #: -inf once it has grazed an edge
+    leaves: int  #: how often it leaves the surface, less how often it enters
+
+
+@njit(refcount=False)
+def _crossings(trees: TreeArrays, root: int, ray: Crossing, waiting: Waiting) -> Crossings:
+    none = Crossings(LARGEST, 0)
+    return descend_nearest(trees, root, ray, _enters, _with_crossing, none, waiting)[0]
+
+
+@njit(merge=True)
+def _enters(ray: Crossing, nodes: Floats, n: int) -> float:
+    return entry(nodes, n, ray.point, ray.ray, ray.error)
+
+
+@njit(merge=True)
+def _with_crossing(
+    ray: Crossing, trees: TreeArrays, n: int, _: float, found: Crossings
+) -> Crossings:
+    sign = 0
+    if trees.counted[n]:
+        sign = _crosses(trees.triangles, n, ray.point, ray.ray, ray.error, ray.unit)
+    return Crossings(-np.inf if sign == GRAZES else found.limit, found.leaves + sign)
 
 
 @njit(refcount=False)

@@ -174,12 +174,12 @@ def surfaces_apart(bodies: MeshPair, limit: float, room: TreeRoom) -> Apart:
     zero = 0.0, 0.0, 0.0
     unit, back = unit_scale(bodies.pose.size)
     if not roots_apart(bodies):
-        search = Contacting(TOUCHING, UNLIMITED, room.contacts, room.stack)
+        search = Contacting(TOUCHING, UNLIMITED, room.contacts, room.waiting)
         if descend(bodies, search, 0, 0)[0] != SEPARATE:
             s, t = room.contacts[0, 1], room.contacts[0, 2]
             _, x, y = points_of(bodies, s, t, unit)
             return Apart(True, 0.0, 0.0, scaled(x, back), scaled(y, back), zero, s, t)
-        verdict, k, of_a = nesting(bodies, room.stack)
+        verdict, k, of_a = nesting(bodies, room.waiting)
         if verdict != SEPARATE:
             own, other = bodies.trees_a, bodies.trees_b
             point = _piece(own, k) if of_a else moved(bodies.pose, _piece(other, k))

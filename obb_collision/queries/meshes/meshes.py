@@ -46,6 +46,7 @@ from obb_collision.queries.meshes.inside import (
     outside_box,
     point_side,
 )
+from obb_collision.queries.meshes.one_tree import Waiting, no_waiting
 from obb_collision.queries.meshes.placed import (
     MeshPair,
     PlacedMeshes,
@@ -63,7 +64,6 @@ from obb_collision.queries.meshes.triangles import (
     exact_triangle_verdict,
 )
 from obb_collision.queries.meshes.two_trees import (
-    STACK,
     Contacting,
     Nodes,
     boxes_may_collide,
@@ -241,7 +241,7 @@ def find_kernel(
     the first triangles of a verdict of at least ``ends[0]``, or ``ends[1]`` pairs of nodes after
     the first that touch.
     """
-    search = Contacting(ends[0], ends[1], contacts, np.empty((STACK, 2), np.int64))
+    search = Contacting(ends[0], ends[1], contacts, no_waiting())
     return _find_range(pairs, search, out, start, stop)
 
 
@@ -255,7 +255,7 @@ def _find_range(pairs: RowPairs, search: Contacting, out: np.ndarray, start: int
             continue
         verdict, found = descend(bodies, search, n, found)
         if verdict == SEPARATE:
-            verdict = nesting(bodies, search.stack)[0]
+            verdict = nesting(bodies, search.waiting)[0]
         out[n] = verdict
     return found
 
@@ -263,17 +263,17 @@ def _find_range(pairs: RowPairs, search: Contacting, out: np.ndarray, start: int
 @njit
 def tree_kernel(pairs: RowPairs, depth: int, out: np.ndarray, start: int, stop: int) -> None:
     """Write for a range of pairs whether boxes of a depth may collide, or a piece lies inside."""
-    _tree_range(pairs, depth, out, np.empty((STACK, 2), np.int64), start, stop)
+    _tree_range(pairs, depth, out, no_waiting(), start, stop)
 
 
 @njit(refcount=False)
 def _tree_range(
-    pairs: RowPairs, depth: int, out: np.ndarray, stack: np.ndarray, start: int, stop: int
+    pairs: RowPairs, depth: int, out: np.ndarray, waiting: Waiting, start: int, stop: int
 ) -> None:
     for n in range(start, stop):
         bodies = mesh_pair_at(pairs, n)
         out[n] = not roots_apart(bodies) and (
-            boxes_may_collide(bodies, depth, stack) or nesting(bodies, stack)[0] != SEPARATE
+            boxes_may_collide(bodies, depth, waiting) or nesting(bodies, waiting)[0] != SEPARATE
         )
 
 
@@ -286,7 +286,7 @@ def roots_apart(bodies: MeshPair) -> bool:
 
 
 @njit(refcount=False)
-def nesting(bodies: MeshPair, stack: np.ndarray) -> tuple[int, int, bool]:
+def nesting(bodies: MeshPair, waiting: Waiting) -> tuple[int, int, bool]:
     """Return OVERLAP where a piece of one is inside the other, TOUCHING where that is unknown.
 
     And that piece, and whether it is one of a. For meshes whose surfaces are apart: then a
@@ -296,13 +296,13 @@ def nesting(bodies: MeshPair, stack: np.ndarray) -> tuple[int, int, bool]:
     unknown, of_a = -1, False
     if trees_a.solid[a.mesh]:
         for k in range(trees_b.piece_starts[b.mesh], trees_b.piece_starts[b.mesh + 1]):
-            side = _piece_side(trees_a, a.mesh, trees_b.pieces, k, pose, False, stack)
+            side = _piece_side(trees_a, a.mesh, trees_b.pieces, k, pose, False, waiting)
             if side == INSIDE:
                 return OVERLAP, k, False
             unknown = k if side == UNKNOWN else unknown
     if trees_b.solid[b.mesh]:
         for k in range(trees_a.piece_starts[a.mesh], trees_a.piece_starts[a.mesh + 1]):
-            side = _piece_side(trees_b, b.mesh, trees_a.pieces, k, pose, True, stack)
+            side = _piece_side(trees_b, b.mesh, trees_a.pieces, k, pose, True, waiting)
             if side == INSIDE:
                 return OVERLAP, k, True
             if side == UNKNOWN:
@@ -312,7 +312,7 @@ def nesting(bodies: MeshPair, stack: np.ndarray) -> tuple[int, int, bool]:
 
 @njit(refcount=False)
 def _piece_side(
-    trees: TreeArrays, mesh: int, pieces: Floats, k: int, pose: Pose, back: bool, stack: np.ndarray
+    trees: TreeArrays, mesh: int, pieces: Floats, k: int, pose: Pose, back: bool, waiting: Waiting
 ) -> int:
     """Return the side of piece k (p, 6, 3) of the one mesh in the other: of its first sure corner.
 
@@ -327,7 +327,7 @@ def _piece_side(
         if n < count:
             side = OUTSIDE if outside_box(trees.nodes, root, point, pose.point_bound) else UNKNOWN
         else:
-            side = point_side(trees, mesh, point, pose.point_bound, stack)
+            side = point_side(trees, mesh, point, pose.point_bound, waiting)
         if side != UNKNOWN:
             return side
     return UNKNOWN

@@ -47,6 +47,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.build import SIZE
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import components, dot, max_abs, minus, scaled
+from obb_collision.queries.meshes.one_tree import Waiting, no_waiting
 from obb_collision.queries.meshes.placed import (
     BOX_BOUND,
     MeshPair,
@@ -77,9 +78,6 @@ from obb_collision.queries.meshes.triangles import (
 from obb_collision.queries.verdict.sat import face_gap, rows_of
 from obb_collision.typing import Floats, Vector
 
-#: Rows of the stack: one is left behind at each level of either tree, at most 2 x 75 of them
-#: (``trees.build.LEAST_SHARE``).
-STACK = 256
 #: Two numbers, such as a node of either tree.
 Nodes = tuple[int, int]
 
@@ -90,7 +88,7 @@ class Contacting(NamedTuple):
     stop: int  #: at the first verdict of at least this,
     effort: int  #: or so many pairs of nodes after the first TOUCHING
     contacts: np.ndarray  #: (c, 4) pair, triangle of a, triangle of b, verdict
-    stack: np.ndarray  #: (STACK, 2)
+    waiting: Waiting  #: work space
 
 
 @njit(refcount=False)
@@ -104,7 +102,7 @@ def descend(bodies: MeshPair, search: Contacting, pair: int, found: int) -> tupl
     nodes_a, children_a, starts_a = trees_a.nodes, trees_a.children, trees_a.starts
     nodes_b, children_b, starts_b = trees_b.nodes, trees_b.children, trees_b.starts
     triangles_a, triangles_b = trees_a.triangles, trees_b.triangles
-    contacts, stack, effort = search.contacts, search.stack, search.effort
+    contacts, stack, effort = search.contacts, search.waiting.nodes, search.effort
     verdict, back = SEPARATE, back_of(pose)
     stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     waiting = 1
@@ -173,7 +171,7 @@ def _push(
 
 
 @njit(refcount=False)
-def boxes_may_collide(bodies: MeshPair, depth: int, stack: np.ndarray) -> bool:
+def boxes_may_collide(bodies: MeshPair, depth: int, room: Waiting) -> bool:
     """Return whether boxes of a depth are not certainly apart, nor those above them.
 
     A greater depth never reports what a lesser one doesn't.
@@ -181,6 +179,7 @@ def boxes_may_collide(bodies: MeshPair, depth: int, stack: np.ndarray) -> bool:
     trees_a, a, trees_b, b, pose = bodies
     nodes_a, children_a, levels_a = trees_a.nodes, trees_a.children, trees_a.levels
     nodes_b, children_b, levels_b = trees_b.nodes, trees_b.children, trees_b.levels
+    stack = room.nodes
     stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     waiting = 1
     while waiting > 0:
@@ -213,16 +212,14 @@ APART = 2.0**-40
 class TreeRoom(NamedTuple):
     """Work space."""
 
-    stack: np.ndarray  #: (STACK, 2) pairs of nodes
-    bounds: Floats  #: (STACK,) how far apart they are at least
+    waiting: Waiting  #: of pairs of nodes
     contacts: np.ndarray  #: (c, 4) as in ``Contacting``
 
 
 @njit
 def tree_room(contacts: int) -> TreeRoom:
     """Return work space with room for contacts."""
-    stack = np.empty((STACK, 2), np.int64)
-    return TreeRoom(stack, np.empty(STACK), np.empty((contacts, 4), np.int64))
+    return TreeRoom(no_waiting(), np.empty((contacts, 4), np.int64))
 
 
 class NearestTriangles(NamedTuple):
@@ -244,7 +241,7 @@ def nearest_triangles(
     nodes_a, children_a, starts_a = trees_a.nodes, trees_a.children, trees_a.starts
     nodes_b, children_b, starts_b = trees_b.nodes, trees_b.children, trees_b.starts
     triangles_a, triangles_b = trees_a.triangles, trees_b.triangles
-    stack, bounds, back = room.stack, room.bounds, back_of(pose)
+    (stack, bounds), back = room.waiting, back_of(pose)
     lower, upper, s, t = limit, limit, -1, -1
     direction = scaled(pose.offset, -unit)
     if not max_abs(direction) > 0.0:

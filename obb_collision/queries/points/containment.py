@@ -25,6 +25,7 @@ the offset of the point and the reach of the body.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,7 @@ from obb_collision.queries.convex.support import (
 )
 from obb_collision.queries.meshes.inside import OUTSIDE as SIDE_OUTSIDE
 from obb_collision.queries.meshes.inside import point_side
+from obb_collision.queries.meshes.one_tree import Waiting, descend_nearest
 from obb_collision.queries.meshes.placed import POINT_BOUND, Meshes, Pose, body_at, node_at
 from obb_collision.queries.meshes.triangle_distance import triangle_bounds
 from obb_collision.queries.meshes.triangles import triangle_at
@@ -139,73 +141,76 @@ def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
     return place
 
 
+NOWHERE = 0.0, 0.0, 0.0
 #: Relative slack of a margin: squares, sums and roots of distances are off by 8 roundoffs.
 DISTANCE_ROUNDING = 2.0**-48
 
 
 @njit(refcount=False)
-def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, stack: np.ndarray) -> bool:
+def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, waiting: Waiting) -> bool:
     """Return whether a point is inside body i, or not certainly farther from it than a margin."""
     trees, body = bodies.trees, body_at(bodies, i)
     d = minus(point, body.place.center)
     p = components(body.place.axes, d)
     error = POINT_BOUND * (sum_abs(d) + trees.radii[body.mesh]) + MESH_UNDERFLOW
     if trees.solid[body.mesh]:
-        if point_side(trees, body.mesh, p, error, stack) != SIDE_OUTSIDE:
+        if point_side(trees, body.mesh, p, error, waiting) != SIDE_OUTSIDE:
             return True
         if margin == 0.0:
             return False
     reach = margin * (1.0 + DISTANCE_ROUNDING) + 4.0 * error
     unit, _ = unit_scale(trees.radii[body.mesh] + reach)
-    return _surface_within(trees, trees.roots[body.mesh], p, reach, unit, stack)
+    root = trees.roots[body.mesh]
+    return _surface_within(trees, root, PointAt(p, unit), reach, waiting)
+
+
+class PointAt(NamedTuple):
+    """A point in the frame of a mesh."""
+
+    point: Vector
+    unit: float  #: a power of two that scales the mesh to about 1
+
+
+class Nearby(NamedTuple):
+    """Whether a triangle is within the limit of a point."""
+
+    limit: float  #: scaled; -inf once one is
+    found: bool
 
 
 @njit(refcount=False)
 def _surface_within(
-    trees: TreeArrays, root: int, p: Vector, reach: float, unit: float, stack: np.ndarray
+    trees: TreeArrays, root: int, p: PointAt, reach: float, waiting: Waiting
 ) -> bool:
     """Return False only where no triangle is within ``reach`` of a point of the same frame."""
-    stack[0, 0] = root
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        node = stack[waiting, 0]
-        if _box_apart(trees, node, p, reach, unit):
-            continue
-        if trees.children[node] >= 0:
-            stack[waiting, 0], stack[waiting + 1, 0] = (
-                trees.children[node],
-                trees.children[node] + 1,
-            )
-            waiting += 2
-            continue
-        for n in range(trees.starts[node, 0], trees.starts[node, 1]):
-            a, b, c = triangle_at(trees.triangles, n)
-            a, b, c = (
-                scaled(minus(a, p), unit),
-                scaled(minus(b, p), unit),
-                scaled(minus(c, p), unit),
-            )
-            zero = 0.0, 0.0, 0.0
-            lower, _, _ = triangle_bounds((a, b, c), (zero, zero, zero), a, 2.0 * unit * reach)
-            if not lower > unit * reach:
-                return True
-    return False
+    none = Nearby(p.unit * reach, False)
+    return descend_nearest(trees, root, p, _box_apart, _with_near, none, waiting)[0].found
+
+
+@njit(merge=True)
+def _with_near(p: PointAt, trees: TreeArrays, n: int, _: float, near: Nearby) -> Nearby:
+    if near.found:
+        return near
+    a, b, c = triangle_at(trees.triangles, n)
+    a, b, c = minus(a, p.point), minus(b, p.point), minus(c, p.point)
+    a, b, c = scaled(a, p.unit), scaled(b, p.unit), scaled(c, p.unit)
+    origin = NOWHERE, NOWHERE, NOWHERE
+    lower = triangle_bounds((a, b, c), origin, a, 2.0 * near.limit)[0]
+    return near if lower > near.limit else Nearby(-np.inf, True)
 
 
 @njit(refcount=False)
-def _box_apart(trees: TreeArrays, n: int, p: Vector, reach: float, unit: float) -> bool:
-    """Return whether the box of a node is farther from a point than ``reach``."""
-    center, axes, half = node_at(trees.nodes, n)
-    d = components(axes, minus(p, center))
+def _box_apart(p: PointAt, nodes: Floats, n: int) -> float:
+    """Return how far the box of a node is from a point, scaled."""
+    center, axes, half = node_at(nodes, n)
+    d = components(axes, minus(p.point, center))
     square = 0.0
     for k in range(3):
-        beyond = unit * (abs(d[k]) - half[k])
+        beyond = p.unit * (abs(d[k]) - half[k])
         square += beyond * beyond if beyond > 0.0 else 0.0
-    return math.sqrt(square) > unit * reach
+    return math.sqrt(square)
 
 
-NOWHERE = 0.0, 0.0, 0.0
 SAME_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 #: Relative slack of a formula: quotients, squares and their sum are off by 6 roundoffs.
 FORMULA_ROUNDING = 16 * ROUNDOFF

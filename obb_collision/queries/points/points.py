@@ -41,8 +41,8 @@ from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
+from obb_collision.queries.meshes.one_tree import Waiting, no_waiting
 from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes
-from obb_collision.queries.meshes.two_trees import STACK
 from obb_collision.queries.points.containment import (
     INSIDE_BOUND,
     OUTSIDE,
@@ -244,7 +244,7 @@ def points_kernel(
     found, squares, labels = out
     ignored = 0
     labelled = len(labels) > 0
-    stack = np.empty((STACK, 2), np.int64)
+    waiting = no_waiting()
     for row in range(len(points)):
         n, label = first + row, -1
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
@@ -266,7 +266,7 @@ def points_kernel(
                 if not _inside(records, b, dx, dy, dz, margin):
                     continue
                 if inner is not None:  # noqa: SIM102  # one that is None is of another type
-                    if not _holds(inner, b, (x, y, z), margin, stack):
+                    if not _holds(inner, b, (x, y, z), margin, waiting):
                         continue
                 scale = records[b, SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz
@@ -286,10 +286,10 @@ def points_kernel(
 
 
 @njit(refcount=False)
-def _holds(inner: Solids, b: int, point: Vector, margin: float, stack: np.ndarray) -> bool:
+def _holds(inner: Solids, b: int, point: Vector, margin: float, waiting: Waiting) -> bool:
     """Return whether what is in box b holds a point."""
     if len(inner.meshes.meshes) > 0:
-        return body_holds(inner.meshes, b, point, margin + inner.radii[b], stack)
+        return body_holds(inner.meshes, b, point, margin + inner.radii[b], waiting)
     return convex_holds(inner.cores, b, point, margin)
 
 

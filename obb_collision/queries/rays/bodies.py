@@ -67,6 +67,7 @@ from obb_collision.numerics.vec3 import (
 from obb_collision.queries.convex.distance import CLOSE, CONVEX_ROUNDING, rounding, search
 from obb_collision.queries.convex.support import Cores, body_place, borrowed_core
 from obb_collision.queries.meshes.inside import OUTSIDE, SLAB_SLACK, entry, point_side
+from obb_collision.queries.meshes.one_tree import Waiting
 from obb_collision.queries.meshes.placed import POINT_BOUND, MeshAt, Meshes, body_at
 from obb_collision.queries.meshes.triangle_distance import careful_gap, triangle_bounds
 from obb_collision.queries.meshes.triangles import DETERMINANT_ROUNDING, Triangle, triangle_at
@@ -98,15 +99,8 @@ class LocalRay(NamedTuple):
     radius: float  #: about the mesh; negative for none, not even zero
 
 
-class Work(NamedTuple):
-    """Work space for walking down the tree of a mesh."""
-
-    stack: np.ndarray  #: (TREE_STACK, 2) nodes
-    entries: Floats  #: (TREE_STACK,) when the ray enters them
-
-
 @njit(merge=True)
-def hit_mesh(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work: Work) -> Hit:
+def hit_mesh(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, room: Waiting) -> Hit:
     """Return when a ray first hits body i or is within a radius of it, at most at ``best``.
 
     Zero, WITHIN and no normal for an origin inside; no normal without a radius.
@@ -122,23 +116,28 @@ def hit_mesh(ray: Ray, bodies: Meshes, i: int, radius: float, best: float, work:
     limit = min(best, ray.reach) - ahead
     if radius >= 0.0:
         limit = min(limit, 8.0 * reach)  # by then it is beyond the body
-        if ahead == 0.0 and body_holds(bodies, i, ray.origin, radius, work.stack):
+        if ahead == 0.0 and body_holds(bodies, i, ray.origin, radius, room):
             return 0.0, WITHIN, NOWHERE
     elif ahead == 0.0 and trees.solid[body.mesh]:  # noqa: SIM102  # a search comes last
-        if point_side(trees, body.mesh, o, error, work.stack) != OUTSIDE:
+        if point_side(trees, body.mesh, o, error, room) != OUTSIDE:
             return 0.0, WITHIN, NOWHERE
     local = LocalRay(o, w, error, unit_scale(reach)[0], size, radius)
-    time, triangle, n = _first_triangle(trees, trees.roots[body.mesh], local, limit, work)
+    time, triangle, n = _first_triangle(trees, trees.roots[body.mesh], local, limit, room)
     if triangle < 0:
         return MISSED
     return ahead + time, triangle, negated(combined(body.place.axes, n))
 
 
 @njit(refcount=False)
-def _first_triangle(trees: TreeArrays, root: int, ray: LocalRay, limit: float, work: Work) -> Hit:
-    """Return the first triangle hit, at most at ``limit``; the normal points inwards."""
+def _first_triangle(
+    trees: TreeArrays, root: int, ray: LocalRay, limit: float, room: Waiting
+) -> Hit:
+    """Return the first triangle hit, at most at ``limit``; the normal points inwards.
+
+    A descent of its own: that of ``one_tree`` takes 3 % longer, and 8 % with a radius.
+    """
     nodes, children, starts = trees.nodes, trees.children, trees.starts
-    stack, entries = work.stack, work.entries
+    stack, entries = room.nodes, room.bounds
     p, w, error = ray.origin, ray.unit, ray.error
     if ray.radius >= 0.0:
         error += 0.5 * ray.radius  # boxes grow by twice the error

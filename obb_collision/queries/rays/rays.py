@@ -41,9 +41,9 @@ from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
 from obb_collision.numerics.vec3 import axis_of, dot, lengths, plus, scaled, vector_at
 from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
+from obb_collision.queries.meshes.one_tree import Waiting, no_waiting
 from obb_collision.queries.meshes.placed import BOX_BOUND, PlacedMeshes, body_at, root_boxes
-from obb_collision.queries.meshes.two_trees import STACK as TREE_STACK
-from obb_collision.queries.rays.bodies import Work, hit_convex, hit_mesh, triangle_normal
+from obb_collision.queries.rays.bodies import hit_convex, hit_mesh, triangle_normal
 from obb_collision.queries.rays.boxes import (
     CHILD,
     COUNT,
@@ -252,10 +252,10 @@ def rays_kernel(
     """Write what rays ``start`` to ``stop`` hit; point and normal are NaN where that is nothing."""
     boxes, solids = targets
     tree = RayTree(nodes[0], nodes[1], nodes[2], np.empty(STACK, np.int64), np.empty(STACK))
-    work = Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
+    waiting = no_waiting()
     for n in range(start, stop):
         ray = Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
-        row, found = _nearest(ray, boxes, solids, tree, work)
+        row, found = _nearest(ray, boxes, solids, tree, waiting)
         out.bodies[n], out.distances[n] = row, found[0]
         out.faces[n], normal = _face(ray, boxes, solids, row, found)
         point = plus(ray.origin, scaled(ray.unit, found[0]))
@@ -266,7 +266,7 @@ def rays_kernel(
 
 @njit(refcount=False)
 def _nearest(
-    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, tree: RayTree, work: Work
+    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, tree: RayTree, waiting: Waiting
 ) -> tuple[int, Hit]:
     """Return the nearest body, the first of equally near ones, and the hit; -1 for none."""
     limits, nodes, order, stack, entries = tree
@@ -287,7 +287,7 @@ def _nearest(
                 if solids is not None:
                     if len(solids.meshes.meshes) > 0:
                         radius = solids.radii[b] if len(solids.radii) > 0 else -1.0
-                        found = hit_mesh(ray, solids.meshes, b, radius, best[0], work)
+                        found = hit_mesh(ray, solids.meshes, b, radius, best[0], waiting)
                     else:
                         found = hit_convex(ray, solids.cores, b, best[0])
                 if found[0] < best[0] or (found[0] == best[0] < np.inf and b < row):
