@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,8 +41,8 @@ from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.outputs.collision_status import allowed_delay
-from obb_collision.node.parameters.entries import Groups
+from obb_collision.node.outputs.collision_status import STATUS, allowed_delay
+from obb_collision.node.parameters.entries import Groups, bounds_text
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene.store.store import NO_ROWS
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
 
 LONGEST_STANDSTILL = 1.0
 """Seconds of steady time for which a clock may stand still at most while messages come."""
+LOOK = 0.5
+"""Seconds between two looks for publishers that are gone, or came."""
 UNASKED = ("points",)
 """Inputs of which nobody needs to know what they said: no object depends on them."""
 
@@ -65,6 +68,8 @@ class Evidence:
         self._now, self._steady, self._time = node.now, node.steady, node.time
         self._inputs = {t: m for t, m in node.monitors.items() if not node.topics[t].is_query}
         """Of those that can change what collides, by topic."""
+        self._node, self._sets = node, node.inputs.sets
+        self._looked, self._others = -inf, 0
         self._activated = node.steady()
         self._standstill = LONGEST_STANDSTILL
         self._required: tuple[tuple[object, ...], tuple[str, ...]] = (), ()
@@ -85,6 +90,7 @@ class Evidence:
     def answer(self) -> Answer:
         """Return what is known of collisions now."""
         now = self._now()
+        self._look()
         faults = list(self._robots.faults())
         found = objects_answer(self._objects, now, [slots for *_, slots in faults])
         pairs, more = self._cycle.pairs_left()
@@ -95,6 +101,7 @@ class Evidence:
             whole = "*" in setting["objects"]  # else there are pairs of which none is selected
             counts[RADIUS] = setting["max_distance"] if whole else 0.0
             counts[SELECTED_RADIUS] = setting["max_distance"]
+        counts["region"] = bounds_text(self._objects.scene.region)
         of_node = *self._of_cycle(), *self._of_clock(), *self._of_inputs()
         reasons = *of_node, *self._of_scene(now), *_of_robots(faults)
         return replace(found, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
@@ -123,6 +130,10 @@ class Evidence:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > allowed_delay(self._parameters):
             yield Reason("overload")
+        shared = [one.source.topic for one in self._sets if one.is_contested]
+        if self._others or shared:
+            who = (*(STATUS for _ in range(self._others > 0)), *shared)
+            yield Reason("two_publishers", who, len(who))
 
     def _of_clock(self) -> Iterator[Reason]:
         """Yield that the clock stands still, by which nothing ages.
@@ -175,9 +186,51 @@ class Evidence:
             silent.append("all")
         if silent:
             yield Reason("input_silent", tuple(silent[:MAX_NAMED]), len(silent))
-        bad = [f"{topic} ({each.unreadable})" for topic, each in asked.items() if each.unreadable]
+        bad = [
+            f"{topic} ({next(iter(each.unreadable.values()))})"
+            for topic, each in asked.items()
+            if each.unreadable
+        ]
         if bad:
             yield Reason("input_unreadable", tuple(bad[:MAX_NAMED]), len(bad))
+        lost = [topic for topic, each in asked.items() if each.missed and self._is_missed(topic)]
+        if lost:
+            yield Reason("messages_lost", tuple(lost), len(lost))
+
+    def _is_missed(self, topic: str) -> bool:
+        """Return whether lost changes matter: of poses not where a newer one came of everything."""
+        missed = self._inputs[topic].missed
+        if topic == "objects" or missed is None:
+            return missed is not None
+        table = self._objects.table
+        known = table.live & ~table.of_robot
+        if (table.received[known] <= missed.time).any() or self._robots.have_bases_of(missed.time):
+            return True
+        self._inputs[topic].missed = None
+        return False
+
+    def _look(self) -> None:
+        """Find out who else publishes the status, and forget senders that are gone."""
+        steady = self._steady()
+        if 0.0 <= steady - self._looked < LOOK:
+            return
+        self._looked, subscribed = steady, self._node.subscribed
+        own = self._node.outputs.publishers[STATUS].topic_name
+        self._others = max(0, self._node.count_publishers(own) - 1)
+        for topic, each in self._inputs.items():
+            senders = subscribed.senders.get(topic)
+            for sender in senders.gone(each.unreadable) if senders and each.unreadable else ():
+                if not self._goes_by(sender):
+                    del each.unreadable[sender]
+        for one in self._sets:
+            if one.is_contested and one.source.topic in subscribed.senders:
+                one.forget(subscribed.senders[one.source.topic].gone(one.senders))
+
+    def _goes_by(self, sender: int) -> bool:
+        """Return whether anything is as a sender has said, and is not stale."""
+        table = self._objects.table
+        own = table.live & ((table.sender == sender) | (table.maker == sender))
+        return bool((own & ~table.has(STALE)).any()) or self._robots.go_by(sender)
 
 
 def _of_robots(faults: list[tuple[str, str, Slots]]) -> Iterator[Reason]:

@@ -20,7 +20,7 @@ in the namespace of that name, and publishes what all found together on the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from time import monotonic
 from types import SimpleNamespace
@@ -49,6 +49,7 @@ from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.outputs.collision_status import CollisionStatus
+from obb_collision.node.parameters.entries import bounds_from_text
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.running import run
 from obb_collision.node.topics.cloud import Cloud, Topic
@@ -56,6 +57,7 @@ from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import ON
 from obb_collision.scene.region_merger import RegionMerger
+from obb_collision.scene.store.region import coverage
 
 NODE_NAME = "obb_collision_merge"
 PERIOD = 0.1
@@ -101,6 +103,8 @@ class MergerNode(Node):
         self._merger = RegionMerger(regions, timeout)
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self._statuses: dict[str, DiagnosticStatus] = {}
+        self._bounds: dict[str, str] = {}  # as each region told last
+        self._covered: tuple[dict[str, str], list[Reason]] = {}, []
         self._names: dict[str, str] = {}
         self._joined_at, self._pairs = monotonic(), 0
         self._regions = list(regions)
@@ -120,9 +124,11 @@ class MergerNode(Node):
             self.guard,
         )
         self._clouds: dict[str, list[Subscription]] = {}
+        self._status_topics: dict[str, str] = {}  # after remapping
         for region in self._regions:
             self._listen(region, NAMESPACES, lambda message, _: self._take_names(message))
-            self._listen(region, STATUS, self._take_status)
+            status = self._listen(region, STATUS, self._take_status)
+            self._status_topics[region] = status.topic_name
         self.create_timer(PERIOD, self.guard.catching("status")(self._look))
         self._look()
 
@@ -156,7 +162,9 @@ class MergerNode(Node):
 
     def _take_status(self, message: DiagnosticArray, region: str) -> None:
         (self._statuses[region],) = message.status[:1] or [EMPTY]
-        count = values_of(self._statuses[region]).get("objects", "")
+        values = values_of(self._statuses[region])
+        self._bounds[region] = values.get("region") or self._bounds.get(region, "")
+        count = values.get("objects", "")
         if count.isdecimal() and len(count) <= COUNT_DIGITS:
             self._merger.mark_alive(region, int(count), monotonic())
         self._publish_status()
@@ -207,6 +215,7 @@ class MergerNode(Node):
             whys = ((r, why.partition(" for ")[0]) for r, why in missing.items())  # no seconds
             silent = tuple(f"{region} ({why})" for region, why in whys)
             reasons.append(Reason("region_silent", silent, len(silent)))
+        reasons += [*self._shared(), *self._uncovered()]
         fresh = now - self._joined_at <= self._merger.timeout
         if not fresh and not reasons:
             bare = tuple(r for r, values in known.items() if values.get("stamped") == str(False))
@@ -226,6 +235,23 @@ class MergerNode(Node):
                 counts[key] = min(map(float, radii))
         most = max(pairs, len(colliding))
         return Answer((), most, most > pairs, counts=counts, stamp=None).but(*reasons)
+
+    def _shared(self) -> Iterator[Reason]:
+        """Yield what several nodes publish: a region's status, or this one."""
+        count, name = self.count_publishers, STATUS.name
+        twice = tuple(r for r in self._regions if count(self._status_topics[r]) > 1)
+        if twice:
+            yield Reason("region_twice", twice, len(twice))
+        if count(self._publishers_of[name].topic_name) > 1:
+            yield Reason("two_publishers", (name,), 1)
+
+    def _uncovered(self) -> list[Reason]:
+        """Return that regions do not fill space once, by the bounds they told last."""
+        if len(self._bounds) < len(self._regions):  # else those that said nothing are silent
+            return []
+        if self._covered[0] != self._bounds:
+            self._covered = dict(self._bounds), _uncovered(self._bounds)
+        return self._covered[1]
 
     def _publish_status(self) -> None:
         answer, before = self._answer(), self.status.answer
@@ -249,6 +275,23 @@ class MergerNode(Node):
 def values_of(status: DiagnosticStatus) -> dict[str, str]:
     """Return the values of a status by key."""
     return {pair.key: pair.value for pair in status.values}
+
+
+def _uncovered(bounds: Mapping[str, str]) -> list[Reason]:
+    """Return where regions do not fill space once, by what their statuses say of their bounds."""
+    regions, unclear = {}, []
+    for name, text in bounds.items():
+        try:
+            regions[name] = bounds_from_text(text)
+        except ValueError:
+            unclear.append(name)
+    if unclear:
+        who = tuple(unclear)
+        return [Reason("region_gap", who, len(who), "as these do not tell their bounds")]
+    has_gap, rows = coverage([*regions.values()])
+    twice = tuple(name for row, name in enumerate(regions) if row in rows)
+    gap = [Reason("region_gap", detail="nobody checks what is between or beyond their bounds")]
+    return [Reason("region_twice", twice, len(twice))] * bool(twice) + gap * has_gap
 
 
 def _is_length(text: str) -> bool:

@@ -391,11 +391,11 @@ class CollisionNode(ManagedNode):
             self.robots.hold("all objects were removed")
             self.inputs.markers.apply()  # what came before has come before
             for each in self.inputs.sets:
-                each.waiting.clouds.clear()
+                each.cleared()
             self.inputs.unknown.deleted(self.objects.table.slots, self.now())
             count = self.objects.clear()
             for monitor in self.monitors.values():
-                monitor.unreadable = ""
+                monitor.cleared()
             self.robots.cleared()
             self._update_status()
             response.success, response.message = True, f"{count} objects removed"

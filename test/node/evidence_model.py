@@ -25,8 +25,8 @@ from typing import Any
 
 ORDER = (
     *("starting", "inactive", "disabled", "internal_error", "blocked", "overload"),
-    *("clock_stopped", "no_objects"),
-    *("required_missing", "input_silent", "input_unreadable", "unknown_objects", "shape_building"),
+    *("clock_stopped", "two_publishers", "no_objects", "required_missing", "input_silent"),
+    *("input_unreadable", "messages_lost", "unknown_objects", "shape_building"),
     *("unplaced", "refused", "late_frame", "stale", "robot_unknown", "joint_unknown"),
     "base_unknown",
 )
@@ -34,6 +34,9 @@ ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.23
 """The robot, its links, and the edge of the first one: the other is moved by joints along x. With
 this edge nothing just touches."""
 TIMEOUT = "object_timeout"
+Sender = tuple[str, int]
+"""A topic, and which of its publishers."""
+NOBODY = "", 0
 Rows = list[tuple[str, float, float, str]]
 OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
 """Where odom is, and for how long (s) states wait for it."""
@@ -47,15 +50,18 @@ SPEED, REACH = 0.37, 1.0
 class Thing:
     """An object: what was said of it, and what of that could be used.
 
-    awaited: the size that is being built; shaped: whether it has one; seen: by a cycle; serial:
-    of the node's, when it was last looked at; carried: when the transform was true that placed it,
-    if that was the latest; told: its last speed; speed: that when it became stale; locked: its x in
-    odom, if it follows that; is_alone: that alone has an age.
+    sender, maker: of its latest state and marker; awaited: the size that is being built; shaped:
+    whether it has one; seen: by a cycle; serial: of the node's, when it was last looked at;
+    carried: when the transform was true that placed it, if that was the latest; told: its last
+    speed; speed: that when it became stale; locked: its x in odom, if it follows that; is_alone:
+    that alone has an age.
     """
 
     size: float
     of_set: bool = False
     expiry: float = inf
+    sender: Sender = NOBODY
+    maker: Sender = NOBODY
     x: float | None = None
     at: float = 0.0
     stamp: float = 0.0
@@ -109,9 +115,17 @@ class Joint:
     bad: bool = False
     repeated: bool = False
     overdue: float = inf
+    sender: Sender = NOBODY
 
     def after(
-        self, x: float, stamp: float, now: float, fault: str, by_stamp: bool, frame: str = "map"
+        self,
+        x: float,
+        stamp: float,
+        now: float,
+        fault: str,
+        by_stamp: bool,
+        sender: Sender,
+        frame: str = "map",
     ) -> Joint:
         late = 0 < stamp < self.stamp and now - self.at <= REORDERED
         if fault or (isnan(x) and not late):
@@ -120,7 +134,7 @@ class Joint:
             return replace(self, overdue=self.at + REORDERED / 2)
         believed = stamp if stamp <= now + AHEAD else 0.0
         since = min(now, believed) if by_stamp and believed else now
-        return Joint(x, believed, now, since, frame, repeated=not isnan(self.x))
+        return Joint(x, believed, now, since, frame, repeated=not isnan(self.x), sender=sender)
 
     def is_unknown(self, now: float, limit: float) -> bool:
         return isnan(self.x) or self.bad or self.overdue < now or 0.0 < limit < now - self.since
@@ -187,10 +201,14 @@ class Model:
         self.newcomers: dict[str, tuple[bool, float]] = {}
         self.unknown: dict[str, float] = {}
         self.deleted: dict[str, float] = {}
-        self.unreadable: set[str] = set()
+        self.sender = NOBODY
+        self.unreadable: set[Sender] = set()
+        self.gone: set[Sender] = set()
+        self.missed: dict[str, float] = {}
         self.heard: dict[str, float] = {}
-        self.sets: list[tuple[str, float, float, Rows]] = []
-        self.set_order = self.set_received = 0.0
+        self.sets: list[tuple[str, float, float, Rows, Sender]] = []
+        self.orders: dict[Sender, tuple[float, float]] = {}
+        self.taking_turns = False
         self.declared = False
         self.ignored: list[str] = []
         self.by_stamp = True
@@ -203,6 +221,33 @@ class Model:
 
     def see(self) -> None:
         self.declared &= not self.things and not self.newcomers
+
+    def hear(self, topic: str, number: int, lost: bool) -> None:
+        """Take note of who sends the next message, and of whether some are lost before it."""
+        self.sender = topic, number
+        self.heard[topic] = self.steady
+        self.gone.discard(self.sender)
+        self.unreadable.discard(self.sender)
+        if lost:
+            self.missed[topic] = self.now
+
+    def look(self) -> None:
+        """Forget senders that are gone and of which nothing is left, and losses made good."""
+        for one in self.unreadable & self.gone:
+            things = (t for t in self.things.values() if not t.stale)
+            of_things = (sender for thing in things for sender in (thing.sender, thing.maker))
+            if one not in (*of_things, *(joint.sender for joint in self.joints())):
+                self.unreadable.discard(one)
+        if self.taking_turns:
+            self.orders = {one: x for one, x in self.orders.items() if one not in self.gone}
+            self.taking_turns = len(self.orders) > 1
+        since = self.missed.get("object_transform", inf)
+        bases = [] if self.robot is None else [self.robot.base.at]
+        if all(at > since for at in (*bases, *(t.received for t in self.things.values()))):
+            self.missed.pop("object_transform", None)
+
+    def joints(self) -> list[Joint]:
+        return [] if self.robot is None else [*self.robot.joints, self.robot.base]
 
     def is_placed_at(self, frame: str, stamp: float) -> bool:
         return frame == "map" or (frame == "odom" and stamp <= self.until)
@@ -227,7 +272,7 @@ class Model:
         thing.bad_pose = thing.overtaken = False
         thing.locked = None
         thing.repeated |= thing.received > 0
-        thing.received = self.now
+        thing.received, thing.sender = self.now, self.sender
         if 0 < stamp <= self.now + AHEAD:
             thing.order = stamp
         thing.states.append((x, frame, stamp, self.now, carried))
@@ -255,6 +300,7 @@ class Model:
             thing.size, thing.shaped, thing.awaited = size, True, None
         thing.bad_shape, thing.expiry, thing.seen = False, expiry, False
         self.newcomers.pop(name, None)
+        thing.maker = self.sender
         self.state(thing, x, frame, stamp)
         if locked:
             thing.locked = x
@@ -305,18 +351,25 @@ class Model:
             self.state(thing, x, frame, stamp, speed=speed)
 
     def take_set(self, frame: str, stamp: float, rows: Rows) -> None:
-        if 0 < stamp < self.set_order and self.now - self.set_received <= REORDERED:
+        self.taking_turns |= self.sender in self.orders and [*self.orders][-1] != self.sender
+        order, received = self.orders.pop(self.sender, (0.0, -inf))
+        if 0 < stamp < order and self.now - received <= REORDERED:
+            self.orders[self.sender] = order, received
+            self.doubt_set()
             return
-        self.set_received = self.now
-        if 0 < stamp <= self.now + AHEAD:
-            self.set_order = stamp
+        self.orders[self.sender] = stamp if 0 < stamp <= self.now + AHEAD else order, self.now
         if frame == "map":
             self.sets.clear()
-        self.sets.append((frame, stamp, self.now, rows))
+        self.sets.append((frame, stamp, self.now, rows, self.sender))
 
-    def doubt_set(self) -> None:
-        for thing in self.things.values():
-            thing.bad_pose |= thing.of_set
+    def doubt_set(self, is_read: bool = True) -> None:
+        """Mark the boxes that are there once what came before is applied, or the input."""
+        self.sync_sets()
+        own = [thing for thing in self.things.values() if thing.of_set]
+        for thing in own:
+            thing.bad_pose = True
+        if not (own and is_read):
+            self.unreadable.add(self.sender)
 
     def sync(self, has_sets: bool = True) -> None:
         """Apply what waits: deletions, and the newest set that can be placed."""
@@ -326,22 +379,26 @@ class Model:
             self.sync_sets()
 
     def sync_sets(self) -> None:
-        usable = [self.is_placed_at(frame, stamp) for frame, stamp, _, _ in self.sets]
+        usable = [self.is_placed_at(frame, stamp) for frame, stamp, *_ in self.sets]
         if any(usable):
             last = len(usable) - 1 - usable[::-1].index(True)
             self.use_set(*self.sets[last])
             del self.sets[: last + 1]
         for one in [one for one in self.sets if self.now - one[2] > WAIT]:
             self.sets.remove(one)
-            self.doubt_set()
+            for thing in self.things.values():
+                thing.bad_pose |= thing.of_set
             if not one[3]:
-                self.unreadable.add("object_boxes")
+                self.unreadable.add(one[4])
             for name, *_ in one[3]:
                 if name not in self.things:
                     self.newcomers[name] = True, inf
         self.see()
 
-    def use_set(self, frame: str, stamp: float, received: float, rows: Rows) -> None:
+    def use_set(
+        self, frame: str, stamp: float, received: float, rows: Rows, sender: Sender
+    ) -> None:
+        speaker, self.sender = self.sender, sender
         self.newcomers = {name: one for name, one in self.newcomers.items() if not one[0]}
         for name in [n for n, thing in self.things.items() if thing.of_set]:
             if name not in [row[0] for row in rows]:
@@ -359,7 +416,7 @@ class Model:
             thing.size, thing.bad_shape = size, False
             self.newcomers.pop(name, None)
             self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp, carried)
-        self.now = now
+        self.now, self.sender = now, speaker
         self.declare()
 
     def clear(self, fails: bool = False) -> None:
@@ -367,12 +424,14 @@ class Model:
             self.deleted[name] = self.now
             self.unknown.pop(name, None)
         self.sets.clear()
+        self.taking_turns = False
         self.broken = fails
         if fails:
             return
         self.things.clear()
         self.newcomers.clear()
         self.unreadable.clear()
+        self.missed.clear()
         if self.robot is not None:
             self.robot.renew()
         self.declare()
@@ -381,13 +440,16 @@ class Model:
         """Set the clock back: ages stay, and stamps mean nothing any more."""
         for thing in self.all_things().values():
             thing.jump(by, self.by_stamp)
-        for joint in [] if self.robot is None else [*self.robot.joints, self.robot.base]:
+        for joint in self.joints():
             joint.jump(by, self.by_stamp)
         self.newcomers = {n: (of_set, at + by) for n, (of_set, at) in self.newcomers.items()}
-        for times in (self.unknown, self.deleted):
+        for times in (self.unknown, self.deleted, self.missed):
             times.update({name: at + by for name, at in times.items()})
-        self.sets = [(frame, stamp, at + by, rows) for frame, stamp, at, rows in self.sets]
-        self.set_order, self.seen = 0.0, (self.seen[0], self.seen[1] + by)
+        self.sets = [
+            (frame, stamp, at + by, rows, who) for frame, stamp, at, rows, who in self.sets
+        ]
+        self.orders = {one: (0.0, at + by) for one, (_, at) in self.orders.items()}
+        self.seen = self.seen[0], self.seen[1] + by
 
     def all_things(self) -> dict[str, Thing]:
         return self.things | (self.robot.links if self.robot else {})
@@ -405,10 +467,10 @@ class Model:
             self.pairs = self.colliding(given)
         self.unknown = {name: at for name, at in self.unknown.items() if name not in self.things}
 
-    def fail(self, topic: str) -> None:
+    def fail(self) -> None:
         """Take note of an error that came of a message."""
         self.broken = True
-        self.unreadable.add(topic)
+        self.unreadable.add(self.sender)
 
     def describe(self, edge: float) -> None:
         assert self.robot is not None
@@ -420,7 +482,7 @@ class Model:
 
     def take_base(self, x: float, frame: str, stamp: float, fault: str) -> None:
         assert self.robot is not None
-        given = x, stamp, self.now, fault, self.by_stamp
+        given = x, stamp, self.now, fault, self.by_stamp, self.sender
         self.robot.base = base = self.robot.base.after(*given, frame)
         self.robot.changed |= base.at == self.now
 
@@ -430,7 +492,8 @@ class Model:
         for k, value in enumerate(values if self.robot.links else ()):
             if value is not None:
                 joint = self.robot.joints[k]
-                self.robot.joints[k] = joint.after(value, stamp, self.now, fault, self.by_stamp)
+                given = value, stamp, self.now, fault, self.by_stamp, self.sender
+                self.robot.joints[k] = joint.after(*given)
 
     def place_links(self, robot: Robot, given: dict[str, Any]) -> None:
         is_unknown = bool(robot.faults(self.now, given))
@@ -538,6 +601,7 @@ class Model:
         return min(REACH, self.moved(thing)) if collides else 0.0
 
     def codes(self, given: dict[str, Any]) -> list[str]:
+        self.look()
         found = {*self.of_cycle(), *self.of_clock(given), *self.of_scene(given)}
         unknown = set() if not self.robot else self.robot.codes(self.now, given, self.latest)
         for name, thing in (self.things if unknown else self.all_things()).items():
@@ -565,6 +629,8 @@ class Model:
             yield "internal_error"
         if self.overloaded:
             yield "overload"
+        if self.taking_turns:
+            yield "two_publishers"
 
     def of_clock(self, given: dict[str, Any]) -> Iterator[str]:
         entries = *given["object_timeout_overrides"], *given["required_inputs"]
@@ -590,6 +656,8 @@ class Model:
                 yield "input_silent"
         if self.unreadable:
             yield "input_unreadable"
+        if self.missed:
+            yield "messages_lost"
         for name, at in self.unknown.items():
             if name not in self.things and self.now - at < MEMORY:
                 yield "unknown_objects"

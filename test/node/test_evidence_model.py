@@ -19,7 +19,8 @@ The node is the real one, with its clocks in the hand of the test; the model sha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from importlib.util import find_spec
 from math import nan
 from typing import Any, ClassVar, TypeAlias
@@ -46,7 +47,7 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
+from obb_collision.node import boxes_to_ros, evidence, namespace_number, poses_to_ros
 from obb_collision.node.inputs import MarkerUpdate
 from obb_collision.node.messages import conversions as cv
 from obb_collision.node.node import CollisionNode
@@ -135,7 +136,8 @@ class World:
 
 @pytest.fixture(autouse=True, scope="module")
 def nodes() -> Iterator[None]:
-    yield
+    with patch.object(evidence, "LOOK", 0.0):
+        yield
     for world in World.made.values():
         world.node.destroy_node()
         world.context.try_shutdown()
@@ -143,6 +145,7 @@ def nodes() -> Iterator[None]:
 
 
 one_of = st.sampled_from
+CHANGES = ["objects", "object_transform"]
 NAMES = one_of(["a/0", "a/1", "b/0", "boxes/0"])
 ANY = one_of(["a/0", "a/1", "b/0", "boxes/0", "boxes/1", "a/7", "z/0"])
 PLACES = st.integers(0, 5).map(lambda k: 0.7 * k)
@@ -200,6 +203,9 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.take = self.node.subscribed._callbacks
         self.world.advance(100.0)
         self.world.frames.spans["odom"] = 0, round(self.world.now * SECOND)
+        for topic, senders in self.node.subscribed.senders.items():
+            senders.gone = partial(self.gone, topic)  # type: ignore[method-assign]
+        self.speaker, self.losing = 1, set[str]()
         self.node.trigger_activate()
         self.is_started = True
         robot = Robot() if self.has_robot else None
@@ -237,6 +243,22 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.model.by_stamp = given["judge_ages"] != "receipt"
         self.tick(0.1103)
         self.set_model()
+
+    def gone(self, topic: str, senders: Iterable[int]) -> set[int]:
+        return {one for one in senders if (topic, one % 10) in self.model.gone}
+
+    @rule(who=one_of([1, 2]), loses=st.lists(one_of(CHANGES), max_size=1))
+    def turn(self, who: int, loses: Sequence[str] = ()) -> None:
+        """Let one of two publishers send from now on; loses: topics whose next message is lost."""
+        self.speaker = who
+        self.losing.update(loses)
+
+    @rule(who=one_of([1, 2]))
+    def end(self, who: int) -> None:
+        """End a publisher of every topic; if it speaks again, it never was."""
+        self.apply()
+        self.model.gone |= {(topic, who) for topic in self.node.monitors}
+        self.tick()
 
     @rule(step=STEPS)
     def tick(self, step: float = 0.0503) -> None:
@@ -289,6 +311,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     @invariant()
     def known_to_collide(self) -> None:
         if hasattr(self, "model"):
+            self.model.look()
             answer = self.node.evidence.answer()
             self.model.codes(self.given)  # both look at the transforms of bases
             assert not self.model.left() or answer.level == b"\2"
@@ -331,13 +354,13 @@ class EvidenceMachine(RuleBasedStateMachine):
             with patch.object(MarkerUpdate, "run", FAIL):
                 self.send("objects", MarkerArray(markers=[cube(("b", 0))]))
                 node.inputs.markers.apply()
-            self.model.fail("objects")
+            self.model.fail()
         elif names:
             message = TransformStamped(header=Header(frame_id="map"), child_frame_id=names[0])
             message.transform = cv.transform_to_ros(pose(0.0))
             with patch.object(node.objects.states, "store", FAIL):
                 self.send("object_transform", message)
-            self.model.fail("object_transform")
+            self.model.fail()
         self.heal(clears)
 
     @rule(by=one_of([-100.0, -0.3, 100.0]), fails=st.booleans(), clears=USUALLY)
@@ -409,15 +432,19 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     def send(self, topic: str, message: Any, cut: bool = False, end: int | None = None) -> bool:
         """Send a message, or its first bytes, half of them; return whether it can be read."""
-        data = serialize_message(message)
-        self.model.heard[topic] = self.model.steady
-        self.model.unreadable.discard(topic)
+        data, monitor = serialize_message(message), self.node.monitors[topic]
+        lost = topic in self.losing
+        self.losing.discard(topic)
+        if lost:
+            monitor.lose(1, self.node.now())
+        monitor.sender = 10 * (1 + list(self.node.monitors).index(topic)) + self.speaker
+        self.model.hear(topic, self.speaker, lost)
         if topic in ("object_transform", "object_states", "object_poses"):
             self.model.sync()
         if cut:
-            self.model.unreadable.add(topic)
             if topic == "object_boxes":
-                self.model.doubt_set()
+                self.model.doubt_set(is_read=False)
+            self.model.unreadable.add(self.model.sender)
         self.take[topic](data[: end or len(data) // 2] if cut else data)
         return not cut
 
@@ -482,6 +509,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.model.delete(*gone, is_named=False)
         if not namespace:
             self.model.declare()
+            self.model.missed.pop("objects", None)
 
     @rule(name=ANY, x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS, cut=st.booleans())
     def transform(
@@ -534,7 +562,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         message.fields = [one for one in message.fields if one.name != broken]
         if self.send("object_poses", message, broken == "cut"):
             if broken:
-                self.model.unreadable.add("object_poses")
+                self.model.unreadable.add(self.model.sender)
                 return
             for k, name in enumerate(names):
                 self.model.named(name, x + 0.7 * k, frame, stamp, fault)
@@ -555,8 +583,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         message = boxes_to_ros(ids, poses, np.reshape(sizes, (-1, 3)), None, header)
         if self.send("object_boxes", message, broken == 9):
             if broken == 8:
-                self.model.unreadable.add("object_boxes")
-                self.model.doubt_set()
+                self.model.doubt_set(is_read=False)
                 return
             named = [(f"boxes/{i}", *row) for i, row in zip(ids, rows, strict=True)]
             self.model.take_set(frame, stamp, named)
@@ -589,6 +616,8 @@ class EvidenceMachine(RuleBasedStateMachine):
         if reading is not None:
             reading.join()
         self.model.describe(edge)
+        if not edge:
+            self.model.unreadable.add(self.model.sender)
         self.tick()
 
     @precondition(lambda self: self.has_robot)
@@ -689,6 +718,16 @@ FOUND: dict[str, Callable[[Any], Any]] = {
         m.configure(SILENT), m.tick(0.7117), m.joints(), m.tick(0.2311), m.joints()),
     "robot: clock set back": lambda m: (
         m.configure(SILENT), m.jump(), m.tick(0.7117), m.tick(0.2311)),
+    "older set refused": lambda m: (
+        m.boxes(GOOD, ahead=0.0), m.tick(), m.boxes(GOOD, ahead=-0.3), m.tick()),
+    "two senders, one cut": lambda m: (
+        m.markers(), m.turn(2), m.poses(["b/0"], broken="cut"), m.turn(1), m.poses(["b/0"])),
+    "one of two is gone": lambda m: (
+        m.poses(["a/0"], broken="cut"), m.turn(2), m.end(1), m.tick(), m.poses(["a/0"])),
+    "lost, then all deleted": lambda m: (
+        m.turn(1, CHANGES), m.markers(), m.transform("b/0"), m.tick(), m.delete_all("")),
+    "sets by turns": lambda m: (
+        m.boxes(GOOD), m.turn(2), m.boxes(GOOD), m.turn(1), m.boxes(GOOD), m.tick(), m.end(2)),
     "newer set refused": lambda m: (
         m.boxes(GOOD), m.boxes([(0.7, 1.0, "")], frame="lost"), m.tick(0.4703)),
 }  # fmt: skip

@@ -27,7 +27,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from node_process import environment
 from processes import PATIENCE, started
 from rclpy.parameter import Parameter
-from rig import LATCHED, NAMESPACE, OUTPUTS, Rig, client_apart
+from rig import LATCHED, NAMESPACE, OUTPUTS, Rig, client_apart, node_apart
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node import namespace_number
@@ -204,12 +204,68 @@ def test_two_regions_find_what_one_node_finds_also_while_one_restarts() -> None:
         assert client.merged["in_collision"].data
 
         client.start("east")
+        client.until(lambda: "region_silent" not in reasons(status()), "all regions")
+        assert not {"region_gap", "region_twice"} & reasons(status()), "they fill space"
         client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all regions again")
         client.check_frames(2)
         client.apart()
         client.until(lambda: status().level == FREE, "free")
         client.until(lambda: not client.merged["in_collision"].data, "the flag")
         assert status().message == "free"
+
+
+def reasons(status: DiagnosticStatus) -> set[str]:
+    return {*values_of(status)["reasons"].split()}
+
+
+def test_regions_fill_space_each_by_one_node_or_the_merger_says_so() -> None:
+    given = {"regions": ["west", "east"], "timeout": TIMEOUT}
+    with client_apart() as client, node_apart("second") as second:
+        merger = MergerNode(
+            context=client.client.context,
+            namespace=NAMESPACE,
+            parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
+        )
+        client.executor.add_node(merger)
+        ends = {
+            region: client.client.create_publisher(
+                DiagnosticArray, f"{region}/collision_status", STATUS.qos
+            )
+            for region in REGIONS
+        }
+        client.listen("collision_status")
+
+        def told(west: str, east: str, code: str, who: str = "") -> bool:
+            for region, bounds in zip(REGIONS, (west, east), strict=True):
+                ends[region].publish(status("3", region=bounds))
+            if "collision_status" not in client.last:
+                return False
+            (said,) = client.last["collision_status"].status
+            found = reasons(said) & {"region_gap", "region_twice", "two_publishers"}
+            return found == ({code} - {""}) and who in said.message
+
+        cases = (
+            ("x: -inf to 10.0", "x: 10.0 to inf", ""),
+            ("x: -inf to 10.0", "x: 10.000000000000002 to inf", "region_gap"),
+            ("x: -inf to 10.0", "x: 9.999999999999998 to inf", "region_twice"),
+            ("everything", "x: 10.0 to inf", "region_twice"),
+            ("x: -inf to 10.0", "x: 10.0 to inf, y: -5.0 to inf", "region_gap"),
+            ("x: -inf to 10.0", "", "region_gap"),
+            ("x: -inf to 10.0", "x: 10.0 to inf", ""),
+        )
+        for west, east, code in cases:
+            client.until(partial(told, west, east, code), f"{west}, {east}: {code}")
+        good = "x: -inf to 10.0", "x: 10.0 to inf"
+        for topic, code, who in (
+            ("east/collision_status", "region_twice", "east"),
+            ("collision_status", "two_publishers", "collision_status"),
+        ):
+            end = second.create_publisher(DiagnosticArray, topic, STATUS.qos)
+            client.until(partial(told, *good, code, who), code)
+            second.destroy_publisher(end)
+            client.until(partial(told, *good, ""), "one publisher each")
+        client.executor.remove_node(merger)
+        merger.destroy_node()
 
 
 STATUS = TOPICS["collision_status"]
@@ -220,7 +276,7 @@ ARGUMENTS = ("-p", f"regions:=['{NAMESPACE}/west']", "-p", "timeout:=0.5")
 
 def status(objects: str, level: bytes = FREE, **more: str) -> DiagnosticArray:
     """Return what the node of a region says; more: further values."""
-    pairs = {"objects": objects, "clearance radius (m)": "0.1"} | more
+    pairs = {"objects": objects, "clearance radius (m)": "0.1", "region": "everything"} | more
     values = [KeyValue(key=key, value=value) for key, value in pairs.items()]
     return DiagnosticArray(status=[DiagnosticStatus(level=level, values=values)])
 

@@ -30,6 +30,7 @@ from support import refused
 import obb_collision as oc
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.regions import Region, split_regions
+from obb_collision.scene.store.region import coverage
 
 FAR = 0.5
 """Largest distance that clearances are computed for (m), and the halo."""
@@ -367,3 +368,34 @@ def test_stamps_that_never_become_complete_take_bounded_room(run: Run) -> None:
         assert run.take("west", stamp, pair_rows()) is None
     assert run.take("east", 0, pair_rows()) is None
     assert run.take("east", 999, pair_rows()) == []
+
+
+def cut(regions: list[Region], row: int, at: float) -> None:
+    """Cut one of some regions in two along an axis, if it reaches on both sides of a point."""
+    low, high = regions[row].minimum, regions[row].maximum
+    axis = row % 3
+    if low[axis] < at < high[axis]:
+        end, start = high.copy(), low.copy()
+        end[axis] = start[axis] = at
+        regions[row : row + 1] = [Region(low, end), Region(start, high)]
+
+
+@each("seed", range(20))
+def test_whether_regions_fill_space_once_is_exact(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    regions = [Region([-np.inf] * 3, [np.inf] * 3)]
+    for _ in range(30):
+        cut(regions, int(rng.integers(len(regions))), float(rng.normal()))
+    assert coverage(regions) == (False, [])
+    row = int(rng.integers(len(regions)))
+    assert coverage(regions[:row] + regions[row + 1 :]) == (True, [])
+    assert coverage([*regions, regions[row]])[1] == [row, len(regions)]
+    low, high = regions[row].minimum, regions[row].maximum
+    inner = np.flatnonzero(np.isfinite(high))
+    if len(inner):
+        end = high.copy()
+        end[inner[0]] = np.nextafter(high[inner[0]], -np.inf)
+        others = regions[:row] + regions[row + 1 :]
+        assert coverage([*others, Region(low, end)]) == (True, [])
+        end[inner[0]] = np.nextafter(high[inner[0]], np.inf)
+        assert len(others) in coverage([*others, Region(low, end)])[1]

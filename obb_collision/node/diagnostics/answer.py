@@ -43,10 +43,12 @@ CODES = {
     "blocked": "cycle blocked",
     "overload": "overload: states wait too long",
     "clock_stopped": "the clock stands still",
+    "two_publishers": "several publishers of what one has to say",
     "no_objects": "no object is known, and nobody said that there is none",
     "required_missing": "required objects missing",
     "input_silent": "no input",
     "input_unreadable": "the last message could not be read",
+    "messages_lost": "messages were lost",
     "unknown_objects": "states of unknown objects",
     "shape_building": "shape being built",
     "unplaced": "without a pose",
@@ -58,6 +60,8 @@ CODES = {
     "base_unknown": "base not known",
     "incomplete": "not checked completely",
     "region_silent": "regions are silent",
+    "region_gap": "regions leave a gap",
+    "region_twice": "regions overlap, or have several publishers",
     "region_unmatched": "no stamp that all regions have evaluated",
 }
 """The codes in the order in which they are reported, each with what it means."""
@@ -73,12 +77,16 @@ REMEDIES = {
     "time_budget.",
     "clock_stopped": "Nothing ages: /clock does not move though messages come. Start it, or "
     "unset use_sim_time.",
+    "two_publishers": "Of collision_status: give each node its own name or namespace. Of complete "
+    "sets: let one sender join them. Ends when one is left.",
     "no_objects": "Send objects, or say that there are none: ~/clear, DELETEALL, DELETE of the "
     "last, an empty set, a scene file without objects, expect_empty.",
     "required_missing": "Send the objects of required_objects.",
     "input_silent": "No message within required_inputs or input_timeout: start its sender.",
-    "input_unreadable": "The last message was damaged or of another type. Ends with a readable one "
-    "or ~/clear.",
+    "input_unreadable": "The last message of a sender was damaged or of another type. Ends with a "
+    "readable one of this sender, when it is gone and its objects are, or with ~/clear.",
+    "messages_lost": "Send all objects again after a DELETEALL, or call ~/clear. Poses: ends once "
+    "a newer one came of every object. Send less often, or give the topic a deeper queue.",
     "unknown_objects": "States name objects that the node lacks: send these again, or list them in "
     "ignored_objects. Ends after a second of silence.",
     "shape_building": "A shape or hull is being built: wait.",
@@ -93,6 +101,8 @@ REMEDIES = {
     "base_unknown": "Publish the robot's base, or its transform: see robot_bases.",
     "incomplete": "Merger: a region's status has no content.",
     "region_silent": "Merger: start the regions named, or send them all objects again.",
+    "region_gap": "Merger: give the regions bounds that fill space; nodes must be of one version.",
+    "region_twice": "Merger: give the regions bounds that do not overlap, and each one node.",
     "region_unmatched": "Merger: no stamp was evaluated by all regions: stamp the states.",
 }
 """What ends each code, for docs/status.md."""

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -40,6 +40,13 @@ MAX_REASONS = 64
 """Maximum number of reasons counted separately; reasons are fixed phrases, so this is a guard."""
 
 
+class Missed(NamedTuple):
+    """Where messages were lost: before a message of this number, which came at this time (ns)."""
+
+    number: int
+    time: int
+
+
 @dataclass
 class InputMonitor:
     """Statistics of one input topic: messages, age, refused and doubtful items by reason."""
@@ -56,8 +63,12 @@ class InputMonitor:
     refused: Counter[str] = field(default_factory=Counter)
     doubted: Counter[str] = field(default_factory=Counter)
     """Items that are used although something is wrong with them."""
-    unreadable: str = ""
-    """Why the last message could not be read, "" if it could: nobody knows what it said."""
+    sender: int = 0
+    """Who sent the message that is being taken, see ``inputs.senders``."""
+    unreadable: dict[int, str] = field(default_factory=dict)
+    """By sender, why its last message could not be read: nobody knows what it said."""
+    missed: Missed | None = None
+    """Where changes were lost that nothing has made good since."""
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where it was not used."""
     superseded: int = 0
@@ -76,11 +87,22 @@ class InputMonitor:
         """Count a message."""
         self.messages += 1
         self.last, self.heard = now, self.steady()
-        self.unreadable = ""
+        if self.sender >= 0:  # else it is one of several
+            self.unreadable.pop(self.sender, None)
 
-    def refuse_whole(self, error: RefusedError) -> None:
+    def mark_unreadable(self, reason: str, sender: int | None = None) -> None:
+        """Note that a message could not be read, by default the one that is being taken."""
+        self.unreadable[self.sender if sender is None else sender] = reason
+
+    def lose(self, count: int, now: int | None) -> None:
+        """Count messages lost before the next one; now (ns): they were changes."""
+        self.lost += count
+        if now is not None:
+            self.missed = Missed(self.messages + 1, now)
+
+    def refuse_whole(self, error: RefusedError, sender: int | None = None) -> None:
         """Count a message that could not be read: nobody knows what it said."""
-        self.unreadable = error.reason
+        self.mark_unreadable(error.reason, sender)
         self.refuse(error.reason, "whole message", error.detail)
 
     def refuse(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
@@ -115,6 +137,13 @@ class InputMonitor:
         """Shift times by a jump of the clock (ns): the age of the last message is unchanged."""
         if self.last is not None:
             self.last += shift
+        if self.missed is not None:
+            self.missed = self.missed._replace(time=self.missed.time + shift)
+
+    def cleared(self) -> None:
+        """Forget what nobody knows: all objects were removed."""
+        self.unreadable.clear()
+        self.missed = None
 
     def flush(self) -> None:
         """Log the pending warnings that are due."""

@@ -161,6 +161,7 @@ class Batch:
     part: Rows
     row: Rows
     received: Rows
+    sender: Rows
     expiry: Rows
     stamp: Rows
     id: Rows
@@ -180,7 +181,9 @@ class Batch:
         return self.ns.texts[self.ns.of[row]], int(self.id[row])
 
 
-def gather(parts: Sequence[Items], received: Sequence[int]) -> Batch:
+def gather(
+    parts: Sequence[Items], received: Sequence[int], senders: Sequence[int] | None = None
+) -> Batch:
     """Return the markers of messages, in order."""
     sizes = [len(part) for part in parts]
     part = np.repeat(np.arange(len(parts)), sizes)
@@ -196,6 +199,7 @@ def gather(parts: Sequence[Items], received: Sequence[int]) -> Batch:
         part,
         row=np.concatenate([np.arange(size) for size in sizes]),
         received=times,
+        sender=np.zeros_like(times) if senders is None else np.asarray(senders, np.int64)[part],
         expiry=np.where(lives, times + np.where(lives, lifetime, 0), NEVER),
         stamp=np.where(legal, _nanoseconds(stamp), -1),
         id=head["id"].astype(np.int64),

@@ -20,7 +20,7 @@ those before it anyway.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -30,6 +30,7 @@ from visualization_msgs.msg import Marker
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.inputs.batch import Faults, each
 from obb_collision.node.inputs.clouds import QueuedCloud, WaitingClouds
+from obb_collision.node.inputs.senders import ALONE, ANY
 from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import boxes_from_ros
 from obb_collision.node.messages.conversions import (
@@ -59,6 +60,8 @@ class Source(NamedTuple):
 
 
 BOXES = Source("object_boxes", "boxes", 1)
+MOST_SENDERS = 100
+"""Senders of sets that are remembered, those heard last."""
 REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason, OLDER)
@@ -115,34 +118,66 @@ class BoxInput:
         self.source, self._read = source, read
         self._monitor = objects.monitors[source.topic]
         self.waiting = WaitingClouds(objects, frames, self._monitor)
-        self._order = 0  # sets with an older stamp are late
-        self._received = 0
+        self._orders: dict[int, tuple[int, int]] = {}
+        """By sender, the last one at the end: older stamps than this are late, and when it came."""
+        self.is_contested = False
+        """Whether several senders take turns: the set of one removes the boxes of the other."""
 
     def take(self, data: bytes, now: int) -> None:
         """Queue a complete set, serialised, for the next cycle."""
+        sender = self._monitor.sender
         try:
-            cloud = self._read(data, self._objects.max_points)._replace(received=now)
+            cloud = self._read(data, self._objects.max_points)
             check_name(cloud.frame, "frame")
-            self._note_order(cloud.stamp, now)
+            self._note_order(cloud.stamp, now, sender)
         except RefusedError as error:
-            if error.reason != OLDER:
-                self._doubt()
+            self.apply()  # what came before it
+            self._doubt()
+            if error.reason != OLDER or not self._own.any():
                 raise
             self._monitor.refuse(error.reason, "whole message", error.detail)
             return
+        cloud = cloud._replace(received=now, sender=sender)
         self._monitor.superseded += self.waiting.add(cloud)
 
-    def _note_order(self, stamp: int, now: int) -> None:
-        """Store the stamp of a set; RefusedError for one that is too old."""
-        states, before = self._objects.states, self._order - stamp
+    def _note_order(self, stamp: int, now: int, sender: int) -> None:
+        """Store the stamp of a set; RefusedError for one older than the last of its sender."""
+        self._note_turn(sender)
+        states, (order, received) = self._objects.states, self._orders.pop(sender, (0, 0))
+        before = order - stamp
         if stamp and before > 0:
             most = f"{before / NANOSECONDS:.1f} s before the last one"
-            if now - self._received <= states.order_timeout:
+            if now - received <= states.order_timeout:
+                self._orders[sender] = order, received
                 raise RefusedError(OLDER, most)
             self._monitor.doubt(ANEW, "whole message", most)
-        self._received = now
-        if stamp and stamp <= now + states.stamp_tolerance:
-            self._order = stamp
+        is_believed = stamp and stamp <= now + states.stamp_tolerance
+        self._orders[sender] = stamp if is_believed else order, now
+
+    def _note_turn(self, sender: int) -> None:
+        """Take note of whose turn it is; one after another is a sender that has restarted."""
+        if sender == ALONE:
+            self.forget([each for each in self._orders if each != ALONE])
+        is_last = next(reversed(self._orders), sender) == sender
+        self.is_contested |= sender == ANY or (sender in self._orders and not is_last)
+        if len(self._orders) > MOST_SENDERS:
+            del self._orders[next(iter(self._orders))]
+
+    @property
+    def senders(self) -> tuple[int, ...]:
+        """Those whose sets came, the last one at the end."""
+        return tuple(self._orders)
+
+    def forget(self, senders: Iterable[int]) -> None:
+        """Forget senders, which are gone; where one is left, nobody takes turns with it."""
+        for sender in senders:
+            self._orders.pop(sender, None)
+        self.is_contested &= len(self._orders) > 1
+
+    def cleared(self) -> None:
+        """Forget what waits, and who sent it: all objects were removed."""
+        self.waiting.clouds.clear()
+        self.is_contested = False
 
     def apply(self) -> None:
         """Apply the newest set that can be placed, if one waits."""
@@ -153,7 +188,7 @@ class BoxInput:
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
         self.waiting.clock_jumped(shift)
-        self._order = 0
+        self._orders = {one: (0, at + shift) for one, (_, at) in self._orders.items()}
 
     def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Bring the objects in line with a set, given in a frame that is at ``frame`` (7,)."""
@@ -162,7 +197,7 @@ class BoxInput:
         faults = Faults(len(ids))
         faults.note(~given.are_keys, BAD_KEY)
         if not given.are_keys.all():
-            self._monitor.unreadable = BAD_KEY.reason
+            self._monitor.mark_unreadable(BAD_KEY.reason, cloud.sender)
         faults.note(_repeated(numbers, ids, faults.good), REPEATED)
         faults.note_sizes(given.sizes, "bad size")
         faults.note_poses(poses)
@@ -172,14 +207,15 @@ class BoxInput:
             poses[good] = compose_poses(frame, poses[good])
             bad = np.any(pose_faults(poses), axis=0)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
-        state = State("", cloud.stamp, cloud.received, self.source.topic, cloud.carried)
+        of_cloud = cloud.stamp, cloud.received, self.source.topic, cloud.carried, cloud.sender
+        state = State("", *of_cloud)
         self._update(numbers, ids, poses, given.sizes, faults, state)
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
         given: BoxRows = cloud.content
         rows = np.flatnonzero(given.are_keys)
         if len(rows) < len(given.ids) or len(rows) == 0:
-            self._monitor.unreadable = error.reason
+            self._monitor.mark_unreadable(error.reason, cloud.sender)
         self._doubt()
         numbers, ids = given.numbers[rows], given.ids[rows]
         new = self._table.find(numbers, ids) < 0

@@ -44,7 +44,7 @@ MAX_CLOUD_BYTES = 1 << 26
 
 
 class QueuedCloud(NamedTuple):
-    """A queued cloud: content, frame, stamp (ns), size in bytes, and time of receipt (ns).
+    """A queued cloud: content, frame, stamp (ns), size in bytes, time of receipt (ns) and sender.
 
     carried: when the transform was true by which it is placed (ns), if that is the latest; else 0.
     """
@@ -55,6 +55,7 @@ class QueuedCloud(NamedTuple):
     size: int
     received: int = 0
     carried: int = 0
+    sender: int = 0
 
 
 class WaitingClouds:

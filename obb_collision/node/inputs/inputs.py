@@ -138,7 +138,7 @@ class Inputs:
             self._objects.states.refuse(slots[slots >= 0])
             self._note_unknown(slots < 0, lambda row: names[row], now)
             if len(names) < len(poses):
-                monitor.unreadable = LENGTHS_DIFFER
+                monitor.mark_unreadable(LENGTHS_DIFFER)
             return
         twists = self._twists(message)
         self._store_named("object_states", names, poses, message.header, now, twists)
@@ -233,7 +233,7 @@ class Inputs:
             twists = None if twists is None else twists[usable]
         try:
             stamp = stamp_from_ros(header.stamp)
-            state = State(header.frame_id, stamp, now, topic)
+            state = State(header.frame_id, stamp, now, topic, sender=monitor.sender)
             old = self._objects.states.store(slots, poses, state, twists)
             monitor.refuse_rows(old, OLDER)
         except RefusedError as error:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from visualization_msgs.msg import Marker
@@ -37,6 +38,7 @@ from obb_collision.node.inputs.batch import (
     settle,
 )
 from obb_collision.node.inputs.boxes import OWNED
+from obb_collision.node.inputs.senders import ALONE
 from obb_collision.node.messages.cdr import Items, markers_from_bytes
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
@@ -64,6 +66,15 @@ NO_NUMBER = -(1 << 40)
 """In place of the number of a namespace that is not in the table; no namespace has it."""
 
 
+class Waiting(NamedTuple):
+    """A message as bytes, when it came (ns), by whom, and how many had come by then."""
+
+    data: bytes
+    received: int
+    sender: int
+    number: int
+
+
 class MarkerInput:
     """Receives messages of ``objects``, and applies their outcome.
 
@@ -73,20 +84,20 @@ class MarkerInput:
     def __init__(self, objects: Objects, clock: Callable[[], int], unknown: UnknownObjects) -> None:
         self._objects, self._clock, self._unknown = objects, clock, unknown
         self._monitor, self._guard = objects.monitors["objects"], objects.guard
-        self._waiting: list[tuple[bytes, int]] = []
+        self._waiting: list[Waiting] = []
         self.size = 0
         """Bytes that wait."""
 
     def take(self, data: bytes, now: int) -> None:
         """Queue a serialised MarkerArray for the next cycle."""
-        self._waiting.append((data, now))
+        self._waiting.append(Waiting(data, now, self._monitor.sender, self._monitor.messages))
         self.size += len(data)
         if self.size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
             self.apply()
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        self._waiting = [(data, at + shift) for data, at in self._waiting]
+        self._waiting = [one._replace(received=one.received + shift) for one in self._waiting]
 
     def apply(self) -> None:
         """Apply what waits."""
@@ -96,40 +107,48 @@ class MarkerInput:
             return
         for one in found:  # one that fails takes no other with it
             if not self._run([one]):
-                self._monitor.refuse_whole(RefusedError(INTERNAL_ERROR))
+                self._monitor.refuse_whole(RefusedError(INTERNAL_ERROR), one[-1])
                 self._objects.broken = "input objects"
 
-    def _scan_all(self, waiting: list[tuple[bytes, int]]) -> list[tuple[Items, int]]:
-        """Return the markers of messages with their times of receipt.
+    def _scan_all(self, waiting: list[Waiting]) -> list[tuple[Items, int, int]]:
+        """Return the markers of messages with their times of receipt and senders.
 
-        The newest message is read first: what comes before a DELETEALL is dropped unread.
+        The newest message is read first: what comes before a DELETEALL is dropped unread, and it
+        does not matter if it was lost.
         """
-        found: list[tuple[Items, int]] = []
-        is_read = False
-        for data, at in reversed(waiting):
-            part = self._scan(data, is_read)
-            is_read |= part is not None
-            if part is not None and len(part):
-                found.insert(0, (part, at))
+        found: list[tuple[Items, int, int]] = []
+        read: set[int] = set()  # senders of which a newer message could be read
+        missed = self._monitor.missed
+        for one in reversed(waiting):
+            part = self._scan(one, one.sender in read)
+            if part is None:
+                continue
+            if one.sender >= ALONE:
+                read.add(one.sender)
+            if len(part):
+                found.insert(0, (part, one.received, one.sender))
                 deletes = part.numbers["head"]["action"] == Marker.DELETEALL
                 if (deletes & (part.of("ns")[:, 1] == 0)).any():
+                    if missed is not None and missed.number <= one.number:
+                        self._monitor.missed = None
                     break
         return found
 
-    def _scan(self, data: bytes, is_read_since: bool) -> Items | None:
+    def _scan(self, message: Waiting, is_read_since: bool) -> Items | None:
         """Return the markers of a message, None if it is refused.
 
-        is_read_since: whether a newer one could be read.
+        is_read_since: whether a newer one of its sender could be read.
         """
         try:
-            return markers_from_bytes(data)
+            return markers_from_bytes(message.data)
         except Exception as error:
-            self._monitor.refuse_whole(self._guard.refusal("input objects", error, "whole message"))
+            refusal = self._guard.refusal("input objects", error, "whole message")
+            self._monitor.refuse_whole(refusal, message.sender)
         if is_read_since:
-            self._monitor.unreadable = ""
+            del self._monitor.unreadable[message.sender]
         return None
 
-    def _run(self, messages: list[tuple[Items, int]]) -> bool:
+    def _run(self, messages: list[tuple[Items, int, int]]) -> bool:
         """Apply the markers of messages; return whether that went through."""
         with self._guard.catching("input objects", "whole message"):
             markers = gather(*zip(*messages, strict=True))
@@ -364,10 +383,16 @@ class MarkerUpdate:
     def _store(self, rows: Rows, slots: Rows) -> None:
         """Store the poses of markers, those of the same frame together."""
         markers, states = self._markers, self._objects.states
+        self._table.maker[slots] = markers.sender[rows]
         of = markers.frame.of[rows]
         for index in np.unique(of).tolist():
             some = rows[of == index]
-            state = State(markers.frame.texts[index], markers.stamp[some], markers.received[some])
+            state = State(
+                markers.frame.texts[index],
+                markers.stamp[some],
+                markers.received[some],
+                sender=markers.sender[some],
+            )
             states.store(slots[of == index], markers.poses[some], state)
         locked = markers.locked[rows]
         if locked.any():

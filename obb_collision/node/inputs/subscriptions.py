@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import count
 from time import monotonic, time_ns
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,41 +30,12 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.diagnostics.monitors import overridable
+from obb_collision.node.inputs.senders import ALONE, Senders
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
+from obb_collision.node.runtime.inner import with_publishers
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
-
-NO_NUMBER = 2**63
-"""Numbers from here on mean that the middleware gives none."""
-
-
-class Losses:
-    """Counts gaps in the numbers of messages. publishers: how many there are at present."""
-
-    def __init__(self, publishers: Callable[[], int]) -> None:
-        self._publishers = publishers
-        self._last: list[int] = []  # of each publisher, most recent last
-
-    def count(self, number: int | None) -> int:
-        """Return how many messages were lost before the one of a number."""
-        if not number or number >= NO_NUMBER:
-            return 0
-        if number - 1 in self._last:
-            self._last.remove(number - 1)
-            self._last.append(number)
-            return 0
-        known = self._publishers()
-        del self._last[: max(0, len(self._last) - known)]
-        before = [last for last in self._last if last < number]
-        lost = 0
-        if before and len(self._last) >= known:
-            lost = number - max(before) - 1
-            self._last.remove(max(before))
-        elif self._last and len(self._last) >= known:  # a publisher in place of one that ended
-            self._last.pop(0)
-        self._last.append(number)
-        return lost
 
 
 class Input(NamedTuple):
@@ -75,6 +47,8 @@ class Input(NamedTuple):
     durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
     is_query: bool = False
     """Whether its messages ask for something, and say nothing about objects."""
+    is_change: bool = False
+    """Whether what a message says is not said again: nobody knows what a lost one said."""
     meaning: str = ""
     """What it does, for docs/topics.md."""
 
@@ -83,10 +57,16 @@ INPUTS = {
     # Markers and single poses are for different objects, so more of them wait; the bulk messages
     # overtake themselves.
     "objects": Input(
-        MarkerArray, 100, meaning="Adds, changes and deletes objects; an unchanged shape is a pose."
+        MarkerArray,
+        2000,
+        is_change=True,
+        meaning="Adds, changes and deletes objects; an unchanged shape is a pose.",
     ),
     "object_transform": Input(
-        TransformStamped, 1000, meaning="One pose; child_frame_id is the object's name."
+        TransformStamped,
+        1000,
+        is_change=True,
+        meaning="One pose; child_frame_id is the object's name.",
     ),
     "object_states": Input(
         MultiDOFJointState,
@@ -117,8 +97,6 @@ INPUTS = {
 
 LONGEST = 0.5
 """Time (s) after which no more messages of a topic are taken before a cycle."""
-LATCHED_DEPTH = 1000
-"""Depth of ``objects`` where it is latched: all that publishers keep comes at once."""
 
 
 class Subscriptions:
@@ -138,7 +116,9 @@ class Subscriptions:
         self._node, self._callbacks, self._arrived = node, callbacks, arrived
         self._monitors = node.monitors
         self._oldest = 0
-        self._losses: dict[str, Losses] = {}
+        self.senders: dict[str, Senders] = {}
+        """Of each topic that was subscribed to."""
+        self._numbers = count(1)
         self._closed: set[str] = set()  # to be subscribed to again
         self.open: dict[str, Subscription] = {}
         """By topic, as the node names it."""
@@ -172,7 +152,7 @@ class Subscriptions:
                 self._drain(topic, self.open[topic])
             except Exception as error:
                 failures.append(error)
-                self._monitors[topic].unreadable = INTERNAL_ERROR
+                self._monitors[topic].mark_unreadable(INTERNAL_ERROR, ALONE)
                 self._give_up(topic)
         if failures:
             raise failures[0]
@@ -183,6 +163,7 @@ class Subscriptions:
             for _ in range(subscription.qos_profile.depth):
                 taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                 if taken is None:
+                    self.senders[topic].emptied()
                     break
                 message, info = taken
                 self._take(topic, message, info, is_awaited=False)
@@ -211,9 +192,12 @@ class Subscriptions:
         self, topic: str, message: bytes, info: Mapping[str, Any], is_awaited: bool = True
     ) -> None:
         """Store a message; is_awaited: whether a cycle may begin for it."""
-        self._monitors[topic].lost += self._losses[topic].count(
-            info.get("publication_sequence_number")
-        )
+        monitor = self._monitors[topic]
+        if ALONE in monitor.unreadable and self.open[topic].get_publisher_count() <= 1:
+            del monitor.unreadable[ALONE]  # of a queue that could not be read: it is this sender's
+        monitor.sender, lost = self.senders[topic].take(info)
+        if lost:
+            monitor.lose(lost, self._node.now() if self._node.topics[topic].is_change else None)
         received = info.get("received_timestamp") or 0  # not given by some middlewares
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
@@ -225,16 +209,28 @@ class Subscriptions:
         kind, depth, reliability, durability = self._node.topics[topic][:4]
         qos = QoSProfile(depth=depth, reliability=reliability, durability=durability)
         if topic == "objects" and self._node.parameters.latched_objects:
-            qos.depth, qos.durability = LATCHED_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL
-        subscription = self._node.create_subscription(
-            kind,
-            topic,
-            partial(self._take, topic),
-            qos,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see QosWatch
-            qos_overriding_options=overridable(),
-            raw=True,
-        )
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        with with_publishers():
+            subscription = self._node.create_subscription(
+                kind,
+                topic,
+                partial(self._take, topic),
+                qos,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # QosWatch
+                qos_overriding_options=overridable(),
+                raw=True,
+            )
         self._monitors[topic].topic = subscription.topic_name
-        self._losses.setdefault(topic, Losses(lambda: self.open[topic].get_publisher_count()))
+        if topic not in self.senders:
+            self.senders[topic] = Senders(
+                subscription.qos_profile.depth,
+                lambda: self.open[topic].get_publisher_count(),
+                lambda: self._gids(self.open[topic].topic_name),
+                self._numbers,
+            )
         return subscription
+
+    def _gids(self, topic: str) -> Iterator[bytes]:
+        """Yield the gids of the publishers of a topic."""
+        for each in self._node.get_publishers_info_by_topic(topic):
+            yield bytes(each.endpoint_gid)

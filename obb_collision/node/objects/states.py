@@ -67,10 +67,10 @@ restarted."""
 
 @dataclass(frozen=True)
 class State:
-    """Where poses come from: their frame, stamp (ns, 0: none), time of receipt (ns) and topic.
+    """Where poses come from: frame, stamp (ns, 0: none), time of receipt (ns), topic and sender.
 
-    Stamp and time of receipt are those of all poses, or arrays with one for each. carried: when the
-    transform was true that has placed them already (ns), 0 for none.
+    Stamp, time of receipt and sender are those of all poses, or arrays with one for each. carried:
+    when the transform was true that has placed them already (ns), 0 for none.
     """
 
     frame: str
@@ -78,6 +78,7 @@ class State:
     received: int | Slots
     topic: str = "objects"
     carried: int = 0
+    sender: int | Slots = 0
 
 
 class States:
@@ -107,9 +108,12 @@ class States:
         frame = self._placement.frame_index(state.frame)
         stamps = np.broadcast_to(state.stamp, len(slots))
         received = np.broadcast_to(state.received, len(slots))
+        senders = np.broadcast_to(state.sender, len(slots))
         old = self._find_old(slots, stamps, received, state.topic)
         if old.any():
-            slots, stamps, received, poses = slots[~old], stamps[~old], received[~old], poses[~old]
+            slots, poses, stamps, received, senders = (
+                each[~old] for each in (slots, poses, stamps, received, senders)
+            )
             twists = None if twists is None else twists[~old]
         if len(slots):
             self._monitors[state.topic].superseded += self._placement.supersede(slots, frame)
@@ -118,6 +122,7 @@ class States:
             table.given[rows], table.frame[rows] = poses, frame
             table.twist[rows] = self._take_twists(slots, twists)
             table.topic[rows] = self._placement.topics.index(state.topic)
+            table.sender[rows] = senders
             table.locked[rows] = False
             if frame == 0:  # others get it when they are placed
                 table.carried[rows] = state.carried

@@ -91,6 +91,8 @@ class ObjectTable:
     received: Slots
     number: Slots  # of the latest state: the later it came, the higher
     topic: Slots  # by which it came
+    sender: Slots  # which publisher sent it
+    maker: Slots  # which one sent its last marker
     world_stamp: Slots  # stamp of the state that is in the scene; 0: none
     world_received: Slots  # when it came
     world_number: Slots  # its number

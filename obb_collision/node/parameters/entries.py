@@ -300,6 +300,10 @@ def option_name(effect: str, option: str) -> str:
     return f"effects.{effect}_{option}"
 
 
+EVERYTHING = "everything"
+"""Bounds of a region that has none."""
+
+
 def range_from_text(text: str) -> Range:
     """Return the axis and the ends (m) of an entry such as ``x: -inf to 5.0``."""
     found = RANGE.fullmatch(text)
@@ -328,14 +332,8 @@ def region_from(values: Mapping[str, Any]) -> Region | None:
     Raises ValueError for an axis given twice, and a halo that is smaller than what an effect that
     is not off looks beyond objects.
     """
-    ranges: list[Range] = values["region"]
-    if not ranges:
+    if not values["region"]:
         return None
-    low, high = np.full(3, -np.inf), np.full(3, np.inf)
-    if len({axis for axis, _, _ in ranges}) < len(ranges):
-        raise ValueError("region must have at most one entry for each of x, y and z")
-    for axis, least, most in ranges:
-        low[AXES.index(axis)], high[AXES.index(axis)] = least, most
     halo = values["region_halo"]
     for name, effect in EFFECTS.items():
         for key, option in effect.options.items():
@@ -345,6 +343,26 @@ def region_from(values: Mapping[str, Any]) -> Region | None:
                     f"region_halo must be at least {option_name(name, key)}, {far:g} m, as far as "
                     f"the effect looks beyond objects, got {halo:g}"
                 )
+    return _region(values["region"], halo)
+
+
+def bounds_text(region: Region | None) -> str:
+    """Return the bounds of a region as a status tells them, "everything" without any."""
+    return (", ".join(text_from_region(region)) if region is not None else "") or EVERYTHING
+
+
+def bounds_from_text(text: str) -> Region:
+    """Return a region with the bounds that a status tells; ValueError."""
+    entries = [] if text == EVERYTHING else text.split(", ")
+    return _region([range_from_text(entry) for entry in entries])
+
+
+def _region(ranges: Sequence[Range], halo: float = 0.0) -> Region:
+    low, high = np.full(3, -np.inf), np.full(3, np.inf)
+    if len({axis for axis, _, _ in ranges}) < len(ranges):
+        raise ValueError("region must have at most one entry for each of x, y and z")
+    for axis, least, most in ranges:
+        low[AXES.index(axis)], high[AXES.index(axis)] = least, most
     return Region(low, high, halo)
 
 

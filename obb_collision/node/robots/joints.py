@@ -113,7 +113,7 @@ class Arrivals:
 class Joints(Arrivals):
     """The values of ``robot.joint_names``.
 
-    unclear: those of which no velocity is known, which is zero then.
+    unclear: those of which no velocity is known, which is zero then; senders: of the values.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -123,7 +123,7 @@ class Joints(Arrivals):
         count = len(self.names)
         super().__init__(count)
         self.positions, self.velocities = np.zeros(count), np.zeros(count)
-        self.unclear = np.zeros(count, np.bool_)
+        self.unclear, self.senders = np.zeros(count, np.bool_), np.zeros(count, np.int64)
         # of the last state with another stamp, 0 where there is none
         self._before, self._stamps_before = np.zeros(count), np.zeros(count, np.int64)
         limits = robot.velocity_limits
@@ -142,7 +142,7 @@ class Joints(Arrivals):
             self.bad[rows[rows >= 0]] = True
             monitor.refuse(error.reason, "whole message", error.detail)
             if not message.names:
-                monitor.unreadable = error.reason
+                monitor.mark_unreadable(error.reason)
             return
         strange = [
             name
@@ -174,6 +174,7 @@ class Joints(Arrivals):
         self.unclear[kept] = unclear = np.isnan(velocities)
         self.positions[kept], self.velocities[kept] = positions, np.where(unclear, 0.0, velocities)
         self.accept(kept, stamp, now, states)
+        self.senders[kept] = monitor.sender
 
     def _checked_stamp(self, message: JointMessage, rows: Rows) -> int:
         """Return the stamp (ns); RefusedError for a message that is refused whole."""

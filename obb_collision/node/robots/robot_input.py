@@ -111,7 +111,7 @@ class RobotInput:
         self._base: tuple[Floats, str] | None = None  # pose and frame
         if base.pose is not None:
             self._base = unit_poses(np.array(base.pose)), ""
-        self._bases = Arrivals(1)
+        self._bases, self._base_sender = Arrivals(1), 0
         self._changed = False
         self._link_poses: Floats | None = None
         self.attached = NOTHING
@@ -137,9 +137,8 @@ class RobotInput:
             if not text.lstrip("\ufeff \t\r\n").startswith(START):
                 raise RefusedError(BAD_DESCRIPTION, "no XML")
         except RefusedError as error:
-            self._monitors[kind].refuse(error.reason, "whole message", error.detail)
             self._refused[kind] = f"{kind} refused: {error}"
-            return
+            raise
         was_refused = bool(self._refused.pop(kind, "")) or BOTH in self._refused
         if text != self._texts.get(kind) or was_refused or self._unadded:
             self._texts[kind] = text
@@ -195,6 +194,7 @@ class RobotInput:
         self._bases.accept(FIRST, stamp, now, states)
         self._base = unit_poses(message.pose[0]), message.header.frame_id
         self._base_refused, self._changed = "", True
+        self._base_sender = self._objects.monitors["object_transform"].sender
 
     def apply(self, now: int, timeout: float) -> bool:
         """Bring the objects in line with what came; returns whether there are other ones.
@@ -338,6 +338,15 @@ class RobotInput:
             received[attached.slots] = np.maximum(received[attached.slots], newest)
             self.links.set_twists(attached, self.link_poses)
         return not same
+
+    def goes_by(self, sender: int) -> bool:
+        """Return whether a joint or the base is as a sender has said."""
+        joints = NOTHING.slots if self.links is None else self.links.joints.senders
+        return bool((joints == sender).any()) or self._base_sender == sender
+
+    def has_base_of(self, time: int) -> bool:
+        """Return whether its base came by a topic, and not after a time (ns)."""
+        return self.base.frame == BY_TOPIC and int(self._bases.received[0]) <= time
 
     def describe(self) -> dict[str, object]:
         """Return what ``/diagnostics`` says."""

@@ -232,6 +232,14 @@ class Robots:
             texts = filter(None, (answers.trajectories.stopped, halt))
             yield from (f"robot {robot.name}: {text}" for text in texts)
 
+    def go_by(self, sender: int) -> bool:
+        """Return whether a joint or a base is as a sender has said."""
+        return any(robot.goes_by(sender) for robot in self.robots)
+
+    def have_bases_of(self, time: int) -> bool:
+        """Return whether a base came by a topic, and not after a time (ns)."""
+        return any(robot.has_base_of(time) for robot in self.robots)
+
     def hold(self, why: str) -> None:
         """Stop what runs or is being decided where the joints are now."""
         for each in self.answers:

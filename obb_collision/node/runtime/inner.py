@@ -20,10 +20,16 @@ works, and its docstring says what is worse then.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import ctypes
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
+import rclpy.subscription
 from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -79,3 +85,102 @@ def release(executor: Executor) -> None:
                 group = entity.callback_group
                 if getattr(group, "_active_entity", None) is entity:
                     group.ending_execution(entity)
+
+
+class _Allocator(ctypes.Structure):
+    """An rcutils_allocator_t."""
+
+    _fields_ = (("functions", ctypes.c_void_p * 5),)
+
+
+class _Bytes(ctypes.Structure):
+    """An rcutils_uint8_array_t."""
+
+    _fields_ = (
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    )
+
+
+class _Info(ctypes.Structure):
+    """An rmw_message_info_t of Jazzy, and room behind it."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("publication_sequence_number", ctypes.c_uint64),
+        ("reception_sequence_number", ctypes.c_uint64),
+        ("implementation", ctypes.c_void_p),
+        ("gid", ctypes.c_ubyte * 16),
+        ("room", ctypes.c_ubyte * 64),
+    )
+
+
+NOTHING_TAKEN = 401
+"""RCL_RET_SUBSCRIPTION_TAKE_FAILED: no message waits."""
+
+
+@cache
+def _taking() -> type | None:
+    """Return a type of subscriptions whose messages come with the gid of their publisher.
+
+    As those of rclpy do from Kilted on. None where it is not needed, or not possible.
+    """
+    given = getattr(rclpy.subscription, "MessageInfo", None)
+    if "publisher_gid" in getattr(given, "__annotations__", ()):
+        return None
+    try:  # as rclpy has loaded it, with the libraries that it needs
+        rcl = ctypes.PyDLL("librcl.so", mode=os.RTLD_NOLOAD | os.RTLD_NOW)
+        take, free = rcl.rcl_take_serialized_message, rcl.rcutils_uint8_array_fini
+        forget_error, default_allocator = rcl.rcutils_reset_error, rcl.rcutils_get_default_allocator
+        identifier = rcl.rmw_get_implementation_identifier
+    except (OSError, AttributeError):
+        return None
+    take.argtypes = [ctypes.c_void_p] * 4
+    default_allocator.restype, identifier.restype = _Allocator, ctypes.c_void_p
+    allocator, implementation = default_allocator(), identifier()
+
+    class Taking(rclpy_implementation.Subscription):  # type: ignore[misc, name-defined]
+        """Takes messages with their publisher."""
+
+        def take_message(self, kind: type, raw: bool) -> Any:
+            if not raw:
+                return super().take_message(kind, raw)
+            data, info = _Bytes(None, 0, 0, allocator), _Info()
+            try:
+                code = take(self.pointer, ctypes.addressof(data), ctypes.addressof(info), None)
+                if code == NOTHING_TAKEN:
+                    return None
+                if code:
+                    forget_error()
+                    raise MemoryError(f"a message could not be taken: {code}")
+                message = ctypes.string_at(data.buffer, data.length) if data.length else b""
+            finally:
+                free(ctypes.byref(data))
+            told: dict[str, Any] = {
+                "source_timestamp": info.source_timestamp,
+                "received_timestamp": info.received_timestamp,
+                "publication_sequence_number": info.publication_sequence_number,
+            }
+            if info.implementation == implementation:
+                told["publisher_gid"] = {"data": bytes(info.gid)}
+            return message, told
+
+    return Taking
+
+
+@contextmanager
+def with_publishers() -> Iterator[None]:
+    """Let subscriptions that are created meanwhile give messages with their publisher's gid.
+
+    Where missing, senders of an input are not told apart: what one of several sends that cannot be
+    read marks the input until ``~/clear``.
+    """
+    plain, taking = rclpy_implementation.Subscription, _taking()
+    rclpy_implementation.Subscription = taking or plain
+    try:
+        yield
+    finally:
+        rclpy_implementation.Subscription = plain

@@ -173,6 +173,29 @@ def split_regions(
     ]
 
 
+def coverage(regions: Sequence[Region]) -> tuple[bool, list[int]]:
+    """Return whether some points of space are in no region, and which regions overlap others.
+
+    Exact: bounds are compared, and volumes are counted in whole cells between them. Where regions
+    overlap, a gap in between may be found only once they do not.
+    """
+    low, high = (
+        np.array([getattr(region, end) for region in regions]) for end in ("minimum", "maximum")
+    )
+    overlaps = [
+        row
+        for row in range(len(regions))
+        if np.count_nonzero(((low < high[row]) & (low[row] < high)).all(axis=1)) > 1
+    ]
+    whole, volumes, is_open = 1, np.ones(len(regions), np.int64), False
+    for axis in range(3):
+        cuts = np.unique([low[:, axis], high[:, axis]])
+        is_open |= bool(cuts[0] > -np.inf or cuts[-1] < np.inf)
+        whole *= len(cuts) - 1
+        volumes *= np.searchsorted(cuts, high[:, axis]) - np.searchsorted(cuts, low[:, axis])
+    return is_open or sum(volumes.tolist()) < whole, overlaps
+
+
 def owns(region: Region, points: Floats) -> Mask:
     """Return which canonical points (n, 3), possibly infinite, are in it; nothing checked."""
     above = (points >= region.minimum).all(axis=1)

@@ -34,7 +34,7 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN, Reason
 from obb_collision.node.inputs import subscriptions
-from obb_collision.node.inputs.subscriptions import NO_NUMBER, Losses
+from obb_collision.node.inputs.senders import NO_NUMBER, Senders
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_from_ros, states_to_ros
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE, Unplaceable
 from obb_collision.node.objects.table import NEVER
@@ -298,8 +298,9 @@ def test_a_storm_of_parameters_leaves_the_node_with_the_last_ones(rig: Rig) -> N
 
 
 def total(numbers: list[Any], publishers: int = 1) -> int:
-    losses = Losses(lambda: publishers)
-    return sum(losses.count(number) for number in numbers)
+    senders = Senders(10, lambda: publishers)
+    given = [{"publication_sequence_number": number} for number in numbers]
+    return sum(senders.take(info)[1] for info in given)
 
 
 def test_gaps_of_one_publisher_are_counted() -> None:

@@ -36,7 +36,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.diagnostics.answer import COLLIDING
+from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.objects.conditions import UNPLACED
 from obb_collision.robots.description import MOST_GEOMETRIES
@@ -350,7 +350,7 @@ def test_descriptions_that_cannot_be_used_leave_a_robot_unknown_and_pairs(arm: A
         assert arm.reasons([[0.0, 0.0]]) == ["unknown"]
         arm.put((9.0, 0.0, 0.75))
         assert arm.pairs() == set()
-        arm.known("robot_unknown", reason)
+        assert "robot_unknown" in arm.says(UNKNOWN, reason)["reasons"].split()
         arm.put((1.0, 0.0, 0.75))
         assert {frozenset(pair) for pair in arm.pairs()} == {frozenset(("arm/hand/1", "crate/1"))}
         assert reason in arm.says(COLLIDING, "arm (robot_description refused")["message"]

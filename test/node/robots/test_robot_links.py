@@ -347,11 +347,11 @@ def test_a_text_that_is_refused_counts_until_the_next_one_of_its_kind(arm: Askin
     texts = {arm.descriptions: URDF, arm.semantics: SRDF}
     for refused, other in permutations(texts):
         refused.publish(String(data="none"))
-        arm.known("robot_unknown")
+        arm.says(UNKNOWN, "robot_unknown")
         other.publish(String(data=texts[other]))
         arm.until(partial(has_text, arm, texts[other]), "the other text")
         arm.cycles(3)
-        arm.known("robot_unknown")
+        arm.says(UNKNOWN, "robot_unknown")
         refused.publish(String(data=texts[refused]))
         arm.until(lambda: arm.robot.fault[:5] in ("", "joint"), "the robot")
         arm.send_joints(lift=0.0, turn=0.0)

@@ -177,6 +177,7 @@ def test_a_node_that_ends_leaves_no_service(rig: Rig) -> None:
 
 def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: Patch) -> None:
     monkeypatch.setattr(inner, "getattr", lambda _, name, default: default, raising=False)
+    monkeypatch.setattr(inner, "_taking", lambda: None)
     with Rig() as rig:
         rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
