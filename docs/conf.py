@@ -46,6 +46,15 @@ autodoc_mock_imports = [
 ]
 autodoc_typehints = "signature"
 
+html_static_path = ["wide.css"]
+html_css_files = ["wide.css"]
+#: Names of the inside that public classes have: those that tests leave out, too, and what kernels
+#: and the classes' own modules use.
+CALLS = (ROOT / "test" / "support" / "public_calls.py").read_text(encoding="utf-8")
+INSIDE = {"arrays", "blank", "cap", "behind"} | set(
+    re.findall(r'"(\w+)"', CALLS.partition("INTERNAL = {")[2].partition("}")[0])
+)
+
 #: Pages that are files in the root of the repository.
 ROOT_FILES = {"index": "README.md", "contributing": "CONTRIBUTING.md", "changes": "CHANGELOG.rst"}
 
@@ -63,6 +72,30 @@ def read_page(app: Any, name: str, source: list[str]) -> None:
     source[0] = text
 
 
+TEXTS: dict[str, list[str]] = {}
+
+
+def keep(app: Any, what: str, name: str, value: Any, options: Any, lines: Any) -> None:
+    """Keep the docstring of an attribute: napoleon takes all before its colon for a type."""
+    if what in ("attribute", "data", "property"):
+        TEXTS[name] = [*lines]
+
+
+def restore(app: Any, what: str, name: str, value: Any, options: Any, lines: Any) -> None:
+    """Give an attribute the docstring back that it had before napoleon."""
+    lines[:] = TEXTS.get(name, lines)
+
+
+def is_left_out(
+    app: Any, what: str, name: str, value: Any, skip: bool, options: Any
+) -> bool | None:
+    """Return whether a name is none for users: of the inside, or a tuple's own."""
+    return True if name in INSIDE or value in (tuple.count, tuple.index) else None
+
+
 def setup(app: Any) -> None:
-    """Connect what happens when a page is read."""
+    """Connect what happens when a page, or a docstring, is read."""
     app.connect("source-read", read_page)
+    app.connect("autodoc-process-docstring", keep, priority=1)
+    app.connect("autodoc-process-docstring", restore, priority=900)
+    app.connect("autodoc-skip-member", is_left_out)

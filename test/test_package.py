@@ -219,6 +219,34 @@ def test_what_is_imported_or_launched_is_declared_for_rosdep_and_both_descriptio
         assert f'{key}="{PACKAGE.findtext(key)}"' in SETUP
 
 
+def keys_of(distribution: str) -> set[str]:
+    """Return the keys of package.xml that rosdep looks for in a distribution of ROS."""
+    keys = set()
+    for element in PACKAGE.iter():
+        condition = element.get("condition", "").replace("$ROS_DISTRO", distribution)
+        terms = [term.split(" != ") for term in condition.split(" and ") if term]
+        if element.tag.endswith("depend") and all(a != b for a, b in terms):
+            keys.add(str(element.text))
+    return keys
+
+
+def test_ubuntu_24_has_what_rosdep_asks_of_apt_there() -> None:
+    text = (ROOT / ".ci" / "noble.txt").read_text(encoding="utf-8")
+    known = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line[0] != "#"}
+    assert "python3-numba" in keys_of("lyrical")
+    for distribution in ("jazzy", "kilted"):
+        keys = {key for key in keys_of(distribution) if key.startswith("python3-")}
+        assert {"python3-numpy", "python3-trimesh-pip"} < keys
+        missing = [k for k in keys if known[k][1] == "-" and not known[k][0].startswith("pip:")]
+        assert not missing, "rosdep has these keys, and noble no package"
+    by_pip = {package.removeprefix("pip:") for package, version in known.values() if version == "-"}
+    names = {name.removeprefix("python3-") for name in by_pip}
+    for page in ("README.md", "docs/install.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        assert f"pip install --break-system-packages {' '.join(sorted(names))}  #" in text
+        assert re.findall(r"rosdep .*--skip-keys (.*)$", text, re.M) == ["python3-trimesh-pip"]
+
+
 def versions(file: str) -> dict[str, str]:
     """Return versions by name in a file of the CI."""
     text = (ROOT / ".ci" / file).read_text(encoding="utf-8")

@@ -47,8 +47,8 @@ from obb_collision.scene_files import SceneDescription, describe_scene
 SETUP = (ROOT / "setup.py").read_text(encoding="utf-8")
 EXTRAS = set(re.findall(r'^        "(\w+)": \[', SETUP, re.MULTILINE))
 OTHERS = {
-    "PIP_BREAK_SYSTEM_PACKAGES=1", "ament_copyright", "ament_flake8", "ament_pep257", "colcon",
-    "mypy", "ruff", "source", "sphinx-build",
+    "ament_copyright", "ament_flake8", "ament_pep257", "colcon", "export", "mypy", "rosdep", "ruff",
+    "source", "sphinx-build",
 }  # fmt: skip
 """Programs whose options are not ours."""
 
@@ -308,14 +308,6 @@ def test_the_readme_repeats_what_other_pages_measured() -> None:
     for name, ours, textbook, *peers in table_rows(README, "### It is right"):
         row = right[name]
         assert [ours, textbook, *peers] == [row[2], row[5], *row[7:]]
-
-
-def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
-    from_pypi = re.findall(r"<exec_depend>(.*-pip)<", (ROOT / "package.xml").read_text())
-    assert from_pypi == ["python3-trimesh-pip"]
-    for page in (README, ROOT / "docs" / "install.md"):
-        (line,) = re.findall(r"^.*rosdep install --from.*$", page.read_text(), re.MULTILINE)
-        assert line.startswith("PIP_BREAK_SYSTEM_PACKAGES=1 rosdep install ")
 
 
 @each("page", PAGES)
