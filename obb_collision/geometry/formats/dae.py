@@ -31,6 +31,7 @@ from obb_collision.geometry.formats.parts import (
     MOST_LEVELS,
     MOST_NODES,
     NO_FACES,
+    MeshError,
     Parts,
     Triangles,
     check_complete,
@@ -65,9 +66,9 @@ def read(data: bytes, parts: Parts) -> float:
     except etree.XMLSyntaxError as error:
         root, line = None, error.lineno
     if root is None or line is not None:
-        raise ValueError(f"it is no XML, from line {line or 1} on")
+        raise MeshError(f"it is no XML, from line {line or 1} on")
     if _tag(root) != "COLLADA":
-        raise ValueError("it is no DAE: its first element must be COLLADA")
+        raise MeshError("it is no DAE: its first element must be COLLADA")
     unit = _unit(root)
     _Document(root, parts).read()
     return unit
@@ -87,7 +88,7 @@ def _unit(root: Any) -> float:
             text = unit.get("meter", "1")
             (meter,) = floats_of([text.encode()])
             if not (math.isfinite(meter) and meter > 0.0):
-                raise ValueError(f"its unit is {text_of(text)} metres, which must be positive")
+                raise MeshError(f"its unit is {text_of(text)} metres, which must be positive")
             return float(meter)
     return 1.0
 
@@ -112,22 +113,29 @@ class _Document:
             if name is not None and self._ids.setdefault(name, node) is not node:
                 self._twice.add(name)
         self._geometries: dict[Any, list[tuple[Floats, Triangles]]] = {}
+        self._found: dict[tuple[Any, ...], Any] = {}
 
     def _named(self, node: Any, key: str, *tags: str, within: Any = None) -> Any:
         """Return the element that an attribute refers to; first what is within an element."""
+        known = node.get(key), tags, within
+        if known not in self._found:
+            self._found[known] = self._search(node, key, *tags, within=within)
+        return self._found[known]
+
+    def _search(self, node: Any, key: str, *tags: str, within: Any) -> Any:
         name = node.get(key, "")
         if not name.startswith("#"):
             what = "it refers to" if name else f"a {_tag(node)} does not say its {key}:"
-            raise ValueError(f"{what} {text_of(name)}: other files are not read")
+            raise MeshError(f"{what} {text_of(name)}: other files are not read")
         found = self._ids.get(name[1:])
         if name[1:] in self._twice:
             around = self._root if within is None else within
             some = [one for one in around.iter() if one.get("id") == name[1:] and _tag(one) in tags]
             if len(some) > 1:
-                raise ValueError(f"{len(some)} elements {tags[0]} have the id {text_of(name[1:])}")
+                raise MeshError(f"{len(some)} elements {tags[0]} have the id {text_of(name[1:])}")
             found = some[0] if some else found
         if found is None or _tag(found) not in tags:
-            raise ValueError(
+            raise MeshError(
                 f"there is no {tags[0]} {text_of(name[1:])}, which {_label(node)} names"
             )
         return found
@@ -146,7 +154,7 @@ class _Document:
             node, matrix, level = waiting.pop()
             visited += 1
             if visited > MOST_NODES or level > MOST_LEVELS:
-                raise ValueError(
+                raise MeshError(
                     f"it has more than {MOST_NODES} nodes or {MOST_LEVELS} levels of them"
                 )
             matrix = matrix @ _matrix(node)
@@ -156,7 +164,7 @@ class _Document:
                     placed += 1
                     self._place(self._named(child, "url", "geometry"), matrix)
                 elif kind == "instance_controller":
-                    raise ValueError(
+                    raise MeshError(
                         f"its {_label(node)} has a skeleton (controller): export it without"
                     )
                 else:
@@ -164,16 +172,16 @@ class _Document:
                     waiting.append((below, matrix, level + 1))
         if not placed:
             what = f"its scene shows none of its {len(geometries)} geometries"
-            raise ValueError(what if geometries else "it has no geometry")
+            raise MeshError(what if geometries else "it has no geometry")
 
     def _place(self, geometry: Any, matrix: Floats) -> None:
         if geometry not in self._geometries:
             try:
                 self._geometries[geometry] = self._geometry(geometry)
-            except ValueError as error:
-                if type(error) is not ValueError:
+            except MeshError as error:
+                if type(error) is not MeshError:
                     raise
-                raise ValueError(f"{_label(geometry)}: {error}") from None
+                raise MeshError(f"{_label(geometry)}: {error}") from None
         for vertices, faces in self._geometries[geometry]:
             self._parts.add(vertices, faces, matrix)
 
@@ -181,54 +189,60 @@ class _Document:
         kinds = [_tag(child) for child in geometry if _tag(child) not in ("asset", "extra", "")]
         if len(kinds) != 1 or kinds[0] not in ("mesh", "convex_mesh"):
             what = " and ".join(kinds) or "nothing"
-            raise ValueError(f"it holds {what}, of which only a mesh is read")
+            raise MeshError(f"it holds {what}, of which only a mesh is read")
         (mesh,) = _children(geometry, kinds[0])
         if mesh.get("convex_hull_of") is None:
             return self._mesh(mesh)
         other = self._named(mesh, "convex_hull_of", "geometry")
         solid = _children(other, "mesh")
         if not solid:
-            raise ValueError("it is the hull of what is no mesh")
+            raise MeshError("it is the hull of what is no mesh")
         points = [vertices[np.unique(faces)] for vertices, faces in self._mesh(solid[0])]
         return [_hull(np.concatenate([np.empty((0, 3)), *points]))]
 
     def _mesh(self, mesh: Any) -> list[tuple[Floats, Triangles]]:
-        found = []
+        vertices: dict[Any, Floats] = {}
+        faces: dict[Any, list[Triangles]] = {}
         for primitive in mesh:
             kind = _tag(primitive)
             if kind in NO_SURFACE or not kind:
                 continue
             if kind not in READERS:
-                raise ValueError(f"it has {kind}, which is not read: export it as triangles")
-            points, offset, step = self._points(primitive, mesh)
-            found.append((points, READERS[kind](primitive, points, offset, step)))
-        return found
+                raise MeshError(f"it has {kind}, which is not read: export it as triangles")
+            source, offset, step = self._source_of(primitive, mesh)
+            if source not in vertices:
+                vertices[source] = self._source(source)
+            found = READERS[kind](primitive, vertices[source], offset, step)
+            faces.setdefault(source, []).append(found)
+        return [(points, np.concatenate(faces[source])) for source, points in vertices.items()]
 
-    def _points(self, primitive: Any, mesh: Any) -> tuple[Floats, int, int]:
-        """Return positions (n, 3), where a corner names its own, and the numbers of a corner."""
+    def _source_of(self, primitive: Any, mesh: Any) -> tuple[Any, int, int]:
+        """Return the source of positions, where a corner names its own, and a corner's numbers."""
         inputs = _children(primitive, "input")
         offsets = [int(integers_of([one.get("offset", "0").encode()])[0]) for one in inputs]
         at = [row for row, one in enumerate(inputs) if one.get("semantic") == "VERTEX"]
         if len(at) != 1 or min(offsets) < 0:
             if primitive.get("count") == "0" and not inputs:
-                return np.empty((0, 3)), 0, 1
-            raise ValueError(f"its {_tag(primitive)} have no vertices")
+                return None, 0, 1
+            raise MeshError(f"its {_tag(primitive)} have no vertices")
         vertices = self._named(inputs[at[0]], "source", "vertices", within=mesh)
         for one in _children(vertices, "input"):
             if one.get("semantic") == "POSITION":
                 source = self._named(one, "source", "source", within=mesh)
-                return self._source(source), offsets[at[0]], max(offsets) + 1
-        raise ValueError("its vertices have no positions")
+                return source, offsets[at[0]], max(offsets) + 1
+        raise MeshError("its vertices have no positions")
 
     def _source(self, source: Any) -> Floats:
-        """Return the positions (n, 3) of a source."""
+        """Return the positions (n, 3) of a source; None: of nothing."""
+        if source is None:
+            return np.empty((0, 3))
         accessors = [
             accessor
             for common in _children(source, "technique_common")
             for accessor in _children(common, "accessor")
         ]
         if len(accessors) != 1:
-            raise ValueError(f"its {_label(source)} has no accessor")
+            raise MeshError(f"its {_label(source)} has no accessor")
         (accessor,) = accessors
         array = self._named(accessor, "source", "float_array", "int_array", within=source)
         numbers = floats_of(_words(array))
@@ -240,7 +254,7 @@ class _Document:
             columns = [column for column, name in enumerate(names) if name][:3] or [0, 1, 2]
         step, start = _whole(accessor, "stride", 1), _whole(accessor, "offset", 0)
         if len(columns) != 3 or max(columns) >= step:
-            raise ValueError(f"its {_label(source)} has not three numbers a position")
+            raise MeshError(f"its {_label(source)} has not three numbers a position")
         count = _whole(accessor, "count", 0)
         self._parts.check_room(0, count)
         if count and start + (count - 1) * step + max(columns) >= len(numbers):
@@ -255,7 +269,7 @@ def _whole(node: Any, key: str, default: int) -> int:
         return default
     (number,) = integers_of([text.encode()]).tolist()
     if number < 0:
-        raise ValueError(f"the {key} of its {_tag(node)} is {number}")
+        raise MeshError(f"the {key} of its {_tag(node)} is {number}")
     return int(number)
 
 
@@ -263,7 +277,7 @@ def _corners(node: Any, offset: int, step: int) -> Triangles:
     """Return the vertices (n,) that an element of numbers names."""
     numbers = integers_of(_words(node))
     if len(numbers) % step:
-        raise ValueError(f"{len(numbers)} numbers are no corners of {step} numbers each")
+        raise MeshError(f"{len(numbers)} numbers are no corners of {step} numbers each")
     return numbers[offset::step]
 
 
@@ -274,7 +288,7 @@ def _lists(primitive: Any, offset: int, step: int) -> list[Triangles]:
 def _triangles(primitive: Any, points: Floats, offset: int, step: int) -> Triangles:
     corners = np.concatenate([NO_FACES[0:0].reshape(-1), *_lists(primitive, offset, step)])
     if len(corners) % 3:
-        raise ValueError(f"{len(corners)} corners are no triangles")
+        raise MeshError(f"{len(corners)} corners are no triangles")
     check_complete(_whole(primitive, "count", len(corners) // 3), len(corners) // 3, "triangles")
     return corners.reshape(-1, 3)
 
@@ -284,7 +298,7 @@ def _polylist(primitive: Any, points: Floats, offset: int, step: int) -> Triangl
     counts = integers_of([word for node in _children(primitive, "vcount") for word in _words(node)])
     check_complete(_whole(primitive, "count", len(counts)), len(counts), "polygons")
     if (counts < 0).any():
-        raise ValueError("a polygon has fewer than no corners")
+        raise MeshError("a polygon has fewer than no corners")
     check_complete(int(counts.sum()), len(corners), "corners of polygons")
     return triangulated(points, corners, counts)
 
@@ -295,7 +309,7 @@ def _polygons(primitive: Any, points: Floats, offset: int, step: int) -> Triangl
         around = [_corners(node, offset, step) for node in _children(holed, "p", "h")]
         named = np.concatenate([NO_FACES[0:0].reshape(-1), *around])
         if len(named) and not 0 <= named.min() <= named.max() < len(points):
-            raise ValueError(f"a face names vertex {named.max()}, there are 0 to {len(points) - 1}")
+            raise MeshError(f"a face names vertex {named.max()}, there are 0 to {len(points) - 1}")
         loops.append(with_holes(points, around))
     check_complete(_whole(primitive, "count", len(loops)), len(loops), "polygons")
     counts = np.fromiter(map(len, loops), np.int64, len(loops))
@@ -330,11 +344,11 @@ def _matrix(node: Any) -> Floats:
         size, make = TRANSFORMS[kind]
         numbers = floats_of(_words(child))
         if len(numbers) != size:
-            raise ValueError(f"the {kind} of its {_label(node)} has not {size} numbers")
+            raise MeshError(f"the {kind} of its {_label(node)} has not {size} numbers")
         if make is not None:
             matrix = matrix @ make(numbers)
         elif any(_tag(one) in PLACING for one in node.iter()):
-            raise ValueError(f"its {_label(node)} is placed by {kind}: export it with a matrix")
+            raise MeshError(f"its {_label(node)} is placed by {kind}: export it with a matrix")
     return matrix
 
 
@@ -371,7 +385,7 @@ def _hull(points: Floats) -> tuple[Floats, Triangles]:
     """Return the convex hull of points as triangles that face outwards."""
     hull = convex_hull(points) if len(points) > 3 else None
     if hull is None:
-        raise ValueError("it is the hull of points that are flat")
+        raise MeshError("it is the hull of points that are flat")
     faces = np.array(hull.simplices, np.int64)
     a, b, c = (points[faces[:, column]] for column in range(3))
     inwards = ((points.mean(axis=0) - a) * np.cross(b - a, c - a)).sum(axis=1) > 0.0

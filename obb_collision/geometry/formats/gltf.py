@@ -32,6 +32,7 @@ from obb_collision.geometry.formats.parts import (
     MOST_LEVELS,
     MOST_NODES,
     NO_FACES,
+    MeshError,
     Parts,
     Triangles,
     fan_faces,
@@ -62,22 +63,22 @@ Object = dict[str, Any]
 def read_glb(data: bytes, parts: Parts) -> None:
     """Add the triangles of a GLB. ValueError for what is damaged or can't be read."""
     if data[:4] != MAGIC:
-        raise ValueError("it is no GLB: it must begin with glTF")
+        raise MeshError("it is no GLB: it must begin with glTF")
     version, length = (int.from_bytes(data[at : at + 4], "little") for at in (4, 8))
     if version != VERSION:
-        raise ValueError(f"it is glTF {version}.0: export it as glTF 2.0")
+        raise MeshError(f"it is glTF {version}.0: export it as glTF 2.0")
     if length > len(data):
-        raise ValueError(f"it declares {length} bytes and holds {len(data)}: it is cut")
+        raise MeshError(f"it declares {length} bytes and holds {len(data)}: it is cut")
     chunks: dict[bytes, bytes] = {}
     at = HEADER
     while at + 8 <= length:
         size, kind = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
         if at + 8 + size > length:
-            raise ValueError("one of its chunks ends beyond the file: it is cut or damaged")
+            raise MeshError("one of its chunks ends beyond the file: it is cut or damaged")
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     if JSON not in chunks:
-        raise ValueError("its JSON is missing")
+        raise MeshError("its JSON is missing")
     _Document(chunks[JSON], chunks.get(BIN), parts).read()
 
 
@@ -96,21 +97,21 @@ class _Document:
         try:
             found = json.loads(text.decode("utf-8-sig"))
         except (ValueError, RecursionError):
-            raise ValueError("it is no JSON: it is cut or damaged") from None
+            raise MeshError("it is no JSON: it is cut or damaged") from None
         if not isinstance(found, dict):
-            raise ValueError("its JSON is no object")
+            raise MeshError("its JSON is no object")
         self._all: Object = found
         version = str(found.get("asset", {}).get("version", "none"))
         if version.partition(".")[0] != str(VERSION):
-            raise ValueError(f"it is glTF {version}: export it as glTF 2.0")
+            raise MeshError(f"it is glTF {version}: export it as glTF 2.0")
         for name in found.get("extensionsRequired", []):
             if KNOWN.fullmatch(str(name)) is None:
-                raise ValueError(f"it requires the extension {name}: export it without")
+                raise MeshError(f"it requires the extension {name}: export it without")
 
     def _one(self, kind: str, index: Any) -> Object:
         rows = self._all.get(kind, [])
         if not (isinstance(index, int) and 0 <= index < len(rows)):
-            raise ValueError(f"it names {kind} {index}, there are {len(rows)}")
+            raise MeshError(f"it names {kind} {index}, there are {len(rows)}")
         return rows[index]
 
     def read(self) -> None:
@@ -121,7 +122,7 @@ class _Document:
             index, matrix, level = waiting.pop()
             visited += 1
             if visited > MOST_NODES or level > MOST_LEVELS:
-                raise ValueError(
+                raise MeshError(
                     f"it has more than {MOST_NODES} nodes or {MOST_LEVELS} levels of them"
                 )
             node = self._one("nodes", index)
@@ -136,34 +137,38 @@ class _Document:
         if "scene" in self._all or len(scenes) == 1:
             return list(self._one("scenes", self._all.get("scene", 0)).get("nodes", []))
         if scenes:
-            raise ValueError(f"it has {len(scenes)} scenes and does not say which is shown")
+            raise MeshError(f"it has {len(scenes)} scenes and does not say which is shown")
         below = {child for node in nodes for child in node.get("children", [])}
         return [index for index in range(len(nodes)) if index not in below]
 
     def _place(self, node: Object, matrix: Floats) -> None:
         name = text_of(str(node.get("name", "")))
         if "skin" in node:
-            raise ValueError(f"its node {name} is moved by a skin: export it without bones")
+            raise MeshError(f"its node {name} is moved by a skin: export it without bones")
         for extension in OF_NODES:
             if extension in node.get("extensions", {}):
-                raise ValueError(f"its node {name} has {extension}: export it without")
+                raise MeshError(f"its node {name} has {extension}: export it without")
         mesh = self._one("meshes", node["mesh"])
         weights = node.get("weights", mesh.get("weights", []))
         key = node["mesh"], str(weights)
         if key not in self._meshes:
-            primitives = mesh.get("primitives", [])
-            self._meshes[key] = [self._primitive(one, weights) for one in primitives]
-        for vertices, faces in self._meshes[key]:
-            self._parts.add(vertices, faces, matrix)
+            found, triangles, vertices = [], 0, 0
+            for one in mesh.get("primitives", []):
+                found.append(self._primitive(one, weights))
+                vertices, triangles = vertices + len(found[-1][0]), triangles + len(found[-1][1])
+                self._parts.check_room(triangles, vertices)
+            self._meshes[key] = found
+        for part in self._meshes[key]:
+            self._parts.add(*part, matrix)
 
     def _primitive(self, primitive: Object, weights: Any) -> tuple[Floats, Triangles]:
         """Return vertices and triangles; of points and lines vertices alone."""
         position = primitive.get("attributes", {}).get("POSITION")
         if position is None:
-            raise ValueError("one of its primitives has no POSITION")
+            raise MeshError("one of its primitives has no POSITION")
         vertices = self._accessor(position).astype(np.float64)
         if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise ValueError("POSITION is not of three numbers")
+            raise MeshError("POSITION is not of three numbers")
         for weight, target in zip(weights, primitive.get("targets", []), strict=False):
             if weight and "POSITION" in target:
                 vertices = vertices + weight * self._accessor(target["POSITION"])
@@ -178,27 +183,27 @@ class _Document:
             return vertices, corners.reshape(-1, 3)
         if mode in (STRIP, FAN):
             return vertices, (strip_faces if mode == STRIP else fan_faces)(corners)
-        raise ValueError(f"{len(corners)} corners are no triangles of mode {mode}")
+        raise MeshError(f"{len(corners)} corners are no triangles of mode {mode}")
 
     def _accessor(self, index: int) -> NDArray[Any]:
         """Return the values (count, width) of an accessor, normalised and with its exceptions."""
         accessor = self._one("accessors", index)
         kind, count = accessor.get("componentType"), accessor["count"]
         if kind not in TYPES or accessor.get("type") not in WIDTHS:
-            raise ValueError(f"accessor {index} is of type {kind} {accessor.get('type')}")
+            raise MeshError(f"accessor {index} is of type {kind} {accessor.get('type')}")
         self._parts.check_room(0, max(count, 0))
         width, sparse = WIDTHS[accessor["type"]], accessor.get("sparse")
         if "bufferView" in accessor:
             values = self._view(accessor, TYPES[kind], count, width)
         elif sparse is None:
-            raise ValueError(f"accessor {index} has no data: it may be compressed")
+            raise MeshError(f"accessor {index} has no data: it may be compressed")
         else:
             values = np.zeros((count, width), TYPES[kind])
         if sparse is not None:
             rows = self._view(sparse["indices"], TYPES[sparse["indices"]["componentType"]],
                               sparse["count"], 1).reshape(-1)  # fmt: skip
             if len(rows) and rows.max() >= count:
-                raise ValueError(f"accessor {index} replaces row {rows.max()} of {count}")
+                raise MeshError(f"accessor {index} replaces row {rows.max()} of {count}")
             values = values.copy()
             values[rows] = self._view(sparse["values"], TYPES[kind], sparse["count"], width)
         if accessor.get("normalized") and values.dtype.kind in "iu":
@@ -211,13 +216,13 @@ class _Document:
         data = self._buffer(view.get("buffer"))
         start, size = view.get("byteOffset", 0), view.get("byteLength", 0)
         if not 0 <= start <= start + size <= len(data):
-            raise ValueError("a part of a buffer reaches beyond its end: it is cut or damaged")
+            raise MeshError("a part of a buffer reaches beyond its end: it is cut or damaged")
         kind = np.dtype(code)
         step = view.get("byteStride", width * kind.itemsize)
         offset = given.get("byteOffset", 0)
         last = offset + (count - 1) * step + width * kind.itemsize
         if count < 0 or offset < 0 or step < 0 or (count and last > size):
-            raise ValueError("an accessor reaches beyond its part of a buffer: it is damaged")
+            raise MeshError("an accessor reaches beyond its part of a buffer: it is damaged")
         return np.ndarray((count, width), kind, data, start + offset, (step, kind.itemsize))
 
     def _buffer(self, index: Any) -> bytes:
@@ -228,14 +233,14 @@ class _Document:
             if uri is None:
                 found = self._binary if index == 0 else None
                 if found is None:
-                    raise ValueError(f"buffer {index} has no data: it may be compressed")
+                    raise MeshError(f"buffer {index} has no data: it may be compressed")
             elif not uri.startswith("data:"):
-                raise ValueError(f"it refers to {text_of(uri)}: other files are not read")
+                raise MeshError(f"it refers to {text_of(uri)}: other files are not read")
             else:
                 found = _data_of(uri)
             if len(found) < buffer.get("byteLength", 0):
                 declared = buffer["byteLength"]
-                raise ValueError(f"buffer {index} declares {declared} bytes, it has {len(found)}")
+                raise MeshError(f"buffer {index} declares {declared} bytes, it has {len(found)}")
             self._buffers[index] = found
         return self._buffers[index]
 
@@ -247,7 +252,7 @@ def _data_of(uri: str) -> bytes:
             return base64.b64decode(text, validate=True)
     except binascii.Error:
         pass
-    raise ValueError("a buffer is no text in base64")
+    raise MeshError("a buffer is no text in base64")
 
 
 def _matrix(node: Object) -> Floats:
@@ -255,13 +260,13 @@ def _matrix(node: Object) -> Floats:
     if "matrix" in node:
         given = np.array(node["matrix"], np.float64)
         if given.shape != (16,):
-            raise ValueError("the matrix of a node has not 16 numbers")
+            raise MeshError("the matrix of a node has not 16 numbers")
         return given.reshape(4, 4).T
     matrix = np.eye(4)
     turn = np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), np.float64)
     length = np.linalg.norm(turn)
     if turn.shape != (4,) or not length > 0.0:
-        raise ValueError("the rotation of a node is no quaternion")
+        raise MeshError("the rotation of a node is no quaternion")
     matrix[:3, :3] = rotate_vectors(turn / length, np.eye(3)).T
     matrix[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)), np.float64)
     matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))

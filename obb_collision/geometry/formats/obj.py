@@ -22,6 +22,7 @@ import re
 import numpy as np
 
 from obb_collision.geometry.formats.parts import (
+    MeshError,
     Parts,
     Triangles,
     floats_of,
@@ -84,23 +85,25 @@ def _first_words(lines: list[bytes]) -> set[bytes]:
 def _check(others: set[bytes]) -> None:
     for word in sorted(others):
         if word in SURFACES:
-            raise ValueError(f"it has free-form surfaces ({word.decode()}): export it as polygons")
+            raise MeshError(f"it has free-form surfaces ({word.decode()}): export it as polygons")
         if word in ELSEWHERE:
-            raise ValueError(f"it has {word.decode()}: other files are not read")
-        raise ValueError(f"a line begins with {text_of(word)}, which OBJ does not know")
+            raise MeshError(f"it has {word.decode()}: other files are not read")
+        raise MeshError(f"a line begins with {text_of(word)}, which OBJ does not know")
 
 
 def _positions(lines: list[bytes]) -> Floats:
     """Return the first three numbers (n, 3) of vertices; a weight or a colour may follow."""
+    if not lines:
+        return np.empty((0, 3))
     words = b" ".join(lines).split()
-    step = len(words) // max(len(lines), 1)
+    step = len(words) // len(lines)
     if len(words) == step * len(lines) and words[::step].count(b"v") == len(lines) and step > 3:
         columns = [words[column::step] for column in (1, 2, 3)]  # all as long as the first
     else:
         rows = [line.split() for line in lines]
         short = next((row for row in rows if len(row) < 4), None)
         if short is not None:
-            raise ValueError(f"three numbers are expected in {text_of(b' '.join(short))}")
+            raise MeshError(f"three numbers are expected in {text_of(b' '.join(short))}")
         columns = [[row[column] for row in rows] for column in (1, 2, 3)]
     return np.stack([floats_of(column) for column in columns], axis=1)
 
@@ -114,7 +117,7 @@ def _corners(faces: list[bytes], lines: list[bytes]) -> tuple[Triangles, Triangl
         numbers = integers_of([b"0" if word == b"f" else word for word in words])
     starts = np.flatnonzero(numbers == 0)
     if len(starts) != len(faces):
-        raise ValueError("a face names vertex 0: they are counted from 1")
+        raise MeshError("a face names vertex 0: they are counted from 1")
     counts = np.diff(starts, append=len(numbers)) - 1
     numbers = numbers[numbers != 0]
     back = numbers < 0
@@ -124,5 +127,5 @@ def _corners(faces: list[bytes], lines: list[bytes]) -> tuple[Triangles, Triangl
         known = np.cumsum(~is_face)[is_face]
         numbers = numbers + np.where(back, np.repeat(known + 1, counts), 0)
         if (numbers[back] < 1).any():
-            raise ValueError("a face counts back to a vertex before the first one")
+            raise MeshError("a face counts back to a vertex before the first one")
     return numbers - 1, counts

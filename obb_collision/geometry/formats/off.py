@@ -22,6 +22,7 @@ from itertools import chain
 import numpy as np
 
 from obb_collision.geometry.formats.parts import (
+    MeshError,
     Parts,
     Triangles,
     check_complete,
@@ -44,17 +45,17 @@ def read(data: bytes, parts: Parts) -> None:
     head = lines[0].split() if lines else [b""]
     keyword = KEYWORD.match(head[0])
     if keyword is None:
-        raise ValueError("it is no OFF: its first word must be OFF, COFF, NOFF, STOFF or 4OFF")
+        raise MeshError("it is no OFF: its first word must be OFF, COFF, NOFF, STOFF or 4OFF")
     if keyword[5] or b"BINARY" in head:
-        raise ValueError(f"it is {'nOFF' if keyword[5] else 'binary OFF'}: export it as plain OFF")
+        raise MeshError(f"it is {'nOFF' if keyword[5] else 'binary OFF'}: export it as plain OFF")
     lines[0] = lines[0].lstrip()[keyword.end() :]  # a number may follow at once
     lines = lines if lines[0].strip() else lines[1:]
     head = lines[0].split() if lines else []
     if len(head) < 2:
-        raise ValueError("the numbers of its vertices and faces are missing")
+        raise MeshError("the numbers of its vertices and faces are missing")
     vertices, faces = (int(number) for number in integers_of(head[:2]))
     if min(vertices, faces) < 0:
-        raise ValueError(f"it declares {vertices} vertices and {faces} faces")
+        raise MeshError(f"it declares {vertices} vertices and {faces} faces")
     parts.check_room(faces, vertices)
     width = 4 if keyword[4] else 3
     if len(lines) - 1 >= vertices + faces:
@@ -80,7 +81,7 @@ def _first(lines: list[bytes], width: int) -> list[bytes]:
     rows = [line.split()[:width] for line in lines]
     short = next((row for row in rows if len(row) < width), None)
     if short is not None:
-        raise ValueError(f"{text_of(b' '.join(short))} stands where {width} numbers are expected")
+        raise MeshError(f"{text_of(b' '.join(short))} stands where {width} numbers are expected")
     return [*chain(*rows)]
 
 
@@ -115,12 +116,12 @@ def _corner_words(words: list[bytes], faces: int) -> tuple[Triangles, Triangles]
         found.append(words[at + 1 : end])
         at = end
     if at < len(words):
-        raise ValueError("its lines are not those of vertices and faces: write one a line")
+        raise MeshError("its lines are not those of vertices and faces: write one a line")
     return integers_of([*chain(*found)]), np.fromiter(map(len, found), np.int64, faces)
 
 
 def _count(word: bytes) -> int:
     (count,) = integers_of([word]).tolist()
     if count < 0:
-        raise ValueError(f"a face has {count} corners")
+        raise MeshError(f"a face has {count} corners")
     return int(count)

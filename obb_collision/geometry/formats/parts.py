@@ -31,7 +31,7 @@ SHOWN = 200
 #: Maximum number of vertices per triangle that there may be: more of them are unused.
 MOST_VERTICES = 3
 #: Maximum number of nodes of a scene that are visited: one that places others counts each time.
-MOST_NODES = 1_000_000
+MOST_NODES = 100_000
 #: Maximum levels of nodes below one another.
 MOST_LEVELS = 200
 #: Why a file is refused that is whole, but shows nothing.
@@ -41,11 +41,15 @@ PLAIN, DIGITS = b"0123456789+-.eE,", b"0123456789 \t\n"
 NO_FACES: Triangles = np.empty((0, 3), np.int64)
 
 
-class TooManyError(ValueError):
+class MeshError(ValueError):
+    """A mesh file can't be read whole; says why in the words of who made it."""
+
+
+class TooManyError(MeshError):
     """A mesh has more triangles than the limit."""
 
 
-class EmptyMeshError(ValueError):
+class EmptyMeshError(MeshError):
     """A mesh has no triangles and no points."""
 
 
@@ -76,7 +80,7 @@ def check_complete(declared: int, held: int, what: str) -> None:
     """Raise ValueError where a file holds less, or more, than it declares."""
     if held != declared:
         cut = ": it is cut or damaged" if held < declared else ""
-        raise ValueError(f"it declares {declared} {what} and holds {held}{cut}")
+        raise MeshError(f"it declares {declared} {what} and holds {held}{cut}")
 
 
 def floats_of(given: list[bytes]) -> Floats:
@@ -128,7 +132,7 @@ def _numbers(given: list[bytes], kind: Any, what: str) -> NDArray[Any]:
         return np.fromiter(map(kind, given), np.float64 if kind is float else np.int64, len(given))
     except (ValueError, OverflowError):
         bad = next(token for token in given if not _is_number(token, kind))
-        raise ValueError(f"{text_of(bad)} stands where a {what} is expected") from None
+        raise MeshError(f"{text_of(bad)} stands where a {what} is expected") from None
 
 
 def _is_number(token: bytes, kind: Any) -> bool:
@@ -178,7 +182,7 @@ class Parts:
         if faces.min() >= 0 and faces.max() < count:
             return
         bad = faces[(faces < 0) | (faces >= count)][0]
-        raise ValueError(f"a face names vertex {bad}, there are 0 to {count - 1}")
+        raise MeshError(f"a face names vertex {bad}, there are 0 to {count - 1}")
 
     def joined(self, unit: float = 1.0) -> tuple[Floats, Triangles]:
         """Return all vertices (n, 3), times a unit, and all faces (m, 3)."""

@@ -27,6 +27,7 @@ import numpy as np
 
 from obb_collision.geometry.formats.parts import (
     NO_FACES,
+    MeshError,
     Parts,
     Triangles,
     check_complete,
@@ -100,13 +101,13 @@ def read(data: bytes, parts: Parts) -> None:
         name = element.list_of_vertices
         if element.name in ("face", "tristrips"):
             if name is None and element.count:
-                raise ValueError(f"its {element.name} has no list of vertices")
+                raise MeshError(f"its {element.name} has no list of vertices")
         elif name is not None or element.name in ("range_grid", "trips", "polygon"):
-            raise ValueError(f"it has {element.name!r}, which is not read: export it as faces")
+            raise MeshError(f"it has {element.name!r}, which is not read: export it as faces")
         found.append((element.name, source.lists(element, name)))
     source.check_end()
     if not any(element.name == "vertex" for element in elements):
-        raise ValueError("it declares no vertices")
+        raise MeshError("it declares no vertices")
     faces = [NO_FACES]
     for kind, (corners, counts) in found:
         if kind == "face":
@@ -126,10 +127,10 @@ def _strips(corners: Triangles, counts: Triangles) -> Iterator[Triangles]:
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Return the order of bytes ("": text), the elements, and what follows the header."""
     if data[:3] != b"ply":
-        raise ValueError("it is no PLY: it must begin with ply")
+        raise MeshError("it is no PLY: it must begin with ply")
     end = END.search(data[:LARGEST_HEADER])
     if end is None:
-        raise ValueError("its header has no end (end_header)")
+        raise MeshError("its header has no end (end_header)")
     order: str | None = None
     elements: list[Element] = []
     for line in re.split(rb"[\r\n]+", data[3 : end.start()]):
@@ -146,11 +147,11 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
             case ["property", kind, name] if elements and kind in CODES:
                 elements[-1].properties.append(Property(name, CODES[kind]))
             case ["format" | "element" | "property", *_]:
-                raise ValueError(f"its header has {text_of(line)}, which PLY does not know")
+                raise MeshError(f"its header has {text_of(line)}, which PLY does not know")
             case _:
                 pass  # a comment without its word
     if order is None:
-        raise ValueError("its header does not say its format")
+        raise MeshError("its header does not say its format")
     return order, elements, data[end.end() :]
 
 
@@ -158,7 +159,7 @@ def _columns(element: Element, names: tuple[str, ...]) -> list[int]:
     given = [one.name for one in element.properties]
     missing = [name for name in names if name not in given]
     if missing and element.count:
-        raise ValueError(f"its {element.name} has no {missing[0]}")
+        raise MeshError(f"its {element.name} has no {missing[0]}")
     return [given.index(name) for name in names if name in given]
 
 
@@ -229,13 +230,13 @@ class _Words:
         """Return the length of a list; too long a one is seen later."""
         (count,) = integers_of(word).tolist() or (0,)
         if count < 0:
-            raise ValueError(f"a list has {count} numbers")
+            raise MeshError(f"a list has {count} numbers")
         return int(count)
 
     def check_end(self) -> None:
         """Raise ValueError where there is more than was declared."""
         if not self._lines and self._at < len(self._words):
-            raise ValueError(f"it holds more than it declares: {text_of(self._words[self._at])}")
+            raise MeshError(f"it holds more than it declares: {text_of(self._words[self._at])}")
 
 
 class _Bytes:
@@ -329,4 +330,4 @@ class _Bytes:
         """Raise ValueError where there is more than was declared; zeros may fill a file up."""
         rest = self._body[self._at :].strip(b"\0 \t\r\n")
         if rest:
-            raise ValueError(f"it holds {len(rest)} bytes more than it declares")
+            raise MeshError(f"it holds {len(rest)} bytes more than it declares")

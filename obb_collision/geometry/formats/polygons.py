@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.formats.parts import NO_FACES, Triangles
+from obb_collision.geometry.formats.parts import NO_FACES, MeshError, Triangles
 from obb_collision.typing import Floats, Mask
 
 #: Corners of polygons that are cut at once.
@@ -48,11 +48,15 @@ def triangulated(points: Floats, corners: Triangles, counts: Triangles) -> Trian
     """
     if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):
         bad = corners[(corners < 0) | (corners >= len(points))][0]
-        raise ValueError(f"a face names vertex {bad}, there are 0 to {len(points) - 1}")
+        raise MeshError(f"a face names vertex {bad}, there are 0 to {len(points) - 1}")
     firsts = np.cumsum(counts) - counts
     cutter, made = _Cutter(), [NO_FACES]
-    for count in np.unique(counts[counts > 2]).tolist():
-        rows = firsts[counts == count]
+    order = np.argsort(counts, kind="stable")
+    sizes, starts = np.unique(counts[order], return_index=True)
+    for count, some in zip(sizes.tolist(), np.split(order, starts[1:]), strict=False):
+        if count < 3:
+            continue
+        rows = firsts[some]
         step = max(1, TOGETHER // count)
         for start in range(0, len(rows), step):
             ring = corners[rows[start : start + step, None] + np.arange(count)]
@@ -154,7 +158,7 @@ class _Cutter:
     def _count(self, looks: int) -> None:
         self._looks += looks + FEWEST_LOOKS
         if self._looks > MOST_LOOKS:
-            raise ValueError("its concave faces take too long to cut: export it as triangles")
+            raise MeshError("its concave faces take too long to cut: export it as triangles")
 
 
 def _fan(count: int, first: int) -> Triangles:
@@ -222,7 +226,7 @@ def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tupl
     starts, ends: (k, 2) of walls, of the loops themselves, too.
     """
     if len(outline) * len(hole) > MOST_PAIRS:
-        raise ValueError("a hole of a face has too many corners: export it as triangles")
+        raise MeshError("a hole of a face has too many corners: export it as triangles")
     away = np.square(outline[:, None] - hole).sum(axis=-1)
     before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
     for pair in np.argsort(away, axis=None, kind="stable")[:MOST_TRIES].tolist():
@@ -239,4 +243,4 @@ def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tupl
             meets &= (starts != one).any(axis=1) & (ends != one).any(axis=1)
         if not meets.any():
             return at, of
-    raise ValueError("a hole of a face crosses its outline: export it as triangles")
+    raise MeshError("a hole of a face crosses its outline: export it as triangles")

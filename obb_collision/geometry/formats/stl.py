@@ -20,7 +20,14 @@ import re
 
 import numpy as np
 
-from obb_collision.geometry.formats.parts import NO_FACES, Parts, check_complete, floats_of, text_of
+from obb_collision.geometry.formats.parts import (
+    NO_FACES,
+    MeshError,
+    Parts,
+    check_complete,
+    floats_of,
+    text_of,
+)
 from obb_collision.typing import Floats
 
 #: Bytes before the first record of a binary file: text, and the number of records.
@@ -49,7 +56,7 @@ def read(data: bytes, parts: Parts) -> None:
             corners = _from_text(text, parts)
             return _add(corners, parts)
     if len(data) < HEADER:
-        raise ValueError("it is no STL: it has neither text nor a header of 84 bytes")
+        raise MeshError("it is no STL: it has neither text nor a header of 84 bytes")
     _add(_from_records(data, count, parts), parts)
 
 
@@ -63,16 +70,16 @@ def _from_text(text: bytes, parts: Parts) -> Floats:
     """Return corners (n, 3, 3); text: in lower case."""
     solids, ends, inside = _without_names(text)
     if ends < solids:
-        raise ValueError(f"it begins {solids} solids and ends {ends}: it is cut or damaged")
+        raise MeshError(f"it begins {solids} solids and ends {ends}: it is cut or damaged")
     words = inside.split()
     count, rest = divmod(len(words), len(FACET))
     parts.check_room(count, 3 * count)
     for column, word in enumerate(FACET):
         if word is not None and words[column :: len(FACET)].count(word) != count + (column < rest):
             found = next(one for one in words[column :: len(FACET)] if one != word)
-            raise ValueError(f"{text_of(found)} stands where {text_of(word)} is expected")
+            raise MeshError(f"{text_of(found)} stands where {text_of(word)} is expected")
     if rest:
-        raise ValueError("its last facet has no end: it is cut or damaged")
+        raise MeshError("its last facet has no end: it is cut or damaged")
     columns = [column for column, word in enumerate(FACET[7:], 7) if word is None]
     numbers = [floats_of(words[column :: len(FACET)]) for column in columns]
     return np.stack(numbers, axis=1).reshape(-1, 3, 3)
@@ -101,7 +108,7 @@ def _from_records(data: bytes, count: int, parts: Parts) -> Floats:
     if count not in UNKNOWN and (rest or not _are_records(records[count:])):
         records = records[:count]  # what follows is something else
     elif rest:
-        raise ValueError("it does not say how many triangles it has, and ends within one")
+        raise MeshError("it does not say how many triangles it has, and ends within one")
     parts.check_room(len(records), 3 * len(records))
     return records["corners"].astype(np.float64)
 

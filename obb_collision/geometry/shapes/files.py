@@ -41,6 +41,7 @@ from obb_collision.geometry.formats.parts import (
     NOTHING,
     SHOWN,
     EmptyMeshError,
+    MeshError,
     Parts,
     TooManyError,
     Triangles,
@@ -185,7 +186,7 @@ def read_mesh(
         return vertices, faces
     except (MemoryError, TooManyError):
         raise
-    except ValueError as error:
+    except MeshError as error:
         raise type(error)(shortened(str(error))) from error
     except Exception as error:  # such as a text where a list is expected
         raise ValueError("it is damaged: it has a value that its place can't have") from error

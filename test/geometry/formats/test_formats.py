@@ -447,8 +447,13 @@ SKINNED = '<node><instance_controller url="#c"/></node>' + placed("second", 5.0)
 BOTH = geometry("first", CUBE) + geometry("second", CUBE)
 DRACO = {"extensionsRequired": ["KHR_draco_mesh_compression"]}
 INSTANCED: dict[str, Any] = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {}}}}
+TWICE = 2 * '<instance_node url="#n{0}"/>'
+DOUBLED = '<node id="n40"/>' + "".join(
+    f'<node id="n{row}">{TWICE.format(row + 1)}</node>' for row in range(40)
+)
 #: Files that are refused, and why.
 BROKEN: dict[str, tuple[str, bytes | str, str]] = {
+    "OBJ, empty": ("obj", "# nothing\n", "^it has no triangles$"),
     "OBJ, vertex 0": ("obj", obj() + "f 0 1 2\n", "vertex 0"),
     "OBJ, a vertex that is not there": ("obj", obj() + "f 1 2 9\n", "vertex 8, there are 0 to 7"),
     "OBJ, back too far": ("obj", "f -9 1 2\n" + obj(), "before the first"),
@@ -517,6 +522,11 @@ BROKEN: dict[str, tuple[str, bytes | str, str]] = {
         dae(BOTH, '<node id="n"><instance_node url="#n"/></node>'),
         "levels",
     ),
+    "DAE, nodes that double": (
+        "dae",
+        dae(BOTH, '<node><instance_node url="#n0"/></node>', libraries=DOUBLED),
+        "more than 100000 nodes",
+    ),
     "DAE, cut": ("dae", two(CUBE)[:-300], "no XML, from line 1"),
     "GLB, cut": ("glb", gltf(FLOATS, FACES)[:-10], "declares .* bytes"),
     "GLB, Draco": ("glb", gltf(FLOATS, FACES, more=DRACO), "requires the extension KHR_draco"),
@@ -552,6 +562,12 @@ def test_a_part_that_is_mirrored_still_faces_outwards() -> None:
         points, faces = read_mesh(data, "part.dae")
         shown = points[faces]
         assert np.linalg.det(shown).sum() / 6 == pytest.approx(1.0), "its volume"
+
+
+def test_groups_of_a_mesh_share_their_vertices() -> None:
+    groups = "".join(polylist([side]) for side in SIDES)
+    points, faces = read_mesh(dae(geometry("first", groups), placed("first")).encode(), "part.dae")
+    assert (len(points), len(faces)) == (8, 12)
 
 
 def test_buffers_of_gltf_are_text_in_the_file() -> None:
