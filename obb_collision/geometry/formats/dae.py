@@ -149,6 +149,7 @@ class _Document:
         ]
         geometries = [one for one in self._root.iter() if _tag(one) == "geometry"]
         waiting = [(root, np.eye(4), 0) for root in roots]
+        inner: dict[Any, tuple[Floats, list[Any]]] = {}
         visited = placed = 0
         while waiting:
             node, matrix, level = waiting.pop()
@@ -157,8 +158,11 @@ class _Document:
                 raise MeshError(
                     f"it has more than {MOST_NODES} nodes or {MOST_LEVELS} levels of them"
                 )
-            matrix = matrix @ _matrix(node)
-            for child in _children(node, "node", *PLACING):
+            if node not in inner:  # one that others place is visited often
+                inner[node] = _matrix(node), _children(node, "node", *PLACING)
+            turn, children = inner[node]
+            matrix = matrix @ turn
+            for child in children:
                 kind = _tag(child)
                 if kind == "instance_geometry":
                     placed += 1

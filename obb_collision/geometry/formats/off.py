@@ -68,8 +68,7 @@ def read(data: bytes, parts: Parts) -> None:
         numbers = floats_of(_first_words(words, vertices, width, extra)).reshape(-1, width)
         corners, counts = _corner_words(words[vertices * (width + extra) :], faces)
     if width == 4:
-        with np.errstate(divide="ignore", invalid="ignore"):  # at infinity: it is refused
-            numbers = numbers[:, :3] / numbers[:, 3:]
+        numbers = numbers[:, :3] / numbers[:, 3:]  # at infinity it is refused
     parts.add(numbers, triangulated(numbers, corners, counts))
 
 

@@ -168,8 +168,7 @@ class Parts:
         if len(faces):
             self._check(faces, len(vertices))
         if matrix is not None:
-            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
-                vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+            vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
             if np.linalg.det(matrix[:3, :3]) < 0.0:
                 faces = faces[:, ::-1]
         self._vertices.append(np.asarray(vertices, np.float64))

@@ -195,9 +195,8 @@ def _holds(a: Floats, b: Floats, c: Floats, points: Floats) -> Any:
 
 def _normals(around: Floats) -> Floats:
     """Return normals (k, 3) of polygons (k, n, 3), as long as twice the area."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        spokes = around - around[:, :1]
-        return np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1)
+    spokes = around - around[:, :1]
+    return np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1)
 
 
 def _axes(around: Floats) -> Triangles:

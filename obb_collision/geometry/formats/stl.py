@@ -116,7 +116,6 @@ def _from_records(data: bytes, count: int, parts: Parts) -> Floats:
 def _are_records(records: np.ndarray) -> bool:
     """Return whether bytes are triangles: with normals of length 1, or none."""
     corners, normals = records["corners"], records["normal"].astype(np.float64)
-    with np.errstate(invalid="ignore", over="ignore"):
-        length = np.sqrt(np.square(normals).sum(axis=1))
-        fits = (np.abs(length - 1.0) < SKEW) | (length == 0.0)
+    length = np.sqrt(np.square(normals).sum(axis=1))
+    fits = (np.abs(length - 1.0) < SKEW) | (length == 0.0)
     return bool(fits.all() and np.isfinite(corners).all() and corners.any(axis=(1, 2)).all())

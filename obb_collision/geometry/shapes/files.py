@@ -36,6 +36,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
+import numpy as np
+
 from obb_collision.geometry.formats import dae, gltf, obj, off, ply, stl
 from obb_collision.geometry.formats.parts import (
     NOTHING,
@@ -179,8 +181,9 @@ def read_mesh(
         _check_xml(data)
     parts = Parts(most_triangles)
     try:
-        unit = READERS[kind](data, parts)
-        vertices, faces = parts.joined(1.0 if unit is None else unit)
+        with np.errstate(all="ignore"):  # what is not finite is refused later
+            unit = READERS[kind](data, parts)
+            vertices, faces = parts.joined(1.0 if unit is None else unit)
         if not len(vertices):
             raise EmptyMeshError(NOTHING)
         return vertices, faces
