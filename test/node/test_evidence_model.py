@@ -32,8 +32,15 @@ import pytest
 from each import each
 from evidence_model import ARM, EDGE, OFFSET, ORDER, REACH, SPEED, WAIT, Model, Robot
 from geometry_msgs.msg import Point, TransformStamped
-from hypothesis import given, settings
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis import given, seed, settings
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 from objects_rig import SECOND
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -94,6 +101,7 @@ class World:
     """The one node of all examples with a robot, or without, and its clocks."""
 
     made: ClassVar[dict[bool, World]] = {}
+    lived: ClassVar[float] = 0.0
 
     def __init__(self, has_robot: bool) -> None:
         self.now, self.steady, self.frames, self.context = START, START, FakeFrames(), Context()
@@ -123,6 +131,7 @@ class World:
 
     def advance(self, seconds: float, steady: float | None = None) -> None:
         self.now += seconds
+        World.lived += seconds if 0.0 < seconds < 10.0 else 0.0  # no jumps
         self.steady += seconds if steady is None else steady
         time = Time(nanoseconds=round(self.now * SECOND), clock_type=ClockType.ROS_TIME)
         clock: Any = self.node.get_clock()
@@ -682,6 +691,19 @@ def urdf(edge: float) -> str:
         text += f"<joint name='j{k}' type='prismatic'><parent link='{parent}'/><axis xyz='1 0 0'/>"
         text += f"<child link='{child}'/><limit lower='-9' upper='9'/></joint>"
     return f"{text}</robot>"
+
+
+LONG_RUN = 12 * 3600.0
+"""Seconds of the node's clock that a long run goes through: ``pytest -m slow`` with this file."""
+
+
+@pytest.mark.slow
+def test_twelve_hours_of_anything() -> None:
+    long = settings(max_examples=100, stateful_step_count=40, deadline=None, derandomize=False)
+    World.lived, number = 0.0, 0
+    while World.lived < LONG_RUN:
+        run_state_machine_as_test(seed(number)(EvidenceMachine), settings=long)
+        number += 1
 
 
 TestEvidenceMachine = EvidenceMachine.TestCase

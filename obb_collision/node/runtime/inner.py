@@ -142,7 +142,7 @@ def _taking() -> type | None:
     default_allocator.restype, identifier.restype = _Allocator, ctypes.c_void_p
     allocator, implementation = default_allocator(), identifier()
 
-    class Taking(rclpy_implementation.Subscription):  # type: ignore[misc, name-defined]
+    class Taking(rclpy_implementation.Subscription):  # type: ignore[misc]
         """Takes messages with their publisher."""
 
         def take_message(self, kind: type, raw: bool) -> Any:
