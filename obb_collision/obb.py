@@ -35,6 +35,7 @@ from obb_collision.geometry.validation import (
     as_rotations,
     check_kind,
     is_single,
+    read_only_view,
 )
 from obb_collision.queries.points.containment import contains
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
@@ -77,11 +78,11 @@ class OBB(ArrayValue):
     (2.0, True)
     """
 
-    __slots__ = ("center", "half_extents", "rotation")
+    __slots__ = ("_center", "_half_extents", "_rotation")
 
-    center: Floats
-    rotation: Floats
-    half_extents: Floats
+    _center: Floats
+    _rotation: Floats
+    _half_extents: Floats
 
     _fit_clouds = staticmethod(fit_clouds)  # for Boxes, which cannot import what is above them
 
@@ -116,7 +117,34 @@ class OBB(ArrayValue):
         c = as_array(center, "center", (3,)).copy()
         r = as_rotations(rotation, "rotation", (3, 3)).copy()
         h = as_half_extents(half_extents, "half_extents", (3,))
-        self.center, self.rotation, self.half_extents = c, r, h
+        self._center, self._rotation, self._half_extents = c, r, h
+
+    @property
+    def center(self) -> Floats:
+        """(3,) metres, read-only; may be set."""
+        return read_only_view(self._center)
+
+    @center.setter
+    def center(self, value: ArrayLike) -> None:
+        self.set(value, self._rotation, self._half_extents)
+
+    @property
+    def rotation(self) -> Floats:
+        """(3, 3) the columns are the box axes, read-only; may be set."""
+        return read_only_view(self._rotation)
+
+    @rotation.setter
+    def rotation(self, value: ArrayLike) -> None:
+        self.set(self._center, value, self._half_extents)
+
+    @property
+    def half_extents(self) -> Floats:
+        """(3,) metres, read-only; may be set."""
+        return read_only_view(self._half_extents)
+
+    @half_extents.setter
+    def half_extents(self, value: ArrayLike) -> None:
+        self.set(self._center, self._rotation, value)
 
     def reset(self) -> None:
         """Become the reset box: a point at the origin with axes x, y, z."""
@@ -205,12 +233,12 @@ class OBB(ArrayValue):
     @property
     def quaternion(self) -> Floats:
         """(4,) the orientation as a unit quaternion x y z w, w >= 0."""
-        return quaternions_from_matrices(self.rotation[None])[0]
+        return quaternions_from_matrices(self._rotation[None])[0]
 
     @property
     def volume(self) -> float:
         """Cubic metres."""
-        return float(box_volumes(self.half_extents))
+        return float(box_volumes(self._half_extents))
 
     def corners(self) -> Floats:
         """Return the corners.
@@ -254,7 +282,7 @@ class OBB(ArrayValue):
         """
         if not (isinstance(i, (int, np.integer)) and 0 <= i <= 2):
             raise ValueError(f"edge direction i must be 0, 1 or 2, got {shown(i)}")
-        return self.rotation[:, i].copy()
+        return self._rotation[:, i].copy()
 
     def face_normal(self, i: int) -> Floats:
         """Return the outward normal of a face.
@@ -282,7 +310,7 @@ class OBB(ArrayValue):
         if not (isinstance(i, (int, np.integer)) and 0 <= i <= 5):
             raise ValueError(f"face i must be 0 to 5, got {shown(i)}")
         sign = 1.0 if i % 2 == 0 else -1.0
-        return sign * self.rotation[:, i // 2]
+        return sign * self._rotation[:, i // 2]
 
     def aabb(self) -> AABB:
         """Return the axis-aligned box around this one, rounded outwards where inexact.
@@ -313,7 +341,7 @@ class OBB(ArrayValue):
         [1.5, 1.5, 1.5]
         """
         pad = as_array(margin, "margin", ())
-        return OBB(self.center, self.rotation, self._boxes().padded(pad).half_extents[0])
+        return OBB(self._center, self._rotation, self._boxes().padded(pad).half_extents[0])
 
     def transformed(self, matrix: ArrayLike) -> OBB:
         """Return a box that certainly contains this one, moved by an invertible 4x4 matrix.
@@ -336,7 +364,7 @@ class OBB(ArrayValue):
         >>> oc.OBB(half_extents=[1, 1, 1]).transformed(np.diag([2, 3, 4, 1])).volume
         192.0
         """
-        return OBB(*transform_box(self.center, self.rotation, self.half_extents, matrix))
+        return OBB(*transform_box(self._center, self._rotation, self._half_extents, matrix))
 
     def contains(self, points: ArrayLike, exact: bool = False) -> bool | NDArray[np.bool_]:
         """Return which points lie inside; the surface counts.
@@ -365,7 +393,7 @@ class OBB(ArrayValue):
         single = is_single(points)
         cloud = as_array(points, "points", (3,) if single else (None, 3)).reshape(-1, 3)
         exactly = as_flag(exact, "exact")
-        inside = contains(self.center, self.rotation, self.half_extents, cloud, exactly)
+        inside = contains(self._center, self._rotation, self._half_extents, cloud, exactly)
         return bool(inside[0]) if single else inside
 
     def intersects(self, other: OBB, exact: bool = False) -> bool:
@@ -479,12 +507,12 @@ class OBB(ArrayValue):
         return self._boxes(), other._boxes()
 
     def _boxes(self) -> Boxes:
-        return Boxes.trusted(self.center[None], self.rotation[None], self.half_extents[None])
+        return Boxes.trusted(self._center[None], self._rotation[None], self._half_extents[None])
 
     def __repr__(self) -> str:
         return (
-            f"OBB(center={self.center.tolist()}, rotation={self.rotation.tolist()}, "
-            f"half_extents={self.half_extents.tolist()})"
+            f"OBB(center={self._center.tolist()}, rotation={self._rotation.tolist()}, "
+            f"half_extents={self._half_extents.tolist()})"
         )
 
 

@@ -73,6 +73,8 @@ class AABB(ArrayValue):
         low = as_array(minimum, "minimum", (3,)).copy()
         high = as_array(maximum, "maximum", (3,)).copy()
         refuse_where(low > high, "minimum must not exceed maximum", by_row=False)
+        for corner in (low, high):
+            corner.flags.writeable = False
         vars(self).update(minimum=low, maximum=high)
 
     @classmethod

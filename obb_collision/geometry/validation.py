@@ -23,7 +23,7 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence, Sized
 from contextlib import contextmanager
-from typing import Any, NoReturn, SupportsIndex
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,13 +50,22 @@ class ArrayValue:
     __hash__ = None  # type: ignore[assignment]
 
 
-class NotCopied:
-    """What can be neither copied nor pickled: a copy would share what either of them changes."""
+def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array for everybody to read; kernels know one kind, which may be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
-    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """Raise TypeError for copy.copy, copy.deepcopy and pickle."""
+
+class NotCopied:
+    """What can be pickled but not copied: a copy would share what either of them changes."""
+
+    def __copy__(self) -> NoReturn:
         name = type(self).__name__
-        raise TypeError(f"a {name} can be neither copied nor pickled: make another one")
+        raise TypeError(f"a {name} can not be copied: make another one, or pickle it")
+
+    def __deepcopy__(self, memo: object) -> NoReturn:
+        self.__copy__()
 
 
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:

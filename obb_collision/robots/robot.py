@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from os import PathLike
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -288,6 +289,12 @@ class Robot:
         """
         limit = positive_number(time_limit, "time_limit")
         return prove_pairs(self, limit, progress)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what was pickled, which may have been written to."""
+        vars(self).update(state)
+        for array in (*self.tree, self.lower, self.upper, self.velocity_limits):
+            array.setflags(write=False)
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}: {len(self.link_names)} links, {len(self.joint_names)} joints)"

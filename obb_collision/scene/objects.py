@@ -66,6 +66,15 @@ class SceneObjects:
         self.padding = padding
         self._accuracy = as_accuracy(accuracy)
 
+    def __getstate__(self) -> tuple[Any, ...]:
+        shapes = self.cache.lend_shapes()
+        return self.store.columns(), shapes, self._paddings.overrides, self._padding, self._accuracy
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        columns, shapes, paddings, self._padding, self._accuracy = state
+        self.store, self.cache = ObjectStore.of_columns(columns), ShapeCache().with_shapes(shapes)
+        self._paddings = Overrides(paddings)
+
     def begin_boxes(
         self,
         names: Sequence[str],

@@ -37,6 +37,7 @@ from obb_collision.geometry.validation import (
 from obb_collision.obb import OBB
 from obb_collision.queries.rays.rays import RayHits
 from obb_collision.scene.checks import Checks
+from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.named_objects import NamedObjects
 from obb_collision.scene.objects import as_padding
@@ -50,6 +51,8 @@ from obb_collision.scene.store.region import Region
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
 
+#: What is set like that when a scene was pickled.
+PROPERTIES = ("time_budget", "max_pairs", "region", "obstacle_points")
 #: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
 MOST_PAIRS = 2**53
 #: Seconds for a check above which milliseconds were probably meant.
@@ -102,9 +105,32 @@ class Scene(NamedObjects):
         region: Region | None = None,
     ) -> None:
         super().__init__(padding, accuracy)
-        self._rules = PairRules(lambda: self._objects.store.mark(self._objects.store.live()))
-        self._checks = Checks(self._objects, self._rules, as_flag(exact, "exact"))
+        self._begin(as_flag(exact, "exact"))
         self.time_budget, self.max_pairs, self.region = time_budget, max_pairs, region
+
+    def _begin(self, exact: bool) -> None:
+        self._rules = PairRules(lambda: self._objects.store.mark(self._objects.store.live()))
+        self._checks = Checks(self._objects, self._rules, exact)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return objects and settings; what was computed of them is computed anew."""
+        rules, checks = self._rules, self._checks
+        return {
+            "objects": self._objects,
+            "exact": checks.exact,
+            "rules": (rules.allowed, rules.check_only, rules.allowed_within, rules.warns),
+            "effects": checks.effects.settings,
+            "properties": {name: getattr(self, name) for name in PROPERTIES},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._objects = state["objects"]
+        self._begin(state["exact"])
+        rules = self._rules
+        rules.allowed, rules.check_only, rules.allowed_within, rules.warns = state["rules"]
+        self._checks.effects = EffectSettings(EFFECTS, state["effects"])
+        for name, value in state["properties"].items():
+            setattr(self, name, value)
 
     def __repr__(self) -> str:
         return f"Scene({len(self)} objects, accuracy {self._objects.accuracy.label!r})"

@@ -254,7 +254,7 @@ def test_rows_give_boxes_and_a_row_a_box(seed: int, count: int, data: st.DataObj
 def test_a_box_taken_from_many_is_a_copy() -> None:
     boxes = some_boxes(0, 3)
     box, before = boxes[1], boxes.centers.copy()
-    box.center[:] = 9.0
+    box.center = [9.0, 9.0, 9.0]
     np.testing.assert_array_equal(boxes.centers, before)
 
 
@@ -405,3 +405,23 @@ def test_a_quaternion_far_from_unit_length_is_warned_about_and_used() -> None:
     with pytest.warns(UserWarning, match="far from unit length in row 200"):
         found = as_poses(poses)[1]
     assert found.tobytes() == expected.tobytes()
+
+
+def test_arrays_of_values_are_read_only_and_attributes_are_checked() -> None:
+    given = np.ones(3)
+    box, bounds = oc.OBB(given, np.eye(3), given), oc.AABB(-given, given)
+    region = oc.regions.Region(-given, given)
+    arrays = [box.center, box.rotation, box.half_extents, bounds.minimum, bounds.maximum]
+    for array in (*arrays, region.minimum, region.maximum):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = -1.0
+    given[0] = 2.0  # the caller's own
+    assert box.center.tolist() == [1.0, 1.0, 1.0]
+    box.center = [1, 2, 3]
+    assert box.center.dtype == np.float64
+    assert box.intersects(oc.OBB([1, 2, 3], np.eye(3), [0, 0, 0]))
+    for name, value in (("center", [np.nan] * 3), ("rotation", np.ones((3, 3))),
+                        ("half_extents", [-1, 1, 1])):  # fmt: skip
+        with pytest.raises(ValueError, match=f"^{name} must"):
+            setattr(box, name, value)
+    assert box == oc.OBB([1, 2, 3], np.eye(3), [1, 1, 1])

@@ -24,7 +24,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,6 +89,18 @@ class Shape(ABC):
         shape = object.__new__(cls)
         shape._store(**{"scale": NO_SCALE} | values)
         return shape
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but a hash, which is another one in another process."""
+        return {name: value for name, value in vars(self).items() if name != "_hash"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what was pickled; its arrays are read-only again."""
+        for value in state.values():
+            for array in value if isinstance(value, tuple) else (value,):
+                if isinstance(array, np.ndarray):
+                    array.setflags(write=False)
+        vars(self).update(state)
 
     def _store(self, **values: object) -> None:
         vars(self).update(values)  # past the guard of frozen dataclasses

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -273,6 +273,10 @@ class Model:
         self.link_objects: dict[str, tuple[str, ...]] = {}
         self._groups = rigid_groups(self.tree)
         self._allowed = allowed_links(robots, self._groups)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but what is made of it and of the scene, when it is asked for."""
+        return {**vars(self), "_own": None, "_prepared": None, "_kept": {}}
 
     @property
     def middle(self) -> Floats:

@@ -25,7 +25,7 @@ import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from obb_collision.geometry.formats.parts import shortened
 from obb_collision.geometry.formats.xml_faults import HARMLESS, first_fault
@@ -64,6 +64,12 @@ class RobotError(ValueError):
         super().__init__(": ".join(part for part in (where, self.element, self.reason) if part))
 
 
+class Gone(NamedTuple):
+    """What is left of an element that was pickled."""
+
+    sourceline: int
+
+
 class Element:
     """An element of XML: its attributes as numbers and names, its children by tag."""
 
@@ -73,6 +79,10 @@ class Element:
         label = f"{node.tag} {shown(name)}" if name is not None else f"{node.tag}"
         self.tag = str(node.tag)
         self.label = label if name is not None or not within else f"{label} of {within}"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what errors name: the tree that it is of is not pickled."""
+        return {**vars(self), "node": Gone(self.line)}
 
     @property
     def line(self) -> int:

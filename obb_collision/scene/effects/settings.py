@@ -53,6 +53,11 @@ class EffectSettings:
         )
         """Whether one that is not off is computed above OBB, whatever decides pairs."""
 
+    @property
+    def settings(self) -> dict[str, Setting]:
+        """All of them by the names of effects."""
+        return dict(self._settings)
+
     def __getitem__(self, name: str) -> Setting:
         return self._settings[self.check_name(name)]
 

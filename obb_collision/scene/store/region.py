@@ -87,6 +87,8 @@ class Region(ArrayValue):
         width = float(as_array(halo, "halo", ()))
         if width < 0.0:
             raise ValueError("halo must not be negative")
+        for corner in (low, high):
+            corner.flags.writeable = False
         vars(self).update(minimum=low, maximum=high, halo=width)
 
     @property

@@ -95,6 +95,20 @@ class ObjectStore:
         self.twists = np.zeros((FIRST_CAPACITY, 6))
         self.born = np.zeros(FIRST_CAPACITY, np.int64)  # version in which the object came
 
+    def columns(self) -> dict[str, Any]:
+        """Return all that a store holds, to be pickled."""
+        own = {"_lent", "_shared", "version", "_name_tuple"}
+        return {name: value for name, value in vars(self).items() if name not in own}
+
+    @classmethod
+    def of_columns(cls, columns: dict[str, Any]) -> ObjectStore:
+        """Return a store that holds what another one did, none of it checked yet."""
+        store = cls()
+        vars(store).update(columns)
+        store.changed, store.touched = store.used.copy(), True
+        store.born[:] = store.version
+        return store
+
     def _grow(self) -> None:
         """Double the arrays: all are there before the first takes its place, in one step."""
         columns = {k: value for k, value in vars(self).items() if isinstance(value, np.ndarray)}

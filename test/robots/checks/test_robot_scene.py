@@ -16,9 +16,13 @@
 
 from __future__ import annotations
 
+import pickle
+from concurrent.futures import ProcessPoolExecutor
 from fractions import Fraction
 from itertools import combinations
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -437,3 +441,31 @@ def test_a_scene_with_obstacle_points_raises_until_they_are_none() -> None:
         refused(r"set scene\.obstacle_points = None", ask, *given_)
     scene.obstacle_points = None
     assert checker.check(states).valid.all()
+
+
+def robot_answers(checker: oc.RobotScene, states: np.ndarray) -> list[Any]:
+    found = checker.distances(states, max_distance=1.0, jacobian=True)
+    motions = checker.check_motions(states[:-1], states[1:])
+    poses = checker.robots[0].link_poses(states)
+    values = [poses, found.distances, found.jacobians, found.points, motions.parameters]
+    report = checker.check(states)
+    return [report.pairs, motions.pairs, *(np.asarray(value).tobytes() for value in values)]
+
+
+def test_a_pickled_robot_scene_gives_the_same_bit_for_bit_in_another_process() -> None:
+    description = oc.load_scene("arm_cell")
+    arm = description.robots[0]
+    checker = oc.RobotScene({"arm": arm.robot}, description.build(), padding=0.01, bases=[arm.pose])
+    checker.attach("cup", oc.shapes.Sphere(0.02), "arm/hand", [0, 0, 0.2, 0, 0, 0, 1])
+    checker.bases = [[0.3, 0.1, 0.75, 0, 0, 0, 1]]  # relative to where it was
+    rng = np.random.default_rng(1)
+    states = rng.uniform(-1.0, 1.0, (40, len(checker.joint_names)))
+    here = robot_answers(checker, states)
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        assert pool.submit(robot_answers, checker, states).result() == here
+    robot = pickle.loads(pickle.dumps(arm.robot))
+    assert not robot.tree.parents.flags.writeable
+    assert robot.disabled_pairs == arm.robot.disabled_pairs
+    shape = pickle.loads(pickle.dumps(oc.shapes.Hull(np.eye(3))))
+    assert shape == oc.shapes.Hull(np.eye(3))
+    assert not shape.points.flags.writeable
