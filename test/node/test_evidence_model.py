@@ -387,10 +387,13 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.model.broken |= fails
         self.heal(fails and clears)
 
-    @rule(step=one_of([0.2311, 0.4703, 1.3017]))
-    def stand_still(self, step: float) -> None:
-        """Let the clock stand still while time goes by."""
+    @rule(step=one_of([0.2311, 0.4703, 1.3017]), says=USUALLY)
+    def stand_still(self, step: float = 1.3017, says: bool = True) -> None:
+        """Let the clock stand still while time goes by, and mostly somebody goes on to send."""
         self.world.advance(0.0, step)
+        self.model.steady = self.world.steady
+        if says:
+            self.transform("a/0")
         self.cycle()
 
     @rule(silence=one_of([0.3017, 0.8917]))
@@ -714,6 +717,7 @@ PLAIN: dict[str, Any] = {name: [] for name in (*LISTS.split(), "ignored_objects"
 PLAIN |= {"object_timeout": 0.0, "joint_timeout": 0.0, "judge_ages": "stamp_and_receipt"}
 PLAIN |= {"stale_policy": "unknown", "expect_empty": False}
 SILENT = PLAIN | {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
+LIMITED = PLAIN | {"object_timeout": 0.5, "object_timeout_overrides": ["a/*: 0.3"]}
 GOOD, REFUSED = [(0.0, 1.0, "")], [(0.0, 1.0, "scale")]
 FOUND: dict[str, Callable[[Any], Any]] = {
     "clear before a cycle": lambda m: (m.markers(), m.clear()),
@@ -750,6 +754,10 @@ FOUND: dict[str, Callable[[Any], Any]] = {
         m.turn(1, CHANGES), m.markers(), m.transform("b/0"), m.tick(), m.delete_all("")),
     "sets by turns": lambda m: (
         m.boxes(GOOD), m.turn(2), m.boxes(GOOD), m.turn(1), m.boxes(GOOD), m.tick(), m.end(2)),
+    "clock stopped": lambda m: (m.markers(), m.stand_still(), m.tick(), m.stand_still(says=False)),
+    "old truth": lambda m: (m.configure(LIMITED), m.markers(["a/0"], ahead=-30.0), m.tick()),
+    "followed a dead frame": lambda m: (
+        m.configure(LIMITED), m.markers(frame="odom", locked=True), m.tick(0.7117)),
     "newer set refused": lambda m: (
         m.boxes(GOOD), m.boxes([(0.7, 1.0, "")], frame="lost"), m.tick(0.4703)),
 }  # fmt: skip
