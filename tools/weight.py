@@ -27,7 +27,7 @@ import subprocess
 import sys
 import tokenize
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,6 @@ from typing import Any
 from obb_collision.cli import Parser, interruptible
 
 PACKAGE = "obb_collision"
-QUESTIONS = ("What", "Which", "How", "Whether")
 PUBLIC_ENOUGH = ("types", "config", "cgutils")
 """Modules of ``numba.core`` that its documentation of extensions uses."""
 NOT_INNER = {"_exit", "_fields", "_replace", "_asdict", "_make", "_field_defaults"}
@@ -49,6 +48,10 @@ STEPS = (
 )
 """Where poses are on their way to collisions: files, and functions in them."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+LONG = 40
+"""Lines of a function, without its docstring, above which it is long."""
+SAME = 10
+"""Lines of code in a row that make a duplicate."""
 Figures = dict[str, int | None]
 
 
@@ -74,9 +77,31 @@ class Source:
             for name in node.names
         ]
 
+    @cached_property
+    def needs(self) -> list[tuple[str, bool]]:
+        """Modules of the package, or names in them, and whether only types are imported."""
+        tests = (n for n in self.all(ast.If) if "TYPE_CHECKING" in ast.unparse(n.test))
+        typed = {id(part) for node in tests for part in ast.walk(node)}
+        return [
+            (f"{node.module}.{name.name}", id(node) in typed)
+            for node in self.all(ast.ImportFrom)
+            for name in node.names
+            if node.module and node.module.split(".")[0] == PACKAGE
+        ]
+
     @property
-    def code_lines(self) -> int:
-        """How many lines hold code: not blank, comment, docstring, or import."""
+    def definitions(self) -> set[str]:
+        """Public names that the module defines: constants, functions and classes."""
+        names = {n.name for n in self.tree.body if isinstance(n, Function | ast.ClassDef)}
+        for node in self.tree.body:
+            if isinstance(node, ast.Assign | ast.AnnAssign):
+                parts = {part for part in ast.walk(node) if isinstance(part, ast.Name)}
+                names |= {part.id for part in parts if isinstance(part.ctx, ast.Store)}
+        return {name for name in names if not name.startswith("_")}
+
+    @cached_property
+    def code(self) -> list[str]:
+        """The lines that hold code: not blank, comment, docstring, or import."""
         tokens = tokenize.generate_tokens(io.StringIO(self.text).readline)
         lines: set[int] = set()
         for token in tokens:
@@ -86,7 +111,8 @@ class Source:
             text = getattr(getattr(node, "value", None), "value", None)
             if not isinstance(node, ast.Expr) or isinstance(text, str):
                 lines.difference_update(range(node.lineno, node.end_lineno + 1))
-        return len(lines)
+        texts = self.text.splitlines()
+        return [texts[line - 1].strip() for line in sorted(lines)]
 
     @property
     def foreign_names(self) -> Iterator[tuple[str, bool]]:
@@ -132,21 +158,6 @@ class Project:
         """How many lines the Python files of a folder have."""
         return sum(s.text.count("\n") for s in self.all if s.name.startswith(folder))
 
-    def members(self, name: str) -> set[str]:
-        """Public members of a class and of its bases in the package."""
-        found: set[str] = set()
-        for node in (node for node in self.classes if node.name == name):
-            found |= {part.name for part in node.body if isinstance(part, Function)}
-            found |= {n.attr for n in ast.walk(node) if _is_set_on_self(n)}  # type: ignore[attr-defined]
-            found |= {
-                part.target.id
-                for part in node.body
-                if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
-            }
-            for base in node.bases:
-                found |= self.members(ast.unparse(base).split("[")[0])
-        return {member for member in found if not member.startswith("_")}
-
     def inner_users(self, library: str) -> list[str]:
         """Modules that use names of a library that begin with an underscore, or inner modules.
 
@@ -191,13 +202,62 @@ def _is_long(node: Function) -> bool:
     return len([*parts.posonlyargs, *parts.args, *parts.kwonlyargs]) >= 10
 
 
-def _starred_tuples(source: Source) -> int:
-    arguments = (part for node in source.all(ast.Call) for part in node.args)
-    return sum(isinstance(a, ast.Starred) and isinstance(a.value, ast.Tuple) for a in arguments)
+def _is_tall(node: Function) -> bool:
+    first, text = node.body[0], ast.get_docstring(node)
+    start = first if text is None or len(node.body) == 1 else node.body[1]
+    head = first.lineno - node.lineno
+    return head + node.end_lineno - start.lineno + 1 > LONG  # type: ignore[operator]
 
 
-def _asks(source: Source) -> bool:
-    return (ast.get_docstring(source.tree) or "").startswith(QUESTIONS)
+def module_graph(sources: Sequence[Source], types: bool) -> dict[str, set[str]]:
+    """Return which modules each imports, within functions as well; types: those for types, too."""
+    names = (source.name.removesuffix(".py").removesuffix("/__init__") for source in sources)
+    paths = {name.replace("/", "."): s for name, s in zip(names, sources, strict=True)}
+    graph: dict[str, set[str]] = {}
+    for path, source in paths.items():
+        wanted = (name for name, typed in source.needs if types or not typed)
+        found = {name if name in paths else name.rpartition(".")[0] for name in wanted}
+        graph[path] = (found & set(paths)) - {path}
+    return graph
+
+
+def circles(graph: Mapping[str, set[str]]) -> set[frozenset[str]]:
+    """Return the groups of modules that all import each other, directly or not."""
+    reached: dict[str, set[str]] = {}
+    for start in graph:
+        seen, waiting = set[str](), [start]
+        while waiting:
+            new = graph[waiting.pop()] - seen
+            seen |= new
+            waiting += new
+        reached[start] = seen
+    return {
+        frozenset(other for other in seen if start in reached[other])
+        for start, seen in reached.items()
+        if start in seen
+    }
+
+
+def arrows(graph: Mapping[str, set[str]], folder: str) -> set[tuple[str, str]]:
+    """Return which rooms of a folder import which: its folders, and files beside them."""
+    depth = folder.count(".") + 1
+    inside = {path: path.split(".")[depth] for path in graph if path.startswith(f"{folder}.")}
+    pairs = {(inside[a], inside[b]) for a in inside for b in graph[a] if b in inside}
+    return {(a, b) for a, b in pairs if a != b}
+
+
+def duplicates(sources: Iterable[Source]) -> int:
+    """Return how many runs of lines stand somewhere else before, SAME lines or longer."""
+    seen, count = set[tuple[str, ...]](), 0
+    for source in sources:
+        runs = [tuple(source.code[k : k + SAME]) for k in range(len(source.code) - SAME + 1)]
+        before = False
+        for run in runs:
+            again = run in seen
+            count += again and not before
+            seen.add(run)
+            before = again
+    return count
 
 
 def _private_uses(source: Source) -> int:
@@ -213,61 +273,53 @@ def _public_names(project: Project) -> int:
     return 0
 
 
-def _levels(project: Project) -> int:
-    (ladder,) = (node for node in project.classes if node.name == "Accuracy")
-    return sum(isinstance(part, ast.Assign) for part in ladder.body)
-
-
 def figures(project: Project) -> Figures:
     """Return what can be counted in the files, by the names of ``LIMITS``."""
     package, tests = project.package, project.tests
-    names = Counter(node.name for node in project.classes)
+    names = Counter(name for source in package for name in source.definitions)
+    running, graph = (module_graph(package, types) for types in (False, True))
+    at_run_time = circles(running)
     imported = {m for s in tests for m, _ in s.imports if m.split(".")[0] == PACKAGE}
-    setup = (project.root / "setup.py").read_text("utf-8")
     return {
         "lines of the package": project.lines(f"{PACKAGE}/"),
         "its files": len(package),
-        "its lines of code": sum(source.code_lines for source in package),
+        "its lines of code": sum(len(source.code) for source in package),
         "lines of tools/": project.lines("tools/"),
         "lines of tests": project.lines("test/"),
         "public names": _public_names(project),
-        "public members of Scene": len(project.members("Scene")),
-        "classes called Bodies or Sides": names["Bodies"] + names["Sides"],
-        "class names used twice": sum(count > 1 for count in names.values()),
+        "arrows among the rooms of node": len(arrows(graph, f"{PACKAGE}.node")),
+        "circles of imports at run time": len(at_run_time),
+        "circles by names of types only": len(circles(graph) - at_run_time),
+        "duplicates of ten lines": duplicates(package),
+        "functions above 40 lines": sum(map(_is_tall, project.functions)),
+        "names with several definitions": sum(count > 1 for count in names.values()),
         "functions of ten or more arguments": sum(map(_is_long, project.functions)),
-        "starred tuples": sum(map(_starred_tuples, package)),
-        "fmt: skip": sum(source.text.count("fmt: skip") for source in package),
         "modules on inner parts of numba": len(project.inner_users("numba")),
         "modules on inner parts of rclpy": len(project.inner_users("rclpy")),
-        "module docstrings that ask": sum(map(_asks, package)),
         "private names used in tests": sum(map(_private_uses, tests)),
         "modules that tests import from": len(imported),
-        "console scripts": len(re.findall(r'"\w+ = [\w.]+:\w+"', setup)),
-        "levels of accuracy": _levels(project),
     }
 
 
 LIMITS: Figures = {
-    "lines of the package": 52_000,
-    "its files": 330,
-    "its lines of code": 28_000,
+    "lines of the package": 59_500,  # 63,500 after four more issues
+    "its files": 310,
+    "its lines of code": 32_600,  # 34,800 then
     "lines of tools/": 10_000,
-    "lines of tests": 37_000,
+    "lines of tests": 39_000,
     "tests collected": 4_000,
     "public names": 34,
-    "public members of Scene": 32,
-    "classes called Bodies or Sides": 1,
-    "class names used twice": 6,
-    "functions of ten or more arguments": 10,
-    "starred tuples": 5,
-    "fmt: skip": 30,
+    "arrows among the rooms of node": 60,
+    "circles of imports at run time": 0,
+    "circles by names of types only": 3,
+    "duplicates of ten lines": 2,
+    "functions above 40 lines": 17,
+    "names with several definitions": 262,
+    "functions of ten or more arguments": 3,
     "modules on inner parts of numba": 1,
     "modules on inner parts of rclpy": 1,
-    "module docstrings that ask": 5,
     "private names used in tests": 40,
-    "modules that tests import from": 120,
-    "console scripts": 4,
-    "levels of accuracy": 5,
+    "modules that tests import from": 125,
     "functions from poses to collisions": 30,
     "their files": 17,
 }
