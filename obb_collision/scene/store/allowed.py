@@ -60,6 +60,8 @@ class PairTable:
         self._rules, self._only, self._within = rules, only, within
         pairs = (*((a, b) for a, b, _ in rules), *only)
         self._sides = list(dict.fromkeys(side for pair in pairs for side in pair))
+        patterns = ((k, list(filter(is_pattern, side))) for k, side in enumerate(self._sides))
+        self._matched = {number: some for number, some in patterns if some}
         self._forget()
 
     def _forget(self) -> None:
@@ -95,8 +97,14 @@ class PairTable:
         columns = np.pad(self._columns, ((0, grown), (0, 0)))
         spaces = np.pad(self._spaces, (0, grown))  # a copy: filters in use have the old one
         where = {name: row for row, name in enumerate(some) if name is not None}
+        places = np.array(new, np.int64)
+        columns[places] = False
         for number, side in enumerate(self._sides):
-            columns[new, number] = _members(side, some, where)
+            found = [where[name] for name in side if name in where]
+            if found:  # of a thousand links each rule names a few: no array per rule and link
+                columns[places[found], number] = True
+            if number in self._matched:
+                columns[places, number] |= matching(self._matched[number], some)
         if self._within:
             spaces[new] = [self._space(name) for name in some]
         self._columns, self._spaces, self._names = columns, spaces, list(names)
@@ -128,16 +136,6 @@ class PairTable:
                 fill(only, a, b, True)
             table &= only
         return table, kinds
-
-
-def _members(
-    side: Patterns, names: Sequence[str | None], where: dict[str, int]
-) -> NDArray[np.bool_]:
-    """Return which names (n,) a side names or matches; where: the row of each."""
-    patterns = list(filter(is_pattern, side))
-    found = matching(patterns, names) if patterns else np.zeros(len(names), np.bool_)
-    found[[where[name] for name in side if name in where]] = True
-    return found
 
 
 def _kinds(columns: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], Rows]:
