@@ -415,6 +415,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(shift=st.booleans())
     def steady_scene(self, shift: bool) -> None:
         """Send the same states again and again: nothing is said of it but what was said before."""
+        self.apply()  # the stamp of a marker that waits would not count beside one without
         kinds = []
         for step in (*[0.4703] * 6, *[0.1103] * 4):
             named = sorted(self.model.things.items())
@@ -483,7 +484,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         frame: str = "map", ahead: Ahead = 0.0, fault: str = "", life: float = 0.0,
         cut: bool = False, locked: bool = False,
     ) -> None:  # fmt: skip
-        if frame != "map":  # of markers of an object that come together only the last one counts
+        if frame != "map" or ahead is None:  # of those that come together only the last counts
             self.apply()
         header, stamp = self.header(frame, ahead, fault)
         life = life if ahead == 0.0 else 0.0
