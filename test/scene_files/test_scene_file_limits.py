@@ -114,7 +114,7 @@ def refusal_at(way: Way, path: Path) -> str:
 
 
 @each("source", CONTENTS)
-@pytest.mark.filterwarnings("ignore:.*far from unit length")
+@pytest.mark.filterwarnings("ignore:.*far from unit length", "ignore:.*matches no object")
 def test_what_is_right_nowhere_is_refused_by_its_key_everywhere(source: str, write: Any) -> None:
     content = CONTENTS[source]
     load_scene(write(json.dumps(content)))

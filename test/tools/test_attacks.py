@@ -103,6 +103,7 @@ def test_slow_and_dead_readers_are_found(tmp_path: Path, monkeypatch: pytest.Mon
         command.attack_reader("scene", tmp_path, 1, 0, 3)
 
 
+@pytest.mark.filterwarnings("ignore:the SRDF names links")
 def test_mutated_robots_are_read_or_refused_with_the_place(tmp_path: Path) -> None:
     outcomes = [files.read_robot(tmp_path, 2, number) for number in range(100)]
     assert 10 < sum(not reason for reason in outcomes) < 70

@@ -111,10 +111,9 @@ class States:
         senders = np.broadcast_to(state.sender, len(slots))
         old = self._find_old(slots, stamps, received, state.topic)
         if old.any():
-            slots, poses, stamps, received, senders = (
-                each[~old] for each in (slots, poses, stamps, received, senders)
-            )
-            twists = None if twists is None else twists[~old]
+            new = ~old
+            slots, poses, twists = slots[new], poses[new], None if twists is None else twists[new]
+            stamps, received, senders = stamps[new], received[new], senders[new]
         if len(slots):
             self._monitors[state.topic].superseded += self._placement.supersede(slots, frame)
             poses = self._unit(slots, poses, state.topic)
