@@ -161,8 +161,8 @@ def _checked(objects: Objects, report: Report | None) -> Iterator[tuple[str, obj
     for name, found in levels.items():
         for level, count in sorted(Counter(found.tolist()).items()):
             yield f"{name} on {Accuracy(level).label}", count
-    if report.cap is not None:
-        yield "highest accuracy in the time budget", Accuracy(report.cap).label
+    if objects.scene.time_budget is not None:
+        yield "left on obb by the time budget", "some" if report.behind else "none"
 
 
 def _prepared(objects: Objects) -> Iterator[tuple[str, object]]:

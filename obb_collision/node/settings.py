@@ -30,7 +30,6 @@ from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.base import ACCURACY
 from obb_collision.scene.effects.settings import AUTO, OFF
-from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import Overrides, limited
@@ -121,7 +120,7 @@ class SceneParameters:
     def apply_accuracy(self) -> None:
         """Set the accuracy of all objects, limited to levels whose kernels are compiled.
 
-        While one above obb is missing none above is used, as a budget may choose among them.
+        While one above obb is missing none above is used.
         """
         parameters, objects = self._parameters, self._objects
         missing = [n for n in requested_levels(parameters) if not self._warm.is_ready(n)]
@@ -154,8 +153,6 @@ def requested_levels(parameters: Parameters) -> list[Accuracy]:
         choice = parameters.setting(name).get(ACCURACY, AS_PAIRS)
         if ACCURACY in effect.options and parameters.mode(name) != OFF and choice != AS_PAIRS:
             levels.add(as_accuracy(choice))
-    if parameters.time_budget:  # it chooses from all
-        levels |= {level for level in ABOVE if level <= max(levels)}
     return sorted(levels)
 
 

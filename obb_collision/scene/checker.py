@@ -83,8 +83,8 @@ class Layout(NamedTuple):
 class Findings:
     """What a check found, and what its effects gave so far.
 
-    behind: whether a budget left pairs on a lower level than they ask for; cap: the highest level
-    it allowed, None without a budget.
+    behind: whether pairs, late: whether rows of effects are left on a lower level than they ask
+    for; the next check may get further.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
     total: how many pairs collide, at least, where a limit has left some out, else None; colliding
@@ -93,7 +93,7 @@ class Findings:
 
     decided: Decided
     behind: bool = False
-    cap: Accuracy | None = None
+    late: bool = False
     old: Rows | None = None
     total: int | None = None
     colliding: Mask | None = None
@@ -168,7 +168,7 @@ class Checker:
     @property
     def behind(self) -> bool:
         """Whether the next check may get further though nothing changes."""
-        return self.last is not None and self.last.behind
+        return self.last is not None and (self.last.behind or self.last.late)
 
     def find(self, exact: bool, budget: Budget | None = None) -> Findings:
         """Return what collides. Where there is a region, it is settled."""
@@ -180,7 +180,6 @@ class Checker:
             found = Findings(last.decided, old=np.arange(len(last.decided.pairs)))
         else:
             found = self._find_anew(last, exact, budget)
-        found.cap = None if budget is None else budget.cap
         found.before = {} if self.last is None else self.last.outcomes
         near = NO_ROWS if self.region is None else store.near.copy()
         self.last = found  # first: what is changed is so until then, should an interrupt come
@@ -253,9 +252,7 @@ class Checker:
         tree = BoundsTree.build(minimum, maximum)
         given = tree, active, len(self._store.names), self.limit, decide
         found, total, colliding = find_limited(*given)
-        # never behind where pairs are left out: these can't be kept for the next check
-        behind = total is None and any(behinds)
-        return Findings(found, behind, total=total, colliding=colliding)
+        return Findings(found, any(behinds), total=total, colliding=colliding)
 
     def _find_changed(
         self, last: Findings, slots: Rows, exact: bool, budget: Budget | None

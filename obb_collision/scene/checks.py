@@ -92,6 +92,7 @@ class Checks:
         if self._objects.store.touched or self.checker.behind or not lasting:
             self.invalidate()
         report = self._report() if self._report is not None else None
+        kept = report is not None
         if report is None:
             if self._found is None:
                 self._found = self.checker.find(self.exact, self.budget)
@@ -104,10 +105,10 @@ class Checks:
             self._report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
-                report.compute(name)
+                report.compute(name, self.budget)
         if self._before is not None or not lasting:
             self._before = None if lasting else report.cycle.as_before()
-        if self.budget is not None:
+        if self.budget is not None and not kept:
             self.budget.finish()
         return report
 
@@ -140,5 +141,5 @@ class Checks:
         if self.checker.plain and not self.effects.above_obb:
             return None
         objects, (pairs, _, levels) = self._objects, found.decided
-        given = objects.store, objects.cache, pairs, levels, found.cap
+        given = objects.store, objects.cache, pairs, levels
         return PlacedShapes(*given, self.exact, found.total is None)

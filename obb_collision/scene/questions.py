@@ -102,7 +102,7 @@ def cast_at_objects(
     levels = np.full(len(slots), Accuracy.OBB, np.int8)
     shapes = None
     if (store.accuracies[slots] if level is None else np.int8(level)).max(initial=0) > Accuracy.OBB:
-        shapes = PlacedShapes(store, cache, NONE.pairs, NONE.levels, None)
+        shapes = PlacedShapes(store, cache, NONE.pairs, NONE.levels)
         choice = AS_PAIRS if level is None else max(level, Accuracy.OBB).name.lower()
         levels = shapes.object_levels(slots, choice)
     plain = slots[levels == Accuracy.OBB]

@@ -34,10 +34,11 @@ from obb_collision.queries.verdict.verdict import Separations, Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.base import Cycle, Setting
+from obb_collision.scene.effects.base import ACCURACY, Cycle, Setting
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
-from obb_collision.scene.refinement.budget import Levels
+from obb_collision.scene.refinement.budget import Budget, Levels
+from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
@@ -58,7 +59,8 @@ class Report:
     verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
     certain; on levels other than OBB and MESH, where nothing is, everything is TOUCHING.
     accuracies (m,) int8: the ``Accuracy`` that each pair was decided on.
-    cap: the highest ``Accuracy`` that the scene's time budget allowed, None without a budget.
+    behind: whether some were decided, or effects computed, on a lower level than they ask for,
+    as the scene's time budget was used up or a shape is being built; the next check goes on.
     truncated: whether pairs are left out, of which there are more than ``Scene.max_pairs``; then
     the first ones are here. total: how many pairs collide; at least, where truncated.
     stages: seconds spent, by stage of the check; costs: by effect, those computed so far.
@@ -109,14 +111,9 @@ class Report:
         return _read_only(self._found.decided.levels)
 
     @property
-    def cap(self) -> Accuracy | None:
-        """The highest ``Accuracy`` that the time budget allowed, None without one."""
-        return self._found.cap
-
-    @property
     def behind(self) -> bool:
-        """True if pairs were decided on a lower level than they ask for, until more is built."""
-        return self._found.behind
+        """True if something is on a lower level than it asks for; the next check goes on."""
+        return self._found.behind or self._found.late
 
     @property
     def truncated(self) -> bool:
@@ -211,8 +208,11 @@ class Report:
             levels = np.full(sum(map(_rows_of, parts)), Accuracy.OBB, np.int8)
         return _read_only(levels)
 
-    def compute(self, effect: str) -> None:
-        """Compute an effect and note what it took, and why it failed if it did."""
+    def compute(self, effect: str, budget: Budget | None = None) -> None:
+        """Compute an effect and note what it took, and why it failed if it did.
+
+        budget: that of the check, while it lasts; not for an effect with an accuracy of its own.
+        """
         start = perf_counter()
         known = self._found.outcomes.get(effect)
         if known is not None:  # by a report of the same findings
@@ -220,6 +220,10 @@ class Report:
             return
         count = 0
         failures: tuple[str, ...] = ()
+        shapes = self.cycle.shapes
+        if shapes is not None:
+            as_pairs = self._settings[effect].values.get(ACCURACY) == AS_PAIRS
+            shapes.begin(budget if as_pairs else None, effect)
         try:
             with self.cycle.snapshot:
                 outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
@@ -230,6 +234,9 @@ class Report:
         except Exception as error:  # whatever it is, the others and the cycle go on
             failures = (f"{type(error).__name__}: {error}",)
         self.cycle.notes.clear()
+        if shapes is not None:
+            self._found.late |= shapes.is_late
+            shapes.begin(None)
         self.costs[effect] = Cost(count, perf_counter() - start, failures)
 
     @property

@@ -204,10 +204,11 @@ class Scene(NamedObjects):
     def time_budget(self) -> float | None:
         """Seconds for a check with the effects asked for, None for no limit; may be set.
 
-        Above "obb" a check then uses the highest level that fits, and loses no collision by it;
-        ``Report.accuracies`` says which one decided each pair. A pair left on a lower level that
-        doesn't change is refined at later checks. Below "obb" there is nothing to gain.
-        Building the tree of a new shape may take longer; see ``prepare``. A ``Budget`` may be set,
+        Pairs above "obb" are then decided nearest first until the time is up. The others stay on
+        "obb", which loses no collision: ``Report.accuracies`` says which, ``Report.behind`` whether
+        there are any. Later checks go on with those. So it is with effects, whose
+        ``Report.accuracies_of`` says it. A single pair, or the tree of a new shape, may take longer
+        than there is left; see ``prepare``. A ``Budget`` may be set,
         too, which has a clock of its own. More than a second is warned about.
         """
         return None if self._checks.budget is None else self._checks.budget.seconds

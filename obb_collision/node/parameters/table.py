@@ -302,8 +302,8 @@ ACCURACY = (
         "by namespace. The last match counts."
     ),
     Spec("time_budget", 0.0, (0.0, 1.0)).means(
-        "Maximum time for a check (s): it takes the highest accuracy that fits, up to the one "
-        "requested. No collision is missed. 0: no limit."
+        "Time for a check (s): the nearest pairs get the accuracy requested, those that there "
+        "is no time for stay on obb. No collision is missed. 0: no limit."
     ),
     Spec("threads", 0, (0, MAX_THREADS)).means(
         "Number of threads that check a large scene. 0: OBB_COLLISION_THREADS, else one per "

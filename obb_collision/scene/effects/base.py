@@ -172,11 +172,12 @@ class Cycle:
     def levels(self, pairs: Pairs, setting: Setting, highest: Accuracy) -> Levels | None:
         """Return the level (m,) that an effect on pairs (m, 2) is computed on; None: all on OBB.
 
-        highest: that it has.
+        highest: that it has. Pairs that it has found no time for are on OBB.
         """
         if self.shapes is None or len(pairs) == 0 or highest <= Accuracy.OBB:
             return None
         levels = self.shapes.levels(pairs, setting.values[ACCURACY], highest)
+        levels = self.shapes.reached(pairs, levels)
         return levels if (levels > Accuracy.OBB).any() else None
 
     def name(self, slot: int) -> str:
@@ -299,10 +300,11 @@ def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | Non
     levels = cycle.levels(pairs, setting, max(by_level))
     if levels is None or cycle.shapes is None:
         return table
-    for level, compute in by_level.items():
-        rows = np.flatnonzero(levels == level)
-        if len(rows):
-            write_rows(table, rows, compute(cycle.boxes, cycle.shapes, pairs[rows], setting))
+    for some in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
+        for level, compute in by_level.items():
+            rows = some[levels[some] == level]
+            if len(rows):
+                write_rows(table, rows, compute(cycle.boxes, cycle.shapes, pairs[rows], setting))
     return table
 
 
@@ -335,15 +337,19 @@ def pair_rows(
     if last is None or known is None:
         good, result, failures = isolated(compute_some, pairs, blank, cycle.name)
         rows = rows if len(good) == len(rows) else rows[good]
-        levels = levels if levels is None or len(good) == len(levels) else levels[good]
+        levels = None if levels is None else _reached(cycle, pairs[good], levels[good])
         return Outcome(result, len(pairs), failures, rows, setting.values, levels)
     anew = np.flatnonzero(known < 0)
     good, result, failures = isolated(compute_some, pairs[anew], blank, cycle.name)
     done = np.delete(np.arange(len(rows)), np.delete(anew, good))
     new = np.searchsorted(done, anew[good])
     result = _merged(last.result, known[done], new, result)
-    levels = None if levels is None else levels[done]
+    levels = None if levels is None else _reached(cycle, pairs[done], levels[done])
     return Outcome(result, len(anew), failures, rows[done], setting.values, levels)
+
+
+def _reached(cycle: Cycle, pairs: Pairs, levels: Levels) -> Levels:
+    return levels if cycle.shapes is None else cycle.shapes.reached(pairs, levels)
 
 
 def _known_rows(

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -38,6 +38,7 @@ from obb_collision.scene.effects.base import (
     Setting,
     isolated,
 )
+from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 from obb_collision.typing import Floats, Integers, Rows
 
@@ -92,8 +93,8 @@ class PointsEffect(Effect):
         def compute(some: Rows) -> _Held:
             counts, first, nearest = np.zeros((3, len(some)), np.int64)
             held = _Held(some, counts, first, nearest, np.zeros(len(some)))
-            for level in np.unique(levels[some]):
-                rows = np.flatnonzero(levels[some] == level)
+            for rows in _by_level(cycle, levels, some):
+                level = levels[some[rows[0]]]
                 boxes = cycle.boxes[some[rows]]
                 bodies: Shapes | None = None
                 radii: Floats | None = None
@@ -112,6 +113,19 @@ class PointsEffect(Effect):
             *(PointsInside(**vars(held), ignored=ignored[0]), len(cloud), failures),
             accuracies=high if (high > OBB).any() else None,
         )
+
+
+def _by_level(cycle: Cycle, levels: Levels, slots: Rows) -> Iterator[Rows]:
+    """Yield the rows of slots by levels, which are lowered where there is no time for them."""
+    rows, done = np.flatnonzero(levels[slots] > OBB), 0
+    for portion in () if cycle.shapes is None else cycle.shapes.portions(len(rows)):
+        some, done = rows[portion], portion.stop
+        for level in np.unique(levels[slots[some]]):
+            yield some[levels[slots[some]] == level]
+    levels[slots[rows[done:]]] = OBB
+    rest = np.flatnonzero(levels[slots] == OBB)
+    if len(rest):
+        yield rest
 
 
 def _nothing(slots: Rows) -> PointsInside:

@@ -97,17 +97,18 @@ def refined_sweeps(
     levels[touching] = some
     found = take_rows(found, np.arange(len(pairs)))  # to be written to
     duration = ride.moving.duration
-    for level, compute in BY_LEVEL.items():
-        rows = np.flatnonzero((levels >= level) & (found.hits | found.undecided))
-        if len(rows) == 0:
-            continue
-        begin = found.free_until[rows] / duration * (1.0 - 4.0 * ROUNDOFF)
-        tolerance = setting.values["tolerance"]
-        new = compute(cycle.shapes, cycle, ride, pairs[rows], begin, tolerance)
-        free = np.maximum(new.free_until * duration, found.free_until[rows])
-        times = np.where(new.undecided, np.nan, free)
-        new = replace(new, pairs=found.pairs[rows], free_until=free, times=times)
-        write_rows(found, rows, new)
+    tolerance = setting.values["tolerance"]
+    for part in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
+        for level, compute in BY_LEVEL.items():
+            rows = part[(levels[part] >= level) & (found.hits[part] | found.undecided[part])]
+            if len(rows) == 0:
+                continue
+            begin = found.free_until[rows] / duration * (1.0 - 4.0 * ROUNDOFF)
+            new = compute(cycle.shapes, cycle, ride, pairs[rows], begin, tolerance)
+            free = np.maximum(new.free_until * duration, found.free_until[rows])
+            times = np.where(new.undecided, np.nan, free)
+            new = replace(new, pairs=found.pairs[rows], free_until=free, times=times)
+            write_rows(found, rows, new)
     return found
 
 

@@ -14,6 +14,6 @@
 
 """Deciding pairs above ``obb``: by trees, hulls or triangles, in a time budget."""
 
-from obb_collision.scene.refinement.budget import SETTLING, WAIT, Budget, refine
+from obb_collision.scene.refinement.budget import Budget, refine
 
-__all__ = ["SETTLING", "WAIT", "Budget", "refine"]
+__all__ = ["Budget", "refine"]

@@ -123,9 +123,9 @@ def decide_pairs(
     """Return the candidates (m, 2), pairs of slots whose bounds overlap, that are not SEPARATE.
 
     waiting: pairs that haven't changed, decided on a lower level than they ask for; returned among
-    the others if they still collide. highest: no candidate is decided above this level. Also
-    returns whether any pair has been decided on a lower level than it asks for, which takes a
-    budget.
+    the others if they still collide. budget: its time goes to the nearest ones first. highest: no
+    candidate is decided above this level. Also returns whether any pair has been decided on a lower
+    level than it asks for.
     """
     boxes = store.all_boxes()
     first, second = columns(candidates)
@@ -142,15 +142,26 @@ def decide_pairs(
         asked = np.append(asked, pair_levels(store, *columns(waiting.pairs)))
         pairs, verdicts, levels = joined([Decided(pairs, verdicts, levels), waiting])
     high = np.flatnonzero(asked > Accuracy.OBB)
-    if len(high) or budget is not None:  # which allows effects a level though nothing collides
+    if len(high):
         job = MeshPairs(store, cache, *columns(pairs[high]), exact)
         state = levels[high], verdicts[high]
-        refine(job, asked[high], high >= len(met), *state, budget)
+        order = None if budget is None else nearest_first(boxes, pairs[high])
+        refine(job, asked[high], *state, budget, order)
         levels[high], verdicts[high] = state
     found = np.flatnonzero(verdicts != SEPARATE)
     found = found[np.lexsort((pairs[found, 1], pairs[found, 0]))]
     behind = bool((levels[found] < asked[found]).any())
     return Decided(pairs, verdicts, levels).take(found), behind
+
+
+def nearest_first(boxes: Boxes, pairs: Pairs) -> Rows:
+    """Return the rows of pairs (m, 2) in the order of how deep their bounds overlap, or how near.
+
+    That costs little, and that of a small object on a large one is small.
+    """
+    (low_a, high_a), (low_b, high_b) = (boxes[slots].world_bounds() for slots in pairs.T)
+    depths = (np.minimum(high_a, high_b) - np.maximum(low_a, low_b)).min(axis=1)
+    return np.argsort(-depths, kind="stable")
 
 
 def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, levels: Levels, exact: bool) -> Verdicts:

@@ -15,8 +15,8 @@
 """The shapes of one check, for effects above OBB: where they were, and what stands for them.
 
 An effect is computed on the level that decided its pair, or on the one that its own ``accuracy``
-says; on boxes where that is OBB or below, where nothing else stands for an object, and until a
-hull is built that is being built elsewhere.
+says; on boxes where that is OBB or below, where nothing else stands for an object, until a hull is
+built that is being built elsewhere, and where a budget's time is up.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.bodies import convex_bodies, places_of, trees_of
-from obb_collision.scene.refinement.budget import Levels
-from obb_collision.scene.refinement.ladder import decide_pairs, pair_levels
+from obb_collision.scene.refinement.budget import Budget, Levels
+from obb_collision.scene.refinement.ladder import decide_pairs, nearest_first, pair_levels
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
@@ -71,8 +71,8 @@ class PairSides(NamedTuple):
 class PlacedShapes:
     """Shapes as they were at a check; slots of objects that are boxes are not among them.
 
-    pairs (m, 2), sorted, decided on levels (m,); cap: what a budget allowed, None without one;
-    exact: as for ``decide_pairs``; complete: whether pairs are all that collide.
+    pairs (m, 2), sorted, decided on levels (m,); exact: as for ``decide_pairs``; complete: whether
+    pairs are all that collide.
     """
 
     def __init__(
@@ -81,7 +81,6 @@ class PlacedShapes:
         cache: ShapeCache,
         pairs: Pairs,
         levels: Levels,
-        cap: Accuracy | None,
         exact: bool = False,
         complete: bool = True,
     ) -> None:
@@ -89,12 +88,51 @@ class PlacedShapes:
         self._store = store.with_shapes()
         self._store.poses = store.poses.copy()
         self._cache, self._version, self._shapes = cache, cache.version, cache.lend_shapes()
-        self._pairs, self._decided, self._cap = pairs, levels, cap
+        self._pairs, self._decided = pairs, levels
         self._exact = exact
         self.kinds, self.paddings = store.kinds, store.paddings
         self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
         self.depths: tuple[Pairs, Separations] | None = None
         """Depths that an effect found on MESH, for others of the same pairs."""
+        self.begin(None)
+
+    def begin(self, budget: Budget | None, name: str = "") -> None:
+        """Begin an effect, by its name, in the time that a budget has left."""
+        self._name = name
+        self._budget, self._late = budget, np.empty((0, 2), np.int64)
+        self.is_late = False
+        """Whether the effect has left something on a lower level than it asks for."""
+
+    def portions(self, count: int) -> Iterator[slice]:
+        """Yield ``count`` rows in portions while there is time, all at once without a budget."""
+        done = 0
+        portions = (
+            [slice(0, count)] if self._budget is None else self._budget.portions(count, self._name)
+        )
+        for portion in portions:
+            yield portion
+            done = portion.stop
+        self.is_late |= done < count
+
+    def nearest_first(self, boxes: Boxes, pairs: Pairs, levels: Levels) -> Iterator[Rows]:
+        """Yield the rows of pairs (m, 2) above OBB in portions; the rest is on boxes from now."""
+        rows, done = np.flatnonzero(levels > Accuracy.OBB), 0
+        if self._budget is not None:
+            rows = rows[nearest_first(boxes, pairs[rows])]
+        for portion in self.portions(len(rows)):
+            yield rows[portion]
+            done = portion.stop
+        self._late = np.concatenate([self._late, pairs[rows[done:]]])
+
+    def reached(self, pairs: Pairs, levels: Levels) -> Levels:
+        """Return levels (m,) that pairs (m, 2) ask for, OBB for those there was no time for."""
+        if len(self._late) == 0:
+            return levels
+        late = np.isin(self._keys(pairs), self._keys(self._late))
+        return np.where(late, np.int8(Accuracy.OBB), levels)
+
+    def _keys(self, pairs: Pairs) -> Rows:
+        return pairs[:, 0] * len(self.kinds) + pairs[:, 1]
 
     def _current_cache(self) -> ShapeCache:
         """Return the cache of the scene, or one of its own once shapes have changed there."""
@@ -127,11 +165,11 @@ class PlacedShapes:
         return levels
 
     def _asked(self, choice: str) -> Levels:
-        """Return (slots,) the accuracies of a choice, as far as a budget allows."""
+        """Return (slots,) the accuracies of a choice."""
         accuracies = self._store.accuracies
-        if choice != AS_PAIRS:
-            return np.full_like(accuracies, Accuracy[choice.upper()])
-        return accuracies if self._cap is None else np.minimum(accuracies, np.int8(self._cap))
+        if choice == AS_PAIRS:
+            return accuracies
+        return np.full_like(accuracies, Accuracy[choice.upper()])
 
     def object_levels(self, slots: Rows, choice: str) -> Levels:
         """Return the level (k,) that stands for slots (k,) one by one: OBB, HULL or MESH.
@@ -167,7 +205,8 @@ class PlacedShapes:
     def _have(self, slots: Rows, hull: bool) -> Mask:
         """Build what slots lack; return (n,) of all slots which do not lack it then."""
         have = np.ones(len(self.kinds), np.bool_)
-        have[slots] = self._current_cache().build(self._store, slots, hull, None)
+        have[slots] = self._current_cache().build(self._store, slots, hull, self._budget)
+        self.is_late |= self._budget is not None and not bool(have.all())
         return have
 
     def curved(self, pairs: Pairs) -> Mask:
@@ -237,9 +276,7 @@ class PlacedShapes:
 
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
-        count = len(self.kinds)
-        keys = self._pairs[:, 0] * count + self._pairs[:, 1]
-        wanted = pairs[:, 0] * count + pairs[:, 1]
+        keys, wanted = self._keys(self._pairs), self._keys(pairs)
         rows = np.searchsorted(keys, wanted)
         known = rows < len(keys)
         known[known] = keys[rows[known]] == wanted[known]
