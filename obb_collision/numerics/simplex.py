@@ -20,7 +20,7 @@ proves what it finds some other way.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,82 +28,104 @@ from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import cross, dot, minus, plus, scaled
 from obb_collision.typing import Vector
 
+#: Its point, and whatever else comes with it.
+Corner = Any
+NO_CORNER = ((0.0, 0.0, 0.0),)
 
-class PointSimplex(NamedTuple):
-    """One to four corners, and the point of their hull that is nearest to the origin."""
+
+class Simplex(NamedTuple):
+    """One to four corners, and weights of those nearest to the origin."""
 
     size: int  #: how many corners; 4: the origin lies inside, 0: none yet
-    a: Vector
-    b: Vector
-    c: Vector
+    a: Corner
+    b: Corner
+    c: Corner
+    d: Corner
+    weights: Vector  #: of a, b and c; the others have none
     nearest: Vector
 
 
-@njit
-def no_simplex() -> PointSimplex:
-    """Return a simplex without corners."""
+@njit(inline=True)
+def no_simplex(none: Corner) -> Simplex:
+    """Return a simplex without corners; none: any corner."""
     zero = 0.0, 0.0, 0.0
-    return PointSimplex(0, zero, zero, zero, zero)
+    return Simplex(0, none, none, none, none, zero, zero)
 
 
-@njit
-def with_corner(simplex: PointSimplex, new: Vector) -> PointSimplex:
+@njit(inline=True)
+def with_corner(simplex: Simplex, new: Corner) -> Simplex:
     """Return the simplex with another corner, without those that the nearest point needs not."""
-    a, b, c = simplex.a, simplex.b, simplex.c
     if simplex.size == 0:
-        return _corner(new)
+        return on_corner(new)
     if simplex.size == 1:
-        return _on_segment(a, new)
+        return on_segment(simplex.a, new)
     if simplex.size == 2:
-        return _on_triangle(a, b, new)
-    return _in_tetrahedron(a, b, c, new)
+        return on_triangle(simplex.a, simplex.b, new)
+    return _in_tetrahedron(simplex.a, simplex.b, simplex.c, new)
 
 
-@njit
-def _corner(a: Vector) -> PointSimplex:
-    return PointSimplex(1, a, a, a, a)
+@njit(inline=True)
+def on_corner(a: Corner) -> Simplex:
+    """Return the simplex of one corner."""
+    return Simplex(1, a, a, a, a, (1.0, 0.0, 0.0), a[0])
 
 
-@njit
-def _on_segment(a: Vector, b: Vector) -> PointSimplex:
-    edge = minus(b, a)
-    along, back = -dot(edge, a), dot(edge, b)
+@njit(inline=True)
+def on_segment(a: Corner, b: Corner) -> Simplex:
+    """Return what two corners need."""
+    edge = minus(b[0], a[0])
+    along, back = -dot(edge, a[0]), dot(edge, b[0])
     if along <= 0.0:
-        return _corner(a)
+        return on_corner(a)
     if back <= 0.0:
-        return _corner(b)
-    return PointSimplex(2, a, b, b, plus(a, scaled(edge, along / (along + back))))
+        return on_corner(b)
+    t = along / (along + back)
+    return Simplex(2, a, b, b, b, (1.0 - t, t, 0.0), plus(a[0], scaled(edge, t)))
 
 
 @njit
-def _on_triangle(a: Vector, b: Vector, c: Vector) -> PointSimplex:
-    u, v = minus(b, a), minus(c, a)
-    d1, d2, d3, d4 = -dot(u, a), -dot(v, a), -dot(u, b), -dot(v, b)
-    d5, d6 = -dot(u, c), -dot(v, c)
+def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
+    """Return what three corners need."""
+    u, v = minus(b[0], a[0]), minus(c[0], a[0])
+    d1, d2, d3, d4 = -dot(u, a[0]), -dot(v, a[0]), -dot(u, b[0]), -dot(v, b[0])
+    d5, d6 = -dot(u, c[0]), -dot(v, c[0])
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     if d1 <= 0.0 and d2 <= 0.0:
-        return _corner(a)
+        return on_corner(a)
     if d3 >= 0.0 and d4 <= d3:
-        return _corner(b)
+        return on_corner(b)
     if d6 >= 0.0 and d5 <= d6:
-        return _corner(c)
+        return on_corner(c)
     on_ab = vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0
     on_ac = vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0
     if on_ab or on_ac or (va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0):
-        return _on_segment(a if on_ab or on_ac else b, b if on_ab else c)
+        return on_segment(a if on_ab or on_ac else b, b if on_ab else c)
     total = va + vb + vc
-    inner = plus(plus(a, scaled(u, vb / total)), scaled(v, vc / total))
-    return PointSimplex(3, a, b, c, inner)
+    y, z = vb / total, vc / total
+    return Simplex(3, a, b, c, c, (1.0 - y - z, y, z), _above(a[0], u, v, y, z))
+
+
+@njit(inline=True)
+def _above(a: Vector, u: Vector, v: Vector, y: float, z: float) -> Vector:
+    """Return the point of a plane nearest to the origin: along its normal, not by weights.
+
+    Two digits better where the plane is close: the sum of weighted corners cancels.
+    """
+    normal = cross(u, v)
+    square = dot(normal, normal)
+    if square > 0.0:
+        return scaled(normal, dot(normal, a) / square)
+    return plus(plus(a, scaled(u, y)), scaled(v, z))
 
 
 @njit
-def _in_tetrahedron(a: Vector, b: Vector, c: Vector, d: Vector) -> PointSimplex:
+def _in_tetrahedron(a: Corner, b: Corner, c: Corner, d: Corner) -> Simplex:
     """Take the nearest of the faces that have the origin on their outer side."""
     best, zero = np.inf, (0.0, 0.0, 0.0)
-    part = PointSimplex(4, a, b, c, zero)
+    part = Simplex(4, a, b, c, d, zero, zero)
     for _ in range(4):
-        if outside(b, c, d, a):
-            face = _on_triangle(b, c, d)
+        if outside(b[0], c[0], d[0], a[0]):
+            face = on_triangle(b, c, d)
             square = dot(face.nearest, face.nearest)
             if square < best:
                 best, part = square, face

@@ -42,7 +42,7 @@ from obb_collision.numerics.vec3 import (
     vector_at,
 )
 from obb_collision.queries.convex.distance import CLOSE, PlaneGap, Search, corner_of, gap_along
-from obb_collision.queries.convex.simplex import Corner, careful_plane, no_simplex
+from obb_collision.queries.convex.simplex import NO_CORNER, Corner, careful_plane, no_simplex
 from obb_collision.queries.convex.support import Core
 from obb_collision.queries.meshes.placed import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
@@ -113,7 +113,7 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Polytope) -> Sear
         corners += 1
     if faces == 0:
         best, normal = _flat(a, b, pose, best, normal, room)
-    return Search(best, normal, 0.0, p, q, no_simplex())
+    return Search(best, normal, 0.0, p, q, no_simplex(NO_CORNER))
 
 
 @njit(refcount=False)

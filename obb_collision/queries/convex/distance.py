@@ -60,6 +60,7 @@ from obb_collision.queries.convex.directions import (
     turned_to,
 )
 from obb_collision.queries.convex.simplex import (
+    NO_CORNER,
     Corner,
     Simplex,
     careful_nearest,
@@ -146,7 +147,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     unit = unit_scale(pose.size)[0]
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
-    best, normal, simplex, reached = -np.inf, n, no_simplex(), np.inf
+    best, normal, simplex, reached = -np.inf, n, no_simplex(NO_CORNER), np.inf
     if a.kind == SEGMENT and b.kind == SEGMENT:
         found = _of_segments(a, b, pose)
         if found.distance - found.gap <= CLOSE * pose.size:
@@ -215,9 +216,9 @@ def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
     p, q = (0.0, 0.0, clamp(offset[2] + t * c, a.half)), (0.0, 0.0, t)
     v = minus(moved(pose, q), p)
     if is_zero(v):
-        return Search(-np.inf, v, np.inf, p, q, no_simplex())
+        return Search(-np.inf, v, np.inf, p, q, no_simplex(NO_CORNER))
     n, length = unit_of(v)
-    return Search(gap_along(a, b, pose, n).value, n, length, p, q, no_simplex())
+    return Search(gap_along(a, b, pose, n).value, n, length, p, q, no_simplex(NO_CORNER))
 
 
 @njit(refcount=False)
@@ -229,7 +230,7 @@ def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: f
     unit = unit_scale(pose.size)[0]
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
-    best, simplex, reached = -np.inf, no_simplex(), np.inf
+    best, simplex, reached = -np.inf, no_simplex(NO_CORNER), np.inf
     for _ in range(DIRECTIONS):
         gap = gap_along(a, b, pose, n)
         if gap.value > needed:

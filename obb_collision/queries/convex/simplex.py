@@ -43,8 +43,7 @@ from obb_collision.numerics.error_free import (
 from obb_collision.numerics.error_free import Vector as Wide
 from obb_collision.numerics.error_free import cross as wide_cross
 from obb_collision.numerics.error_free import dot as wide_dot
-from obb_collision.numerics.simplex import outside
-from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, norm, plus, scaled
+from obb_collision.numerics.vec3 import max_abs, norm, scaled
 from obb_collision.queries.meshes.placed import Pose
 from obb_collision.typing import Vector
 
@@ -57,105 +56,7 @@ class Corner(NamedTuple):
     q: Vector  #: of b, in its own
 
 
-class Simplex(NamedTuple):
-    """One to four corners, and weights of those nearest to the origin."""
-
-    size: int  #: how many corners; 4: the origin lies inside, 0: none yet
-    a: Corner
-    b: Corner
-    c: Corner
-    d: Corner
-    weights: Vector  #: of a, b and c; the others have none
-    nearest: Vector
-
-
-@njit(inline=True)
-def no_simplex() -> Simplex:
-    """Return a simplex without corners."""
-    zero = 0.0, 0.0, 0.0
-    none = Corner(zero, zero, zero)
-    return Simplex(0, none, none, none, none, zero, zero)
-
-
-@njit(inline=True)
-def with_corner(simplex: Simplex, new: Corner) -> Simplex:
-    """Return the simplex with another corner, without those that the nearest point needs not."""
-    if simplex.size == 0:
-        return on_corner(new)
-    if simplex.size == 1:
-        return on_segment(simplex.a, new)
-    if simplex.size == 2:
-        return on_triangle(simplex.a, simplex.b, new)
-    return _in_tetrahedron(simplex.a, simplex.b, simplex.c, new)
-
-
-@njit(inline=True)
-def on_corner(a: Corner) -> Simplex:
-    """Return the simplex of one corner."""
-    return Simplex(1, a, a, a, a, (1.0, 0.0, 0.0), a.w)
-
-
-@njit(inline=True)
-def on_segment(a: Corner, b: Corner) -> Simplex:
-    """Return what two corners need."""
-    edge = minus(b.w, a.w)
-    along, back = -dot(edge, a.w), dot(edge, b.w)
-    if along <= 0.0:
-        return on_corner(a)
-    if back <= 0.0:
-        return on_corner(b)
-    t = along / (along + back)
-    return Simplex(2, a, b, b, b, (1.0 - t, t, 0.0), plus(a.w, scaled(edge, t)))
-
-
-@njit
-def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
-    """Return what three corners need."""
-    u, v = minus(b.w, a.w), minus(c.w, a.w)
-    d1, d2, d3, d4 = -dot(u, a.w), -dot(v, a.w), -dot(u, b.w), -dot(v, b.w)
-    d5, d6 = -dot(u, c.w), -dot(v, c.w)
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    if d1 <= 0.0 and d2 <= 0.0:
-        return on_corner(a)
-    if d3 >= 0.0 and d4 <= d3:
-        return on_corner(b)
-    if d6 >= 0.0 and d5 <= d6:
-        return on_corner(c)
-    on_ab = vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0
-    on_ac = vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0
-    if on_ab or on_ac or (va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0):
-        return on_segment(a if on_ab or on_ac else b, b if on_ab else c)
-    total = va + vb + vc
-    y, z = vb / total, vc / total
-    return Simplex(3, a, b, c, c, (1.0 - y - z, y, z), _above(a.w, u, v, y, z))
-
-
-@njit(inline=True)
-def _above(a: Vector, u: Vector, v: Vector, y: float, z: float) -> Vector:
-    """Return the point of a plane nearest to the origin: along its normal, not by weights.
-
-    Two digits better where the plane is close: the sum of weighted corners cancels.
-    """
-    normal = cross(u, v)
-    square = dot(normal, normal)
-    if square > 0.0:
-        return scaled(normal, dot(normal, a) / square)
-    return plus(plus(a, scaled(u, y)), scaled(v, z))
-
-
-@njit
-def _in_tetrahedron(a: Corner, b: Corner, c: Corner, d: Corner) -> Simplex:
-    """Take the nearest of the faces that have the origin on their outer side."""
-    best, zero = np.inf, (0.0, 0.0, 0.0)
-    part = Simplex(4, a, b, c, d, zero, zero)
-    for _ in range(4):
-        if outside(b.w, c.w, d.w, a.w):
-            face = on_triangle(b, c, d)
-            square = dot(face.nearest, face.nearest)
-            if square < best:
-                best, part = square, face
-        a, b, c, d = b, c, d, a
-    return part
+NO_CORNER = Corner((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 #: Sine of the angle below which two edges have no plane, even with twice the digits.

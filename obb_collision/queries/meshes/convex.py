@@ -37,7 +37,7 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.intrinsics import farthest
-from obb_collision.numerics.simplex import no_simplex, with_corner
+from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import components, dot, max_abs, minus, negated, scaled, sum_abs
 from obb_collision.queries.meshes.placed import Pose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
@@ -107,7 +107,7 @@ def apart(a: HullCorners, b: HullCorners, pose: Pose, first: Vector, reach: floa
     """
     bound, unit = GAP_BOUND * pose.size + MESH_UNDERFLOW, unit_scale(pose.size)[0]
     near = (unit * reach) * (unit * reach)
-    n, simplex = first, no_simplex()
+    n, simplex = first, no_simplex(NO_CORNER)
     for _ in range(HULL_DIRECTIONS):
         largest = max_abs(n)
         if not largest > 0.0:
@@ -123,7 +123,7 @@ def apart(a: HullCorners, b: HullCorners, pose: Pose, first: Vector, reach: floa
             reached = dot(n, simplex.nearest)
             if not reached - unit * gap > HULL_CONVERGED * reached:
                 return False
-        simplex = with_corner(simplex, scaled(minus(p, moved(pose, q)), unit))
+        simplex = with_corner(simplex, (scaled(minus(p, moved(pose, q)), unit),))
         n = simplex.nearest
         if simplex.size == 4 or not dot(n, n) > near:
             return False

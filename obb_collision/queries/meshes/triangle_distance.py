@@ -34,7 +34,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics import error_free as dd
-from obb_collision.numerics.simplex import no_simplex, with_corner
+from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import careful_cross, dot, max_abs, minus, plus, scaled
 from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.primitives.segments import nearest_of_segments
@@ -59,7 +59,7 @@ def triangle_bounds(
     flat ones seem to hold it while triangles are apart.
     """
     lower, upper, best = 0.0, np.inf, n
-    simplex = no_simplex()
+    simplex = no_simplex(NO_CORNER)
     for _ in range(STEPS):
         square = dot(n, n)
         if not square > 0.0:
@@ -72,7 +72,7 @@ def triangle_bounds(
             lower, best = gap, n
         if lower >= enough or upper - lower <= AGREED:
             break
-        simplex = with_corner(simplex, minus(first, second))
+        simplex = with_corner(simplex, (minus(first, second),))
         n = simplex.nearest
         reached = math.sqrt(dot(n, n))
         if simplex.size == 4 or not 0.0 < reached < upper:

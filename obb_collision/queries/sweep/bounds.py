@@ -52,7 +52,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.simplex import no_simplex, with_corner
+from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     components,
     cross,
@@ -308,7 +308,7 @@ def free_slice(
     size = norm(first) + norm(last)
     bound = blur + SLICE_SLACK * (size + _radius(a) + _radius(b)) + _grown_by(a, angle_a)
     bound += _grown_by(b, angle_b)
-    n, simplex = scaled(plus(first, last), 0.5), no_simplex()
+    n, simplex = scaled(plus(first, last), 0.5), no_simplex(NO_CORNER)
     for _ in range(SLICE_DIRECTIONS):
         length = norm(n)
         if not 0.0 < length < np.inf:
@@ -323,7 +323,7 @@ def free_slice(
             return True
         if simplex.size > 0 and not length - gap > SLICE_CONVERGED * length:
             return False
-        simplex = with_corner(simplex, plus(offset, minus(q, p)))
+        simplex = with_corner(simplex, (plus(offset, minus(q, p)),))
         n = simplex.nearest
         # the nearest points of what is left of the difference: no direction shows more
         if simplex.size == 4 or not norm(n) > bound:

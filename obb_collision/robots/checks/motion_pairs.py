@@ -25,7 +25,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.intrinsics import farthest
-from obb_collision.numerics.simplex import no_simplex, with_corner
+from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     axes_of,
     clamped,
@@ -216,7 +216,7 @@ def _swept_apart(
     size = max(start.size, end.size)
     bound, unit = GAP_BOUND * size + MESH_UNDERFLOW, unit_scale(size)[0]
     near = (unit * reach) * (unit * reach)
-    n, simplex = first, no_simplex()
+    n, simplex = first, no_simplex(NO_CORNER)
     for _ in range(HULL_DIRECTIONS):
         largest = max_abs(n)
         if not largest > 0.0:
@@ -234,7 +234,7 @@ def _swept_apart(
             if not reached - unit * gap > HULL_CONVERGED * reached:
                 return False, n
         corner = moved(start, q) if s >= t else moved(end, r)
-        simplex = with_corner(simplex, scaled(minus(p, corner), unit))
+        simplex = with_corner(simplex, (scaled(minus(p, corner), unit),))
         if simplex.size == 4 or not dot(simplex.nearest, simplex.nearest) > near:
             return False, n
         n = simplex.nearest
