@@ -72,7 +72,7 @@ def on_corner(a: Corner) -> Simplex:
 
 @njit(inline=True)
 def on_segment(a: Corner, b: Corner) -> Simplex:
-    """Return what two corners need."""
+    """Return the part of a segment nearest to the origin."""
     edge = minus(b[0], a[0])
     along, back = -dot(edge, a[0]), dot(edge, b[0])
     if along <= 0.0:
@@ -85,7 +85,7 @@ def on_segment(a: Corner, b: Corner) -> Simplex:
 
 @njit
 def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
-    """Return what three corners need."""
+    """Return the part of a triangle nearest to the origin."""
     u, v = minus(b[0], a[0]), minus(c[0], a[0])
     d1, d2, d3, d4 = -dot(u, a[0]), -dot(v, a[0]), -dot(u, b[0]), -dot(v, b[0])
     d5, d6 = -dot(u, c[0]), -dot(v, c[0])

@@ -89,7 +89,7 @@ SWEEPS: Table = {
 def _answer(
     table: Table, a: Any, b: Any, pairs: ArrayLike | None, shared: dict[str, Any], **own: Any
 ) -> Any:
-    """Return what a question's table has for both kinds.
+    """Return the answer of the function that a question's table has for both kinds.
 
     shared: options of all kinds; own: those of some, not given where they are None. Raises
     TypeError naming the argument for other kinds.

@@ -74,7 +74,7 @@ class Corners:
 
 
 def few_corners(points: Floats, frame: Floats, rank: int) -> Corners:
-    """Return what stands for points about the origin, of principal axes ``frame``, in a choice."""
+    """Return extreme points that represent a cloud about the origin; frame: its principal axes."""
     few = len(points) <= MANY_POINTS
     hull = convex_hull(points) if few and rank == 3 else None
     if few and len(points if hull is None else hull.vertices) <= MANY_CORNERS:
@@ -148,7 +148,7 @@ def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Fl
 def fit_clouds(
     clouds: ArrayLike | Iterable[ArrayLike], offsets: ArrayLike | None = None, fit: str = "best"
 ) -> tuple[Floats, Floats, Floats]:
-    """Return what ``fit_points`` does for each of k clouds: (k, 3), (k, 3, 3), (k, 3).
+    """Return the boxes of ``fit_points`` for k clouds: (k, 3), (k, 3, 3), (k, 3).
 
     clouds: k arrays (n, 3), or with offsets (k + 1,) one array of which cloud i is the rows from
     offsets[i] to offsets[i + 1]. Raises ValueError as ``fit_points``, naming the cloud.

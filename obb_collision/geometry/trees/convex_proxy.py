@@ -251,7 +251,7 @@ def _bounded_hull(points: Floats, margin: Floats, limit: float) -> Polytope | No
 
 
 def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
-    """Return what ``_bounded_hull`` does of points that may be flat, a line, or one.
+    """Return the hull of ``_bounded_hull`` for points that may be flat, on a line, or one.
 
     In the frame of their box, made thicker where that is thin, and stretched to a cube.
     """

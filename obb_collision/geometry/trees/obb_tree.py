@@ -138,7 +138,7 @@ def no_trees() -> TreeArrays:
 
 
 def _of(kind: type, *shape: str | int) -> dict[str, Any]:
-    """Return what an array is of: f triangles, m nodes, k meshes, p pieces, s = k + 1."""
+    """Return type and shape of an array: f triangles, m nodes, k meshes, p pieces, s = k + 1."""
     return {"kind": (kind, shape)}
 
 

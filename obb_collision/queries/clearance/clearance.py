@@ -57,7 +57,7 @@ from obb_collision.typing import Floats, Integers, Mask, Vector
 from obb_collision.words import shown
 
 #: Pairs below which a second thread does not pay: 30 us.
-FEWEST_PAIRS = 64
+FEWEST_CLEARANCES = 64
 #: Of m pairs: whether they are near (m,), distances (m,), points and normals (3, m, 3).
 NearArrays = tuple[np.ndarray, Floats, Floats]
 #: Kinds of real numbers.
@@ -106,7 +106,7 @@ def near_pairs(boxes: Boxes, pairs: Integers, limit: float) -> tuple[Clearances,
     near = np.empty(len(pairs), np.bool_)
     distances, vectors = np.empty(len(pairs)), np.empty((3, len(pairs), 3))
     out = near, distances, vectors
-    run(clearance_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, limit, out)
+    run(clearance_kernel, len(pairs), FEWEST_CLEARANCES, boxes.arrays, pairs, limit, out)
     return Clearances(pairs[near], distances[near], *vectors[:, near]), near
 
 

@@ -80,7 +80,7 @@ NO_AXIS = -1
 LIMITS = (4, 8)
 
 #: Pairs below which a second thread does not pay: 100 us or so.
-FEWEST_PAIRS = 200
+FEWEST_CONTACTS = 200
 
 
 #: The arrays of ``Contacts`` but for the pairs, for kernels.
@@ -148,7 +148,7 @@ def as_max_points(value: int) -> int:
 def pair_contacts(boxes: Boxes, pairs: Integers, max_points: int) -> Contacts:
     """Return the contacts of pairs (m, 2) of rows of boxes."""
     result = Contacts.blank(pairs, max_points)
-    run(contacts_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, result.arrays)
+    run(contacts_kernel, len(pairs), FEWEST_CONTACTS, boxes.arrays, pairs, result.arrays)
     return result
 
 

@@ -358,7 +358,7 @@ def spread(points: Floats, count: int, limit: int) -> int:
 
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
-FEWEST_PAIRS = 32
+FEWEST_CONVEX_CONTACTS = 32
 
 
 def convex_contacts(
@@ -379,7 +379,7 @@ def convex_contacts(
     found.normals[:] = distances.normals
     given = distances.lower, distances.positions_a, distances.positions_b
     both = RowPairs(a.arrays, i, b.arrays, j)
-    run(_contact_kernel, len(i), FEWEST_PAIRS, both, given, found.arrays)
+    run(_contact_kernel, len(i), FEWEST_CONVEX_CONTACTS, both, given, found.arrays)
     return found
 
 

@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.simplex import no_simplex
 from obb_collision.numerics.vec3 import (
     cross,
     dot,
@@ -42,7 +43,7 @@ from obb_collision.numerics.vec3 import (
     vector_at,
 )
 from obb_collision.queries.convex.distance import CLOSE, PlaneGap, Search, corner_of, gap_along
-from obb_collision.queries.convex.simplex import NO_CORNER, Corner, careful_plane, no_simplex
+from obb_collision.queries.convex.simplex import NO_CORNER, Corner, careful_plane
 from obb_collision.queries.convex.support import Core
 from obb_collision.queries.meshes.placed import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale

@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.simplex import Simplex
 from obb_collision.numerics.vec3 import (
     clamp,
     components,
@@ -45,7 +46,7 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
 )
-from obb_collision.queries.convex.simplex import Corner, Simplex
+from obb_collision.queries.convex.simplex import Corner
 from obb_collision.queries.convex.support import BOX, CONE, CYLINDER, ROUND, SEGMENT, Core
 from obb_collision.queries.meshes.placed import Pose, moved
 from obb_collision.typing import Vector
@@ -62,7 +63,7 @@ class Feet(NamedTuple):
 
 @njit(inline=True, refcount=False)
 def no_feet(p: Vector, q: Vector) -> Feet:
-    """Return what bodies without feet have."""
+    """Return the feet of bodies that have none: infinitely far."""
     return Feet(p, np.inf, p, q)
 
 

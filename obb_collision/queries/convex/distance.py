@@ -36,6 +36,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.simplex import Simplex, no_simplex, on_corner, with_corner
 from obb_collision.numerics.vec3 import (
     LEAST_SQUARE,
     clamp,
@@ -62,13 +63,9 @@ from obb_collision.queries.convex.directions import (
 from obb_collision.queries.convex.simplex import (
     NO_CORNER,
     Corner,
-    Simplex,
     careful_nearest,
     is_known,
     is_zero,
-    no_simplex,
-    on_corner,
-    with_corner,
 )
 from obb_collision.queries.convex.support import SEGMENT, Core, support
 from obb_collision.queries.meshes.placed import Pose, moved
@@ -133,7 +130,7 @@ def _gap_here(a: Core, b: Core, pose: Pose, n: Vector) -> PlaneGap:
 
 @njit
 def rounding(pose: Pose) -> float:
-    """Return what a gap may be off by."""
+    """Return a bound on the error of a gap."""
     return CONVEX_ROUNDING * pose.size + MESH_UNDERFLOW
 
 
@@ -207,7 +204,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
 
 @njit(inline=True, refcount=False)
 def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
-    """Return what the nearest points of two segments along z show (Ericson 2005, 5.1.9)."""
+    """Return the distance of two segments along their z axes (Ericson 2005, 5.1.9)."""
     axis, offset = pose.axes[2], pose.offset
     c, far = axis[2], dot(axis, offset)
     square = 1.0 - c * c

@@ -62,7 +62,7 @@ from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
-FEWEST_PAIRS = 64
+FEWEST_CONVEX_DISTANCES = 64
 NO_START = 0.0, 0.0, 0.0
 
 
@@ -110,14 +110,14 @@ def convex_distances(
     """
     near, bounds, vectors = out = distance_arrays(len(i))
     pairs = RowPairs(a.arrays, i, b.arrays, j)
-    run(_distance_kernel, len(i), FEWEST_PAIRS, pairs, limit, out)
+    run(_distance_kernel, len(i), FEWEST_CONVEX_DISTANCES, pairs, limit, out)
     return ConvexDistances(*bounds, *vectors), near
 
 
 def convex_may_collide(a: ConvexBodies, b: ConvexBodies, i: Integers, j: Integers) -> Mask:
     """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
     out = np.empty(len(i), np.bool_)
-    run(_collision_kernel, len(i), FEWEST_PAIRS, RowPairs(a.arrays, i, b.arrays, j), out)
+    run(_collision_kernel, len(i), FEWEST_CONVEX_DISTANCES, RowPairs(a.arrays, i, b.arrays, j), out)
     return out
 
 

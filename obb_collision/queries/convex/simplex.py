@@ -75,7 +75,7 @@ class WideNearest(NamedTuple):
 def careful_nearest(
     a: Corner, b: Corner, c: Corner, d: Corner, count: int, pose: Pose, unit: float
 ) -> WideNearest:
-    """Return what of the first ``count`` corners is nearest; unit: a power of two that scales."""
+    """Return the nearest point of the first ``count`` corners; unit: a power of two that scales."""
     corners = _wide(a, pose, unit), _wide(b, pose, unit), _wide(c, pose, unit), _wide(d, pose, unit)
     found, weights = corners[0], (1.0, 0.0, 0.0, 0.0)
     best = np.inf, 0.0

@@ -147,7 +147,7 @@ def borrowed_core(bodies: Cores, i: int) -> Core:
 
 @njit(inline=True, refcount=False)
 def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, float, float]:
-    """Return what a core has besides the corners of all hulls."""
+    """Return the fields of a core other than the corners of all hulls."""
     kind = bodies.kinds[i] + 0  # int64, as kinds written out are: int8 would compile all twice
     size, half = vector_at(bodies.sizes, i), bodies.sizes[i, 3]
     first = last = 0

@@ -56,7 +56,7 @@ from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.typing import Floats, Vector
 
 #: Pairs below which a second thread does not pay: 1 ms.
-FEWEST_PAIRS = 4
+FEWEST_BODY_DEPTHS = 4
 #: Steps back to a triangle at most; most take 2 to 6.
 STEPS_BACK = 40
 
@@ -87,7 +87,7 @@ def within_bodies(
     deep = np.flatnonzero(~apart & (values < 0.0))
     depths, n, middles = -values[deep], normals[deep], positions[deep]
     pairs, found = RowPairs(meshes.arrays, deep, bodies.arrays, deep), (depths, n, middles)
-    run(_kernel, len(deep), FEWEST_PAIRS, pairs, radii, found)
+    run(_kernel, len(deep), FEWEST_BODY_DEPTHS, pairs, radii, found)
     values[deep], normals[deep], positions[deep] = -depths, n, middles
     return outer
 

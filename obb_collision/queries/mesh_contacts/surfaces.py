@@ -46,7 +46,7 @@ from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.typing import Floats, Integers, Vector
 
 #: Pairs below which a second thread does not pay: 1 ms.
-FEWEST_PAIRS = 4
+FEWEST_MESH_DEPTHS = 4
 
 
 def mesh_separations(
@@ -84,7 +84,7 @@ def within(
     deep = np.flatnonzero(~apart & (values <= 0.0))
     depths, n, middles = np.maximum(-values[deep], 0.0), normals[deep], positions[deep]
     pairs, found = RowPairs(a.arrays, i[deep], b.arrays, j[deep]), (depths, n, middles)
-    run(depth_kernel, len(deep), FEWEST_PAIRS, pairs, (radii_a, radii_b), found)
+    run(depth_kernel, len(deep), FEWEST_MESH_DEPTHS, pairs, (radii_a, radii_b), found)
     values[deep], normals[deep], positions[deep] = -depths, n, middles
     return outer
 

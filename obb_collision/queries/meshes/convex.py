@@ -51,7 +51,7 @@ HULL_DIRECTIONS = 40
 #: The search ends when the next corner brings it nearer by less than this fraction.
 HULL_CONVERGED = 1e-12
 #: Pairs below which a second thread does not pay: 0.1 ms.
-FEWEST_PAIRS = 256
+FEWEST_HULL_VERDICTS = 256
 
 
 class PlacedHulls(NamedTuple):
@@ -68,7 +68,7 @@ def hulls_may_collide(
 ) -> NDArray[np.bool_]:
     """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
     out = np.empty(len(i), np.bool_)
-    run(_meet_kernel, len(i), FEWEST_PAIRS, RowPairs(a, i, b, j), out)
+    run(_meet_kernel, len(i), FEWEST_HULL_VERDICTS, RowPairs(a, i, b, j), out)
     return out
 
 
@@ -132,5 +132,5 @@ def apart(a: HullCorners, b: HullCorners, pose: Pose, first: Vector, reach: floa
 
 @njit
 def beyond(n: Vector, bound: float, reach: float) -> float:
-    """Return what a gap along n must exceed if bodies are not within reach."""
+    """Return the gap along n above which bodies are certainly beyond reach."""
     return bound * sum_abs(n) + reach * (1.0 + 4.0 * ROUNDOFF) * math.sqrt(dot(n, n))

@@ -58,7 +58,7 @@ from obb_collision.queries.verdict.pair_rows import RowPairs, as_each, as_sides
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
-FEWEST_PAIRS = 16
+FEWEST_MESH_CLEARANCES = 16
 #: Of the bodies of both sides.
 Radii = tuple[Floats, Floats]
 #: Of m pairs: whether they are near (m,), bounds (2, m), points and normal (3, m, 3), faces (m, 2).
@@ -111,7 +111,7 @@ def clearances_of(
     bounds, vectors = np.empty((2, len(i))), np.empty((3, len(i), 3))
     out = np.empty(len(i), np.bool_), bounds, vectors, np.empty((len(i), 2), np.int64)
     pairs = RowPairs(a.arrays, np.ascontiguousarray(i), b.arrays, np.ascontiguousarray(j))
-    run(clearance_kernel, len(i), FEWEST_PAIRS, pairs, (radii_a, radii_b), limit, out)
+    run(clearance_kernel, len(i), FEWEST_MESH_CLEARANCES, pairs, (radii_a, radii_b), limit, out)
     x, y, normals = vectors
     rows = np.stack([i, j], axis=1)
     return MeshClearances(rows, bounds[0], x, y, normals, bounds[1], out[3]), out[0]

@@ -73,11 +73,11 @@ from obb_collision.queries.verdict.pair_rows import RowPairs, as_sides
 from obb_collision.typing import Floats, Integers
 
 #: A verdict that none reaches: look at all triangles.
-NEVER = OVERLAP + 1
+NO_VERDICT = OVERLAP + 1
 #: More pairs of nodes than any two meshes have.
 UNLIMITED = 2**62
 #: Pairs below which a second thread does not pay: 0.2 ms.
-FEWEST_PAIRS = 64
+FEWEST_MESH_VERDICTS = 64
 #: Contacts that there is room for at first, whatever the capacity: 2 MB.
 FIRST_ROOM = 1 << 16
 
@@ -98,7 +98,7 @@ def mesh_verdicts(
     i, j = as_sides(a, b, pairs)
     if depth is not None:
         met, given = np.empty(len(i), np.bool_), RowPairs(a.arrays, i, b.arrays, j)
-        run(tree_kernel, len(i), FEWEST_PAIRS, given, as_whole(depth, "depth"), met)
+        run(tree_kernel, len(i), FEWEST_MESH_VERDICTS, given, as_whole(depth, "depth"), met)
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
@@ -170,9 +170,9 @@ def triangle_pairs(
         count = len(contacts)
     else:
         room = as_whole(capacity, "capacity")
-        _, contacts, count = _find(a, b, i, j, NEVER, min(room, FIRST_ROOM))
+        _, contacts, count = _find(a, b, i, j, NO_VERDICT, min(room, FIRST_ROOM))
         if count > len(contacts) and room > FIRST_ROOM:  # no room is made that nothing fills
-            _, contacts, count = _find(a, b, i, j, NEVER, min(room, count))
+            _, contacts, count = _find(a, b, i, j, NO_VERDICT, min(room, count))
     faces = np.stack([a.trees.faces[contacts[:, 1]], b.trees.faces[contacts[:, 2]]], axis=1)
     return TrianglePairs(contacts[:, 0].copy(), faces, contacts[:, 3].astype(np.int8), count)
 
@@ -190,7 +190,9 @@ def _find(
     result = np.empty(len(i), np.int8)
     contacts = np.empty((capacity, 4), np.int64)
     given = RowPairs(a.arrays, i, b.arrays, j), (stop, effort), result, contacts
-    least = len(i) + 1 if capacity else FEWEST_PAIRS  # contacts are written one after another
+    least = (
+        len(i) + 1 if capacity else FEWEST_MESH_VERDICTS
+    )  # contacts are written one after another
     found = sum(run(find_kernel, len(i), least, *given))
     return result, contacts[:found], found
 
@@ -198,7 +200,7 @@ def _find(
 def _all_contacts(a: PlacedMeshes, b: PlacedMeshes, i: Integers, j: Integers) -> Integers:
     capacity = 64 * len(i)
     while True:
-        _, contacts, found = _find(a, b, i, j, NEVER, capacity)
+        _, contacts, found = _find(a, b, i, j, NO_VERDICT, capacity)
         if found <= capacity:
             return contacts
         capacity = found

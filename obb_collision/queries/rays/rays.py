@@ -99,7 +99,7 @@ def cast_rays(
     directions: ArrayLike,
     max_distance: ArrayLike = np.inf,
 ) -> RayHits:
-    """Return what each ray hits first.
+    """Return the first hit of each ray.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) 
 
 
 def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
-    """Return what rays hit first of convex bodies that are in boxes; not checked.
+    """Return the first hits of rays on convex bodies that are in boxes; not checked.
 
     Never late, and at most 1e-9 of the size of a body early, along its normal (``bodies``).
     """
@@ -160,7 +160,7 @@ def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
 
 
 def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
-    """Return what rays hit first of all that is within ``radii`` (n,) of meshes; not checked.
+    """Return the first hits of rays on points within ``radii`` (n,) of meshes; not checked.
 
     Never late, and at most 1e-9 of the size of a body early, along its normal (``bodies``).
     """
@@ -171,7 +171,7 @@ def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
 
 
 def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
-    """Return what each segment hits first from its start.
+    """Return the first hit of each segment, from its start.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class Targets(NamedTuple):
 def _hits(
     rays: Rays, bodies: Boxes | PlacedMeshes | ConvexBodies, boxes: Boxes, radii: Floats = NO_RADII
 ) -> RayHits:
-    """Return what rays hit of bodies, which are in boxes; radii: about meshes."""
+    """Return the first hits of rays on bodies, which are in boxes; radii: about meshes."""
     if isinstance(bodies, Boxes):
         targets = Targets(bodies.arrays, None)
     else:

@@ -104,7 +104,7 @@ class BodyMotion(NamedTuple):
     reaches: Floats  #: (n,) of the spheres about the pivots that hold the bodies at all times
 
 
-class Course(NamedTuple):
+class RelativeMotion(NamedTuple):
     """The motion of a pair, seen from the pivot of the first body."""
 
     pivot: Vector  #: of the second body at time 0
@@ -120,8 +120,10 @@ class Course(NamedTuple):
 
 
 @njit
-def course_of(motion: BodyMotion, i: int, j: int, begin: float, tolerance: float) -> Course:
-    """Return the course of a pair from a time on."""
+def relative_motion(
+    motion: BodyMotion, i: int, j: int, begin: float, tolerance: float
+) -> RelativeMotion:
+    """Return the motion of a pair from a time on."""
     p, _, way = offset_and_way(motion.starts, motion.ends, motion.seconds, i, j)
     u, v = vector_at(motion.turns, i), vector_at(motion.turns, j)
     reach = motion.reaches[i] + motion.reaches[j]
@@ -136,23 +138,23 @@ def course_of(motion: BodyMotion, i: int, j: int, begin: float, tolerance: float
     stray = POSITION * norm(p) + 2.0 * TURNING * reach, drift
     arms = vector_at(motion.arms, i), vector_at(motion.arms, j)
     begin = max(begin, first)
-    return Course(p, way, (u, v), arms, reach, begin, last, near, fine, stray)
+    return RelativeMotion(p, way, (u, v), arms, reach, begin, last, near, fine, stray)
 
 
 @njit
-def blur_at(course: Course, time: float) -> float:
+def blur_at(relative: RelativeMotion, time: float) -> float:
     """Return by how much a gap at a time may be off, as places and rotations are."""
-    return course.stray[0] + course.stray[1] * time
+    return relative.stray[0] + relative.stray[1] * time
 
 
 @njit
 def places_at(
-    motion: BodyMotion, i: int, j: int, course: Course, time: float
+    motion: BodyMotion, i: int, j: int, relative: RelativeMotion, time: float
 ) -> tuple[Place, Place]:
     """Return where two bodies are at a time, seen from the pivot of the first."""
-    turn, other = course.turns
-    arm, far = turned_by(course.arms[0], turn, time), turned_by(course.arms[1], other, time)
-    far = plus(plus(course.pivot, scaled(course.way, time)), far)
+    turn, other = relative.turns
+    arm, far = turned_by(relative.arms[0], turn, time), turned_by(relative.arms[1], other, time)
+    far = plus(plus(relative.pivot, scaled(relative.way, time)), far)
     return (
         Place(arm, rotated(axes_of(motion.rotations, i), turn, time)),
         Place(far, rotated(axes_of(motion.rotations, j), other, time)),
@@ -160,11 +162,11 @@ def places_at(
 
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
-FEWEST_PAIRS = 32
+FEWEST_CONVEX_SWEEPS = 32
 
 
-class Turner(NamedTuple):
-    """What a body adds to the gap along a direction n, and how that changes as it turns."""
+class MovingSupport(NamedTuple):
+    """How far a body reaches along a direction n, and how that changes as it turns."""
 
     core: Core
     place: Place  #: seen from its pivot
@@ -173,11 +175,11 @@ class Turner(NamedTuple):
     bend: float  #: of its reach, the second derivative at most
 
 
-class Slab(NamedTuple):
+class MovingGap(NamedTuple):
     """The gap along a direction at a time, and how it changes."""
 
-    a: Turner
-    b: Turner
+    a: MovingSupport
+    b: MovingSupport
     gap: float  #: of the pivots, less the radii
     rate: float
     bend: float
@@ -195,7 +197,7 @@ def convex_sweeps(
     """
     out = sweep_arrays(len(pairs))
     given = bodies.arrays, motion, pairs, begin, tolerance, out
-    run(_convex_kernel, len(pairs), FEWEST_PAIRS, *given)
+    run(_convex_kernel, len(pairs), FEWEST_CONVEX_SWEEPS, *given)
     return sweeps_of(pairs, out)
 
 
@@ -206,41 +208,41 @@ def _convex_kernel(
 ) -> None:  # fmt: skip
     for row in range(start, stop):
         i, j = pairs[row, 0], pairs[row, 1]
-        course = course_of(motion, i, j, begin[row], tolerance)
-        time, known, point, normal = _walk(bodies, motion, i, j, course)
+        relative = relative_motion(motion, i, j, begin[row], tolerance)
+        time, known, point, normal = _walk(bodies, motion, i, j, relative)
         write_sweep(out, row, time, known, point, normal)
 
 
 @njit(merge=True)
 def _walk(
-    bodies: Cores, motion: BodyMotion, i: int, j: int, course: Course
+    bodies: Cores, motion: BodyMotion, i: int, j: int, relative: RelativeMotion
 ) -> tuple[float, bool, Vector, Vector]:
     """Return the time of contact, infinity for none, True, a point and the normal of contact.
 
     Or the time until which the bodies are certainly apart, and False.
     """
     a, b = core_at(bodies, i), core_at(bodies, j)
-    nowhere, n, time = (np.nan, np.nan, np.nan), (0.0, 0.0, 0.0), course.begin
+    nowhere, n, time = (np.nan, np.nan, np.nan), (0.0, 0.0, 0.0), relative.begin
     for _ in range(MAX_STEPS):
-        if not time <= course.last:
+        if not time <= relative.last:
             return np.inf, True, nowhere, nowhere
-        place, other = places_at(motion, i, j, course, time)
+        place, other = places_at(motion, i, j, relative, time)
         pose = relative_pose(place, other, a.reach + b.reach)
         found = search(a, b, pose, components(place.axes, n), np.inf)
         off = a.radius + b.radius
-        error = rounding(pose) + blur_at(course, time)
+        error = rounding(pose) + blur_at(relative, time)
         n = combined(place.axes, found.normal)
         upper = max(found.distance - off, 0.0) + error
         lower = found.gap - off - error
-        if upper <= course.fine or not lower > 0.25 * course.fine:
-            if not upper <= course.near:
+        if upper <= relative.fine or not lower > 0.25 * relative.fine:
+            if not upper <= relative.near:
                 return time, False, nowhere, nowhere
             p = plus(in_world(place, found.p), scaled(n, a.radius))
             q = minus(in_world(other, found.q), scaled(n, b.radius))
             origin = place_at(motion.starts, motion.ends, motion.seconds, i, time)
             return time, True, plus(origin, scaled(plus(p, q), 0.5)), n
-        slab = _slab(motion, i, j, course, PlacedCores(a, b, place, other), n, time)
-        step = _free_for(slab, course.last - time)
+        moving = _moving_gap(motion, i, j, relative, PlacedCores(a, b, place, other), n, time)
+        step = _free_for(moving, relative.last - time)
         if not step > 0.0:
             break
         time += step
@@ -257,76 +259,84 @@ class PlacedCores(NamedTuple):
 
 
 @njit
-def _slab(
-    motion: BodyMotion, i: int, j: int, course: Course, pair: PlacedCores, n: Vector, time: float
-) -> Slab:
-    """Return the gap along n of the bodies at a time, and from then on."""
-    pivots = plus(course.pivot, scaled(course.way, time))
+def _moving_gap(
+    motion: BodyMotion,
+    i: int,
+    j: int,
+    relative: RelativeMotion,
+    pair: PlacedCores,
+    n: Vector,
+    time: float,
+) -> MovingGap:
+    """Return the gap of two bodies along n at a time, and from then on."""
+    pivots = plus(relative.pivot, scaled(relative.way, time))
     other = Place(minus(pair.other.center, pivots), pair.other.axes)
-    a = _turner(motion.reaches[i], pair.a, pair.place, course.turns[0], n)
-    b = _turner(motion.reaches[j], pair.b, other, course.turns[1], negated(n))
+    a = _moving_support(motion.reaches[i], pair.a, pair.place, relative.turns[0], n)
+    b = _moving_support(motion.reaches[j], pair.b, other, relative.turns[1], negated(n))
     gap = dot(n, pivots) - pair.a.radius - pair.b.radius
-    speed, turning = norm(course.way), norm(course.turns[0]) + norm(course.turns[1])
-    size = sum_abs(pivots) + course.reach + pair.a.reach + pair.b.reach
+    speed, turning = norm(relative.way), norm(relative.turns[0]) + norm(relative.turns[1])
+    size = sum_abs(pivots) + relative.reach + pair.a.reach + pair.b.reach
     size += sum_abs(a.place.center) + sum_abs(b.place.center)
-    fixed = CONVEX_ROUNDING * size + blur_at(course, time) + MESH_UNDERFLOW
-    growing = CONVEX_ROUNDING * (size * turning + 2.0 * speed) + course.stray[1]
+    fixed = CONVEX_ROUNDING * size + blur_at(relative, time) + MESH_UNDERFLOW
+    growing = CONVEX_ROUNDING * (size * turning + 2.0 * speed) + relative.stray[1]
     square = CONVEX_ROUNDING * 2.0 * speed * turning
     bend = a.bend + b.bend
-    return Slab(a, b, gap, dot(n, course.way), bend, (fixed, growing, square))
+    return MovingGap(a, b, gap, dot(n, relative.way), bend, (fixed, growing, square))
 
 
 @njit
-def _turner(reach: float, core: Core, place: Place, turn: Vector, n: Vector) -> Turner:
-    """Return what a body adds; place: seen from its pivot, reach: about that."""
+def _moving_support(
+    reach: float, core: Core, place: Place, turn: Vector, n: Vector
+) -> MovingSupport:
+    """Return the support of a body; place: seen from its pivot, reach: about that."""
     change = cross(n, turn)
     (x, y, z), half = core.size, core.half
     own = core.reach - 2.0 * core.radius if core.kind == CORNERS else norm((x, y, z + half))
     reach = min(reach, (own + norm(place.center)) * OUTWARD)
-    return Turner(core, place, n, change, norm(turn) * norm(change) * reach)
+    return MovingSupport(core, place, n, change, norm(turn) * norm(change) * reach)
 
 
 @njit
-def _reach(turner: Turner, time: float) -> tuple[float, float]:
+def _reach(moving: MovingSupport, time: float) -> tuple[float, float]:
     """Return how far a core reaches after a time, but for ``bend``, and how that changes."""
-    m = plus(turner.n, scaled(turner.change, time))
-    axes = turner.place.axes
+    m = plus(moving.n, scaled(moving.change, time))
+    axes = moving.place.axes
     u = components(axes, m)
-    p = support(turner.core, u)
+    p = support(moving.core, u)
     return (
-        dot(u, p) + dot(m, turner.place.center),
-        dot(components(axes, turner.change), p) + dot(turner.change, turner.place.center),
+        dot(u, p) + dot(m, moving.place.center),
+        dot(components(axes, moving.change), p) + dot(moving.change, moving.place.center),
     )
 
 
 @njit
-def _gap_after(slab: Slab, time: float) -> tuple[float, float]:
-    """Return what the gap along the direction is at least after a time, and its derivative."""
-    a, b = _reach(slab.a, time), _reach(slab.b, time)
-    fixed, growing, square = slab.slack
+def _gap_after(moving: MovingGap, time: float) -> tuple[float, float]:
+    """Return a lower bound of the gap along the direction after a time, and its derivative."""
+    a, b = _reach(moving.a, time), _reach(moving.b, time)
+    fixed, growing, square = moving.slack
     slack = fixed + (growing + square * time) * time
-    value = slab.gap + (slab.rate - 0.5 * slab.bend * time) * time - a[0] - b[0] - slack
-    return value, slab.rate - slab.bend * time - a[1] - b[1]
+    value = moving.gap + (moving.rate - 0.5 * moving.bend * time) * time - a[0] - b[0] - slack
+    return value, moving.rate - moving.bend * time - a[1] - b[1]
 
 
 @njit
-def _free_for(slab: Slab, horizon: float) -> float:
+def _free_for(moving: MovingGap, horizon: float) -> float:
     """Return for how long the gap certainly is not negative; infinity if until the horizon.
 
     As ``bounds``: each round takes the tangent's parabola at the left end for a new right end, and
     the chord for a new left end.
     """
     left, right = 0.0, horizon
-    value, slope = _gap_after(slab, 0.0)
+    value, slope = _gap_after(moving, 0.0)
     if not value > 0.0:
         return 0.0
     for _ in range(ROOT_ROUNDS):
-        right = min(right, left + parabola_root(value, slope, slab.bend))
-        at_right, _ = _gap_after(slab, right)
+        right = min(right, left + parabola_root(value, slope, moving.bend))
+        at_right, _ = _gap_after(moving, right)
         if at_right >= 0.0:
             return np.inf if right >= horizon else right
         left += (right - left) * (value / (value - at_right))
-        value, slope = _gap_after(slab, left)
+        value, slope = _gap_after(moving, left)
         if value <= 0.0 or right - left <= NARROW * right:
             break
     return left

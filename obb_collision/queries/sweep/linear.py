@@ -75,7 +75,7 @@ SHORTEST_WAY = 2.0**-1000
 
 #: First and last time, and the number of the axis entered at the first (-1: time 0).
 Span = tuple[float, float, int]
-NEVER = (math.inf, -1)
+NO_HIT = (math.inf, -1)
 
 
 @njit
@@ -124,12 +124,12 @@ def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[f
     reach = plus(h, (dot_abs(f, u), dot_abs(f, v), dot_abs(f, w)))
     span = _meet_three(times, 0, d, e, reach, bound, span)
     if _over(span):
-        return NEVER
+        return NO_HIT
     reach = plus(f, (dot_abs(h, x), dot_abs(h, y), dot_abs(h, z)))
     first, last = components(b.axes, start), components(b.axes, end)
     span = _meet_three(times, 3, first, last, reach, bound, span)
     if _over(span):
-        return NEVER
+        return NO_HIT
     p, q, r = all_edge_axes(pair)
     firsts = rows_of((p.offset, q.offset, r.offset))
     lasts = rows_of((cross(x, e), cross(y, e), cross(z, e)))
@@ -138,7 +138,7 @@ def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[f
     span = _meet_three(times, 9, firsts[1], lasts[1], reaches[1], bound, span)
     span = _meet_three(times, 12, firsts[2], lasts[2], reaches[2], bound, span)
     if _over(span):
-        return NEVER
+        return NO_HIT
     return span[0] * (1.0 - TIME_ROUNDING), span[2]
 
 

@@ -56,10 +56,10 @@ from obb_collision.queries.meshes.two_trees import DISTANCE_BOUND, TreeRoom, tre
 from obb_collision.queries.sweep.convex import (
     MAX_STEPS,
     BodyMotion,
-    Course,
+    RelativeMotion,
     blur_at,
-    course_of,
     places_at,
+    relative_motion,
 )
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, joined, place_at
 from obb_collision.queries.sweep.sweep import (
@@ -75,7 +75,7 @@ from obb_collision.queries.verdict.pair_rows import as_each, as_sides
 from obb_collision.typing import Floats, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
-FEWEST_PAIRS = 4
+FEWEST_MESH_SWEEPS = 4
 
 
 def mesh_sweeps(
@@ -157,7 +157,7 @@ def swept_meshes(
     out, rows = sweep_arrays(len(a)), np.arange(len(a))
     others = solids_of(b, np.empty(0) if radii_b is None else radii_b)
     given = MeshPairs(a.arrays, radii_a, others), motion, begin, tolerance, out
-    run(_sweep_kernel, len(a), FEWEST_PAIRS, *given)
+    run(_sweep_kernel, len(a), FEWEST_MESH_SWEEPS, *given)
     return sweeps_of(np.stack([rows, rows], axis=1), out)
 
 
@@ -169,21 +169,21 @@ def _sweep_kernel(
     trees, b = pairs.a.trees, pairs.b
     count, tree, core = len(begin), tree_room(1), core_room()
     for n in range(start, stop):
-        course = course_of(motion, n, count + n, begin[n], tolerance)
+        relative = relative_motion(motion, n, count + n, begin[n], tolerance)
         sizes = trees.radii[pairs.a.meshes[n]], _size_of(b, n)
-        speed = _speed_of(sizes[0], sizes[1], motion, n, count + n, course)
-        time, known = course.begin, False
+        speed = _speed_of(sizes[0], sizes[1], motion, n, count + n, relative)
+        time, known = relative.begin, False
         point = normal = np.nan, np.nan, np.nan
         for _ in range(MAX_STEPS):
-            if not time <= course.last:
+            if not time <= relative.last:
                 time, known = np.inf, True
                 break
-            place, far = places_at(motion, n, count + n, course, time)
-            blur = blur_at(course, time)
+            place, far = places_at(motion, n, count + n, relative, time)
+            blur = blur_at(relative, time)
             found = _distance(pairs, n, place, far, blur, tree, core)
             lower, upper, middle, across = found
-            if upper <= course.near or not lower > 0.25 * course.near:
-                known = upper <= course.near
+            if upper <= relative.near or not lower > 0.25 * relative.near:
+                known = upper <= relative.near
                 if known:
                     point = plus(place.center, combined(place.axes, middle))
                     origin = place_at(motion.starts, motion.ends, motion.seconds, n, time)
@@ -240,17 +240,17 @@ def _distance(
 
 @njit
 def _speed_of(
-    size: float, other_size: float, motion: BodyMotion, i: int, j: int, course: Course
+    size: float, other_size: float, motion: BodyMotion, i: int, j: int, relative: RelativeMotion
 ) -> float:
     """Return how fast points of two bodies move at most, one seen from the other.
 
     Their sizes: how far they reach from their origins.
     """
-    (u, v), (arm, other), way = course.turns, course.arms, norm(course.way)
+    (u, v), (arm, other), way = relative.turns, relative.arms, norm(relative.way)
     r = min(motion.reaches[i], norm(arm) + size)
     s = min(motion.reaches[j], norm(other) + other_size)
-    first = plus(course.pivot, scaled(course.way, course.begin))
-    last = plus(course.pivot, scaled(course.way, course.last))
+    first = plus(relative.pivot, scaled(relative.way, relative.begin))
+    last = plus(relative.pivot, scaled(relative.way, relative.last))
     far, both = max(norm(first), norm(last)), norm(minus(v, u))
     turning = min(norm(u) * r + norm(v) * s, both * s + norm(u) * far, both * r + norm(v) * far)
     return (way + turning) * OUTWARD

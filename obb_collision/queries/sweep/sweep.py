@@ -148,7 +148,7 @@ def _support(box: BoxAt, normal: Vector, flat: float) -> Feature:
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
 #: Pairs below which a second thread does not pay: 20 us where they do not turn.
-FEWEST_PAIRS = 64
+FEWEST_SWEEPS = 64
 #: What rounding allows, and then the least that is taken (see ``rigid``).
 LEAST_TOLERANCE = FLOOR
 #: Where the first box of a pair is, in the frame that goes along with it.
@@ -228,7 +228,7 @@ def box_sweeps(
     given = as_pairs(a, b, pairs)
     motion, duration, rows = join_motions(a, b, given)
     out = sweep_arrays(len(rows), contacts)
-    run(sweep_kernel, len(rows), FEWEST_PAIRS, motion, rows, near, out)
+    run(sweep_kernel, len(rows), FEWEST_SWEEPS, motion, rows, near, out)
     np.multiply(out.free, duration, out=out.free)
     return sweeps_of(given, out)
 

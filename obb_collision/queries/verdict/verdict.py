@@ -99,7 +99,7 @@ OVERLAP = int(Verdict.OVERLAP)
 UNDECIDED = -1
 
 #: Pairs below which a second thread does not pay: 20 us or so.
-FEWEST_PAIRS = 1024
+FEWEST_VERDICTS = 1024
 #: Edges count as nearly parallel in the fast stage when all off-axis dot products are below.
 NEARLY_PARALLEL = 2.0**-20
 
@@ -118,7 +118,7 @@ def pair_verdicts(
     """Return the verdicts of ``a[rows_a[n]]`` against ``b[rows_b[n]]``, (n,) int8."""
     result = np.empty(len(rows_a), np.int8)
     pairs = RowPairs(a.arrays, rows_a, b.arrays, rows_b)
-    run(verdict_kernel, len(result), FEWEST_PAIRS, pairs, result)
+    run(verdict_kernel, len(result), FEWEST_VERDICTS, pairs, result)
     if exact:
         decide_exactly(a, rows_a, b, rows_b, result)
     return result

@@ -41,7 +41,7 @@ from obb_collision.queries.verdict.coarse import bounds_of, meeting_bounds, sphe
 from obb_collision.queries.verdict.overlap import iou
 from obb_collision.queries.verdict.pair_rows import RowPairs, one_set
 from obb_collision.queries.verdict.verdict import (
-    FEWEST_PAIRS,
+    FEWEST_VERDICTS,
     SEPARATE,
     TOUCHING,
     Verdicts,
@@ -201,7 +201,7 @@ def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tup
 
 def all_colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
     """Return the ``colliding_keys`` of candidates (m, 2), by several threads if they are many."""
-    parts = ranges(len(candidates), FEWEST_PAIRS)
+    parts = ranges(len(candidates), FEWEST_VERDICTS)
     if len(parts) == 1:
         return colliding_keys(boxes, candidates)
     colliding_keys(boxes, NO_PAIRS)  # see ``_threads.run``

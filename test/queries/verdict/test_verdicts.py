@@ -283,7 +283,7 @@ def test_batches_of_any_length_agree(name: str) -> None:
 
 
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("FEWEST_PAIRS", "FEWEST_WITNESSES"):
+    for name in ("FEWEST_VERDICTS", "FEWEST_WITNESSES"):
         monkeypatch.setattr(verdict_module, name, 10)
     a, b = family("ordinary scene", 500)
 
