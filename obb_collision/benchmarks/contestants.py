@@ -383,6 +383,7 @@ SCENE = _ours("Scene", partial(OurScene, ()))
 SEPARATIONS = _ours("Scene, separations", partial(OurScene, ("separations",)))
 CONTACTS = _ours("Scene, contacts", partial(OurScene, ("contacts",)))
 OURS = (PAIRS, SCENE, SEPARATIONS, CONTACTS)
+OWN = {one.name for one in OURS}
 
 MUJOCO = Contestant("MuJoCo", "mujoco", Mujoco, "mujoco")
 COAL = tuple(

@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 
 from obb_collision.benchmarks.contest import Price
-from obb_collision.benchmarks.contestants import SCENE
+from obb_collision.benchmarks.contestants import OWN, SCENE
 from obb_collision.benchmarks.effects import ALL, PAIRS, CostRow, EffectRow
-from obb_collision.benchmarks.speed import OWN
 from obb_collision.benchmarks.steps import StepRow
 
 #: The look of all pictures of the project.

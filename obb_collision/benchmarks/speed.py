@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.benchmarks.contestants import FORMS, OURS, PEERS, SEPARATIONS, Contestant
+from obb_collision.benchmarks.contestants import FORMS, OURS, OWN, PEERS, SEPARATIONS, Contestant
 from obb_collision.benchmarks.effects import cost_table, off_lines, run_effects
 from obb_collision.benchmarks.measuring import Show, Table, as_text, digits, machine, machine_line
 from obb_collision.benchmarks.steps import Case, Note, StepPlan, StepRow, run_case
@@ -41,7 +41,6 @@ SHARES = (0.1, 0.01, 0.0)
 EFFECTS_SECONDS = 20.0
 #: Shares of moving boxes in words.
 SAID = {1.0: "all moving", 0.0: "none moving"}
-OWN = {one.name for one in OURS}
 COAL_LINE = "coal, best broad phase"
 
 

@@ -21,8 +21,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, nullcontext
@@ -30,13 +28,12 @@ from functools import partial
 from math import inf
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
-from obb_collision.cli import BAD_USAGE, SEED, Parser, new_file, option, real, whole
+from obb_collision.cli import SEED, Parser, new_file, option, real, whole
+from obb_collision.demo.with_ros import Interrupts, node_name, run_with_ros, say
 from obb_collision.node.runtime.environment import (
-    handle_signals,
     is_ros_here,
-    restored_signals,
     without_ros_arguments,
 )
 from obb_collision.words import printable, shown
@@ -58,7 +55,6 @@ DEFAULT_PORT = 8080
 #: With fewer there are no pairs.
 MIN_OBJECTS = 2
 MAX_OBJECTS = 5000
-DEFAULT_SEED = 4
 MAX_SECONDS = 86400.0
 MAX_RATE = 200.0
 
@@ -93,7 +89,7 @@ def make_parser() -> argparse.ArgumentParser:
     option(what, "--scene", scene_file, text=text)
     objects = whole(MIN_OBJECTS, MAX_OBJECTS)
     option(what, "--objects", objects, text="run a random scene of this many objects instead")
-    option(parser, "--seed", SEED, DEFAULT_SEED, "seed of the random scene")
+    option(parser, "--seed", SEED, 4, "seed of the random scene")
     text = "publications per second of what moves (Hz)"
     option(parser, "--rate", real(1.0, MAX_RATE), 30.0, text)
     text = f"show the scene live at http://localhost:PORT (default: {DEFAULT_PORT}); needs viser"
@@ -120,56 +116,6 @@ def scene_file(text: str) -> tuple[SceneDescription, Path]:
     if not description.objects:
         raise argparse.ArgumentTypeError(f"{text}: it has no objects")
     return description, file
-
-
-class Interrupts:
-    """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt, once.
-
-    An exception would come in the middle of any callback, where rclpy may swallow it.
-    """
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._raised = False
-        handle_signals(self._take)
-
-    def _take(self, *_: object) -> None:
-        if self.asked and not self._raised:
-            self._raised = True
-            raise KeyboardInterrupt
-        self.asked = True
-
-
-Work = Callable[["Context", Interrupts, ExitStack], int]
-
-
-@restored_signals()
-def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
-    """Return the exit code of ``work``, which gets a context, and a stack closed at its end."""
-    interrupts, stack = Interrupts(), ExitStack()
-    from rclpy.context import Context
-    from rclpy.executors import ExternalShutdownException
-
-    from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
-
-    context = Context()
-    if not init(program, context, ros_arguments):
-        return BAD_USAGE
-    try:
-        return work(context, interrupts, stack)
-    except (TimeoutError, *UNUSABLE) as error:
-        say(f"{program}: {in_one_line(error)}", sys.stderr)
-        return 1
-    except ExternalShutdownException:
-        say(f"{program}: interrupted", sys.stderr)
-        return 0
-    except KeyboardInterrupt:
-        say(f"{program}: interrupted twice", sys.stderr)
-        return 0
-    finally:
-        handle_signals(signal.SIG_IGN)  # the work is ending
-        stack.close()
-        context.try_shutdown()
 
 
 def _run(
@@ -248,13 +194,6 @@ def _picture(save: Callable[[Path], None], file: Path) -> None:
         say(f"no picture: {error}", sys.stderr)
 
 
-def say(line: str, stream: TextIO | None = None) -> None:
-    """Print a line at once."""
-    out = stream or sys.stdout
-    out.write(line + "\n")
-    out.flush()
-
-
 #: Effects whose topics are subscribed: in mode ``auto`` the node then computes them.
 VIEW_EFFECTS = ("contacts", "clearance", "sweep", "points")
 #: Seconds until a line reports that nothing was received, and between two checks of the signals.
@@ -286,13 +225,6 @@ def view_parser() -> argparse.ArgumentParser:
     text = "address to serve on; 0.0.0.0: to every machine that reaches this one"
     option(parser, "--host", default="localhost", text=text)
     return parser
-
-
-def node_name(text: str) -> str:
-    """Convert for argparse: a full node name."""
-    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
-        raise argparse.ArgumentTypeError(f"{shown(text)} is not the name of a node")
-    return text
 
 
 def _run_view(

@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 
-from obb_collision.demo.command import DEFAULT_SEED
 from obb_collision.geometry.poses import Pose, quaternion_from_rpy
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
@@ -94,7 +93,7 @@ GRID = 1.0 / 64.0
 STACKED = Box((0.5, 0.375, 0.25))
 
 
-def random_scene(objects: int, seed: int = DEFAULT_SEED) -> SceneDescription:
+def random_scene(objects: int, seed: int) -> SceneDescription:
     """Return a scene of ``objects`` objects that follows from their number and the seed.
 
     Every fifth object stands on the one before, every third one of the others moves along a loop.

@@ -31,7 +31,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from obb_collision.cli import Parser, option, real
-from obb_collision.demo.command import Interrupts, node_name, run_with_ros, say
+from obb_collision.demo.with_ros import Interrupts, node_name, run_with_ros, say
 from obb_collision.node.runtime.environment import is_ros_here, without_ros_arguments
 from obb_collision.words import printable
 

@@ -69,7 +69,7 @@ def test_a_random_scene_follows_from_objects_and_seed_and_has_all_states() -> No
         assert one.states(time)[0].tobytes() == two.states(time)[0].tobytes()
         assert not np.array_equal(one.states(time)[0], other.states(time)[0])
     assert len(set(one.names)) == 80
-    scene = random_scene(OBJECTS)
+    scene = random_scene(OBJECTS, 4)
     moving = scene.moving()
     still = np.setdiff1d(np.arange(OBJECTS), moving)
     assert 0.2 * OBJECTS < len(moving) < 0.4 * OBJECTS
@@ -78,7 +78,7 @@ def test_a_random_scene_follows_from_objects_and_seed_and_has_all_states() -> No
     assert report.depths.min() < 1e-6
     assert report.depths.max() > 0.01
     assert len(report.names()) < OBJECTS  # most are free
-    assert len(random_scene(MIN_OBJECTS).names) == MIN_OBJECTS
+    assert len(random_scene(MIN_OBJECTS, 4).names) == MIN_OBJECTS
 
 
 def brute_force(scene: DemoScene, time: float) -> set[tuple[str, ...]]:
