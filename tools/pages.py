@@ -19,9 +19,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from obb_collision.benchmarks.contestants import SCENE, SEPARATIONS
+from obb_collision.benchmarks.contestants import OWN, SCENE, SEPARATIONS
 from obb_collision.benchmarks.measuring import Table
-from obb_collision.benchmarks.speed import OWN, differences, slopes, tables
+from obb_collision.benchmarks.speed import differences, slopes, tables
 from obb_collision.benchmarks.steps import StepRow
 
 #: Peers of the small table.

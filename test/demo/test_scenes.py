@@ -35,8 +35,8 @@ from rig import DOMAIN, NAMESPACE, Rig, cube, own_context, sync
 
 import obb_collision as oc
 from obb_collision import commands
-from obb_collision.demo import command
 from obb_collision.demo import status as module
+from obb_collision.demo import command, with_ros
 from obb_collision.demo.command import main, make_parser
 from obb_collision.demo.listener import (
     ClearancesNarrator,
@@ -322,7 +322,7 @@ def test_the_view_names_the_nodes_that_it_could_show(
     pytest.importorskip("viser")
     lines, listeners = list[str](), list[Listener]()
 
-    class EndedByItsLine(command.Interrupts):
+    class EndedByItsLine(with_ros.Interrupts):
         asked = property(lambda self: "nothing received" in lines[-1], lambda self, value: None)
 
     class Noted(Listener):
@@ -335,7 +335,7 @@ def test_the_view_names_the_nodes_that_it_could_show(
     def time() -> float:  # its patience ends when it has discovered the node
         return 1e9 if listeners and NODE in module.publishers_of_status(listeners[0]) else 0.0
 
-    monkeypatch.setattr(command, "Interrupts", EndedByItsLine)
+    monkeypatch.setattr(with_ros, "Interrupts", EndedByItsLine)
     monkeypatch.setattr("obb_collision.demo.listener.Listener", Noted)
     monkeypatch.setattr(command, "monotonic", time)
     monkeypatch.setattr(command, "say", lambda line, *_: lines.append(line))
