@@ -35,8 +35,8 @@ from rig import DOMAIN, NAMESPACE, Rig, cube, own_context, sync
 
 import obb_collision as oc
 from obb_collision import commands
-from obb_collision.demo import status as module
 from obb_collision.demo import command, with_ros
+from obb_collision.demo import status as module
 from obb_collision.demo.command import main, make_parser
 from obb_collision.demo.listener import (
     ClearancesNarrator,
