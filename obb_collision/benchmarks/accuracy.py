@@ -212,7 +212,7 @@ def format_result(result: AccuracyResult) -> str:
 
 
 def _claims(prices: Sequence[Price]) -> list[str]:
-    """Return what the run shows about the promises of the levels."""
+    """Return the promises of the levels, and whether the run confirms them."""
     missed, pairs = (sum(getattr(p, key) for p in prices) for key in ("missed", "pairs"))
     lines = [
         f"No level may miss what a more exact one reports: {missed} missed on {pairs:,} pairs."

@@ -216,7 +216,7 @@ class OurPairs:
         return find_pairs(Boxes.from_poses(frame.poses, self._half_extents))
 
     def pairs(self, found: Any) -> Rows:
-        """Return what was found."""
+        """Return the colliding pairs of the last step."""
         return found
 
 

@@ -193,7 +193,7 @@ def cost_table(rows: list[CostRow]) -> Table:
 
 
 def off_lines(rows: list[CostRow]) -> list[str]:
-    """Return what a step with all effects off takes, beside the pairs alone."""
+    """Return lines that compare a step with all effects off with the pairs alone."""
     return [
         f"{row.scene}: effects off / pairs alone {1.0 / row.ratio:.3f}"
         for row in rows

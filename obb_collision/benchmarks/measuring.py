@@ -102,7 +102,7 @@ def digits(value: float, count: int = 3) -> str:
 
 
 def machine(distributions: Iterable[str]) -> dict[str, Any]:
-    """Return what absolute times depend on; the versions of distributions, None if not there."""
+    """Describe the machine, and the versions of distributions: None if not installed."""
     versions: dict[str, str | None] = {}
     for name in sorted({"numpy", "numba", *distributions}):
         try:

@@ -233,7 +233,7 @@ def short_name(name: str) -> str:
 
 
 def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
-    """Return what is drawn: ours with the fewest threads, the quickest of each peer per case."""
+    """Select the rows to draw: ours with the fewest threads, the fastest of each peer per case."""
     best: dict[tuple[object, str], StepRow] = {}
     for row in rows:
         name = short_name(row.name)

@@ -197,7 +197,7 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
 
 
 def as_shaped(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
-    """Return what ``as_array`` does, of numbers that need not be finite."""
+    """`as_array` for numbers that may be infinite or NaN."""
     if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
         array = value
     else:
@@ -413,7 +413,7 @@ def orthonormal_defect(stack: Floats) -> Floats:
 
 @njit
 def defect_of(matrix: Axes) -> float:
-    """Return what ``orthonormal_defect`` does, of one matrix by its rows."""
+    """`orthonormal_defect` of one matrix, given by its rows."""
     a, b, c = matrix
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     largest = _worse(abs(dot(x, y)), abs(dot(x, x) - 1.0))
@@ -450,7 +450,7 @@ def _orthonormalize_kernel(stack: Floats, out: Floats) -> None:
 
 @njit
 def orthonormal_of(matrix: Axes) -> Axes:
-    """Return what ``orthonormalize`` does, of one matrix by its rows.
+    """`orthonormalize` one matrix, given by its rows.
 
     Newton's iteration for the polar factor, R <- R (3 I - R^T R) / 2 (Higham, Functions of
     Matrices, 8.3): quadratic, so two steps from a defect below 1e-6 reach rounding; a third

@@ -115,7 +115,7 @@ class PlacedRobots(NotCopied):
             self._model.set_bases(given)
 
     def world_state(self) -> WorldState:
-        """Return what its checks depend on in the scene as it is, to see whether that changes.
+        """Everything in the scene that its checks depend on, to see whether that changes.
 
         Not the objects that are links or attached. Its ``is_current`` says whether it is the same.
         """

@@ -152,7 +152,7 @@ def _merged(srdf: bytes, lines: list[str]) -> str:
 
 
 def report(robot: Robot, proofs: Sequence[PairProof]) -> str:
-    """Return what is proved of each pair, a line each, and how many there are of each kind."""
+    """Return a line for each pair with its proof, and the counts of each kind."""
     lines = [f"{a} - {b}: {_said(robot, proof)}" for proof in proofs for a, b in (proof.links,)]
     counts = Counter(proof.verdict for proof in proofs)
     parts = [f"{counts[kind]} {kind}" for kind in (*REASONS, *OTHERS) if counts[kind]]

@@ -136,7 +136,7 @@ class _Composer:
         return Node(tag if tag not in (None, "!") else MAPPING, pairs, line)
 
     def _known(self, event: yaml.AliasEvent) -> Node:
-        """Return what an alias stands for."""
+        """Return the node that an alias refers to."""
         if event.anchor not in self._anchors:
             if event.anchor in self._open:
                 self._limit(f"&{event.anchor} contains itself", event)
@@ -266,7 +266,7 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
 
 
 def describe_scene(path: str | Path, meshes: MeshReading | None = None) -> SceneDescription:
-    """Return what ``load_scene`` does without a warning: for callers that print all notes."""
+    """`load_scene` without warnings, for callers that print all notes."""
     check_kind(path, str, "path", PathLike)
     return _load(path, meshes or MeshReading())[0]
 

@@ -243,7 +243,7 @@ class Words:
         return MappingProxyType(self._groups)
 
     def known_patterns(self, value: Value) -> tuple[str, ...]:
-        """Return what ``patterns`` does; one that matches nothing yet is a doubt."""
+        """`patterns`, with a doubt for one that matches nothing yet."""
         found = self.patterns(value)
         for word in found:
             if word in self._looked_up:

@@ -82,11 +82,11 @@ class Problems:
             self.found += error.problems
 
     def doubts(self) -> tuple[str, ...]:
-        """Return what is odd but can be used, one line each."""
+        """Values that are odd but usable, one line each."""
         return tuple(_told(self.file, problem) for problem in self.odd)
 
     def read(self, fields: Mapping[str, Value], readers: Mapping[str, Reader]) -> dict[str, Any]:
-        """Return what readers, in their order, make of fields; SceneFileError with all problems."""
+        """Read fields with readers, in order; SceneFileError lists all problems."""
         read: dict[str, Any] = {}
         for key in readers:
             if key in fields:
@@ -247,13 +247,13 @@ class Value:
     def read(
         self, required: Mapping[str, Reader], optional: Mapping[str, Reader] = NO_KEYS
     ) -> dict[str, Any]:
-        """Return what readers make of the values of a mapping, by key."""
+        """Read the values of a mapping with the reader of each key."""
         readers = {**required, **optional}
         fields = self.fields(readers, required)
         return {key: readers[key](value) for key, value in fields.items()}
 
     def guess(self, word: str, known: Collection[str]) -> str:
-        """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
+        """Suggest a known word for an unknown one, as the end of a sentence."""
         if len(self.problems.found) >= MAX_PROBLEMS:  # no more problems are reported
             return ""
         near = list(islice(known, MAX_GUESSES))

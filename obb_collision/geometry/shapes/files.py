@@ -234,7 +234,7 @@ class MeshFolders:
         return *self.folders, *self.packages.values()
 
     def resolve(self, path: str | Path) -> Path:
-        """Return what ``resolve_path`` does, of packages in these folders, too."""
+        """`resolve_path`, which also looks for packages in these folders."""
         if isinstance(path, str) and path.startswith(PACKAGE):
             name, _, inside = path.removeprefix(PACKAGE).lstrip("/").partition("/")
             found = self._package(name)

@@ -198,7 +198,7 @@ def place_state(checked: Checked, states: Floats, n: int, placed: Placed) -> Non
 
 @njit(inline=True, refcount=False)
 def slack_of(bodies: LinkBodies, i: int, center: Vector) -> float:
-    """Return what body i may be off from where it is said to be, with its tests, metres."""
+    """Return a bound (m) on the error of the place of body i and of its tests."""
     return LINK_PLACING * (bodies.reaches[i] + sum_abs(center)) + MESH_UNDERFLOW
 
 

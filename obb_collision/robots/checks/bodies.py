@@ -247,7 +247,7 @@ class WorldState:
 
 
 def _key(scene: Scene) -> tuple[object, ...]:
-    """Return what changes with the names, shapes and rules of a scene."""
+    """Return a key that changes with the names, shapes and rules of a scene."""
     store = scene.objects.store
     return store, store.version, store.revision
 
@@ -298,7 +298,7 @@ class World(NamedTuple):
 def world_of(
     scene: Scene, frame: int, origin: Floats, left_out: Collection[str], kept: Kept
 ) -> World:
-    """Return what a scene holds; frame: the number of the world's.
+    """Return the bodies of a scene; frame: the number of the world's frame.
 
     left_out: names of objects that do not count; kept: bodies that need not be made anew.
     """

@@ -356,7 +356,7 @@ class Model:
         self._forget()
 
     def prepared(self, scene: Scene) -> Prepared:
-        """Return what kernels take, for a scene as it is now."""
+        """Return the arguments of kernels for a scene as it is now."""
         last = self._prepared
         if last is None or not last[0].is_current(scene):
             state = WorldState(scene, self.left_out)

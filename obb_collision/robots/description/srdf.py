@@ -73,7 +73,7 @@ def sorted_pair(a: str, b: str) -> tuple[str, str]:
 
 
 def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joint]) -> Semantics:
-    """Return what an SRDF says of the robot; RobotError naming file, line and element."""
+    """Read an SRDF; RobotError names file, line and element."""
     if srdf.tag != "robot":
         raise srdf.refuse("the root of an SRDF is <robot>")
     if srdf.word("name") != name:

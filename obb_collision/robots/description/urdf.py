@@ -205,7 +205,7 @@ def _mesh_folders(given: Any) -> MeshFolders:
 
 
 def read_urdf(robot: Element, source: MeshSource, doubts: list[str]) -> Description:
-    """Return what a URDF says; RobotError naming file, line and element.
+    """Read a URDF; RobotError names file, line and element.
 
     doubts: what is odd in its XML; what is odd in it is added.
     """

@@ -81,7 +81,7 @@ class Element:
         self.label = label if name is not None or not within else f"{label} of {within}"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what errors name: the tree that it is of is not pickled."""
+        """Keep the line of the element, which errors name; its tree is not pickled."""
         return {**vars(self), "node": Gone(self.line)}
 
     @property
@@ -136,7 +136,7 @@ class Element:
         return value
 
     def choice(self, key: str, table: Mapping[str, T]) -> T:
-        """Return what an attribute names in a table; RobotError for anything else."""
+        """Look up the value of an attribute in a table; RobotError if it is not there."""
         word = self.word(key)
         if word not in table:
             raise self.refuse(f"its {key} must be one of {', '.join(table)}, got {word!r}")

@@ -100,7 +100,7 @@ class PairProof:
 def prove_pairs(
     robot: Robot, seconds: float, progress: Callable[[PairProof], None] | None
 ) -> list[PairProof]:
-    """Return what is proved of each pair of links: `Robot.prove_pairs`, in checked seconds."""
+    """Prove pairs of links for `Robot.prove_pairs`; the seconds are validated."""
     bodies = _bodies(robot)
     order = [sorted_pair(a, b) for a, b in combinations(bodies, 2)]
     done: dict[tuple[str, str], PairProof] = {}
@@ -163,7 +163,7 @@ class _LinkPair:
         self._cells = 0
 
     def prove(self, end: float) -> PairProof:
-        """Return what can be proved until a time."""
+        """Prove as many pairs as possible until a time."""
         start = time.monotonic()
         verdict, state = self._decide(end)
         witness = None if state is None else self._whole(state)
