@@ -130,7 +130,7 @@ def objects_part(objects: Objects, policy: str, report: Report | None) -> Part:
         if counts[label]
     ]
     if report is not None and report.truncated:
-        faults.append(f"at least {report.total} pairs collide (the first {len(report)} published)")
+        faults.append(f"at least {report.total} pairs collide ({len(report)} published)")
     return Part("objects", faults, f"{len(table)} objects", values)
 
 
@@ -153,7 +153,8 @@ def _checked(objects: Objects, report: Report | None) -> Iterator[tuple[str, obj
         yield "colliding", "not known"
         return
     rows = min(len(report.colliding), len(table.condition))  # what left since then does not count
-    yield "colliding", int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
+    count = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
+    yield "colliding", f"at least {count}" if report.truncated else count
     if report.truncated:
         yield "pairs at least", report.total
     levels = {"pairs": report.accuracies}

@@ -17,14 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._threads import run
-from obb_collision.accuracy import Accuracy
 from obb_collision.queries.verdict.coarse import bounds_kernel, sphere_bounds
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdicts, decide_exactly
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
@@ -35,6 +34,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_candidates,
     find_some_candidates,
 )
+from obb_collision.scene.broad_phase.crowds import ordered_candidates
 from obb_collision.scene.broad_phase.find_pairs import (
     all_colliding_keys,
     colliding_keys,
@@ -45,7 +45,6 @@ from obb_collision.scene.broad_phase.find_pairs import (
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.effects.base import Outcome
-from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.pair_updates import FEW, OBB, few_pairs, merge_keys, merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import (
@@ -53,6 +52,7 @@ from obb_collision.scene.refinement.ladder import (
     Decided,
     decide_pairs,
     is_plain,
+    joined,
     needs_spheres,
     pair_levels,
 )
@@ -87,8 +87,8 @@ class Findings:
     for; the next check may get further.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
-    total: how many pairs collide, at least, where a limit has left some out, else None; colliding
-    (n,): then which slots do, in whatever pair. before: what effects gave for the findings before.
+    total: how many pairs collide, at least, where a limit has left some out, else None.
+    before: what effects gave for the findings before.
     """
 
     decided: Decided
@@ -96,7 +96,6 @@ class Findings:
     late: bool = False
     old: Rows | None = None
     total: int | None = None
-    colliding: Mask | None = None
     outcomes: dict[str, Outcome] = field(default_factory=dict)
     before: Mapping[str, Outcome] = field(default_factory=dict)
 
@@ -111,12 +110,18 @@ FEW_CHANGES = 512
 LEAST_BOUNDS = 2048
 #: Pairs that a few boxes can make.
 FEW_PAIRS = FEW * (FEW - 1) // 2
+#: Candidates held at once where pairs are limited: as many for each pair of the limit ...
+PER_PAIR = 8
+#: ... or for each object, where that is more.
+PER_OBJECT = 32
+#: Candidates of a piece, where there are more: 2 MB, so that pieces take milliseconds.
+PIECE = 1 << 17
 
 
 class Checker:
     """Finds the pairs of a store that collide, from scratch or by what changed.
 
-    limit: how many pairs are kept, None for all.
+    limit: how many pairs are kept, None for all. Where more collide, no others are looked for.
     """
 
     def __init__(self, store: ObjectStore, cache: ShapeCache, allowed: PairRules) -> None:
@@ -179,13 +184,22 @@ class Checker:
         if last is not None and not (store.touched or last.behind):
             found = Findings(last.decided, old=np.arange(len(last.decided.pairs)))
         else:
-            found = self._find_anew(last, exact, budget)
+            found = self._limited(self._find_anew(last, exact, budget))
         found.before = {} if self.last is None else self.last.outcomes
         near = NO_ROWS if self.region is None else store.near.copy()
         self.last = found  # first: what is changed is so until then, should an interrupt come
         self._near = near
         store.settle()
         return found
+
+    def _limited(self, found: Findings) -> Findings:
+        """Return findings without the pairs beyond the limit."""
+        count = len(found.decided.pairs)
+        if self.limit is None or count <= self.limit:
+            return found
+        kept = np.arange(self.limit)  # a copy: what is left out need not stay in memory
+        old = None if found.old is None else found.old[kept]
+        return replace(found, decided=found.decided.take(kept), old=old, total=count)
 
     def _find_anew(self, last: Findings | None, exact: bool, budget: Budget | None) -> Findings:
         """Decide pairs by whichever way is quickest."""
@@ -194,9 +208,7 @@ class Checker:
             self._layout = Layout.of(store)
         active = self._layout.active
         if self._layout.plain and len(active) <= FEW:
-            few = self._find_few(last, exact)
-            if self.limit is None or len(few.decided.pairs) <= self.limit:
-                return few
+            return self._find_few(last, exact)
         if last is not None:
             slots = store.changed.nonzero()[0]
             if len(slots) < len(active) or np.count_nonzero(store.active[slots]) < len(active):
@@ -228,31 +240,27 @@ class Checker:
         return Findings(self._on_obb(pairs, verdicts), old=old if known else None)
 
     def _find_all(self, exact: bool, budget: Budget | None) -> Findings:
-        """Decide all pairs, or as many as the limit leaves."""
+        """Decide all pairs; with a limit piece by piece until it is exceeded, if there are many."""
         self._tree = None
         self._update_bounds()
         active, minimum, maximum = self._active_bounds()
         if self.limit is None and self._layout.plain:
             keys = find_candidates(minimum, maximum, self._colliding_keys)
             return Findings(self._on_obb(*pairs_of_keys(self._store.all_boxes(), keys, exact)))
-        if self.limit is None or len(active) < 2:
-            candidates = self._slots(find_candidates(minimum, maximum))
-            return Findings(*self._decide(candidates, exact, budget))
-        behinds: list[bool] = []
-
-        def decide(candidates: Pairs) -> Decided:
-            # A budget is for one round of decisions; OBB, which misses nothing, has to do after it.
-            later = bool(behinds) and budget is not None
-            highest = Accuracy.OBB if later else Accuracy.MESH
-            given = None if later else budget
-            found, behind = self._decide(candidates, exact, given, highest=highest)
-            behinds.append(behind or later)
-            return found
-
+        if len(active) < 2:
+            return Findings(NONE)
         tree = BoundsTree.build(minimum, maximum)
-        given = tree, active, len(self._store.names), self.limit, decide
-        found, total, colliding = find_limited(*given)
-        return Findings(found, any(behinds), total=total, colliding=colliding)
+        candidates = find_some_candidates(tree, self._most_candidates())
+        if candidates is not None:
+            return Findings(*self._decide(self._slots(candidates), exact, budget))
+        assert self.limit is not None
+        parts, total, behind = [NONE], 0, False
+        for piece, _ in ordered_candidates(tree, min(PIECE, 2 * self.limit)):
+            found, is_left = self._decide(self._slots(piece), exact, budget)
+            parts, total, behind = [*parts, found], total + len(found.pairs), behind or is_left
+            if total > self.limit:
+                break
+        return Findings(joined(parts), behind)
 
     def _find_changed(
         self, last: Findings, slots: Rows, exact: bool, budget: Budget | None
@@ -286,8 +294,6 @@ class Checker:
             count = merge_keys(*before, store.changed, keys, *outputs)
         else:
             count = merge_pairs(*before, store.changed, again, *new, *outputs)
-        if self.limit is not None and count > self.limit:
-            return None
         found = Decided(pairs, verdicts, levels).take(slice(count))
         return Findings(found, behind, old=old[:count])
 
@@ -311,13 +317,12 @@ class Checker:
         exact: bool,
         budget: Budget | None,
         waiting: Decided = NONE,
-        highest: Accuracy = Accuracy.MESH,
     ) -> tuple[Decided, bool]:
         store = self._store
         candidates = self._counted(candidates)
         if self._layout.plain:
             return self._on_obb(*colliding_pairs(store.all_boxes(), candidates, exact)), False
-        return decide_pairs(store, self._cache, candidates, exact, budget, waiting, highest)
+        return decide_pairs(store, self._cache, candidates, exact, budget, waiting)
 
     def _colliding_keys(self, rows: Pairs) -> NDArray[np.int64]:
         """Return the ``colliding_keys`` of pairs (m, 2) of rows of active boxes."""
@@ -344,7 +349,7 @@ class Checker:
     def _candidates(self, changed: Rows) -> Pairs | None:
         """Return pairs (m, 2) of changed slots (k,) whose bounds overlap; None: too many."""
         store = self._store
-        most = UNLIMITED if self.limit is None else most_candidates(self.limit, len(store.names))
+        most = self._most_candidates()
         active, minimum, maximum = self._active_bounds()
         if len(active) < 2:
             return NO_PAIRS
@@ -358,6 +363,12 @@ class Checker:
         if self._tree is None:
             self._tree = KeptTree(*self._bounds)
         return self._tree.pairs_of(changed, most)
+
+    def _most_candidates(self) -> int:
+        """Return how many candidates are held at once."""
+        if self.limit is None:
+            return UNLIMITED
+        return max(PER_PAIR * self.limit, PER_OBJECT * len(self._layout.active))
 
     def _slots(self, rows: Pairs) -> Pairs:
         """Return the slots of rows of active ones."""

@@ -61,8 +61,8 @@ class Report:
     accuracies (m,) int8: the ``Accuracy`` that each pair was decided on.
     behind: whether some were decided, or effects computed, on a lower level than they ask for,
     as the scene's time budget was used up or a shape is being built; the next check goes on.
-    truncated: whether pairs are left out, of which there are more than ``Scene.max_pairs``; then
-    the first ones are here. total: how many pairs collide; at least, where truncated.
+    truncated: whether there are more pairs than ``Scene.max_pairs``, and some, whichever, are left
+    out. total: how many pairs collide; at least, where truncated.
     stages: seconds spent, by stage of the check; costs: by effect, those computed so far.
 
     Everything else is an effect: computed when first read, from the boxes as they were at the
@@ -295,9 +295,10 @@ class Report:
 
     @property
     def colliding(self) -> NDArray[np.bool_]:
-        """(slots,) whether the object of each index takes part in a collision, kept or left out."""
-        if self._found.colliding is not None:
-            return self._found.colliding.copy()
+        """(slots,) whether the object of each index is in one of ``pairs``.
+
+        Where ``truncated``, the others may collide, too.
+        """
         mask = np.zeros(len(self.slot_names), np.bool_)
         mask[self.pairs.ravel()] = True
         return mask

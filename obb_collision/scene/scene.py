@@ -165,10 +165,9 @@ class Scene(NamedObjects):
         """The most pairs a report has, None for no limit; may be set.
 
         n objects in one place collide in n (n - 1) / 2 pairs, which soon takes gigabytes. With a
-        limit time and memory grow with it and with n instead. Where more pairs collide, the first
-        ones in the order of ``Report.pairs`` are kept; ``Report.truncated`` says so, ``total`` how
-        many there are at least, and ``colliding`` is right for every object all the same. Effects
-        look at the pairs kept, and those with pairs of their own at 10 times as many.
+        limit a check stops once it has more pairs: that many are kept, whichever, and
+        ``Report.truncated`` says that others collide, too. Memory grows with the limit and with n
+        then. Effects look at the pairs kept, and those with pairs of their own at 10 times as many.
         """
         return self._checks.max_pairs
 

@@ -222,7 +222,8 @@ class Outputs:
         slots = objects.scene.indices
         drawn = table.visible[slots] & np.isin(slots, objects.scene.objects.near)
         slots, boxes = slots[drawn], objects.scene.boxes[drawn]
-        colors = np.where(table.doubtful[slots], DOUBTFUL, FREE)
+        unclear = table.doubtful[slots] | given.report.truncated  # others may collide, too
+        colors = np.where(unclear, DOUBTFUL, FREE)
         colors[given.report.colliding[slots]] = COLLIDING
         form, most = parameters.marker_form, parameters.marker_max_cubes
         lines = form == "lines" or (form == "auto" and len(slots) > most)

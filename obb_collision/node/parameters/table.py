@@ -169,8 +169,8 @@ GENERAL = (
     Spec("mesh_file_size", 1000, (1, 1000000)).means("Maximum size of a mesh file (MB)."),
     Spec("max_objects", 20000, (1, 1000000)).means("Maximum number of objects."),
     Spec("max_pairs", 10000, (1, 10000000)).means(
-        "Maximum number of colliding pairs reported: those of the objects added first, with a "
-        "lower bound of the total."
+        "Maximum number of colliding pairs reported. A check stops beyond them, and gives a lower "
+        "bound of the total."
     ),
     Spec("max_text_pairs", 100, (0, 10000)).means("Maximum number of pairs in collisions_text."),
     Spec("marker_rate", 10.0, (0.0, 100.0)).means(

@@ -17,7 +17,7 @@
 By a tree of blocks of eight bounds (see ``bounds_tree``): every leaf looks for the leaves from it
 on that it overlaps. Bounds are never rounded, so no overlapping pair can be missed. Cost is
 O(n log n) for boxes of similar size spread in space; where everything overlaps everything there are
-n^2 / 2 pairs to report, unless there is a limit (see ``limit``).
+n^2 / 2 pairs to report, unless there is a limit (see ``crowds``).
 """
 
 from __future__ import annotations

@@ -14,8 +14,7 @@
 
 """Candidates piece by piece, for where there are too many to hold: objects all in one place.
 
-Pairs come in lexicographic order, so that whoever has enough stops with the first ones; and objects
-of which no pair is wanted any more are asked only whether they have any.
+Pairs come in lexicographic order, so that whoever has enough stops with the first ones.
 """
 
 from __future__ import annotations
@@ -29,14 +28,12 @@ from obb_collision.numerics.sorting import bits_of, sort_numbers
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats
 
-#: Partners of an object looked at first, where one that collides is enough ...
-FIRST_PARTNERS = 8
+#: Candidates decided at first, where one that collides is enough ...
+FIRST_PIECE = 16
 #: ... and by how much more the next time.
 GROWTH = 4
-#: Candidates decided at first, where one that collides is enough.
-FIRST_PIECE = 16
 Bounds = tuple[Floats, Floats]
 
 
@@ -68,17 +65,6 @@ def growing_candidates(tree: BoundsTree, own: Bounds | None = None) -> Iterator[
             pairs, size = pairs[size:], size * GROWTH
 
 
-def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> tuple[Pairs, Rows]:
-    """Return pairs of rows with others from ``least`` on whose bounds overlap; how many of each.
-
-    Of each row at most ``most``, after the first ``skip`` in an order that stays the same.
-    """
-    pairs = np.empty((len(rows) * most, 2), np.int64)
-    counts = np.empty(len(rows), np.int64)
-    found = _partners_kernel(tree, rows, least, skip, most, pairs, counts)
-    return pairs[:found], counts
-
-
 @njit
 def _rows_kernel(
     tree: BoundsTree, minimum: Floats, maximum: Floats, same: bool, row: int, enough: int,
@@ -97,25 +83,3 @@ def _rows_kernel(
         found += more
         row += 1
     return found, row
-
-
-@njit
-def _partners_kernel(
-    tree: BoundsTree, rows: np.ndarray, least: int, skip: int, most: int,
-    pairs: np.ndarray, counts: np.ndarray,
-) -> int:  # fmt: skip
-    column = np.empty(skip + most + 1, np.int64)  # with the row itself
-    found = 0
-    for n in range(len(rows)):
-        row = rows[n]
-        low, high = vector_at(tree.minimum, row), vector_at(tree.maximum, row)
-        reached = overlapping(tree, low, high, least, column)
-        others = 0
-        for k in range(reached):
-            if column[k] != row and others < skip + most:
-                if others >= skip:
-                    pairs[found, 0], pairs[found, 1] = min(row, column[k]), max(row, column[k])
-                    found += 1
-                others += 1
-        counts[n] = max(0, others - skip)
-    return found

@@ -118,18 +118,17 @@ def joined(parts: Sequence[Decided]) -> Decided:
 
 def decide_pairs(
     store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool,
-    budget: Budget | None = None, waiting: Decided = NONE, highest: Accuracy = Accuracy.MESH,
+    budget: Budget | None = None, waiting: Decided = NONE,
 ) -> tuple[Decided, bool]:  # fmt: skip
     """Return the candidates (m, 2), pairs of slots whose bounds overlap, that are not SEPARATE.
 
     waiting: pairs that haven't changed, decided on a lower level than they ask for; returned among
-    the others if they still collide. budget: its time goes to the nearest ones first. highest: no
-    candidate is decided above this level. Also returns whether any pair has been decided on a lower
-    level than it asks for.
+    the others if they still collide. budget: its time goes to the nearest ones first. Also returns
+    whether any pair has been decided on a lower level than it asks for.
     """
     boxes = store.all_boxes()
     first, second = columns(candidates)
-    asked = np.minimum(pair_levels(store, first, second), np.int8(highest))
+    asked = pair_levels(store, first, second)
     if needs_spheres(store):
         kept = (asked == Accuracy.SPHERE) | bounds_may_collide(boxes, first, second)
         first, second, asked = first[kept], second[kept], asked[kept]

@@ -20,13 +20,14 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from each import each
-from rig import A1, A2, B1, POSES, FakeFrames, Patch, Rig, cube, pose, spy, sync
+from rig import A1, A2, B1, POSES, FakeFrames, Patch, Rig, color, cube, pose, spy, sync
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision import Verdict
 from obb_collision.node import collisions_from_ros, named_points_inside, namespace_number
 from obb_collision.node.diagnostics.answer import COLLIDING
 from obb_collision.node.inputs import clouds as obstacles
+from obb_collision.node.messages.box_markers import COLORS, FREE
 
 
 def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
@@ -125,17 +126,20 @@ def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
     assert collisions_from_ros(rig.answer())["verdict"].tolist() == [Verdict.OVERLAP]
 
 
-def test_more_pairs_than_a_message_holds_are_said_and_all_objects_marked() -> None:
+def test_more_pairs_than_a_message_holds_are_said_and_no_object_looks_free() -> None:
     with Rig(max_pairs=5) as rig:
         rig.send(*(cube(("a", number)) for number in range(8)), cube(("a", 8), (50.0, 0.0, 0.0)))
         assert rig.answer().width == 5
         text = rig.next("collisions_text").status[0]
         assert text.message == "at least 28 pairs in collision"
         assert rig.says(COLLIDING, "at least")["message"] == "at least 28 pairs collide"
-        said = "at least 28 pairs collide (the first 5 published)"
+        said = "at least 28 pairs collide (5 published)"
         status = rig.until(lambda: (s := rig.status(": objects"))["level"] == "01" and s, "warning")
         assert said in status["message"]
-        assert (status["colliding"], status["pairs at least"]) == ("8", "28")
+        assert (status["colliding"], status["pairs at least"]) == ("at least 6", "28")
+        drawn = [color(marker) for marker in rig.next("obb_collision/markers").markers]
+        assert len(drawn) == 9
+        assert COLORS[FREE] not in drawn
         rig.set(max_pairs=28)
         rig.send(cube(("a", 8), (51.0, 0.0, 0.0)))
         assert rig.answer().width == 28
