@@ -450,7 +450,7 @@ class Listener(Node):
                 return
 
     def _parts(self, stamp: int) -> dict[str, Any] | None:
-        """Return what has this stamp of the topics that come with each cycle; None if one lacks."""
+        """Return the messages with this stamp, by topic of each cycle; None if one is missing."""
         found = {}
         for topic in {"collisions", *self.effects} - {"points"}:
             kept = self._kept[topic]

@@ -321,7 +321,7 @@ def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label], most: int) -
 
 
 def _sign(text: str, color: Color, form: str) -> Any:
-    """Return what stands in the legend, drawn as in the picture."""
+    """Return the handle of a legend entry, drawn as in the picture."""
     if form in ("dot", "speck"):
         return Line2D([], [], color=color, marker="o", markersize=8, linestyle="", label=text)
     if form == "line":

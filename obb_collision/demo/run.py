@@ -344,7 +344,7 @@ class Demo:
         return lines + [line for narrator in narrators for line in narrator.summary()]
 
     def snapshot(self) -> DrawnScene:
-        """Return what the node published about the latest state."""
+        """Return the scene that the node published last."""
         listener, names = self.listener, self.scene.shapes
         if listener.boxes.stamp < 0:
             listener.watch_boxes(f"{NODE_NAME}/markers")

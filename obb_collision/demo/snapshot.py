@@ -288,7 +288,7 @@ class DrawnScene:
 def take_snapshot(
     cycle: Cycle, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
 ) -> DrawnScene:
-    """Return what there is of a cycle. ValueError if there are no boxes among it."""
+    """Return the drawing of a cycle. ValueError if it has no boxes."""
     boxes, names = cycle.boxes, cycle.boxes.names
     if not names:
         raise ValueError("no boxes received")

@@ -117,7 +117,7 @@ class Status:
         return other
 
     def lines(self, name: str) -> list[str]:
-        """Return what people read."""
+        """Return the lines of the text output."""
         reason = self.values.get("reason", "")
         who = self.values.get("who", "")
         head = f"{name}: {self.level}" + (f", {reason}" if reason else "")

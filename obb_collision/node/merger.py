@@ -197,7 +197,7 @@ class MergerNode(Node):
             self._publish_status()
 
     def _answer(self) -> Answer:
-        """Return what the regions know together: the reasons of each are those of all."""
+        """Combine the answers of the regions: a reason of one is a reason of all."""
         now = monotonic()
         missing = self._merger.missing(now)
         there = [r for r in self._regions if r in self._statuses and r not in missing]

@@ -73,7 +73,7 @@ class Layout(NamedTuple):
 
     @classmethod
     def of(cls, store: ObjectStore) -> Layout:
-        """Return what there is to know of a store now."""
+        """Return the layout of a store as it is now."""
         active = np.flatnonzero(store.active)
         whole = len(active) == 0 or int(active[-1]) == len(active) - 1
         return cls(store.revision, active, whole, is_plain(store), needs_spheres(store))
@@ -176,7 +176,7 @@ class Checker:
         return self.last is not None and (self.last.behind or self.last.late)
 
     def find(self, exact: bool, budget: Budget | None = None) -> Findings:
-        """Return what collides. Where there is a region, it is settled."""
+        """Find the colliding pairs; call `settle_region` first where there is a region."""
         store, last = self._store, self.last
         self.pair_filter = self._allowed.pair_filter(store.names, store.version)
         if last is not None and last.total is not None:

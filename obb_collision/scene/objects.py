@@ -341,7 +341,7 @@ class SceneObjects:
 def paddings_of(
     names: Sequence[str], padding: float, overrides: Overrides[float]
 ) -> float | Floats:
-    """Return what objects are padded by, (n,) or one number for all."""
+    """Return the padding of objects: (n,), or one number for all."""
     if not overrides:
         return padding
     values = [overrides.value(name) for name in names]

@@ -144,7 +144,7 @@ class Report:
         return {name: outcome.result for name, outcome in self._found.outcomes.items()}
 
     def result(self, effect: str) -> Any:
-        """Return what an effect gave; see its module for what that is.
+        """Return the result of an effect, as its module describes it.
 
         Parameters
         ----------

@@ -175,7 +175,7 @@ class Inputs:
         self._store("object_poses", slots, poses, message.header, now, lambda row: f"id {ids[row]}")
 
     def _names_of(self, namespaces: Rows | None, ids: Rows) -> Callable[[int], str]:
-        """Return what gives the name of a row of bulk poses."""
+        """Return a function from a row of bulk poses to the name of its object."""
         texts = self._objects.table.namespaces.names
 
         def name(row: int) -> str:

@@ -72,7 +72,7 @@ class Spec:
         return replace(self, description=text + (" Read at the start only." if self.fixed else ""))
 
     def descriptor(self) -> ParameterDescriptor:
-        """Return what ``ros2 param describe`` shows."""
+        """Return the descriptor, which ``ros2 param describe`` shows."""
         descriptor = ParameterDescriptor(
             name=self.name,
             description=self.description,

@@ -325,13 +325,13 @@ NAMESPACES = Topic(
 
 
 def mode_names() -> list[str]:
-    """Return what has a mode: all topics but ``namespaces``, and effects without a topic."""
+    """Return names that have a mode: topics but ``namespaces``, and effects without a topic."""
     with_needs = (name for key, topic in TOPICS.items() for name in (key, *topic.needs))
     return list(dict.fromkeys((*with_needs, *EFFECTS)))
 
 
 def describe_mode(name: str) -> str:
-    """Return what an effect or topic gives, in sentences."""
+    """Describe an effect or topic in sentences, for its parameter."""
     topic = TOPICS.get(name)
     text = EFFECTS[name].description if name in EFFECTS else ""
     if topic is None:
@@ -366,7 +366,7 @@ def named_predictions(message: PointCloud2, namespaces: Namespaces) -> list[Name
 
 
 def named_passed_collisions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:
-    """Return what collided, or may have, between the last two states, with names.
+    """Return named pairs that collided, or may have, between the last two states.
 
     Times are negative. ``named_predictions`` has the rest: only what is to come.
     """

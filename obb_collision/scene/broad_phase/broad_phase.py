@@ -79,7 +79,7 @@ def find_candidates(minimum: Floats, maximum: Floats, each: Each | None = None) 
 
 
 def find_some_candidates(tree: BoundsTree, most: int, each: Each | None = None) -> Pairs | None:
-    """Return what ``find_candidates`` does, or None for more than ``most`` pairs.
+    """Return the pairs of `find_candidates`, or None if there are more than ``most``.
 
     Whatever there are, memory and time are those of ``most`` pairs at the most.
     """

@@ -236,7 +236,7 @@ class ShapeCache:
         return len(self._trees) + len(self._hulls) + len(self._hull_trees)
 
     def shape_for(self, slot: int, shape: Shape | OBB) -> SlotShape:
-        """Return what ``put`` takes for a slot, and make room for it: it does not fail then."""
+        """Return the argument of ``put`` for a slot; reserve memory so that ``put`` cannot fail."""
         if isinstance(shape, (Box, OBB)):
             return SlotShape(slot, shape, kind_of(shape), np.zeros(6))
         body = SlotShape(slot, shape, kind_of(shape), np.array(core_of(shape)))

@@ -226,7 +226,7 @@ class Cycle:
         return bounds_of(self.boxes[slots], self.spheres)
 
     def as_before(self) -> Before:
-        """Return what the next check can compare with."""
+        """Return the state that the next check compares with."""
         needed = self.region is not None and self.shapes is not None
         poses = self.store.poses.copy() if needed else None
         return Before(self.snapshot, self.enabled, self.store.born.copy(), self.pairs, poses)
@@ -316,7 +316,7 @@ def pair_rows(
     blank: R,
     by_level: ByLevel[R] | None = None,
 ) -> Outcome:
-    """Return what an effect gives for the colliding pairs that it is selected for.
+    """Compute an effect's rows for the colliding pairs that it is selected for.
 
     compute(boxes, pairs) returns one row per pair; blank: the same without a row; by_level: what
     takes their place above OBB. Rows of pairs that are as they were in the check before are copied.

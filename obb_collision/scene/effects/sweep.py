@@ -300,7 +300,7 @@ def _among(pairs: Pairs, others: Pairs, slots: int) -> Mask:
 
 
 def _swept(cycle: Cycle, ride: Ride, pairs: Pairs, setting: Setting) -> Outcome:
-    """Return what sweeping pairs (k, 2) of slots finds."""
+    """Sweep pairs (k, 2) of slots."""
     rows = np.searchsorted(ride.slots, pairs)
 
     def query(some: Pairs) -> Sweeps:
