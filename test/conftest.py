@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Settings of the whole test suite: ``--pairs`` and a hypothesis profile without chance."""
+"""Settings of the whole test suite: how much is tried, and a hypothesis profile without chance."""
 
 from __future__ import annotations
 
@@ -67,6 +67,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=DEFAULT_PAIRS,
         help="box pairs of each family to check against exact arithmetic (a million: an hour)",
     )
+    parser.addoption(
+        "--hours",
+        type=float,
+        default=1.0,
+        help="hours of its clock that the node lives through random walks (12: twenty minutes)",
+    )
+    parser.addoption("--walk", type=int, default=0, help="number of the first of these walks")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -33,6 +33,12 @@ ORDER = (
 ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.23
 """The robot, its links, and the edge of the first one: the other is moved by joints along x. With
 this edge nothing just touches."""
+OLD, DEAD = "stale: old stamp", "stale: dead transform"
+ONE, HALF = "input_unreadable: one of two", "collides, and not all is known"
+TWIN, TURNS, TWO = "two_publishers: of status", "two_publishers: of sets", "free: two senders"
+KINDS = OLD, DEAD, ONE, HALF, TWIN, TURNS, TWO
+"""What is known in ways that are worth counting."""
+CHANGES = "objects", "object_transform"
 TIMEOUT = "object_timeout"
 Sender = tuple[str, int]
 """A topic, and which of its publishers."""
@@ -82,6 +88,7 @@ class Thing:
     stale: bool = False
     awaited: float | None = None
     shaped: bool = True
+    is_mesh: bool = False
     seen: bool = False
     serial: int = -1
 
@@ -181,7 +188,8 @@ class Robot:
         if self.links and not isnan(self.base.x):
             is_lost = self.base.frame == "lost"
             if self.base.frame == "odom":
-                is_lost = 0.0 < self.limit(given) < now - latest()
+                since = latest()  # in any case: it takes note of when it was seen
+                is_lost = 0.0 < self.limit(given) < now - since
             found |= {"base_unknown"} if is_lost else set()
         return found
 
@@ -197,8 +205,10 @@ class Model:
         self.built: set[float] = set()
         self.delivers = ""
         self.deleting: list[str] = []
+        self.removed: dict[str, Thing] = {}
         self.things: dict[str, Thing] = {}
-        self.newcomers: dict[str, tuple[bool, float]] = {}
+        self.newcomers: dict[tuple[str, bool], float] = {}
+        """When refused ones expire, by name and whether a set named them."""
         self.unknown: dict[str, float] = {}
         self.deleted: dict[str, float] = {}
         self.sender = NOBODY
@@ -208,7 +218,8 @@ class Model:
         self.heard: dict[str, float] = {}
         self.sets: list[tuple[str, float, float, Rows, Sender]] = []
         self.orders: dict[Sender, tuple[float, float]] = {}
-        self.taking_turns = False
+        self.taking_turns = self.has_twin = False
+        self.speakers: dict[str, list[Sender]] = {}  # by topic, the last one last
         self.declared = False
         self.ignored: list[str] = []
         self.by_stamp = True
@@ -226,9 +237,11 @@ class Model:
         """Take note of who sends the next message, and of whether some are lost before it."""
         self.sender = topic, number
         self.heard[topic] = self.steady
+        known = self.speakers.get(topic, [])
+        self.speakers[topic] = [*(one for one in known if one != self.sender), self.sender]
         self.gone.discard(self.sender)
         self.unreadable.discard(self.sender)
-        if lost:
+        if lost and topic in CHANGES:
             self.missed[topic] = self.now
 
     def look(self) -> None:
@@ -241,9 +254,11 @@ class Model:
         if self.taking_turns:
             self.orders = {one: x for one, x in self.orders.items() if one not in self.gone}
             self.taking_turns = len(self.orders) > 1
+        self.unknown = {name: at for name, at in self.unknown.items() if name not in self.things}
         since = self.missed.get("object_transform", inf)
         bases = [] if self.robot is None else [self.robot.base.at]
-        if all(at > since for at in (*bases, *(t.received for t in self.things.values()))):
+        times = *bases, *(thing.received for thing in self.things.values())
+        if not self.deleting and all(at > since for at in times):
             self.missed.pop("object_transform", None)
 
     def joints(self) -> list[Joint]:
@@ -285,21 +300,25 @@ class Model:
         thing = self.things.get(name)
         expiry = self.now + life if life else inf
         if thing is not None and thing.of_set:
-            thing.bad_shape |= not fault  # a good one would have been another shape
+            thing.bad_shape = True
             return
         if fault:
-            self.refuse(name, fault, expiry)
+            self.refuse(name, fault, size, expiry)
             return
         if thing is None:
+            before = self.removed.get(name)
             thing = self.things[name] = Thing(size, shaped=False)
+            if before is not None and before.shaped and not before.is_mesh and frame == "map":
+                # deleted and sent again as it was: another message about it
+                thing.repeated = before.size == size and before.x is not None
         elif self.is_late(thing, stamp):
             return
         if mesh and size not in self.built:
             thing.awaited = size
         else:
-            thing.size, thing.shaped, thing.awaited = size, True, None
+            thing.size, thing.shaped, thing.awaited, thing.is_mesh = size, True, None, mesh
         thing.bad_shape, thing.expiry, thing.seen = False, expiry, False
-        self.newcomers.pop(name, None)
+        self.newcomers.pop((name, False), None)
         thing.maker = self.sender
         self.state(thing, x, frame, stamp)
         if locked:
@@ -307,32 +326,36 @@ class Model:
             thing.states.pop()
         self.see()
 
-    def refuse(self, name: str, fault: str, expiry: float = inf, of_set: bool = False) -> None:
+    def refuse(
+        self, name: str, fault: str, size: float, expiry: float = inf, of_set: bool = False
+    ) -> None:
+        """Take note of a refused cube: the object may have another shape than was told last."""
         thing = self.things.get(name)
         if thing is None:
-            self.newcomers[name] = of_set, expiry
+            self.newcomers[name, of_set] = expiry
         else:
-            thing.bad_shape |= fault == "scale"
-            thing.bad_pose |= fault != "scale"
+            other = thing.is_mesh or thing.awaited is not None or size != thing.size
+            is_shape = fault == "scale" or other
+            thing.bad_shape = is_shape or (of_set and thing.bad_shape)
+            thing.bad_pose |= not is_shape
             thing.expiry = max(thing.expiry, expiry)
         self.see()
 
     def is_of_set(self, name: str) -> bool:
-        thing = self.things.get(name)
-        return thing.of_set if thing else self.newcomers.get(name, (False, 0.0))[0]
+        return name in self.things and self.things[name].of_set
 
     def delete(self, *names: str, is_named: bool = True) -> None:
         """Delete some, by name or all: then states that are on their way are of those alone."""
-        gone = [name for name in names if name in self.things or name in self.newcomers]
+        named = [name for name, _ in self.newcomers]
+        gone = [name for name in names if name in self.things or name in named]
         for name in names:
             if is_named or name in self.things:
                 self.deleted[name] = self.now
                 self.deleting.append(name)
                 self.unknown.pop(name, None)
-            if not self.is_of_set(name):
-                self.things.pop(name, None)
-            if not self.newcomers.get(name, (True,))[0]:
-                del self.newcomers[name]
+            if name in self.things and not self.is_of_set(name):
+                self.removed[name] = self.things.pop(name)
+            self.newcomers.pop((name, False), None)
         if gone:
             self.declare()
 
@@ -375,6 +398,7 @@ class Model:
         """Apply what waits: deletions, and the newest set that can be placed."""
         self.deleted.update(dict.fromkeys(self.deleting, self.now))
         self.deleting.clear()
+        self.removed.clear()
         if has_sets:
             self.sync_sets()
 
@@ -392,14 +416,14 @@ class Model:
                 self.unreadable.add(one[4])
             for name, *_ in one[3]:
                 if name not in self.things:
-                    self.newcomers[name] = True, inf
+                    self.newcomers[name, True] = inf
         self.see()
 
     def use_set(
         self, frame: str, stamp: float, received: float, rows: Rows, sender: Sender
     ) -> None:
         speaker, self.sender = self.sender, sender
-        self.newcomers = {name: one for name, one in self.newcomers.items() if not one[0]}
+        self.newcomers = {key: at for key, at in self.newcomers.items() if not key[1]}
         for name in [n for n, thing in self.things.items() if thing.of_set]:
             if name not in [row[0] for row in rows]:
                 del self.things[name]
@@ -407,14 +431,14 @@ class Model:
         now, self.now = self.now, received
         for name, x, size, fault in rows:
             if name in self.things and not self.things[name].of_set:
-                self.newcomers[name] = True, inf
+                self.newcomers[name, True] = inf
                 continue
             if fault:
-                self.refuse(name, fault, of_set=True)
+                self.refuse(name, fault, size, of_set=True)
                 continue
             thing = self.things.setdefault(name, Thing(size, True))
             thing.size, thing.bad_shape = size, False
-            self.newcomers.pop(name, None)
+            self.newcomers.pop((name, False), None)
             self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp, carried)
         self.now, self.sender = now, speaker
         self.declare()
@@ -442,7 +466,7 @@ class Model:
             thing.jump(by, self.by_stamp)
         for joint in self.joints():
             joint.jump(by, self.by_stamp)
-        self.newcomers = {n: (of_set, at + by) for n, (of_set, at) in self.newcomers.items()}
+        self.newcomers = {key: at + by for key, at in self.newcomers.items()}
         for times in (self.unknown, self.deleted, self.missed):
             times.update({name: at + by for name, at in times.items()})
         self.sets = [
@@ -465,7 +489,6 @@ class Model:
             self.update(given)
         if not self.failed:
             self.pairs = self.colliding(given)
-        self.unknown = {name: at for name, at in self.unknown.items() if name not in self.things}
 
     def fail(self) -> None:
         """Take note of an error that came of a message."""
@@ -512,7 +535,7 @@ class Model:
         over = [n for n, thing in self.things.items() if thing.seen and thing.expiry <= self.now]
         for name in over:
             del self.things[name]
-        self.newcomers = {n: one for n, one in self.newcomers.items() if one[1] > self.now}
+        self.newcomers = {key: at for key, at in self.newcomers.items() if at > self.now}
         self.take_built()
         for name, thing in self.all_things().items():
             thing.seen = True
@@ -529,13 +552,13 @@ class Model:
             thing = self.things[name]
             if what == "built":
                 assert thing.awaited is not None
-                thing.size, thing.shaped = thing.awaited, True
+                thing.size, thing.shaped, thing.is_mesh = thing.awaited, True, True
                 self.built.add(thing.size)
             elif thing.shaped:
                 thing.bad_shape = True
             else:
                 del self.things[name]
-                self.newcomers[name] = False, thing.expiry
+                self.newcomers[name, False] = thing.expiry
             thing.awaited = None
 
     def colliding(self, given: dict[str, Any]) -> list[tuple[Thing, Thing]]:
@@ -620,6 +643,24 @@ class Model:
                 found.add("stale")
         return [code for code in ORDER if code in found | unknown]
 
+    def kinds(self, codes: Sequence[str]) -> Iterator[str]:
+        """Yield in which ways all or less is known."""
+        for thing in self.all_things().values() if "stale" in codes else ():
+            others = thing.at if thing.is_alone else min(thing.at, thing.stamp or inf)
+            if thing.stale and thing.carried < others:
+                yield DEAD
+            elif thing.stale and self.by_stamp and 0.0 < thing.stamp < thing.at:
+                yield OLD
+        if any(self.speakers[one[0]][-1] not in self.unreadable for one in self.unreadable):
+            yield ONE
+        if self.left():
+            yield from [HALF] * bool(codes)
+        elif not codes and any(len(senders) > 1 for senders in self.speakers.values()):
+            yield TWO
+        if "two_publishers" in codes:
+            yield from [TWIN] * self.has_twin
+            yield from [TURNS] * self.taking_turns
+
     def of_cycle(self) -> Iterator[str]:
         if not self.active:
             yield "inactive"
@@ -629,7 +670,7 @@ class Model:
             yield "internal_error"
         if self.overloaded:
             yield "overload"
-        if self.taking_turns:
+        if self.taking_turns or self.has_twin:
             yield "two_publishers"
 
     def of_clock(self, given: dict[str, Any]) -> Iterator[str]:

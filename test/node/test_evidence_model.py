@@ -19,712 +19,71 @@ The node is the real one, with its clocks in the hand of the test; the model sha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
-from importlib.util import find_spec
+from collections.abc import Callable, Iterator
 from math import nan
-from typing import Any, ClassVar, TypeAlias
-from unittest.mock import Mock, patch
+from random import Random
+from typing import Any
+from unittest.mock import patch
 
-import hypothesis.strategies as st
-import numpy as np
 import pytest
 from each import each
-from evidence_model import ARM, EDGE, OFFSET, ORDER, REACH, SPEED, WAIT, Model, Robot
-from geometry_msgs.msg import Point, TransformStamped
-from hypothesis import given, seed, settings
-from hypothesis.stateful import (
-    RuleBasedStateMachine,
-    initialize,
-    invariant,
-    precondition,
-    rule,
-    run_state_machine_as_test,
-)
-from objects_rig import SECOND
-from rclpy.clock_type import ClockType
-from rclpy.context import Context
-from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
-from rclpy.time import Time
-from rig import DOMAIN, NAMESPACE, FakeFrames, cube, pose
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
-from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import Marker, MarkerArray
+from evidence_machine import BEGIN, PLACES, SIZES, EvidenceMachine, World, rule
+from evidence_model import CHANGES, KINDS, ORDER
+from walks import Rules, Step, check, draw_all, one_of, repeated
 
-from obb_collision.node import boxes_to_ros, evidence, namespace_number, poses_to_ros
-from obb_collision.node.inputs import MarkerUpdate
-from obb_collision.node.messages import conversions as cv
-from obb_collision.node.node import CollisionNode
-from obb_collision.scene.building.builder import Outcome
-from obb_collision.scene.building.jobs import BuildError
-from obb_collision.shapes import Box
+from obb_collision.node import evidence
 
-FAIL = Mock(side_effect=ZeroDivisionError)
-START = 1000.0
-
-
-class Builder:
-    """Builds boxes in place of meshes, when told so: ``delivers`` is "built" or "failed"."""
-
-    limits: Any = None
-
-    def __init__(self) -> None:
-        self.delivers = ""
-        self.wanted: dict[Any, tuple[Any, Any]] = {}
-
-    def request(self, name: Any, signature: Any, job: Any) -> None:
-        self.wanted[name] = signature, job
-
-    def cancel(self, name: Any) -> None:
-        self.wanted.pop(name, None)
-
-    def wants(self, name: Any) -> bool:
-        return name in self.wanted
-
-    def poll(self) -> Iterator[Outcome]:
-        what, self.delivers = self.delivers, ""
-        for name in list(self.wanted) if what else ():
-            signature, job = self.wanted.pop(name)
-            if what == "built":
-                yield Outcome(job, signature, {name}, Box([np.ptp(job.points)] * 3))
-            else:
-                yield Outcome(job, signature, {name}, error=BuildError("bad shape"))
-
-    def close(self) -> None:
-        pass
-
-
-class World:
-    """The one node of all examples with a robot, or without, and its clocks."""
-
-    made: ClassVar[dict[bool, World]] = {}
-    lived: ClassVar[float] = 0.0
-
-    def __init__(self, has_robot: bool) -> None:
-        self.now, self.steady, self.frames, self.context = START, START, FakeFrames(), Context()
-        self.frames.known["odom"] = pose(OFFSET)
-        self.context.init(domain_id=DOMAIN)
-        options: dict[str, Any] = {"use_sim_time": True, "autostart": False, "marker_rate": 0.0}
-        options |= {"stale_speed": SPEED, "stale_reach": REACH, "transform_timeout": WAIT}
-        if has_robot:
-            options |= {"robots": [ARM], "robot_bases": [f"{ARM}: object_transform"]}
-        self.node = CollisionNode(
-            context=self.context,
-            namespace=f"{NAMESPACE}/model_{has_robot}",  # with a logger of its own, which is mute
-            frames=self.frames,
-            steady=lambda: self.steady,
-            parameter_overrides=[
-                Parameter(name, value=one) for name, one in (options | {"accuracy": "obb"}).items()
-            ],
-        )
-        self.node.status._steady = lambda: self.steady
-        self.node.get_logger().set_level(LoggingSeverity.FATAL)
-
-    @classmethod
-    def get(cls, has_robot: bool) -> World:
-        if has_robot not in cls.made:
-            cls.made[has_robot] = World(has_robot)
-        return cls.made[has_robot]
-
-    def advance(self, seconds: float, steady: float | None = None) -> None:
-        self.now += seconds
-        World.lived += seconds if 0.0 < seconds < 10.0 else 0.0  # no jumps
-        self.steady += seconds if steady is None else steady
-        time = Time(nanoseconds=round(self.now * SECOND), clock_type=ClockType.ROS_TIME)
-        clock: Any = self.node.get_clock()
-        clock.set_ros_time_override(time)
-
-    def set(self, given: dict[str, Any]) -> None:
-        values = {name: one if one != [] else [""] for name, one in given.items()}
-        results = self.node.set_parameters([Parameter(n, value=v) for n, v in values.items()])
-        assert all(result.successful for result in results), results
+TICK: Step = "tick", {}
+STEPS_OF_A_WALK, MOST_FAILURES = 60, 10
 
 
 @pytest.fixture(autouse=True, scope="module")
 def nodes() -> Iterator[None]:
     with patch.object(evidence, "LOOK", 0.0):
         yield
-    for world in World.made.values():
-        world.node.destroy_node()
-        world.context.try_shutdown()
-    World.made.clear()
+    World.end_all()
 
 
-one_of = st.sampled_from
-CHANGES = ["objects", "object_transform"]
-NAMES = one_of(["a/0", "a/1", "b/0", "boxes/0"])
-ANY = one_of(["a/0", "a/1", "b/0", "boxes/0", "boxes/1", "a/7", "z/0"])
-PLACES = st.integers(0, 5).map(lambda k: 0.7 * k)
-SIZES = one_of([1.0, 2.0])
-FRAMES = one_of(["map", "map", "map", "odom", "lost"])
-STAMPS = one_of([0.0, 0.0, 0.0, -0.3, -30.0, 5.0, None])
-"""Seconds from now on; None: no stamp."""
-POSE_FAULTS = one_of(["", "", "", "pose", "zero", "stamp"])
-USUALLY = st.integers(0, 2).map(bool)
-CYCLE_LIMIT = 0.52
-"""Seconds that the node's parameters give a cycle by default."""
-STEPS = one_of([0.0503, 0.1103, 0.2311, 0.4703, 0.7117])
-GIVEN = st.fixed_dictionaries(
-    {
-        "object_timeout": one_of([0.0, 0.5]),
-        "object_timeout_overrides": one_of(
-            [[], ["a/1: 0.3"], ["a/*: 0.8", "a/0: 0"], ["arm*: 0.9"]]
-        ),
-        "joint_timeout": one_of([0.0, 0.6]),
-        "judge_ages": one_of(["stamp_and_receipt", "stamp_and_receipt", "receipt"]),
-        "stale_policy": one_of(["unknown", "collide", "keep", "ignore"]),
-        "stale_policy_overrides": one_of([[], ["b/*: keep", "arm/*: collide"], ["a/0: ignore"]]),
-        "required_objects": one_of([[], [], [], ["b/*"]]),
-        "required_inputs": one_of([[], [], [], ["object_states: 0.7"]]),
-        "ignored_objects": one_of([[], [], ["z/*"]]),
-        "expect_empty": st.booleans(),
-    }
-)
+def walk(number: int, length: int) -> None:
+    """Go through the walk of this number."""
+    random = Random(number)
+    begin: Step = "begin", draw_all(BEGIN, random)
+    steps = [begin, *rule.walk(random, length), TICK]
+    check(EvidenceMachine.go, steps, f"walk {number}")
 
 
-Ahead: TypeAlias = "float | None"
-
-
-class EvidenceMachine(RuleBasedStateMachine):
-    """Messages go to the node and to the model, and both say what they know."""
-
-    is_started = False
-
-    @initialize(
-        given=GIVEN, has_robot=st.booleans() if find_spec("lxml") else st.just(False),
-        scene=st.lists(PLACES, max_size=3),
-    )  # fmt: skip
-    def begin(self, given: dict[str, Any], has_robot: bool, scene: list[float]) -> None:
-        self.given, self.world, self.scene = given, World.get(has_robot), scene
-        self.node, self.has_robot = self.world.node, has_robot
-        self.world.set(given)
-        self.start()
-
-    def start(self) -> None:
-        self.node.trigger_configure()
-        self.builder: Any = Builder()
-        shapes: Any = self.node.objects.shapes
-        shapes.builder = shapes.requests._builder = self.builder
-        self.node.time._steady = lambda: 0  # of the machine, which may be busy
-        self.take = self.node.subscribed._callbacks
-        self.world.advance(100.0)
-        self.world.frames.spans["odom"] = 0, round(self.world.now * SECOND)
-        for topic, senders in self.node.subscribed.senders.items():
-            senders.gone = partial(self.gone, topic)  # type: ignore[method-assign]
-        self.speaker, self.losing = 1, set[str]()
-        self.node.trigger_activate()
-        self.is_started = True
-        robot = Robot() if self.has_robot else None
-        self.model = Model(self.world.now, self.world.steady, self.world.now, robot)
-        self.set_model()
-        self.tick(0.1103)
-        for name, x in zip(("a/0", "a/1", "b/0"), self.scene, strict=False):
-            self.markers([name], x)
-        if robot is not None:
-            self.describe(EDGE)
-            self.base()
-            self.joints([1.4, 3.0])
-            self.tick()
-
-    def teardown(self) -> None:
-        if self.is_started:
-            self.is_started = False
-            if self.model.active:
-                self.node.trigger_deactivate()
-            self.node.trigger_cleanup()
-
-    @rule()
-    def restart(self) -> None:
-        self.teardown()
-        self.start()
-
-    def set_model(self) -> None:
-        self.model.ignored = self.given["ignored_objects"]
-        self.model.by_stamp = self.given["judge_ages"] != "receipt"
-
-    @rule(given=GIVEN)
-    def configure(self, given: dict[str, Any]) -> None:
-        self.given = given
-        self.world.set(given)
-        self.model.by_stamp = given["judge_ages"] != "receipt"
-        self.tick(0.1103)
-        self.set_model()
-
-    def gone(self, topic: str, senders: Iterable[int]) -> set[int]:
-        return {one for one in senders if (topic, one % 10) in self.model.gone}
-
-    @rule(who=one_of([1, 2]), loses=st.lists(one_of(CHANGES), max_size=1))
-    def turn(self, who: int, loses: Sequence[str] = ()) -> None:
-        """Let one of two publishers send from now on; loses: topics whose next message is lost."""
-        self.speaker = who
-        self.losing.update(loses)
-
-    @rule(who=one_of([1, 2]))
-    def end(self, who: int) -> None:
-        """End a publisher of every topic; if it speaks again, it never was."""
-        self.apply()
-        self.model.gone |= {(topic, who) for topic in self.node.monitors}
-        self.tick()
-
-    @rule(step=STEPS)
-    def tick(self, step: float = 0.0503) -> None:
-        self.world.advance(step)
-        self.cycle()
-
-    def cycle(self, fails: str = "", waited: bool = False) -> None:
-        """Let the node run a cycle, and compare what it says with what is known."""
-        if self.model.now != self.world.now:
-            self.model.ticked = self.world.steady
-        self.model.now, self.model.steady = self.world.now, self.world.steady
-        self.node.run_cycle()
-        self.model.cycle(self.given, fails, waited)
-        self.compare()
-        if not fails:
-            self.compare_objects()
-        assert bool(self.node.evidence.not_known()) == bool(self.model.codes(self.given))
-
-    def compare(self, *more: str) -> None:
-        """Compare what the node says; more: codes that do not come from the model."""
-        pairs, known = self.model.left(), {*self.model.codes(self.given), *more}
-        codes, level = [code for code in ORDER if code in known], 2 if pairs else 3 if known else 0
-        published: Any = self.node.status._published
-        found = [reason[0] for reason in published[2:-1]]
-        assert found == codes, (found, codes, self.model.things)
-        assert published[0] == bytes([level])
-        answer = self.node.status.answer
-        assert answer.pairs == len(pairs), (answer.message, self.model.things)
-
-    def compare_objects(self) -> None:
-        """Compare what there is: by whom it came, its place, its size, and that it is the same."""
-        objects, things = self.node.objects, self.model.things
-        table, scene = objects.table, objects.scene
-        owners = {
-            cv.name_from_key(key): bool(table.of_set[slot])
-            for key, slot in table.slots.items()
-            if not table.of_robot[slot]
-        }
-        assert owners == {name: thing.of_set for name, thing in things.items()}
-        placed = {n: thing for n, thing in things.items() if thing.x is not None and thing.shaped}
-        slots = np.array([scene.index(name) for name in placed], np.int64)
-        boxes, serials = scene.objects.store.boxes(slots), scene.objects.store.born[slots].tolist()
-        for row, (name, thing) in enumerate(placed.items()):
-            assert thing.serial in (-1, serials[row]), "another object"
-            thing.serial = serials[row]
-            edge = 0.5 * thing.size + self.model.growth(name, thing, self.given)
-            assert np.abs(boxes.centers[row] - (thing.x, 0.0, 0.0)).max() < 1e-9
-            assert np.abs(boxes.half_extents[row] - edge).max() < 1e-9
-
-    @invariant()
-    def known_to_collide(self) -> None:
-        if hasattr(self, "model"):
-            self.model.look()
-            answer = self.node.evidence.answer()
-            self.model.codes(self.given)  # both look at the transforms of bases
-            assert not self.model.left() or answer.level == b"\2"
-
-    def apply(self) -> None:
-        """Apply what waits: else only the last of several messages about an object may count."""
-        self.node.inputs.markers.apply()
-        self.node.inputs.boxes.apply()
-        self.model.sync()
-
-    def heal(self, clears: bool) -> None:
-        """Let an error be, or end it."""
-        if clears:
-            self.clear()
-        self.tick()
-
-    @rule(what=one_of(["check", "update", "sets", "robots"]), clears=USUALLY)
-    def fail_in_a_cycle(self, what: str, clears: bool) -> None:
-        node, has_robot = self.node, self.has_robot
-        owner, name = {
-            "check": (node.objects.scene, "check"),
-            "update": (node.objects, "update"),
-            "sets": (node.inputs.boxes, "apply"),
-            "robots": (node.robots, "apply"),
-        }[what if has_robot else what.replace("robots", "check")]
-        self.world.advance(0.0503)
-        with patch.object(owner, name, FAIL):
-            self.cycle(what if has_robot else what.replace("robots", "check"))
-        self.heal(clears and what in ("sets", "robots"))
-
-    @rule(what=one_of(["transform", "marker", "clear"]), clears=USUALLY)
-    def fail_in_a_message(self, what: str, clears: bool) -> None:
-        """Let an error leave objects other than they were sent; until ``clear`` nobody knows."""
-        node, names = self.node, sorted(self.model.things)
-        self.apply()
-        if what == "clear":
-            with patch.object(node.objects, "clear", FAIL):
-                self.clear(fails=True)
-        elif what == "marker":
-            with patch.object(MarkerUpdate, "run", FAIL):
-                self.send("objects", MarkerArray(markers=[cube(("b", 0))]))
-                node.inputs.markers.apply()
-            self.model.fail()
-        elif names:
-            message = TransformStamped(header=Header(frame_id="map"), child_frame_id=names[0])
-            message.transform = cv.transform_to_ros(pose(0.0))
-            with patch.object(node.objects.states, "store", FAIL):
-                self.send("object_transform", message)
-            self.model.fail()
-        self.heal(clears)
-
-    @rule(by=one_of([-100.0, -0.3, 100.0]), fails=st.booleans(), clears=USUALLY)
-    def jump(self, by: float = -100.0, fails: bool = False, clears: bool = False) -> None:
-        """Set the clock to another time; forwards a simulation goes as fast as it likes."""
-        markers, fails = self.node.inputs.markers, fails and by < 0.0
-        self.apply()  # a stamp that waits would order those that come after it
-        self.node.now()
-        with patch.object(markers, "clock_jumped", FAIL if fails else markers.clock_jumped):
-            self.world.advance(by, 0.0)
-            self.node.now()
-        if by < 0.0:
-            self.model.jump(by)
-        self.model.now, self.model.ticked = self.world.now, self.world.steady
-        self.model.broken |= fails
-        self.heal(fails and clears)
-
-    @rule(step=one_of([0.2311, 0.4703, 1.3017]), says=USUALLY)
-    def stand_still(self, step: float = 1.3017, says: bool = True) -> None:
-        """Let the clock stand still while time goes by, and mostly somebody goes on to send."""
-        self.world.advance(0.0, step)
-        self.model.steady = self.world.steady
-        if says:
-            self.transform("a/0")
-        self.cycle()
-
-    @rule(silence=one_of([0.3017, 0.8917]))
-    def block(self, silence: float) -> None:
-        """Let no cycle end for some time."""
-        self.tick()
-        self.world.steady += silence
-        self.node.status.look()
-        self.compare(*["blocked"] * (silence > CYCLE_LIMIT))
-        self.tick()
-
-    @rule()
-    def overload(self) -> None:
-        """Let a message wait for longer than a cycle may take."""
-        self.world.advance(0.0503)
-        with patch.object(self.node.subscribed, "take_wait", lambda: 2.0 * CYCLE_LIMIT):
-            self.cycle(waited=True)
-
-    @rule(shift=st.booleans())
-    def steady_scene(self, shift: bool) -> None:
-        """Send the same states again and again: nothing is said of it but what was said before."""
-        self.apply()  # the stamp of a marker that waits would not count beside one without
-        kinds = []
-        for step in (*[0.4703] * 6, *[0.1103] * 4):
-            named = sorted(self.model.things.items())
-            solid = [(name, thing) for name, thing in named if not thing.of_set]
-            markers = [cube(key(n), (t.x or 0.0, 0, 0), [t.size] * 3) for n, t in solid]
-            if markers:
-                self.send("objects", MarkerArray(markers=markers))
-                for marker, (name, thing) in zip(markers, solid, strict=True):
-                    self.model.add(name, marker.pose.position.x, thing.size, "map", 0.0, "", 0.0)
-            rows = [(name, thing) for name, thing in named if thing.of_set]
-            if rows:
-                first = key(rows[0][0])[1]
-                self.boxes([(t.x or 0.0, t.size, "") for _, t in rows], first)
-            if self.has_robot:
-                self.base(0.7)
-                self.joints([1.4, 3.0], None if shift else 0.0)
-            self.tick(step)
-            kinds.append(self.node.status.answer.kind)
-        assert len({*kinds[6:]}) == 1, kinds
-
-    @rule(step=one_of([0.0503, 0.2311]), known=st.booleans())
-    def transforms(self, step: float, known: bool) -> None:
-        """Let odom be known up to now; a cycle long enough after that looks at all states."""
-        self.model.until = self.world.now + (1.0 if known else -0.1)
-        self.world.frames.spans["odom"] = 0, round(self.model.until * SECOND)
-        self.tick(0.7117)
-
-    def send(self, topic: str, message: Any, cut: bool = False, end: int | None = None) -> bool:
-        """Send a message, or its first bytes, half of them; return whether it can be read."""
-        data, monitor = serialize_message(message), self.node.monitors[topic]
-        lost = topic in self.losing
-        self.losing.discard(topic)
-        if lost:
-            monitor.lose(1, self.node.now())
-        monitor.sender = 10 * (1 + list(self.node.monitors).index(topic)) + self.speaker
-        self.model.hear(topic, self.speaker, lost)
-        if topic in ("object_transform", "object_states", "object_poses"):
-            self.model.sync()
-        if cut:
-            if topic == "object_boxes":
-                self.model.doubt_set(is_read=False)
-            self.model.unreadable.add(self.model.sender)
-        self.take[topic](data[: end or len(data) // 2] if cut else data)
-        return not cut
-
-    def header(self, frame: str, ahead: float | None, fault: str = "") -> tuple[Header, float]:
-        stamp = 0.0 if ahead is None else self.world.now + ahead
-        header = Header(frame_id=frame, stamp=cv.stamp_to_ros(round(stamp * SECOND)))
-        if fault == "stamp":
-            header.stamp.nanosec = 4_000_000_000
-        return header, stamp
-
-    @staticmethod
-    def pose(x: float, fault: str) -> list[float]:
-        return {"pose": pose(nan), "zero": [x, *[0.0] * 6]}.get(fault, pose(x))
-
-    @rule(
-        names=st.lists(NAMES, min_size=1, max_size=2, unique=True),
-        x=PLACES, size=SIZES, frame=FRAMES, ahead=STAMPS,
-        fault=one_of(["", "", "", "", "scale", "pose", "stamp", "action"]),
-        life=one_of([0.0, 0.0, 1.0, 2.5]), cut=st.integers(0, 9).map(lambda k: k == 9),
-        locked=st.booleans(),
-    )  # fmt: skip
-    def markers(
-        self, names: Sequence[str] = ("b/0",), x: float = 0.0, size: float = 1.0,
-        frame: str = "map", ahead: Ahead = 0.0, fault: str = "", life: float = 0.0,
-        cut: bool = False, locked: bool = False,
-    ) -> None:  # fmt: skip
-        if frame != "map" or ahead is None:  # of those that come together only the last counts
-            self.apply()
-        header, stamp = self.header(frame, ahead, fault)
-        life = life if ahead == 0.0 else 0.0
-        sent = []
-        for name in names:
-            marker = cube(key(name), (x, 0, 0), [0.0 if fault == "scale" else size] * 3)
-            marker.header, marker.action = header, 7 if fault == "action" else Marker.ADD
-            marker.lifetime = cv.duration_to_ros(life)
-            marker.frame_locked = locked = locked and frame == "odom"
-            if fault == "pose":
-                marker.pose.position.x = nan
-            sent.append(marker)
-        if self.send("objects", MarkerArray(markers=sent), cut):
-            if fault == "action":  # else a deletion that comes with it says nothing
-                self.apply()
-            for name in names:
-                fault = fault.replace("action", "scale")
-                self.model.add(name, x, size, frame, stamp, fault, life, locked=locked)
-
-    @rule(names=st.lists(st.one_of(NAMES, ANY), max_size=2, unique=True))
-    def delete(self, names: list[str]) -> None:
-        sent = [cube(key(name), action=Marker.DELETE) for name in names]
-        self.send("objects", MarkerArray(markers=sent))
-        things, is_of_set = self.model.things, self.model.is_of_set
-        self.model.delete(*(n for n in names if n not in things or not is_of_set(n)))
-
-    @rule(namespace=one_of(["", "a", "b", "boxes"]))
-    def delete_all(self, namespace: str) -> None:
-        if self.model.deleting or not all(thing.seen for thing in self.model.things.values()):
-            self.apply()  # else nobody remembers what came and went at once
-        self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
-        names = {**self.model.things, **self.model.newcomers}
-        start = namespace and f"{namespace}/"
-        gone = [n for n in names if n.startswith(start) and not self.model.is_of_set(n)]
-        self.model.delete(*gone, is_named=False)
-        if not namespace:
-            self.model.declare()
-            self.model.missed.pop("objects", None)
-
-    @rule(name=ANY, x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS, cut=st.booleans())
-    def transform(
-        self, name: str = "z/0", x: float = 0.0, frame: str = "map", ahead: Ahead = 0.0,
-        fault: str = "", cut: bool = False,
-    ) -> None:  # fmt: skip
-        header, stamp = self.header(frame, ahead, fault)
-        message = TransformStamped(header=header, child_frame_id=name)
-        message.transform = cv.transform_to_ros(self.pose(x, fault))
-        if self.send("object_transform", message, cut and fault == "zero"):
-            self.model.named(name, x, frame, stamp, fault)
-
-    @rule(
-        names=st.lists(ANY, max_size=3, unique=True), missing=st.integers(0, 5),
-        x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS, cut=st.booleans(),
-        speed=one_of([None, None, 0.0, 0.9]),
-    )  # fmt: skip
-    def states(
-        self, names: list[str], missing: int, x: float, frame: str, ahead: float | None,
-        fault: str, cut: bool, speed: float | None,
-    ) -> None:  # fmt: skip
-        header, stamp = self.header(frame, ahead, fault)
-        poses = [self.pose(x + 0.7 * k, fault) for k, _ in enumerate(names)]
-        one = [[0.0, speed or 0.0, 0.0, 0.0, 0.0, 0.0]]
-        twists = None if speed is None else np.repeat(one, len(names), axis=0)
-        message = cv.states_to_ros(names, np.reshape(poses, (-1, 7)), header, twists)
-        if missing == 5 and names:
-            message.transforms.pop()
-            fault = "missing"
-        if self.send("object_states", message, cut and fault == "zero"):
-            for k, name in enumerate(names):
-                self.model.named(name, x + 0.7 * k, frame, stamp, fault, speed)
-
-    @rule(
-        names=st.lists(ANY.filter(lambda n: n != "z/0"), min_size=1, max_size=3, unique=True),
-        x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS,
-        broken=one_of(["", "", "", "", "cut", "qw", "x", "step"]),
-    )  # fmt: skip
-    def poses(
-        self, names: list[str], x: float = 0.0, frame: str = "map", ahead: Ahead = 0.0,
-        fault: str = "", broken: str = "",
-    ) -> None:  # fmt: skip
-        header, stamp = self.header(frame, ahead, fault)
-        keys = [key(name) for name in names]
-        rows = [self.pose(x + 0.7 * k, fault) for k, _ in enumerate(names)]
-        numbers = [namespace_number(namespace) for namespace, _ in keys]
-        message = poses_to_ros([ident for _, ident in keys], rows, numbers, header)
-        if broken == "step":
-            message.point_step = 3
-        message.fields = [one for one in message.fields if one.name != broken]
-        if self.send("object_poses", message, broken == "cut"):
-            if broken:
-                self.model.unreadable.add(self.model.sender)
-                return
-            for k, name in enumerate(names):
-                self.model.named(name, x + 0.7 * k, frame, stamp, fault)
-
-    @rule(
-        rows=st.lists(st.tuples(PLACES, SIZES, one_of(["", "", "scale", "pose"])),
-                      max_size=2),
-        first=st.integers(0, 1), frame=FRAMES, ahead=STAMPS, broken=st.integers(0, 9),
-    )  # fmt: skip
-    def boxes(
-        self, rows: list[tuple[float, float, str]], first: int = 0, frame: str = "map",
-        ahead: Ahead = 0.0, broken: int = 0,
-    ) -> None:  # fmt: skip
-        header, stamp = self.header(frame, ahead, "stamp" if broken == 8 else "")
-        ids = [first + k for k, _ in enumerate(rows)]
-        sizes = [[0.0 if fault == "scale" else size] * 3 for _, size, fault in rows]
-        poses = np.reshape([self.pose(x, fault) for x, _, fault in rows], (-1, 7))
-        message = boxes_to_ros(ids, poses, np.reshape(sizes, (-1, 3)), None, header)
-        if self.send("object_boxes", message, broken == 9):
-            if broken == 8:
-                self.model.doubt_set(is_read=False)
-                return
-            named = [(f"boxes/{i}", *row) for i, row in zip(ids, rows, strict=True)]
-            self.model.take_set(frame, stamp, named)
-
-    @rule(name=NAMES, x=PLACES, size=SIZES, ahead=STAMPS, life=one_of([0.0, 0.0, 2.5]))
-    def mesh(self, name: str, x: float, size: float, ahead: float | None, life: float) -> None:
-        """Send a marker whose shape has to be built."""
-        header, stamp = self.header("map", ahead)
-        life = life if ahead == 0.0 else 0.0
-        corners = [Point(), Point(x=size), Point(y=size)]
-        marker = cube(key(name), (x, 0, 0), type=Marker.TRIANGLE_LIST, points=corners)
-        marker.header, marker.lifetime = header, cv.duration_to_ros(life)
-        self.apply()
-        self.send("objects", MarkerArray(markers=[marker]))
-        self.apply()
-        self.model.add(name, x, size, "map", stamp, "", life, mesh=True)
-
-    @rule(what=one_of(["built", "built", "failed"]))
-    def deliver(self, what: str) -> None:
-        """Deliver all shapes that are wanted, or say that they cannot be built."""
-        self.builder.delivers = self.model.delivers = what
-        self.tick()
-
-    @precondition(lambda self: self.has_robot)
-    @rule(edge=one_of([EDGE, 2 * EDGE, 0.0]))
-    def describe(self, edge: float) -> None:
-        """Send a description, or with 0 a text that is none."""
-        self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
-        reading = self.node.robots.robots[0].reading
-        if reading is not None:
-            reading.join()
-        self.model.describe(edge)
-        if not edge:
-            self.model.unreadable.add(self.model.sender)
-        self.tick()
-
-    @precondition(lambda self: self.has_robot)
-    @rule(x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS)
-    def base(self, x: float = 0.0, frame: str = "map", ahead: Ahead = 0.0, fault: str = "") -> None:
-        """Send where the robot stands."""
-        header, stamp = self.header(frame, ahead, fault)
-        message = TransformStamped(header=header, child_frame_id=ARM)
-        message.transform = cv.transform_to_ros(self.pose(x, fault))
-        self.send("object_transform", message)
-        self.model.take_base(x, frame, stamp, fault)
-
-    @precondition(lambda self: self.has_robot)
-    @rule(
-        values=st.lists(
-            one_of([0.0, 1.4, 3.0, nan, None]), min_size=2, max_size=2
-        ).filter(any),
-        ahead=STAMPS, fault=one_of(["", "", "", "stamp", "length", "cut"]),
-    )  # fmt: skip
-    def joints(self, values: Any = (0.0, 1.4), ahead: Ahead = 0.0, fault: str = "") -> None:
-        """Send values of some joints."""
-        header, stamp = self.header("map", ahead, fault)
-        named = {f"j{k}": value for k, value in enumerate(values) if value is not None}
-        message = JointState(header=header, name=list(named), position=list(named.values()))
-        message.velocity = [0.0] * len(named)
-        if fault == "length":
-            message.position.append(0.0)
-        if self.send(f"{ARM}/joint_states", message, fault == "cut", 20):
-            self.model.take_joints(values, stamp, fault)
-
-    @rule()
-    def clear(self, fails: bool = False) -> None:
-        self.node._clear(Trigger.Request(), Trigger.Response())
-        self.model.clear(fails)
-
-    @rule(on=st.booleans())
-    def enable(self, on: bool) -> None:
-        self.node._enable(SetBool.Request(data=on), SetBool.Response())
-        self.model.enabled, self.model.pairs = on, []
-
-    @rule()
-    def pause(self) -> None:
-        self.node.trigger_deactivate()
-        self.model.active, self.model.pairs = False, []
-        self.tick(0.1103)
-        self.node.trigger_activate()
-        self.model.active, self.model.activated = True, self.model.steady
-
-
-def key(name: str) -> tuple[str, int]:
-    namespace, number = name.split("/")
-    return namespace, int(number)
-
-
-def urdf(edge: float) -> str:
-    """Return a robot of two links that two joints move apart along x."""
-    text = "<robot name='arm'>"
-    for link, size in (("base", EDGE), ("middle", 0.0), ("hand", edge)):
-        box = f"<geometry><box size='{size} {size} {size}'/></geometry>"
-        text += f"<link name='{link}'>{f'<collision>{box}</collision>' if size else ''}</link>"
-    for k, (parent, child) in enumerate((("base", "middle"), ("middle", "hand"))):
-        text += f"<joint name='j{k}' type='prismatic'><parent link='{parent}'/><axis xyz='1 0 0'/>"
-        text += f"<child link='{child}'/><limit lower='-9' upper='9'/></joint>"
-    return f"{text}</robot>"
-
-
-LONG_RUN = 12 * 3600.0
-"""Seconds of the node's clock that a long run goes through: ``pytest -m slow`` with this file."""
+@each("number", range(150))
+def test_anything(number: int) -> None:
+    walk(number, 15)
 
 
 @pytest.mark.slow
-def test_twelve_hours_of_anything() -> None:
-    long = settings(max_examples=100, stateful_step_count=40, deadline=None, derandomize=False)
-    World.lived, number = 0.0, 0
-    while World.lived < LONG_RUN:
-        run_state_machine_as_test(seed(number)(EvidenceMachine), settings=long)
-        number += 1
+def test_hours_of_anything(request: pytest.FixtureRequest) -> None:
+    """An hour by default, ``--hours 12`` if asked; ``--hours 0 --walk N`` goes one walk again."""
+    hours, first = (request.config.getoption(name) for name in ("--hours", "--walk"))
+    World.lived, walks, failures = 0.0, 0, list[str]()
+    World.reached.clear()
+    while walks == 0 or (World.lived < 3600.0 * hours and len(failures) < MOST_FAILURES):
+        try:
+            walk(first + walks, STEPS_OF_A_WALK)
+        except AssertionError as error:
+            failures.append(str(error))
+        walks += 1
+    text = f"{walks} walks of {STEPS_OF_A_WALK} steps, {World.lived / 3600.0:.2f} hours"
+    print(text, *World.reached.most_common(), sep="\n")  # noqa: T201  # what was reached, how often
+    assert not failures, "\n".join(failures)
+    rare = {*ORDER[1:], *KINDS} - World.reached.keys()
+    assert hours < 1.0 or not rare, rare
 
 
-TestEvidenceMachine = EvidenceMachine.TestCase
-TestEvidenceMachine.settings = settings(max_examples=100, stateful_step_count=15, deadline=None)
-
-LISTS = "object_timeout_overrides stale_policy_overrides required_objects required_inputs"
-PLAIN: dict[str, Any] = {name: [] for name in (*LISTS.split(), "ignored_objects")}
-PLAIN |= {"object_timeout": 0.0, "joint_timeout": 0.0, "judge_ages": "stamp_and_receipt"}
-PLAIN |= {"stale_policy": "unknown", "expect_empty": False}
-SILENT = PLAIN | {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
-LIMITED = PLAIN | {"object_timeout": 0.5, "object_timeout_overrides": ["a/*: 0.3"]}
+SILENT: dict[str, Any] = {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
+LIMITED: dict[str, Any] = {"object_timeout": 0.5, "object_timeout_overrides": ["a/*: 0.3"]}
 GOOD, REFUSED = [(0.0, 1.0, "")], [(0.0, 1.0, "scale")]
 FOUND: dict[str, Callable[[Any], Any]] = {
     "clear before a cycle": lambda m: (m.markers(), m.clear()),
     "set cleared before a cycle": lambda m: (m.boxes(GOOD), m.clear()),
-    "ignored": lambda m: (m.configure(PLAIN | {"ignored_objects": ["z/*"]}), m.transform()),
-    "policies": lambda m: m.configure(PLAIN | {"stale_policy_overrides": ["b/*: keep"]}),
+    "ignored": lambda m: (m.configure(ignored_objects=["z/*"]), m.transform()),
+    "policies": lambda m: m.configure(stale_policy_overrides=["b/*: keep"]),
     "deleted at once": lambda m: (m.markers(), m.delete(["b/0"])),
     "newcomer deleted": lambda m: (m.markers(fault="scale"), m.tick(), m.delete(["b/0"])),
     "newcomer ended": lambda m: (
@@ -739,12 +98,12 @@ FOUND: dict[str, Callable[[Any], Any]] = {
     "error in a jump": lambda m: (m.transform(), m.markers(life=1.0), m.jump(fails=True)),
     "robot: joint not finite": lambda m: m.joints([nan, 1.4]),
     "robot: joint missing": lambda m: (m.clear(), m.joints([None, 1.4])),
-    "robot: joints silent": lambda m: (m.configure(SILENT), m.tick(0.7117)),
+    "robot: joints silent": lambda m: (m.configure(**SILENT), m.tick(0.7117)),
     "robot: base not finite": lambda m: (m.base(fault="pose"), m.joints()),
     "robot: base silent": lambda m: (
-        m.configure(SILENT), m.tick(0.7117), m.joints(), m.tick(0.2311), m.joints()),
+        m.configure(**SILENT), m.tick(0.7117), m.joints(), m.tick(0.2311), m.joints()),
     "robot: clock set back": lambda m: (
-        m.configure(SILENT), m.jump(), m.tick(0.7117), m.tick(0.2311)),
+        m.configure(**SILENT), m.jump(), m.tick(0.7117), m.tick(0.2311)),
     "older set refused": lambda m: (
         m.boxes(GOOD, ahead=0.0), m.tick(), m.boxes(GOOD, ahead=-0.3), m.tick()),
     "two senders, one cut": lambda m: (
@@ -756,11 +115,30 @@ FOUND: dict[str, Callable[[Any], Any]] = {
     "sets by turns": lambda m: (
         m.boxes(GOOD), m.turn(2), m.boxes(GOOD), m.turn(1), m.boxes(GOOD), m.tick(), m.end(2)),
     "clock stopped": lambda m: (m.markers(), m.stand_still(), m.tick(), m.stand_still(says=False)),
-    "old truth": lambda m: (m.configure(LIMITED), m.markers(["a/0"], ahead=-30.0), m.tick()),
+    "old truth": lambda m: (m.configure(**LIMITED), m.markers(["a/0"], ahead=-30.0), m.tick()),
     "followed a dead frame": lambda m: (
-        m.configure(LIMITED), m.markers(frame="odom", locked=True), m.tick(0.7117)),
+        m.configure(**LIMITED), m.markers(frame="odom", locked=True), m.tick(0.7117)),
     "newer set refused": lambda m: (
         m.boxes(GOOD), m.boxes([(0.7, 1.0, "")], frame="lost"), m.tick(0.4703)),
+    "refused in a set, marked by that name": lambda m: (
+        m.markers(["boxes/9"]), m.tick(), m.boxes(REFUSED), m.tick(), m.markers(["boxes/0"]),
+        m.tick(), m.boxes([])),
+    "refused in a set, and by a marker": lambda m: (
+        m.markers(["boxes/9"]), m.tick(), m.boxes(REFUSED), m.tick(),
+        m.markers(["boxes/0"], fault="scale"), m.tick(), m.delete(["boxes/0"]), m.tick()),
+    "bad marker of a set's box": lambda m: (
+        m.boxes(GOOD), m.tick(), m.markers(["boxes/0"], fault="pose")),
+    "refused with another size": lambda m: (
+        m.markers(), m.tick(), m.markers(size=2.0, fault="pose"), m.tick(), m.transform("b/0")),
+    "refused in a set with another size": lambda m: (
+        m.boxes(GOOD), m.tick(), m.boxes([(0.0, 2.0, "pose")]), m.tick(), m.transform("boxes/0")),
+    "older one right after": lambda m: (m.markers(), m.markers(ahead=-30.0), m.tick(0.7117)),
+    "refused, and an older one": lambda m: (
+        m.markers(), m.tick(), m.markers(fault="pose"), m.markers(ahead=-30.0)),
+    "older than one that was superseded": lambda m: (
+        m.markers(), m.markers(ahead=5.0), m.poses(x=0.7, ahead=-30.0)),
+    "twice before a cycle": lambda m: (
+        m.configure(**LIMITED), m.markers(), m.markers(), m.tick(0.7117)),
 }  # fmt: skip
 """Sequences after which the node claimed something else, and what is rare of robots."""
 
@@ -768,7 +146,7 @@ FOUND: dict[str, Callable[[Any], Any]] = {
 def run(steps: Callable[[Any], Any], has_robot: bool = False) -> None:
     """Let the machine go through some steps."""
     machine = EvidenceMachine()
-    machine.begin(PLAIN, has_robot=has_robot, scene=[])
+    machine.begin(has_robot=has_robot)
     try:
         steps(machine)
         machine.tick()
@@ -784,31 +162,20 @@ def test_what_the_machine_found(what: str) -> None:
     run(FOUND[what], has_robot)
 
 
-def some(name: str, **drawn: Any) -> Any:
-    """Return steps of one kind, some of whose arguments are drawn."""
-    return st.tuples(st.just(name), st.fixed_dictionaries(drawn))
-
-
-FAULTS = one_of(["", "", "scale"])
-ROWS = st.lists(one_of([(0.0, 1.0, ""), (0.7, 2.0, ""), (1.4, 1.0, "scale")]), max_size=2)
+BOX_STEPS = Rules()
 SHARED = one_of([["boxes/0"], ["boxes/1"], ["a/0", "boxes/0"]])
-BOX_STEPS = st.one_of(
-    *[some("boxes", rows=ROWS, first=st.integers(0, 1))] * 2,
-    some("markers", names=SHARED, x=PLACES, size=SIZES, fault=FAULTS),
-    some("poses", names=SHARED, x=PLACES),
-    some("delete", names=SHARED),
-    some("delete_all", namespace=one_of(["", "a", "boxes"])),
-)
+ROWS = repeated(one_of([(0.0, 1.0, ""), (0.7, 2.0, ""), (1.4, 1.0, "scale")]), 0, 2)
+BOX_STEPS.add("boxes", 2.0, rows=ROWS, first=one_of([0, 1]))
+BOX_STEPS.add("markers", names=SHARED, x=PLACES, size=SIZES, fault=one_of(["", "", "scale"]))
+BOX_STEPS.add("poses", names=SHARED, x=PLACES)
+BOX_STEPS.add("delete", names=SHARED)
+BOX_STEPS.add("delete_all", namespace=one_of(["", "a", "boxes"]))
 
 
-@settings(max_examples=80)
-@given(st.lists(BOX_STEPS, min_size=3, max_size=10))
-def test_sets_of_boxes_and_markers_of_equal_names(steps: list[tuple[str, dict[str, Any]]]) -> None:
-    def go(machine: Any) -> None:
-        machine.markers(["boxes/9"])  # the name that sets have a number of
-        machine.tick()
-        for name, arguments in steps:
-            getattr(machine, name)(**arguments)
-            machine.tick()
-
-    run(go)
+@each("number", range(80))
+def test_sets_of_boxes_and_markers_of_equal_names(number: int) -> None:
+    random = Random(number)
+    start: list[Step] = [("begin", {}), ("markers", {"names": ["boxes/9"]}), TICK]
+    # the name that sets have a number of
+    drawn = BOX_STEPS.walk(random, random.randint(3, 10))
+    check(EvidenceMachine.go, [*start, *(one for step in drawn for one in (step, TICK))], "boxes")

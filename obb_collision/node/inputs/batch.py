@@ -113,6 +113,12 @@ class Faults:
         for number, fault in enumerate(self._found):
             yield np.flatnonzero(self._number == number), fault
 
+    @property
+    def are_of_shape(self) -> Mask:
+        """(n,) those whose fault is one of the shape."""
+        numbers = [number for number, fault in enumerate(self._found) if fault.of_shape]
+        return np.isin(self._number, numbers)
+
     def of(self, row: int) -> Fault:
         """Return the fault of a row that has one."""
         return self._found[self._number[row]]
@@ -283,20 +289,23 @@ class Settled(NamedTuple):
 
     first: a marker of the object. winner: the last one that can be used and is not undone. bad: a
     later one that can't be used. remover: the last one for which what was there before is gone.
-    late (n,): markers with an older stamp than one before them. previous (n,): the one that would
-    count without this one.
+    overtaken: one with an older stamp since. late (n,): markers with an older stamp than one before
+    them. previous (n,): the one that would count without this one. newest (n,): the newest stamp
+    of the object once this one is taken.
     """
 
     first: Rows
     winner: Rows
     bad: Rows
     remover: Rows
+    overtaken: Rows
     late: Mask
     previous: Rows
+    newest: Rows
 
     def take(self, objects: Mask) -> Settled:
         """Return the outcome for some of the objects."""
-        columns = {name: getattr(self, name)[objects] for name in self._fields[:4]}
+        columns = {name: getattr(self, name)[objects] for name in self._fields[:5]}
         return self._replace(**columns)
 
 
@@ -310,8 +319,9 @@ def _settle(
 ) -> int:
     """Go through the markers of each object in order; return how many objects there are.
 
-    times (n, 3): stamp, receipt, expiry. A stamp is compared as it would be on receipt: with the
-    newest one of the object by then, if the object has not expired.
+    times (n, 4): stamp, receipt, expiry, and the newest stamp of the object: before all of them,
+    and once each is taken. A stamp is compared as it would be on receipt: with the newest one of
+    the object by then, if the object has not expired.
     """
     count = newest = 0
     until = NEVER
@@ -320,7 +330,7 @@ def _settle(
         if position == 0 or keys[row] != keys[rows[position - 1]]:
             objects[count, 0] = row
             count += 1
-            newest, until = 0, NEVER
+            newest, until = times[row, 3], NEVER
         found, effect = objects[count - 1], effects[row]
         if effect == CANCELLED:
             continue
@@ -333,10 +343,11 @@ def _settle(
         if effect != DELETES:
             if 0 < stamp < newest:
                 late[row] = True
+                found[4] = row
                 continue
             newest = stamp if stamp else newest
-        until = times[row, 2]
-        found[2] = -1
+        until, times[row, 3] = times[row, 2], newest
+        found[2] = found[4] = -1
         if effect == ADDS:
             previous[row] = found[1]
             found[1] = row
@@ -346,25 +357,28 @@ def _settle(
     return count
 
 
-def settle(markers: Batch, faults: Faults, now: int, tolerance: int) -> Settled:
+def settle(
+    markers: Batch, faults: Faults, now: int, tolerance: int, newest: Rows | int = 0
+) -> Settled:
     """Return the outcome of markers at time ``now`` (ns).
 
-    A stamp further than ``tolerance`` (ns) ahead of the time of receipt orders nothing.
+    A stamp further than ``tolerance`` (ns) ahead of the time of receipt orders nothing. newest
+    (n,): the newest stamp of the object before these markers, 0 where it orders none of them.
     """
     count, good = len(markers), faults.good
     rows = np.flatnonzero(markers.action != Marker.DELETEALL)
     keys = (markers.ns.of << ID_BITS) + markers.id + ID_OFFSET
     rows = rows[np.argsort(keys[rows], kind="stable")]
-    objects = np.full((len(rows), 4), -1, np.int64)
+    objects = np.full((len(rows), 5), -1, np.int64)
     late, previous = np.zeros(count, np.bool_), np.full(count, -1, np.int64)
     deletes, ends = markers.action == Marker.DELETE, _ended(markers, good, now)
     cases = [_cancelled(markers), ~good, deletes, ends]
     effects = np.select(cases, [CANCELLED, BAD, DELETES, ENDS], ADDS)
     believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
-    times = np.column_stack((believed, markers.received, markers.expiry))
+    before = np.broadcast_to(newest, count)
+    times = np.column_stack((believed, markers.received, markers.expiry, before))
     found = _settle(keys, rows, effects, times, objects, late, previous)
-    first, winner, bad, remover = objects[:found].T
-    return Settled(first, winner, bad, remover, late, previous)
+    return Settled(*objects[:found].T, late, previous, times[:, 3])
 
 
 def _cancelled(markers: Batch) -> Mask:

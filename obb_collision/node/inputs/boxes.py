@@ -263,7 +263,7 @@ class BoxInput:
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
         faults.note(old, RefusedError(OLDER, "a newer pose is known"))
-        self._report(numbers, ids, slots, faults)
+        self._report(numbers, ids, slots, faults, sizes)
 
     @contextmanager
     def _removed(self, slots: Rows) -> Iterator[None]:
@@ -295,8 +295,9 @@ class BoxInput:
             return self._table.namespaces.admit(self.source.namespace)
         return self._table.namespaces.admit_number(number)
 
-    def _report(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults) -> None:
+    def _report(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults, sizes: Floats) -> None:
         """Count faults, mark their boxes, and remember those that are not there."""
+        table = self._table
         for rows, (error, of_shape) in faults:
             item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
             self._monitor.refuse(error.reason, item, error.detail, len(rows))
@@ -304,7 +305,11 @@ class BoxInput:
                 continue
             known = slots[rows] >= 0
             known[known] = self._own[slots[rows[known]]]
-            self._table.mark(slots[rows[known]], SHAPE_REFUSED if of_shape else POSE_REFUSED)
+            own = slots[rows[known]]
+            # what is refused for its pose may tell a new size
+            other = of_shape | ~table.have_shapes(own, table.kind[own], sizes[rows[known]])
+            table.mark(own[other], SHAPE_REFUSED)
+            table.mark(own[~other], POSE_REFUSED)
             self._refuse_new(numbers[rows[~known]], ids[rows[~known]], error.reason)
 
     def _refuse_new(self, numbers: Rows, ids: Rows, reason: str) -> None:

@@ -49,7 +49,13 @@ from obb_collision.node.messages.marker_shapes import (
     ShapePlan,
     plan_shape,
 )
-from obb_collision.node.objects.conditions import LIVE, UNPLACED
+from obb_collision.node.objects.conditions import (
+    LIVE,
+    POSE_OVERTAKEN,
+    RESHAPED,
+    SHAPE_CONFIRMED,
+    UNPLACED,
+)
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.states import OLDER, State
@@ -165,20 +171,47 @@ class MarkerUpdate:
         self._objects, self._table, self._shapes = objects, objects.table, objects.shapes
         self._monitor = objects.monitors["objects"]
         self._plans: dict[int, ShapePlan] = {}
+        self._again = np.zeros(len(markers), np.bool_)  # which change what an earlier one says
+        self._orders = np.zeros(len(markers), np.int64)  # stamps before which others are late
 
     def run(self) -> None:
         """Apply them, and count those that are not used."""
         markers, objects = self._markers, self._objects
         faults = find_faults(markers, objects.placement.frame_index)
-        outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance)
+        outcome = settle(
+            markers, faults, self._now, objects.states.stamp_tolerance, self._newest(faults)
+        )
         mine = self._without_owned(outcome)
         slots, there = self._remove(mine), np.flatnonzero(mine.winner >= 0)
         there = there[np.argsort(mine.winner[there])]
+        self._again, self._orders = outcome.previous >= 0, outcome.newest
         self._add(mine.winner[there], slots[there], outcome.previous)
-        for row in mine.bad[mine.bad >= 0].tolist():
-            fault = faults.of(row)
-            self._mark(row, fault.error.reason, fault.of_shape)
+        self._mark_bad(mine.bad[mine.bad >= 0], faults)
+        slots = self._find_slots(mine.overtaken[mine.overtaken >= 0])
+        self._table.mark(slots[slots >= 0], POSE_OVERTAKEN)
         self._count(faults, outcome)
+
+    def _newest(self, faults: Faults) -> Rows | int:
+        """Return the newest stamps (n,) that objects have, where some markers have faults.
+
+        One that is too late makes none of them good; without faults those of winners are enough.
+        """
+        if faults.good.all():
+            return 0
+        slots, table = self._find_slots(np.arange(len(self._markers))), self._table
+        since = self._markers.received - table.received[slots]
+        orders = (slots >= 0) & (since <= self._objects.states.order_timeout)
+        return np.where(orders, table.order[slots], 0)
+
+    def _mark_bad(self, rows: Rows, faults: Faults) -> None:
+        """Mark objects whose latest markers have faults; one of the pose may tell a new shape."""
+        if len(rows) == 0:
+            return
+        slots, of_shape = self._find_slots(rows), faults.are_of_shape[rows]
+        same = self._have_shapes(rows, slots) & ~self._table.has(RESHAPED, slots) & ~of_shape
+        self._table.mark(slots[same], SHAPE_CONFIRMED)
+        for row, is_same in zip(rows.tolist(), same.tolist(), strict=True):
+            self._mark(row, faults.of(row).error.reason, not is_same)
 
     def _count(self, faults: Faults, outcome: Settled) -> None:
         """Count what is refused, late or superseded."""
@@ -227,6 +260,8 @@ class MarkerUpdate:
             return outcome
         winner, remover = outcome.winner[owned], outcome.remover[owned]
         self._refuse(winner[winner >= 0], OWNED, marks=True)
+        for row in outcome.bad[owned & (outcome.bad >= 0)].tolist():  # counted by its own reason
+            self._mark(row, OWNED.reason)
         self._refuse(remover[(remover >= 0) & (winner < 0)], OWNED)
         return outcome.take(~owned)
 
@@ -394,6 +429,9 @@ class MarkerUpdate:
                 sender=markers.sender[some],
             )
             states.store(slots[of == index], markers.poses[some], state)
+        table = self._table
+        table.repeated[slots[self._again[rows]]] = True
+        table.order[slots] = np.maximum(table.order[slots], self._orders[rows])
         locked = markers.locked[rows]
         if locked.any():
             states.lock(slots[locked])

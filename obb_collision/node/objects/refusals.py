@@ -27,47 +27,55 @@ from obb_collision.scene.store.patterns import Overrides
 
 MAX_UNPLACEABLE = 1000
 """Maximum refused objects stored, the latest ones: bounds the memory that senders can use."""
-OTHERS, NO_ID = "others", 1 << 32
+OTHERS = "others", 1 << 32
 """Stands for those beyond it: no marker has such an id, so only what concerns all removes it."""
 
 
 class Unplaceable(dict[Key, str]):
-    """The reasons by key; names that are too long are shortened."""
+    """The reasons by key; names that are too long are shortened.
+
+    What an input has refused stays until the same input says more: another one that uses the name
+    knows nothing of it.
+    """
 
     def __init__(self) -> None:
         super().__init__()
-        self._more: dict[Key, tuple[int, int]] = {}  # when each expires, and the set it was in
+        self._expiries: dict[Key, dict[int, int]] = {}  # by input
 
     def add(self, key: Key, reason: str, expiry: int = NEVER, of_set: int = 0) -> None:
         """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations.
 
         of_set: the input of complete sets it came by; then only its next set says that it is gone.
         """
-        self.forget(key)
         if reason == NO_BODY:
+            self.delete(key)
             return
         key = shortened(key[0]), key[1]
-        self[key], self._more[key] = reason, (expiry, of_set)
+        self._put(key, reason, self.forget(key) | {of_set: expiry})
         if len(self) > MAX_UNPLACEABLE:
-            oldest = next(iter(self))
-            expiry, source = self._more[oldest]
-            others = OTHERS, NO_ID + source
-            expiry = max(expiry, self._more.get(others, (expiry, source))[0])
-            self.forget(oldest)
-            self.forget(others)  # to be the newest
-            self[others], self._more[others] = "too many refused", (expiry, source)
+            both = self.forget(next(iter(self))), self.forget(OTHERS)
+            latest = {one: max(of.get(one, 0) for of in both) for one in {**both[0], **both[1]}}
+            self._put(OTHERS, "too many refused", latest)
 
-    def forget(self, key: Key) -> None:
-        """Remove one, if it is stored."""
-        key = shortened(key[0]), key[1]
+    def _put(self, key: Key, reason: str, expiries: dict[int, int]) -> None:
+        self[key], self._expiries[key] = reason, expiries
+
+    def forget(self, key: Key) -> dict[int, int]:
+        """Remove one, if it is stored; returns when it expires, by input."""
         self.pop(key, None)
-        self._more.pop(key, None)
+        return self._expiries.pop(key, {})
+
+    def _end(self, key: Key, inputs: Iterable[int]) -> None:
+        """Forget what some inputs have refused."""
+        expiries = self._expiries.get(key, {})
+        for one in inputs:
+            expiries.pop(one, None)
+        if not expiries:
+            self.forget(key)
 
     def delete(self, key: Key) -> None:
-        """Remove one that a marker deletes."""
-        key = shortened(key[0]), key[1]
-        if key in self and not self._more[key][1]:
-            self.forget(key)
+        """Remove one that a marker deletes, or replaces."""
+        self._end((shortened(key[0]), key[1]), [0])
 
     def delete_all(self, namespace: str | None) -> None:
         """Remove all that markers delete, or those of a namespace."""
@@ -77,18 +85,19 @@ class Unplaceable(dict[Key, str]):
 
     def forget_set(self, of_set: int) -> None:
         """Remove those of the last set of an input."""
-        for key in [key for key, (_, source) in self._more.items() if source == of_set]:
-            self.forget(key)
+        for key in list(self):
+            self._end(key, [of_set])
 
     def expire(self, now: int) -> None:
         """Remove those whose lifetime is over."""
-        for key in [key for key, (expiry, _) in self._more.items() if expiry <= now]:
-            self.forget(key)
+        for key, expiries in list(self._expiries.items()):
+            self._end(key, [one for one, expiry in expiries.items() if expiry <= now])
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        for key, (expiry, source) in self._more.items():
-            self._more[key] = expiry if expiry == NEVER else expiry + shift, source
+        for expiries in self._expiries.values():
+            for one, expiry in expiries.items():
+                expiries[one] = expiry if expiry == NEVER else expiry + shift
 
 
 MEMORY = NANOSECONDS

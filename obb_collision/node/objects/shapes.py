@@ -193,7 +193,7 @@ class ObjectShapes:
         self.table.expiry[slots], self.table.seen[slots] = expiry, False
         self.table.mark(slots, SHAPE_CONFIRMED)
         for key in self.table.keys(slots) if self.unplaceable else ():
-            self.unplaceable.forget(key)
+            self.unplaceable.delete(key)
 
     def cancel_pending(self, slots: Slots) -> None:
         """Continue with the present shapes of objects: cancel what is being built for them."""
