@@ -378,7 +378,8 @@ def settle(
     before = np.broadcast_to(newest, count)
     times = np.column_stack((believed, markers.received, markers.expiry, before))
     found = _settle(keys, rows, effects, times, objects, late, previous)
-    return Settled(*objects[:found].T, late, previous, times[:, 3])
+    first, winner, bad, remover, overtaken = objects[:found].T
+    return Settled(first, winner, bad, remover, overtaken, late, previous, times[:, 3])
 
 
 def _cancelled(markers: Batch) -> Mask:
