@@ -68,7 +68,10 @@ def test_hours_of_anything(request: pytest.FixtureRequest) -> None:
             walk(first + walks, STEPS_OF_A_WALK)
         except AssertionError as error:
             failures.append(str(error))
+            print(error, flush=True)  # noqa: T201
         walks += 1
+        if walks % 50 == 0:
+            print(f"{walks} walks, {World.lived / 3600.0:.2f} hours", flush=True)  # noqa: T201
     text = f"{walks} walks of {STEPS_OF_A_WALK} steps, {World.lived / 3600.0:.2f} hours"
     print(text, *World.reached.most_common(), sep="\n")  # noqa: T201  # what was reached, how often
     assert not failures, "\n".join(failures)
