@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.accuracy import ALL_LEVELS, BOX_LEVELS, Accuracy
+from obb_collision.accuracy import ALL_LEVELS, BOX_LEVELS
 from obb_collision.benchmarks.corpora import Corpus, random_poses
 from obb_collision.benchmarks.measuring import Show, take_turns
 from obb_collision.benchmarks.peers import BOX_PEERS, MESH_PEERS, Ask, Query
@@ -196,19 +196,17 @@ class Contest:
         )
         objects = self.scene.objects
 
-        def deciding(level: str, pairs: Rows) -> Callable[[], object]:
-            highest = Accuracy[level.upper()]
-            given = objects.store, objects.cache, pairs, False
-            return partial(decide_pairs, *given, highest=highest)
+        def deciding(pairs: Rows) -> Callable[[], object]:
+            return partial(decide_pairs, objects.store, objects.cache, pairs, False)
 
-        self.scene.accuracy = self.levels[-1]
-        asked: dict[str, Callable[[], object]] = {
-            level: deciding(level, chosen) for level in self.levels
-        }
+        def choose(level: str) -> None:
+            self.scene.accuracy = level
+            decide_others()
+
+        decide_others = deciding(others)
+        asked: dict[str, Callable[[], object]] = dict.fromkeys(self.levels, deciding(chosen))
         asked |= self._ask_peers(chosen)
-        times = take_turns(
-            asked, seconds, {level: deciding(level, others) for level in self.levels}
-        )
+        times = take_turns(asked, seconds, {level: partial(choose, level) for level in self.levels})
         for row in self.price.rows:
             row.pair_ns = 1e9 * times.best(row.name) / max(1, len(chosen))
         ours = {label: OURS[label.split()[-1]] for label in self.peers}
