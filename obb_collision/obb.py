@@ -27,7 +27,6 @@ from obb_collision.geometry.fitting.enclosing import transform_box
 from obb_collision.geometry.fitting.fit import fit_clouds, fit_points
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.validation import (
-    ArrayValue,
     as_array,
     as_flag,
     as_half_extents,
@@ -35,8 +34,8 @@ from obb_collision.geometry.validation import (
     as_rotations,
     check_kind,
     is_single,
-    read_only_view,
 )
+from obb_collision.geometry.values import ArrayValue, read_only_view
 from obb_collision.queries.points.containment import contains
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, box_separations, box_verdicts

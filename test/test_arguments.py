@@ -59,7 +59,7 @@ HOSTILE: list[Any] = [
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 TREE = oc.MeshTrees.build(TETRAHEDRON, FACES)
-ARRAYS_OF_TREES = {k: v for k, v in vars(oc.MeshTrees.join([TREE] * 2)).items() if k != "arrays"}
+ARRAYS_OF_TREES = oc.MeshTrees.join([TREE] * 2).arrays._asdict()
 
 
 def added(**given: Any) -> Any:
@@ -413,7 +413,7 @@ def test_boxes_that_are_written_afterwards_lead_nowhere(name: str, number: float
     rng = np.random.default_rng(5)
     poses = np.column_stack([rng.normal(size=(100, 3)), np.tile([0.0, 0.0, 0.6, 0.8], (100, 1))])
     written = oc.Boxes.from_poses(poses, np.full((100, 3), 0.2))
-    getattr(written, name).reshape(100, -1)[rng.integers(0, 100, 30), 0] = number
+    getattr(written.arrays, name).reshape(100, -1)[rng.integers(0, 100, 30), 0] = number
     with np.errstate(all="ignore"):
         for rows in (oc.find_pairs(written), oc.find_pairs(written, written)):
             assert ((rows >= 0) & (rows < 100)).all()

@@ -284,7 +284,7 @@ class BrowserView:
         opacity: float,
     ) -> None:
         """Draw triangles many times: placed and turned as boxes are, by scales and colours."""
-        quaternions = quaternions_from_matrices(placed.rotations)[:, [3, 0, 1, 2]]
+        quaternions = quaternions_from_matrices(placed.arrays.rotations)[:, [3, 0, 1, 2]]
         self._put(
             self._server.scene.add_batched_meshes_simple,
             name,

@@ -25,13 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.validation import (
-    ArrayValue,
-    as_array,
-    check_kind,
-    is_single,
-    refuse_where,
-)
+from obb_collision.geometry.validation import as_array, check_kind, is_single, refuse_where
+from obb_collision.geometry.values import ArrayValue
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error
 from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at

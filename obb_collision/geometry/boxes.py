@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, overload
 
 import numpy as np
@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.aabb import AABB, CORNER_SIGNS, world_bounds_kernel
 from obb_collision.geometry.poses import as_poses, quaternions_from_matrices
 from obb_collision.geometry.validation import (
-    ArrayValue,
     as_any_array,
     as_array,
     as_half_extents,
@@ -37,6 +36,7 @@ from obb_collision.geometry.validation import (
     refuse_where,
     select_rows,
 )
+from obb_collision.geometry.values import ArrayValue, ForKernels
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
@@ -53,7 +53,7 @@ class BoxArrays(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Boxes(ArrayValue):
+class Boxes(ArrayValue, ForKernels):
     """n oriented boxes: box k is centers[k] + sum_i t_i half_extents[k, i] rotations[k, :, i].
 
     ``boxes[k]`` is an ``OBB``; a slice, an index array or a mask gives ``Boxes``. What an ``OBB``
@@ -85,6 +85,8 @@ class Boxes(ArrayValue):
     centers: Floats
     rotations: Floats
     half_extents: Floats
+    arrays: BoxArrays = field(init=False, repr=False, compare=False)
+    """All of it, for kernels."""
 
     single: ClassVar[type[OBB]]
     """``OBB``, which is of a layer above and sets itself here."""
@@ -98,7 +100,7 @@ class Boxes(ArrayValue):
 
     def _set(self, centers: Floats, rotations: Floats, half_extents: Floats) -> None:
         # past the guard of a frozen value, at a third of what object.__setattr__ takes
-        vars(self).update(centers=centers, rotations=rotations, half_extents=half_extents)
+        vars(self)["arrays"] = BoxArrays(centers, rotations, half_extents)
 
     @classmethod
     def trusted(cls, centers: Floats, rotations: Floats, half_extents: Floats) -> Boxes:
@@ -196,7 +198,7 @@ class Boxes(ArrayValue):
         )
 
     def __len__(self) -> int:
-        return len(self.centers)
+        return len(self.arrays.centers)
 
     @overload
     def __getitem__(self, index: int | np.integer) -> OBB: ...
@@ -209,10 +211,10 @@ class Boxes(ArrayValue):
         if isinstance(index, (int, np.integer)) and not isinstance(index, bool):
             if not -len(self) <= index < len(self):
                 raise IndexError(f"index must be a row of {len(self)} boxes, got {index}")
-            return self.single(self.centers[index], self.rotations[index], self.half_extents[index])
+            return self.single(*(array[index] for array in self.arrays))
         rows = index if isinstance(index, slice) else _as_index(index)
-        centers = select_rows(self.centers, rows, "rows", 2)
-        return Boxes.trusted(centers, self.rotations[rows], self.half_extents[rows])
+        c, r, h = self.arrays
+        return Boxes.trusted(select_rows(c, rows, "rows", 2), r[rows], h[rows])
 
     def __iter__(self) -> Iterator[OBB]:
         return (self[k] for k in range(len(self)))
@@ -227,12 +229,7 @@ class Boxes(ArrayValue):
     @property
     def quaternions(self) -> Floats:
         """(n, 4) the orientations as unit quaternions x y z w, w >= 0."""
-        return quaternions_from_matrices(self.rotations)
-
-    @property
-    def arrays(self) -> BoxArrays:
-        """The same arrays for kernels."""
-        return BoxArrays(self.centers, self.rotations, self.half_extents)
+        return quaternions_from_matrices(self.arrays.rotations)
 
     @property
     def volumes(self) -> Floats:
@@ -299,8 +296,8 @@ class Boxes(ArrayValue):
         refuse_where(pad < 0.0, "margin must not be negative", by_row=False)
         if not pad.any():
             return self
-        extents = add_outwards(self.half_extents, pad[:, None] if each else pad)
-        return Boxes.trusted(self.centers, self.rotations, extents)
+        c, r, h = self.arrays
+        return Boxes.trusted(c, r, add_outwards(h, pad[:, None] if each else pad))
 
     def transformed(self, matrix: ArrayLike) -> Boxes:
         """Return boxes that certainly contain these, moved by an invertible 4x4 matrix.
@@ -375,7 +372,7 @@ class Boxes(ArrayValue):
         """
         minimum = np.empty((len(self), 3))
         maximum = np.empty((len(self), 3))
-        world_bounds_kernel(self.centers, self.rotations, self.half_extents, minimum, maximum)
+        world_bounds_kernel(*self.arrays, minimum, maximum)
         return minimum, maximum
 
 

@@ -17,18 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.validation import (
-    ArrayValue,
-    as_array,
-    as_half_extents,
-    check_lengths,
-    select_rows,
-)
+from obb_collision.geometry.validation import as_array, as_half_extents, check_lengths, select_rows
+from obb_collision.geometry.values import ArrayValue, ForKernels
 from obb_collision.typing import Floats
 
 
@@ -41,7 +36,7 @@ class CapsuleArrays(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Capsules(ArrayValue):
+class Capsules(ArrayValue, ForKernels):
     """n capsules: all points within radii[k] of the segment from starts[k] to ends[k].
 
     ``capsules[rows]`` gives the capsules of a slice, an index array or a mask. Equal where all
@@ -70,6 +65,8 @@ class Capsules(ArrayValue):
     starts: Floats
     ends: Floats
     radii: Floats
+    arrays: CapsuleArrays = field(init=False, repr=False, compare=False)
+    """All of it, for kernels."""
 
     def __init__(self, starts: ArrayLike, ends: ArrayLike, radii: ArrayLike) -> None:
         p = as_array(starts, "starts", (None, 3))
@@ -79,7 +76,7 @@ class Capsules(ArrayValue):
         self._set(p.copy(), q.copy(), r)  # what is checked must not change behind our back
 
     def _set(self, starts: Floats, ends: Floats, radii: Floats) -> None:
-        vars(self).update(starts=starts, ends=ends, radii=radii)
+        vars(self)["arrays"] = CapsuleArrays(starts, ends, radii)
 
     @classmethod
     def trusted(cls, starts: Floats, ends: Floats, radii: Floats) -> Capsules:
@@ -114,17 +111,12 @@ class Capsules(ArrayValue):
         check_lengths(centers=c, radii=r)
         return cls.trusted(c, c, r)
 
-    @property
-    def arrays(self) -> CapsuleArrays:
-        """The same arrays for kernels."""
-        return CapsuleArrays(self.starts, self.ends, self.radii)
-
     def __len__(self) -> int:
-        return len(self.starts)
+        return len(self.arrays.starts)
 
     def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> Capsules:
-        starts = select_rows(self.starts, rows, "rows", 2)
-        return Capsules.trusted(starts, self.ends[rows], self.radii[rows])
+        starts, ends, radii = self.arrays
+        return Capsules.trusted(select_rows(starts, rows, "rows", 2), ends[rows], radii[rows])
 
     def __repr__(self) -> str:
         return f"Capsules({len(self)} {'capsule' if len(self) == 1 else 'capsules'})"

@@ -116,8 +116,6 @@ def as_poses(
     """
     given = as_shaped(value, name, (None, 7))
     if len(given):
-        if not given.flags.writeable:  # a kernel would be compiled once more
-            given = given.copy()
         positions, matrices = np.empty((len(given), 3)), np.empty((len(given), 3, 3))
         if all(run(_read_kernel, len(given), FEWEST_POSES, given, positions, matrices)):
             return positions, matrices

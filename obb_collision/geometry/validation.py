@@ -23,7 +23,7 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence, Sized
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,38 +34,6 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.numerics.vec3 import components, dot, plus, rows_at
 from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown
-
-
-class ArrayValue:
-    """A value made of arrays: equal where all numbers are; not hashable, as arrays are mutable."""
-
-    __slots__ = ()
-
-    def __eq__(self, other: object) -> bool:
-        if type(self) is not type(other):
-            return NotImplemented
-        names = self.__slots__ or vars(self)
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
-
-    __hash__ = None  # type: ignore[assignment]
-
-
-def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array for everybody to read; kernels know one kind, which may be written to."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-class NotCopied:
-    """What can be pickled but not copied: a copy would share what either of them changes."""
-
-    def __copy__(self) -> NoReturn:
-        name = type(self).__name__
-        raise TypeError(f"a {name} can not be copied: make another one, or pickle it")
-
-    def __deepcopy__(self, memo: object) -> NoReturn:
-        self.__copy__()
 
 
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
@@ -188,8 +156,8 @@ def warn_caller(message: str) -> None:
 def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return ``value`` as a finite, contiguous float64 array of the shape (None: any length).
 
-    Not copied if it already is one. Raises ValueError naming the
-    argument and, for arrays with a free first length, the row.
+    Not copied if it already is one that may be written to. Raises ValueError naming the argument
+    and, for arrays with a free first length, the row.
     """
     array = as_shaped(value, name, shape)
     check_magnitude(array, name, by_row=bool(shape) and shape[0] is None)
@@ -197,8 +165,11 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
 
 
 def as_shaped(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
-    """`as_array` for numbers that may be infinite or NaN."""
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
+    """`as_array` for numbers that may be infinite or NaN.
+
+    Kernels are compiled for arrays of one kind: what is read-only is copied.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.carray:
         array = value
     else:
         array = _converted(value, name, shape)
@@ -212,10 +183,9 @@ def _converted(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Fl
     wanted = f"numbers of shape {_shape_text(shape)}"
     given = as_any_array(value, name, wanted)
     try:
-        array = np.ascontiguousarray(given, dtype=np.float64)
+        return np.array(given, np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be {wanted}: {str(error)[:MAX_REASON]}") from None
-    return array.reshape(given.shape)  # of a number, one element would be made
 
 
 def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
@@ -297,7 +267,7 @@ def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
 
 def check_magnitude(array: Floats, name: str, by_row: bool) -> None:
     """Raise ValueError unless all of ``array`` is finite and at most MAX_MAGNITUDE."""
-    if array.flags.writeable and _are_within(array.reshape(-1)):  # no kernel for what is not
+    if _are_within(array.reshape(-1)):
         return
     with np.errstate(invalid="ignore"):
         good = np.abs(array) <= MAX_MAGNITUDE  # False for NaN too
@@ -320,10 +290,9 @@ def _are_within(numbers: Floats) -> bool:
 def as_half_extents(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return non-negative half extents of the shape (zero is legal: flat boxes)."""
     given = as_shaped(value, name, shape)
-    if given.flags.writeable:  # no kernel for what is not
-        taken = np.empty_like(given)
-        if all(run(_take_sizes, given.size, FEWEST_SIZES, given.reshape(-1), taken.reshape(-1))):
-            return taken
+    taken = np.empty_like(given)
+    if all(run(_take_sizes, given.size, FEWEST_SIZES, given.reshape(-1), taken.reshape(-1))):
+        return taken
     check_magnitude(given, name, by_row=shape[0] is None)
     refuse_where(given < 0.0, f"{name} must not be negative", shape[0] is None)
     return given + 0.0

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, unit_poses
-from obb_collision.geometry.validation import NotCopied, as_array, check_kind
+from obb_collision.geometry.validation import as_array, check_kind
+from obb_collision.geometry.values import Changing
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.bodies import WorldState, padding_of
 from obb_collision.robots.checks.model import Attached, Model, Prepared
@@ -36,7 +37,7 @@ from obb_collision.typing import Floats, Mask
 from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 
-class PlacedRobots(NotCopied):
+class PlacedRobots(Changing):
     """Robots in a scene: the part of ``RobotScene`` that says what is checked.
 
     Parameters as there.

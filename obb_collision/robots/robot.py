@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_flag, check_kind, warn_caller
+from obb_collision.geometry.values import SetOnce
 from obb_collision.robots.description.joints import (
     adjacent_pairs,
     driven,
@@ -59,7 +60,7 @@ Source = str | bytes | PathLike[str]
 MOST_NAMED = 5
 
 
-class Robot:
+class Robot(SetOnce):
     """A robot of rigid links and joints, made by ``from_urdf``. It does not change.
 
     Attributes

@@ -24,13 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import IDENTITY_POSE
-from obb_collision.geometry.validation import (
-    NotCopied,
-    as_array,
-    as_flag,
-    as_half_extents,
-    check_kind,
-)
+from obb_collision.geometry.validation import as_array, as_flag, as_half_extents, check_kind
+from obb_collision.geometry.values import Changing
 from obb_collision.obb import OBB
 from obb_collision.scene.objects import SceneObjects, as_padding, halves, local_boxes
 from obb_collision.scene.store.placing import about_origins, placed
@@ -39,7 +34,7 @@ from obb_collision.typing import Floats
 from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
 
 
-class NamedObjects(NotCopied):
+class NamedObjects(Changing):
     """The part of a scene that knows its objects by name."""
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:

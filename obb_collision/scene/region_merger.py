@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.validation import as_array, as_whole, check_kind
+from obb_collision.geometry.values import SetOnce
 from obb_collision.words import check_names, shown
 
 PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
@@ -41,7 +42,7 @@ class Presence:
     counts: list[tuple[float, int]] = field(default_factory=list)
 
 
-class RegionMerger:
+class RegionMerger(SetOnce):
     """Joins rows of several regions where all have evaluated a stamp.
 
     A region is missing while it is silent for longer than the timeout, while it has fewer objects

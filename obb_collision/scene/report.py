@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.validation import check_kind
+from obb_collision.geometry.values import SetOnce
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
@@ -52,7 +53,7 @@ class Cost:
     failures: tuple[str, ...] = ()
 
 
-class Report:
+class Report(SetOnce):
     """The colliding pairs of a scene, m of them, as arrays with one row a pair.
 
     The arrays are read-only. pairs (m, 2) int64: object indices i < j, in lexicographic order.
@@ -79,6 +80,13 @@ class Report:
     ([('cup', 'plate')], [0.2])
     """
 
+    slot_names: tuple[str | None, ...]
+    stages: dict[str, float]
+    costs: dict[str, Cost]
+    _found: Findings
+    _make_cycle: Callable[[Findings], Cycle]
+    _settings: Mapping[str, Setting]
+
     def __init__(
         self,
         found: Findings,
@@ -88,12 +96,10 @@ class Report:
         settings: Mapping[str, Setting],
     ) -> None:
         # nothing but what is given: a step whose effects are off costs no more than its pairs
-        self._found = found
-        self.slot_names = slot_names
-        self.stages = stages
-        self.costs: dict[str, Cost] = {}
-        self._make_cycle = make_cycle
-        self._settings = settings
+        vars(self).update(
+            slot_names=slot_names, stages=stages, costs={}, _found=found, _make_cycle=make_cycle,
+            _settings=settings,
+        )  # fmt: skip
 
     @cached_property
     def pairs(self) -> Pairs:

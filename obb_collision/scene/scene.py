@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from itertools import chain
 from typing import Any
 
@@ -134,15 +133,6 @@ class Scene(NamedObjects):
 
     def __repr__(self) -> str:
         return f"Scene({len(self)} objects, accuracy {self._objects.accuracy.label!r})"
-
-    def __setattr__(self, name: str, value: object) -> None:
-        """Set a property; AttributeError, with a guess, for what a scene has not."""
-        if not (name.startswith("_") or hasattr(type(self), name)):
-            settable = [key for key in dir(type(self)) if is_settable(type(self), key)]
-            close = get_close_matches(name, settable, 1)
-            hint = f"; did you mean {close[0]}?" if close else f"; it has {', '.join(settable)}"
-            raise AttributeError(f"Scene has no {shown(name)} to set{hint}")
-        super().__setattr__(name, value)
 
     @completed
     def clear(self) -> None:
@@ -521,11 +511,6 @@ class Scene(NamedObjects):
         there = store.active if "*" in patterns else store.active & matching(patterns, store.names)
         rows, cache = np.flatnonzero(there), self._objects.cache
         return cast_at_objects(store, cache, rows, level, origins, directions, max_distance)
-
-
-def is_settable(kind: type, name: str) -> bool:
-    """Return whether a name is a property of a class that can be set."""
-    return getattr(getattr(kind, name), "fset", None) is not None
 
 
 def check_halo(halo: float, reach: float) -> None:

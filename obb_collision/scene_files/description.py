@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import Pose
 from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
+from obb_collision.geometry.values import read_only_view
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
@@ -74,9 +75,8 @@ class Lidar:
         line = np.arange(self.count) * lines // self.count
         turn = np.modf(np.arange(self.count) * lines / self.count)[0] * 2.0 * np.pi
         rise = LOWEST + (HIGHEST - LOWEST) * line / max(lines - 1, 1)
-        return np.stack(
-            [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1
-        )
+        x, y = np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn)
+        return read_only_view(np.stack([x, y, np.sin(rise)], axis=1))
 
     def scan(self, scene: Scene, time: float) -> Cloud:
         """Return the points (k, 3) seen of a scene at a time (s); from inside nothing is seen."""

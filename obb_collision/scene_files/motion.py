@@ -38,6 +38,7 @@ from obb_collision.geometry.poses import (
     unit_poses,
     unit_quaternions,
 )
+from obb_collision.geometry.values import read_only_view
 from obb_collision.typing import Floats
 
 
@@ -96,7 +97,7 @@ class Loop:
     def twists(self) -> Floats:
         """Twists (n, 6) from each pose to the next."""
         poses, times = np.array(self.poses), np.array((*self.times, self.period))
-        return twists_between(poses, np.roll(poses, -1, axis=0), np.diff(times))
+        return read_only_view(twists_between(poses, np.roll(poses, -1, axis=0), np.diff(times)))
 
     def leg(self, start: ArrayLike, time: float) -> Leg:
         """Return the leg at a time (s); ``start`` is not needed."""

@@ -118,7 +118,7 @@ def _boxes() -> None:
     """Run what every check needs, whatever the objects are, on the level "obb"."""
     row_of_boxes(FEW_OBJECTS).check()
     scene = row_of_boxes()  # meanwhile, another process compiles ``_bounds``
-    quaternions_from_matrices(scene.boxes.rotations)  # of markers
+    quaternions_from_matrices(scene.boxes.arrays.rotations)  # of markers
     for moved in (0, 1, 1, OBJECTS // 3, OBJECTS // 2):  # of the last, a new tree is made
         poses = scene.objects.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
         scene.move_indices(np.arange(moved), poses)

@@ -407,16 +407,8 @@ def test_a_quaternion_far_from_unit_length_is_warned_about_and_used() -> None:
     assert found.tobytes() == expected.tobytes()
 
 
-def test_arrays_of_values_are_read_only_and_attributes_are_checked() -> None:
-    given = np.ones(3)
-    box, bounds = oc.OBB(given, np.eye(3), given), oc.AABB(-given, given)
-    region = oc.regions.Region(-given, given)
-    arrays = [box.center, box.rotation, box.half_extents, bounds.minimum, bounds.maximum]
-    for array in (*arrays, region.minimum, region.maximum):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = -1.0
-    given[0] = 2.0  # the caller's own
-    assert box.center.tolist() == [1.0, 1.0, 1.0]
+def test_attributes_of_a_box_are_checked() -> None:
+    box = oc.OBB(half_extents=[1, 1, 1])
     box.center = [1, 2, 3]
     assert box.center.dtype == np.float64
     assert box.intersects(oc.OBB([1, 2, 3], np.eye(3), [0, 0, 0]))

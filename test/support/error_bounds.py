@@ -155,10 +155,10 @@ class Moved:
     ) -> None:
         sides = [family(name, count) for name in families]
         self.a, self.b = (join([pair[side] for pair in sides]) for side in (0, 1))
-        self.a.centers[::2] = 0.0
+        self.a.arrays.centers[::2] = 0.0
         if loose:
             for side in (self.a, self.b):
-                side.rotations[:] = loosened(side.rotations, np.random.default_rng(2))
+                side.arrays.rotations[:] = loosened(side.arrays.rotations, np.random.default_rng(2))
         directions = np.random.default_rng(1).normal(size=(len(self.a), 3))
         self.directions = directions / np.linalg.norm(directions, axis=1)[:, None]
         #: As far as no two boxes reach.

@@ -76,7 +76,7 @@ def bullets(rng: np.random.Generator, n: int, turning: bool) -> Motion:
     half_extents = np.stack([wall, bullet], axis=1).reshape(-1, 3)
     first, last = _motion(rng, np.stack([start, end]), half_extents, turning)
     for boxes in (first, last):
-        boxes.rotations[::2] = np.eye(3)
+        boxes.arrays.rotations[::2] = np.eye(3)
     return first, last
 
 

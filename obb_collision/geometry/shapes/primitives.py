@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision.geometry.fitting.enclosing import round_up
 from obb_collision.geometry.validation import as_array, as_half_extents
+from obb_collision.geometry.values import SetOnce
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
 
@@ -67,7 +68,7 @@ def positive_number(value: ArrayLike, name: str) -> float:
     return number
 
 
-class Shape(ABC):
+class Shape(ABC, SetOnce):
     """A body in its own frame, metres, scaled by ``scale`` (3,) along the axes of that frame.
 
     Examples

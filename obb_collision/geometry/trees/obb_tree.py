@@ -46,6 +46,7 @@ from obb_collision.geometry.validation import (
     as_rotations,
     as_whole,
 )
+from obb_collision.geometry.values import ForKernels
 from obb_collision.typing import Floats, Integers
 from obb_collision.words import shown
 
@@ -143,7 +144,7 @@ def _of(kind: type, *shape: str | int) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshTrees:
+class MeshTrees(ForKernels):
     """OBB trees of k meshes, metres, each in the frame of its mesh.
 
     triangles (f, 9): the three corners, those of a node in consecutive rows; faces (f,): the face
@@ -176,24 +177,19 @@ class MeshTrees:
     pieces: Floats = field(metadata=_of(np.float64, "p", 6, 3))
     piece_starts: Integers = field(metadata=_of(np.int64, "s"))
     arrays: TreeArrays = field(init=False, repr=False)
-    """All of them, for kernels; the others are views that can't be written."""
+    """All of it, for kernels."""
 
     def __post_init__(self) -> None:
-        self._store(checked_arrays(vars(self)))
+        arrays = TreeArrays(**checked_arrays(vars(self)))
+        vars(self).clear()  # of what was given
+        vars(self)["arrays"] = arrays
 
     @classmethod
     def trusted(cls, **arrays: NDArray[Any]) -> MeshTrees:
         """Return trees of valid arrays by name, neither checked nor copied."""
         trees = object.__new__(cls)
-        trees._store(arrays)
+        vars(trees)["arrays"] = TreeArrays(**arrays)
         return trees
-
-    def _store(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Store arrays for kernels, which follow the indices in them, and views to look at them."""
-        shown = {name: array.view() for name, array in arrays.items()}
-        for view in shown.values():
-            view.setflags(write=False)
-        vars(self).update(shown, arrays=TreeArrays(**arrays))
 
     @classmethod
     def build(
@@ -349,7 +345,7 @@ class MeshTrees:
         )
 
     def __len__(self) -> int:
-        return len(self.roots)
+        return len(self.arrays.roots)
 
     def boxes(self, index: int, depth: int) -> Boxes:
         """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame.

@@ -30,7 +30,7 @@ import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import IDENTITY, quaternions_from_matrices
+from obb_collision.geometry.poses import IDENTITY
 from obb_collision.node.messages.cdr import ENCAPSULATION, padded, written_text
 from obb_collision.node.messages.conversions import NANOSECONDS, Key
 from obb_collision.typing import Floats
@@ -145,7 +145,7 @@ class Markers:
         self._delete(writer, [key for key in self.shown if key not in shown])
         self.shown = shown
         if line_width is None:
-            poses = np.hstack((boxes.centers, quaternions_from_matrices(boxes.rotations)))
+            poses = np.hstack((boxes.centers, boxes.quaternions))
             sizes = np.maximum(2.0 * boxes.half_extents, THINNEST).tolist()
             rows = zip(keys, poses.tolist(), sizes, colors.tolist(), strict=True)
             for key, pose, size, color in rows:

@@ -103,7 +103,7 @@ def hulls_of(bodies: PlacedMeshes, rows: Integers, radii: Floats) -> ConvexBodie
     own[rows] = where.ravel() + 1
     kinds, sizes = np.full(len(bodies), CORNERS, np.int8), np.zeros((len(bodies), 4))
     hulls = Hulls(np.concatenate(blocks), starts, np.array(reach))
-    return ConvexBodies(kinds, sizes, radii, hulls, own, bodies.centers, bodies.rotations)
+    return ConvexBodies(kinds, sizes, radii, hulls, own, *bodies.arrays[2:])
 
 
 #: Pairs below which a second thread does not pay: 0.2 ms.

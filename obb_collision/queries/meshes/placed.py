@@ -41,6 +41,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.build import HALF
 from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
 from obb_collision.geometry.validation import as_array, as_rotations, as_rows, check_lengths
+from obb_collision.geometry.values import ForKernels
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     axes_of,
@@ -221,7 +222,7 @@ def root_boxes(bodies: PlacedMeshes) -> Boxes:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedMeshes:
+class PlacedMeshes(ForKernels):
     """n bodies: body i is mesh ``meshes[i]`` of the trees at centers (n, 3), rotations (n, 3, 3).
 
     Metres; raises ValueError naming the argument and the row for anything else.
@@ -269,11 +270,7 @@ class PlacedMeshes:
     def _store(
         self, trees: MeshTrees, meshes: Integers, centers: Floats, rotations: Floats
     ) -> None:
-        """Store arrays for kernels, which follow the rows in them, and a view to look at those."""
-        shown = meshes.view()
-        shown.setflags(write=False)
-        vars(self).update(trees=trees, meshes=shown, centers=centers, rotations=rotations)
-        vars(self)["arrays"] = Meshes(trees.arrays, meshes, centers, rotations)
+        vars(self).update(trees=trees, arrays=Meshes(trees.arrays, meshes, centers, rotations))
 
     @classmethod
     def from_poses(cls, trees: MeshTrees, meshes: ArrayLike, poses: ArrayLike) -> PlacedMeshes:
@@ -310,11 +307,11 @@ class PlacedMeshes:
         return bodies
 
     def __len__(self) -> int:
-        return len(self.meshes)
+        return len(self.arrays.meshes)
 
     def place(self, row: int) -> tuple[Floats, Floats]:
         """Return centre (3,) and rotation (3, 3) of a body."""
-        return self.centers[row], self.rotations[row]
+        return self.arrays.centers[row], self.arrays.rotations[row]
 
 
 class Meshes(NamedTuple):

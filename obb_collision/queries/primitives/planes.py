@@ -16,14 +16,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays, Boxes
-from obb_collision.geometry.validation import ArrayValue, as_array, check_lengths, refuse_where
+from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
+from obb_collision.geometry.values import ArrayValue, ForKernels
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.vec3 import (
     combined,
@@ -48,8 +50,15 @@ from obb_collision.queries.verdict.verdict import (
 from obb_collision.typing import Floats, Vector
 
 
+class HalfSpaceArrays(NamedTuple):
+    """Half-spaces for kernels: points (n, 3), normals (n, 3)."""
+
+    points: Floats
+    normals: Floats
+
+
 @dataclass(frozen=True, eq=False)
-class HalfSpaces(ArrayValue):
+class HalfSpaces(ArrayValue, ForKernels):
     """n solid half-spaces: all that is not above a plane.
 
     Parameters
@@ -74,16 +83,18 @@ class HalfSpaces(ArrayValue):
 
     points: Floats
     normals: Floats
+    arrays: HalfSpaceArrays = field(init=False, repr=False, compare=False)
+    """All of it, for kernels."""
 
     def __init__(self, points: ArrayLike, normals: ArrayLike) -> None:
         p = as_array(points, "points", (None, 3))
         n = as_array(normals, "normals", (None, 3))
         check_lengths(points=p, normals=n)
         refuse_where((n == 0.0).all(axis=1), "normals must not be zero")
-        vars(self).update(points=p.copy(), normals=n.copy())
+        vars(self)["arrays"] = HalfSpaceArrays(p.copy(), n.copy())
 
     def __len__(self) -> int:
-        return len(self.points)
+        return len(self.arrays.points)
 
 
 def half_space_verdicts(a: Boxes, b: HalfSpaces, pairs: ArrayLike | None = None) -> Verdicts:
@@ -98,7 +109,7 @@ def half_space_separations(
     rows = as_pairs(a, b, pairs)
     heights, bounds = np.empty((2, len(rows)))
     normals, places = np.empty((2, len(rows), 3))
-    _height_kernel(a.arrays, b.points, b.normals, rows, heights, bounds, normals, places)
+    _height_kernel(a.arrays, *b.arrays, rows, heights, bounds, normals, places)
     verdicts = np.select([heights > bounds, heights < -bounds], [SEPARATE, OVERLAP], TOUCHING)
     return CertifiedSeparations(rows, heights, normals, places, verdicts.astype(np.int8))
 

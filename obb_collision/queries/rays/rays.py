@@ -166,7 +166,7 @@ def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:
     """
     boxes = root_boxes(meshes)
     grown = boxes.half_extents + (radii * (1.0 + BOX_BOUND))[:, None]
-    boxes = Boxes.trusted(boxes.centers, boxes.rotations, grown)
+    boxes = Boxes.trusted(*boxes.arrays._replace(half_extents=grown))
     return _hits(rays, meshes, boxes, radii)
 
 

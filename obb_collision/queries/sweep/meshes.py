@@ -127,8 +127,8 @@ def _twisting(
     with np.errstate(over="ignore"):
         moved = twists * seconds
     check_magnitude(moved, "twists times duration", by_row=True)
-    places, arms = (bodies.centers, twists[:, :3]), np.zeros((len(bodies), 3))
-    return BodyMotion(*places, seconds, bodies.rotations, moved[:, 3:], arms, sizes, reaches)
+    places, arms = (bodies.arrays.centers, twists[:, :3]), np.zeros((len(bodies), 3))
+    return BodyMotion(*places, seconds, bodies.arrays.rotations, moved[:, 3:], arms, sizes, reaches)
 
 
 class MeshPairs(NamedTuple):

@@ -154,7 +154,7 @@ def turns_between(start: Boxes, end: Boxes) -> Floats:
     """
     vectors = np.zeros((len(start), 3))
     turned = np.flatnonzero((start.rotations != end.rotations).any(axis=(1, 2)))
-    _fill_turns(start.rotations, end.rotations, turned, vectors)
+    _fill_turns(start.arrays.rotations, end.arrays.rotations, turned, vectors)
     return vectors
 
 
@@ -207,7 +207,7 @@ def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
     low_b, high_b = end.world_bounds()
     low, high = np.minimum(low_a, low_b), np.maximum(high_a, high_b)
     angles = lengths(turns_between(start, end))[:, None]
-    radii = bounding_radii(start.half_extents)[:, None]
+    radii = bounding_radii(start.arrays.half_extents)[:, None]
     sag = radii * (0.125 * OUTWARD) * angles * angles
     least, most = np.minimum(start.centers, end.centers), np.maximum(start.centers, end.centers)
     slack = BOUND_SLACK * (np.maximum(abs(least), abs(most)) + radii) + BOUND_UNDERFLOW
@@ -219,7 +219,7 @@ def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
 
 def motion_bounds(start: Boxes, end: Boxes) -> Floats:
     """Return (n,) metres that no point of each box exceeds on its way, rounded up."""
-    turned = lengths(turns_between(start, end)) * bounding_radii(start.half_extents)
+    turned = lengths(turns_between(start, end)) * bounding_radii(start.arrays.half_extents)
     return (lengths(end.centers - start.centers) + turned) * OUTWARD
 
 

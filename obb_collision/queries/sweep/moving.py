@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,7 +59,7 @@ def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, second
         moved = twists * seconds
         check_magnitude(boxes.centers + moved[:, :3], "twists times duration", by_row=True)
     check_magnitude(moved, "twists times duration", by_row=True)
-    reaches = radii = bounding_radii(boxes.half_extents)
+    reaches = radii = bounding_radii(boxes.arrays.half_extents)
     arms = np.zeros_like(boxes.centers)
     if origins is not None:
         places = as_array(origins, "origins", (None, 3))
@@ -139,6 +140,7 @@ def _turning_bounds(
         high[k] = origin + min(ring_most, most + sag) + slack + BOUND_UNDERFLOW
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class MovingBoxes:
     """n boxes that move, each from its pose in ``start`` to that in ``end``, during times 0 to 1.
 
@@ -166,18 +168,18 @@ class MovingBoxes:
     [0.75]
     """
 
-    __slots__ = ("duration", "motion")
-
-    motion: Motion
+    arrays: Motion
+    """All of it, for kernels."""
     duration: float
     """How long the motion lasts: 1, or seconds."""
 
     def __init__(self, start: Boxes, end: Boxes) -> None:
         check_same_boxes(start, end)
-        radii = bounding_radii(start.half_extents)
         (c, r, h), turns = start.arrays, turns_between(start, end)
-        self.motion = Motion(c, end.centers, 0.0, r, h, radii, turns, np.zeros_like(c), radii)
-        self.duration = 1.0
+        radii = bounding_radii(h)
+        ends = end.arrays.centers
+        motion = Motion(c, ends, 0.0, r, h, radii, turns, np.zeros_like(c), radii)
+        vars(self).update(arrays=motion, duration=1.0)
 
     @classmethod
     def from_twists(
@@ -215,16 +217,16 @@ class MovingBoxes:
         seconds = float(as_array(duration, "duration", ()))
         if seconds <= 0.0:
             raise ValueError(f"duration must be positive, got {seconds:g}")
+        motion = twist_motion(boxes, as_array(twists, "twists", (None, 6)), origins, seconds)
         made = cls.__new__(cls)
-        made.motion = twist_motion(boxes, as_array(twists, "twists", (None, 6)), origins, seconds)
-        made.duration = seconds
+        vars(made).update(arrays=motion, duration=seconds)
         return made
 
     def __len__(self) -> int:
-        return len(self.motion.starts)
+        return len(self.arrays.starts)
 
     def __repr__(self) -> str:
-        kind = "from pose to pose" if self.motion.seconds == 0.0 else f"for {self.duration:g} s"
+        kind = "from pose to pose" if self.arrays.seconds == 0.0 else f"for {self.duration:g} s"
         return f"MovingBoxes({len(self)} {kind})"
 
 
@@ -238,10 +240,10 @@ def join_motions(
     """
     first, second = (_moving(x, y) for x, y in ((a, b), (b, a)))
     if a is b:
-        return first.motion, first.duration, pairs
-    if (first.motion.seconds, first.duration) != (second.motion.seconds, second.duration):
+        return first.arrays, first.duration, pairs
+    if (first.arrays.seconds, first.duration) != (second.arrays.seconds, second.duration):
         raise ValueError(f"a and b must move during the same times, got {first} and {second}")
-    both = joined(first.motion, second.motion)
+    both = joined(first.arrays, second.arrays)
     return both, first.duration, pairs + np.array([0, len(first)])
 
 
@@ -249,6 +251,6 @@ def _moving(boxes: MovingBoxes | Boxes, other: MovingBoxes | Boxes) -> MovingBox
     """Return boxes that may stand still as moving, during the times of others."""
     if isinstance(boxes, MovingBoxes):
         return boxes
-    if isinstance(other, MovingBoxes) and other.motion.seconds != 0.0:
+    if isinstance(other, MovingBoxes) and other.arrays.seconds != 0.0:
         return MovingBoxes.from_twists(boxes, np.zeros((len(boxes), 6)), other.duration)
     return MovingBoxes(boxes, boxes)

@@ -60,7 +60,7 @@ def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     Of two spheres that ``spheres_may_collide`` reports these bounds certainly overlap.
     """
     minimum, maximum = meeting_bounds(boxes)
-    radii = lengths(boxes.half_extents)
+    radii = lengths(boxes.arrays.half_extents)
     reach = radii[:, None] + 4.0 * SPHERE_SLACK * (np.abs(boxes.centers) + radii[:, None])
     return np.minimum(minimum, boxes.centers - reach), np.maximum(maximum, boxes.centers + reach)
 
@@ -73,7 +73,8 @@ def bounds_of(boxes: Boxes, spheres: bool) -> tuple[Floats, Floats]:
 def spheres_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether the spheres around two boxes may have a common point."""
     out = np.empty(len(rows_a), np.bool_)
-    _sphere_kernel(boxes.centers, boxes.half_extents, rows_a, rows_b, out)
+    centers, _, half_extents = boxes.arrays
+    _sphere_kernel(centers, half_extents, rows_a, rows_b, out)
     return out
 
 

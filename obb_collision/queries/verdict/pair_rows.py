@@ -88,7 +88,7 @@ def one_set(a: Boxes, b: Boxes, pairs: Integers) -> tuple[Boxes, Integers]:
     """Return boxes that hold both sets, and the pairs (m, 2) as rows of them; no copy if b is a."""
     if a is b:
         return a, pairs
-    both = (np.concatenate(sides) for sides in zip(vars(a).values(), vars(b).values(), strict=True))
+    both = map(np.concatenate, zip(a.arrays, b.arrays, strict=True))
     return Boxes.trusted(*both), pairs + np.array([0, len(a)])
 
 

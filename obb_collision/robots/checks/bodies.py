@@ -231,7 +231,7 @@ class WorldState:
         """Return the slots of what counts, and the boxes there."""
         slots = _counted(scene.objects.store, self._left_out)
         boxes = scene.objects.store.boxes(slots)
-        return slots, boxes.centers, boxes.rotations, boxes.half_extents
+        return slots, *boxes.arrays
 
     def is_current(self, scene: Scene) -> bool:
         """Return whether nothing has changed since that bodies depend on."""
@@ -344,6 +344,7 @@ def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBod
             corners, radii[n] = np.array([(0.0, 0.0, -half), (0.0, 0.0, half)]), radii[n] + own
         beyond = excess(cache.shape(slot), corners)
         corners = corners @ rotations[n].T + (centers[n] - origin)
-        box = boxes.centers[n] - origin, boxes.rotations[n], boxes.half_extents[n]
+        center, turn, half_extents = (array[n] for array in boxes.arrays)
+        box = center - origin, turn, half_extents
         result.append(placed_body(corners, float(radii[n]), frame, box, beyond))
     return result

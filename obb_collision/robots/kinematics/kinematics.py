@@ -71,7 +71,7 @@ def checked_states(
     for column in tree.columns[tree.kinds == FLOATING]:
         zeros = ~np.any(checked[:, column + 3 : column + 7], axis=1)
         refuse_where(zeros, f"{name} must have no quaternion of zeros", by_row=not single)
-    return (checked if checked.flags.writeable else checked.copy()), single  # kernels: one kind
+    return checked, single
 
 
 def link_poses(tree: Tree, states: Floats) -> Floats:

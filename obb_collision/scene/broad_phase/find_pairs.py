@@ -173,7 +173,7 @@ def _find_between(a: Boxes, b: Boxes, exact: bool, level: Accuracy) -> Pairs:
     spheres = level == Accuracy.SPHERE
     candidates = find_candidates_between(*bounds_of(a, spheres), *bounds_of(b, spheres))
     # of two sets in any case: a box of b that is one of a is still another box
-    both, candidates = one_set(a, Boxes.trusted(*vars(b).values()), candidates)
+    both, candidates = one_set(a, Boxes.trusted(*b.arrays), candidates)
     return _decided(both, candidates, exact, level)[0] - np.array([0, len(a)])
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision.geometry.values import SetOnce
 from obb_collision.scene.effects.base import ACCURACY, Effect, Setting
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.patterns import as_patterns, matching
@@ -31,7 +32,7 @@ OFF, AUTO, ON = MODES = ("off", "auto", "on")
 """Never; when asked for; at every check."""
 
 
-class EffectSettings:
+class EffectSettings(SetOnce):
     """One ``Setting`` per effect, by name."""
 
     def __init__(

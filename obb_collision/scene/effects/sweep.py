@@ -114,9 +114,9 @@ def refined_sweeps(
 
 def motion_of(bodies: PlacedMeshes | ConvexBodies, slots: Rows, ride: Ride) -> BodyMotion:
     """Return the motion of bodies fixed to the boxes of slots, where they are at a check."""
-    rows, motion = np.searchsorted(ride.slots, slots), ride.moving.motion
+    rows, motion = np.searchsorted(ride.slots, slots), ride.moving.arrays
     arms = bodies.centers - ride.now.centers[rows]
-    rotations = bodies.rotations
+    rotations = bodies.arrays.rotations
     if motion.seconds == 0.0:  # the check is the end of the motion
         back = motion.rotations[rows] @ ride.now.rotations[rows].transpose(0, 2, 1)
         arms, rotations = np.einsum("nij,nj->ni", back, arms), back @ rotations
@@ -287,7 +287,7 @@ def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
     if cycle.region is not None:
         slots = np.flatnonzero(moving & ~cycle.active)
         origins, boxes = cycle.store.poses[slots, :3], cycle.boxes[slots]
-        around = lengths(boxes.centers - origins) + lengths(boxes.half_extents)
+        around = lengths(boxes.centers - origins) + lengths(boxes.arrays.half_extents)
         ways = horizon * lengths(cycle.store.twists[slots, :3])
         coming[slots] = balls_near(cycle.region, origins, around + ways)
     return coming

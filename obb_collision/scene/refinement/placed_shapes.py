@@ -270,8 +270,8 @@ class PlacedShapes:
         during the check itself.
         """
         there = copy(self._store)
-        there.centers, there.rotations = boxes.centers, boxes.rotations
-        there.half_extents, there.poses = boxes.half_extents, poses
+        there.centers, there.rotations, there.half_extents = boxes.arrays
+        there.poses = poses
         return decide_pairs(there, self._cache, pairs, self._exact)[0].pairs
 
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:

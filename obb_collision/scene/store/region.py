@@ -30,13 +30,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obb_collision.geometry.validation import (
-    ArrayValue,
-    as_any_array,
-    as_array,
-    as_shaped,
-    as_whole,
-)
+from obb_collision.geometry.validation import as_any_array, as_array, as_shaped, as_whole
+from obb_collision.geometry.values import ArrayValue
 from obb_collision.numerics.constants import UNDERFLOW
 from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.words import shown

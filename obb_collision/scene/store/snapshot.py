@@ -86,6 +86,6 @@ class Snapshot:
         centers, rotations = self._boxes.centers.copy(), self._boxes.rotations.copy()
         for rows, old_centers, old_rotations in reversed(self._notes):
             centers[rows], rotations[rows] = old_centers, old_rotations
-        self._boxes = Boxes.trusted(centers, rotations, self._boxes.half_extents)
+        self._boxes = Boxes.trusted(centers, rotations, self._boxes.arrays.half_extents)
         self.attached = False
         self._notes.clear()

@@ -294,7 +294,6 @@ class ObjectStore:
             if len(new) != len(rows):
                 got = f"{len(new)} for {len(rows)} objects"
                 raise ValueError(f"poses must have one row per object, got {got}")
-            new = new if new.flags.writeable else new.copy()
         else:
             rows = rows.copy()  # another thread must not change what is checked
         which = np.empty(len(rows), np.int64)

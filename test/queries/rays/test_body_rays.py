@@ -304,7 +304,7 @@ def test_an_origin_inside_is_a_hit_at_once_and_so_are_points(solid: bool) -> Non
         np.testing.assert_array_equal(found.distances == 0.0, inside)
         assert not found.normals[inside].any()
         boxes = root_boxes(body)
-        boxes.half_extents[:] += 0.05
+        boxes.arrays.half_extents[:] += 0.05
         cloud = points_in_bodies(boxes, body, origins, 0.0, radius, each_point=True)
         assert cloud.boxes is not None
         np.testing.assert_array_equal(cloud.boxes == 0, inside)

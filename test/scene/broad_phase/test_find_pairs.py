@@ -307,7 +307,7 @@ def test_interpreted_kernels_find_the_same_pairs(tmp_path: Path) -> None:
     decades = formed("decades")
     families = [make(np.random.default_rng(1), 65) for make in (uniform, floor_plan, decades)]
     for n, boxes in enumerate(families):
-        np.savez(tmp_path / f"boxes{n}", **vars(boxes))
+        np.savez(tmp_path / f"boxes{n}", **boxes.arrays._asdict())
     package = str(Path(oc.__file__).parents[1])
     run_python("-c", INTERPRETED, cwd=tmp_path, NUMBA_DISABLE_JIT="1", PYTHONPATH=package)
     for n, boxes in enumerate(families):

@@ -49,7 +49,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     made: list[str] = []
 
     def counted(moving: Any, *arguments: Any, **more: Any) -> Any:
-        made.append("from pose to pose" if moving.motion.seconds == 0.0 else "by twists")
+        made.append("from pose to pose" if moving.arrays.seconds == 0.0 else "by twists")
         return oc.sweeps(moving, *arguments, **more)
 
     monkeypatch.setattr(module, "box_sweeps", counted)

@@ -200,7 +200,7 @@ TINY = float(np.nextafter(np.finfo(np.float64).tiny, 1.0))
 def state(scene: oc.Scene) -> list[object]:
     """Return what can be seen of a scene."""
     report, indices, names = scene.check("sweep"), scene.indices, scene.names
-    arrays = [indices, scene.objects.poses_of(indices), *vars(scene.boxes).values()]
+    arrays: list[Any] = [indices, scene.objects.poses_of(indices), *scene.boxes.arrays]
     arrays += [report.accuracies, report.pairs, report.cycle.active[indices]]
     arrays += [report.swept.predicted.pairs, report.swept.passed.pairs]
     shapes = [scene.objects.shape_of(name) for name in names]
