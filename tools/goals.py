@@ -25,7 +25,6 @@ cache: seconds until the node is ready, and until all is compiled.
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -65,7 +64,7 @@ from obb_collision.benchmarks.steps import (
 )
 from obb_collision.cli import SEED, Parser, Progress, interruptible, new_file, option, real
 from obb_collision.scene.scene import Scene
-from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, possible_steps
+from obb_collision.warm_up.steps import BOXES
 from tools.pages import as_markdown, write_into
 
 #: How many times as fast as MuJoCo, at these sizes.
@@ -319,31 +318,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-#: Seconds: the default node, the same once more, what is switched on late, and everything.
-STARTED, WARM, LATE, EVERYTHING = 12.0, 2.0, 12.0, 60.0
-#: How a program compiles steps, as the node does beside its cycles.
+#: Seconds by accuracy until a node is ready first, and once more; and until all is compiled.
+STARTED, WARM, EVERYTHING = {"obb": 15.0, "hull": 30.0, "mesh": 45.0}, 2.5, 60.0
+#: How a program compiles steps, as the node does.
 COMPILE = "from obb_collision.warm_up.processes import compile_steps; import sys; "
 COMPILE += "progress = compile_steps(sys.argv[1:]); sys.exit(bool(progress.failed))"
-#: What every node needs.
-DEFAULT = [BOXES, MESSAGES, "effect separations"]
 
 
 def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, float]]:
     """Yield what, the seconds wanted, and those it took."""
     with TemporaryDirectory() as folder:
         home = Path(folder)
-        show("empty cache: default start")
-        if find_spec("rclpy"):
-            yield "default node ready", STARTED, _node(home / "default")
-            yield "default node ready, kernels cached", WARM, _node(home / "default")
-        else:
+        for level, wanted in STARTED.items() if find_spec("rclpy") else ():
+            show(f"empty cache: node with accuracy {level}")
+            yield f"node with accuracy {level} ready", wanted, _node(home / level, level)
+            yield f"the same, kernels cached: {level}", WARM, _node(home / level, level)
+        if not find_spec("rclpy"):
+            show("empty cache: default scene")
             seconds = _run(home / "default", "-c", COMPILE, BOXES, "effect separations")
-            yield "kernels of a default scene", STARTED, seconds
-        for step in NODE_STEPS:
-            if step not in DEFAULT and step in possible_steps():
-                show(f"empty cache: {step}")
-                shutil.copytree(home / "default", home / step)
-                yield f"{step} switched on late", LATE, _run(home / step, "-c", COMPILE, step)
+            yield "kernels of a default scene", STARTED["obb"], seconds
         show("empty cache: everything")
         seconds = _run(home / "all", "-m", "obb_collision.warm_up.command", "--quiet")
         yield "everything by obb_collision warm-up", EVERYTHING, seconds
@@ -362,11 +355,12 @@ def _run(cache: Path, *words: str) -> float:
     return perf_counter() - start
 
 
-def _node(cache: Path) -> float:
+def _node(cache: Path, accuracy: str) -> float:
     """Return the seconds from the start of a node until it says that it is ready."""
     start, code = perf_counter(), "from obb_collision.commands import node; node()"
     output: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen(**_command(cache, "-c", code), **output) as process:
+    words = "--ros-args", "-p", f"accuracy:={accuracy}"
+    with subprocess.Popen(**_command(cache, "-c", code, *words), **output) as process:
         try:
             if any("ready: " in line for line in process.stdout or ()):
                 return perf_counter() - start

@@ -234,6 +234,8 @@ class Demo:
             values["scene_file"] = str(scene.file.resolve())
         if scene.robots:
             values |= robot_parameters(scene.robots)
+        # for which the first start need not compile
+        values |= {f"effects.{name}": "off" for name in NARRATORS if name not in effects}
         inputs = ["object_states"] if scene.file is not None else ["objects", "object_poses"]
         topics = [
             *inputs,

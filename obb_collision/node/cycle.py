@@ -40,7 +40,6 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
-from obb_collision.typing import Mask
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
@@ -135,7 +134,7 @@ class CycleRunner:
     """Runs the cycles of a node, and measures their durations."""
 
     def __init__(self, node: CollisionNode) -> None:
-        self._node, self._settings, self._objects = node, node.settings, node.objects
+        self._node, self._objects = node, node.objects
         self._obstacles, self._effects, self._outputs = node.obstacles, node.effects, node.outputs
         self._set_aside = SetAside(node.objects, node.guard)
         self.monitor = CycleMonitor()
@@ -155,11 +154,6 @@ class CycleRunner:
     def paused(self) -> str:
         """The code of why nothing is checked, "" if it is."""
         return "inactive" if not self.active else "" if self.enabled else "disabled"
-
-    @property
-    def waits_for_kernels(self) -> bool:
-        """Whether robots are not checked, since kernels of their accuracy are being loaded."""
-        return self._settings.waiting and bool(self._objects.table.of_robot.any())
 
     def pairs_left(self) -> tuple[int, bool]:
         """Return how many pairs collided at the last check whose objects still exist.
@@ -187,8 +181,6 @@ class CycleRunner:
             collected = perf_counter()
             self._objects.update(now)
             stages = {"inputs": collected - start, "update": perf_counter() - collected}
-            if self._settings.waiting:
-                self._settings.apply_accuracy()
             if not self.paused:
                 stages.update(self.run_stages(now))
                 if waited:
@@ -210,18 +202,16 @@ class CycleRunner:
         """Check and publish; returns the seconds of each stage and of each effect computed."""
         times = [perf_counter()]
         effects = self._effects.of_cycle()
-        if self._effects.on_boxes and self._effects.raised(effects):
-            self._settings.apply_effects()
         if "points" in effects:
             self._obstacles.place(now)
         times.append(perf_counter())
         last, known = self.report, () if self.report is None else tuple(self.report.costs)
         self.report = report = self._set_aside.check(effects & EFFECTS.keys())
-        on_boxes = self._on_boxes(report)
+        on_boxes = self._objects.pairs_on_boxes(report)
         pairs = report.pairs[~on_boxes]
         self._last = pairs, self._objects.table.serial[pairs], report.truncated
         times.append(perf_counter())
-        if self.waits_for_kernels or on_boxes.any():
+        if on_boxes.any():
             self.report = None
             self._outputs.publish_namespaces(self._objects.table.namespaces)
             return dict(zip(("prepare", "check"), np.diff(times).tolist(), strict=True))
@@ -239,13 +229,6 @@ class CycleRunner:
         costs = {name: cost for name, cost in report.costs.items() if name not in old}
         stages["check"] -= sum(cost.seconds for cost in costs.values())
         return stages | self.monitor.add_costs(costs)
-
-    def _on_boxes(self, report: Report) -> Mask:
-        """Return (m,) which pairs of robots are on boxes that collide though the links may not."""
-        found = self._objects.pairs_on_boxes(report)
-        if self.waits_for_kernels:
-            found |= self._objects.table.of_robot[report.pairs].any(axis=1)
-        return found
 
     def _given(self, report: Report, effects: frozenset[str], now: int) -> Published:
         stamp = self._objects.newest_stamp(now)

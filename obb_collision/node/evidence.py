@@ -122,8 +122,6 @@ class Evidence:
         cycle, broken = self._cycle, self._objects.broken
         if cycle.paused:
             yield Reason(cycle.paused)
-        elif cycle.waits_for_kernels:
-            yield Reason("starting", detail="kernels of its accuracy are being loaded")
         elif cycle.report is None and not (cycle.failed or len(self._objects.links_on_boxes)):
             yield Reason("starting", detail="not checked yet")
         if cycle.failed or broken:

@@ -25,6 +25,7 @@ from traceback import format_exception
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from obb_collision.node.runtime.inner import destroy_states
@@ -109,6 +110,8 @@ class ManagedNode(LifecycleNode):
                 action()
         except Exception as error:
             self._failure, self._reason = error, in_one_line(error)
+            if isinstance(error, ExternalShutdownException):  # as its user wanted
+                return ERROR
             if not isinstance(error, (*UNUSABLE, OSError)):  # not foreseen
                 self._reason = f"{type(error).__name__}: {self._reason}"
                 self.get_logger().error("".join(format_exception(error)))

@@ -27,10 +27,8 @@ from typing import Any
 
 from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
 
-from obb_collision.accuracy import Accuracy
 from obb_collision.node import reporting
 from obb_collision.node.cycle import CycleRunner, Schedule
 from obb_collision.node.diagnostics.answer import CODES, Reason
@@ -50,28 +48,24 @@ from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.ready import Kernels
 from obb_collision.node.robots.checked_robot import LinkFrames
 from obb_collision.node.robots.robots import Robots, robot_inputs
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import run
-from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.settings import (
     MEGABYTE,
     SceneParameters,
     apply_limits,
     build_limits,
-    effect_levels,
-    requested_levels,
 )
-from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.settings import OFF, ON
+from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene_files import describe_scene
 from obb_collision.scene_files.mesh_files import MeshReading
-from obb_collision.warm_up.steps import ROBOTS
 
 NODE_NAME = "obb_collision"
 
@@ -79,11 +73,11 @@ NODE_NAME = "obb_collision"
 class CollisionNode(ManagedNode):
     """Maintains the world boxes of a scene and publishes which collide.
 
-    Unconfigured it has its publishers, the status and compiled kernels; configured its inputs and
-    objects, which are stored; only while it is active they are checked.
+    Unconfigured it has its publishers and the status; configured its kernels, inputs and objects,
+    which are stored; only while it is active they are checked.
 
-    frames: where frames are, by default tf2 where installed. ending: whether a start that compiles
-    is to be given up, which raises ExternalShutdownException. steady: seconds, by which inputs are
+    frames: where frames are, by default tf2 where installed. ending: whether to give up compiling,
+    which raises ExternalShutdownException at the start. steady: seconds, by which inputs are
     silent. All else goes to ``rclpy.node.Node`` (context, namespace, parameter_overrides...).
     """
 
@@ -105,8 +99,7 @@ class CollisionNode(ManagedNode):
             raise
 
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
-        """Create what is there in every state, compile the kernels that are needed, and start."""
-        start = perf_counter()
+        """Create what is there in every state, and start."""
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
@@ -121,26 +114,22 @@ class CollisionNode(ManagedNode):
             logger.warning(
                 f"{package} is installed and cannot be used, as if it were not: {reason}"
             )
-        self.warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
         self._make_outputs()
-        switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
-        levels = [(n, m) for n in switched_on for m in effect_levels(self.parameters, n)]
-        # links are on "hull" by default, as boxes around them collide far too often
-        robots: list[Thing] = [ROBOTS, Accuracy.HULL] if self.parameters.robots else []
-        needed: list[Thing] = [*requested_levels(self.parameters), *switched_on, *levels, *robots]
-        self.warm.start(needed, self._report_start)
-        if ending() or not self.context.ok():
-            raise ExternalShutdownException
-        self._warm_up_time = perf_counter() - start
+        self.kernels = Kernels(
+            logger.info,
+            logger.warning,
+            self._report_compiling,
+            lambda: ending() or not self.context.ok(),
+        )
+        self.status.start()
         if autostart:
             self.start()
         else:
             self.rest()
-        self.status.start()
 
     def _make_outputs(self) -> None:
         """Create the outputs; the status is published from now on."""
-        self.outputs = Outputs(self, self.parameters, self.guard, self.warm)
+        self.outputs = Outputs(self, self.parameters, self.guard)
         self.effects = self.outputs.effects
         self.status = CollisionStatus(
             f"{self.full_name}: collision",
@@ -152,11 +141,14 @@ class CollisionNode(ManagedNode):
         )
         self.status.rest()
 
-    def _report_start(self, text: str) -> None:
-        """Report what the start waits for, unless it is to be abandoned."""
+    def _report_compiling(self, text: str) -> None:
+        """Report how far compiling is, unless it is given up."""
         if self.context.ok():
             with self.guard.catching("status"):
                 self.status.rest(Reason("starting", detail=text))
+                part = reporting.Part("kernels", [text], "ready", ())
+                now = self._read_clock()
+                reporting.publish_parts(self.outputs, self.full_name, now, [part])
 
     def rest(self, detail: str = "") -> None:
         """Report that nothing is configured; detail: what else there is to say."""
@@ -165,8 +157,11 @@ class CollisionNode(ManagedNode):
         self.get_logger().info(CODES["unconfigured"])
 
     def configure(self) -> None:
-        """Create inputs and objects, and begin to store messages."""
+        """Have kernels compiled, create inputs and objects, and begin to store messages."""
         scene_file, self._scene_file = self._scene_file or self._read_scene_file(), None
+        start = perf_counter()
+        self.kernels.prepare(self.parameters)
+        seconds = perf_counter() - start
         self._make_inputs()
         self._make_cycle([] if scene_file is None else scene_file.allowed())
         self.outputs.publish_namespaces(self.objects.table.namespaces)
@@ -183,7 +178,7 @@ class CollisionNode(ManagedNode):
         log(
             f"ready: fixed frame '{self.parameters.fixed_frame[:80]}', "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz, "
-            f"kernels loaded in {self._warm_up_time:.1f} s"
+            f"kernels loaded in {seconds:.1f} s"
         )
 
     def activate(self) -> None:
@@ -202,13 +197,14 @@ class CollisionNode(ManagedNode):
         """Remove inputs and objects."""
         self.undo.close()
         self.parameters.on_change = lambda: None
+        self.parameters.on_check = lambda parameters: None
         self.parameters.restore_defaults()
         self.outputs.withdraw(self._read_clock())
 
     def finish(self) -> None:
-        """Say that nothing will be known any more, and end all processes."""
+        """Say that nothing will be known any more."""
         self.status.close()
-        self.warm.close()
+        self.kernels.close()
         self.get_logger().info("finalized")
 
     def _make_inputs(self) -> None:
@@ -263,6 +259,7 @@ class CollisionNode(ManagedNode):
         self.undo.callback(self.destroy_timer, timer)
         # each at once: the executor takes one request per service between two cycles
         self.parameters.on_change = self.guard.catching("parameters")(self._apply_parameters)
+        self.parameters.on_check = self.kernels.check
         for service in (
             self.create_service(Trigger, "~/clear", self._clear),
             self.create_service(SetBool, "~/enable", self._enable),
@@ -435,7 +432,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "warm", "undo"):
+        for name in ("status", "kernels", "undo"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()

@@ -42,6 +42,7 @@ from obb_collision.node.objects.conditions import (
     UNSHAPED,
 )
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.entries import text_from_region
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.report import Report
@@ -201,6 +202,19 @@ def _named(
             yield f"names {label}", some([name_from_key(key) for key in keys], counts[label])
 
 
+def publish_parts(outputs: Outputs, node: str, now: int, parts: Iterable[Part]) -> None:
+    """Publish parts of a node at a time (ns), if that is requested."""
+    if not outputs.effects.is_requested("diagnostics"):
+        return
+    message = DiagnosticArray()
+    message.header.stamp = stamp_to_ros(now)
+    for name, faults, fine, values, level in parts:
+        text = "; ".join(faults) or fine
+        level = level if faults else OK
+        message.status.append(make_status(f"{node}: {name}", level, text, values))
+    outputs.publishers["diagnostics"].publish(message)
+
+
 class Reporting:
     """Publishes the state of all parts of a node."""
 
@@ -218,13 +232,7 @@ class Reporting:
         for topic, monitor in self._monitors.items():
             monitor.flush()
             monitor.mismatches = len(self._qos.reasons.get(topic, ()))
-        if self._outputs.effects.is_requested("diagnostics"):
-            message = DiagnosticArray()
-            message.header.stamp = stamp_to_ros(now)
-            for name, faults, fine, values, level in self.parts(elapsed, now):
-                name, text = f"{self._node.full_name}: {name}", "; ".join(faults) or fine
-                message.status.append(make_status(name, level if faults else OK, text, values))
-            self._outputs.publishers["diagnostics"].publish(message)
+        publish_parts(self._outputs, self._node.full_name, now, self.parts(elapsed, now))
         for monitor in self._monitors.values():
             monitor.since_last_report()
         self._cycle.monitor.begin_report()

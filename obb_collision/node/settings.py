@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from obb_collision._threads import set_threads
-from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.accuracy import as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
@@ -27,12 +27,10 @@ from obb_collision.node.objects.states import BY_STAMP, AgeLimits
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.effects import EFFECTS, LEVELS
-from obb_collision.scene.effects.base import ACCURACY
+from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
-from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene.store.patterns import Overrides, limited
+from obb_collision.scene.store.patterns import Overrides
 
 if TYPE_CHECKING:
     from obb_collision.node.node import CollisionNode
@@ -41,20 +39,14 @@ MEGABYTE = 1_000_000
 
 
 class SceneParameters:
-    """Applies parameters to the scene; accuracies wait until their kernels are compiled.
-
-    allowed: rules before those of the parameters.
-    """
+    """Applies parameters to the scene; allowed: rules before those of the parameters."""
 
     def __init__(self, node: CollisionNode, allowed: list[Rule]) -> None:
-        self._parameters, self._objects, self._warm = node.parameters, node.objects, node.warm
-        self._requested = node.effects
+        self._parameters, self._objects = node.parameters, node.objects
         self._allowed, self._of_robots = allowed, list[Rule]()
         self._filters: tuple[object, ...] = ()
         self._effects: dict[str, Any] = {}
         self._threads: int | None = None
-        self.waiting = False
-        """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
 
     def apply(self) -> None:
         """Apply the parameters to the scene."""
@@ -65,26 +57,17 @@ class SceneParameters:
         for name in ("padding", "max_pairs"):
             _set(scene, name, getattr(parameters, name))
         _set(scene, "time_budget", parameters.time_budget or None)
-        self.apply_accuracy()
+        self._apply_accuracy()
         self._apply_filters()
-        levels = {name: effect_levels(parameters, name) for name in EFFECTS}
-        self._requested.on_boxes = {
-            name: some
-            for name, some in levels.items()
-            if not all(self._warm.has((name, level)) for level in some)
-        }
-        self.apply_effects()
+        self._apply_effects()
 
     def allow(self, rules: list[Rule]) -> None:
         """Set the rules of robots."""
         self._of_robots = rules
         self._apply_filters()
 
-    def apply_effects(self) -> None:
-        """Set the effects, some on boxes until their kernels are ready, and the region.
-
-        Its halo depends on them.
-        """
+    def _apply_effects(self) -> None:
+        """Set the effects, and the region: its halo depends on them."""
         parameters, scene = self._parameters, self._objects.scene
         groups = Groups(parameters.groups)
         settings = {name: self._effect_setting(name, groups) for name in EFFECTS}
@@ -96,12 +79,10 @@ class SceneParameters:
             self._effects, scene.region = settings, parameters.share
 
     def _effect_setting(self, name: str, groups: Groups) -> dict[str, Any]:
-        # Never "on": the node requests effects per check, once their kernels are compiled.
+        # Never "on": the node requests effects per check.
         mode = OFF if self._parameters.mode(name) == OFF else AUTO
         setting = {"mode": mode, **self._parameters.setting(name)}
         setting["objects"] = groups.all_meant(setting["objects"])
-        if ACCURACY in setting and (self.waiting or name in self._requested.on_boxes):
-            setting[ACCURACY] = "obb"
         return setting
 
     def _apply_filters(self) -> None:
@@ -117,54 +98,20 @@ class SceneParameters:
             self._filters = filters
         _set(scene.objects, "padding_overrides", groups.overrides(parameters.padding_overrides))
 
-    def apply_accuracy(self) -> None:
-        """Set the accuracy of all objects, limited to levels whose kernels are compiled.
-
-        While one above obb is missing none above is used.
-        """
+    def _apply_accuracy(self) -> None:
+        """Set the accuracy of all objects."""
         parameters, objects = self._parameters, self._objects
-        missing = [n for n in requested_levels(parameters) if not self._warm.is_ready(n)]
-        waited, self.waiting = self.waiting, bool(missing)
-        is_low = any(level < Accuracy.OBB for level in missing)
-        is_high = any(level > Accuracy.OBB for level in missing)
-        lowest = Accuracy.OBB if is_low else Accuracy.SPHERE
-        highest = Accuracy.OBB if is_high else Accuracy.MESH
-        level = min(max(as_accuracy(parameters.accuracy), lowest), highest)
-        _set(objects.scene, "accuracy", level)
+        _set(objects.scene, "accuracy", as_accuracy(parameters.accuracy))
         given = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
-        overrides = limited(given, lowest, highest)
+        overrides = Overrides(given)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
-        if waited and not self.waiting:
-            self.apply_effects()
 
 
 def _set(scene: Any, name: str, value: object) -> None:
     """Set what differs: the scene starts anew with what depends on it."""
     if getattr(scene, name) != value:
         setattr(scene, name, value)
-
-
-def requested_levels(parameters: Parameters) -> list[Accuracy]:
-    """Return the levels that the parameters request."""
-    levels = {level for _, level in parameters.accuracy_overrides}
-    levels.add(as_accuracy(parameters.accuracy))
-    for name, effect in EFFECTS.items():
-        choice = parameters.setting(name).get(ACCURACY, AS_PAIRS)
-        if ACCURACY in effect.options and parameters.mode(name) != OFF and choice != AS_PAIRS:
-            levels.add(as_accuracy(choice))
-    return sorted(levels)
-
-
-def effect_levels(parameters: Parameters, name: str) -> list[Accuracy]:
-    """Return the levels above OBB that an effect may be computed on, as it is set."""
-    choice = parameters.setting(name).get(ACCURACY, "obb")
-    if choice == AS_PAIRS:
-        levels = {as_accuracy(level) for _, level in parameters.accuracy_overrides}
-        highest = max(levels | {as_accuracy(parameters.accuracy)})
-    else:
-        highest = as_accuracy(choice)
-    return [level for level in LEVELS[name] if level <= highest]
 
 
 def apply_limits(parameters: Parameters, objects: Objects) -> None:

@@ -56,7 +56,7 @@ OBJECTS = 50_000
 
 CODE = (
     "import sys; sys.path[:] = {path!r}; from obb_collision.warm_up.processes import work; "
-    "work({descriptor}, {private!r}, {niceness!r})"
+    "work({descriptor}, {private!r})"
 )
 
 
@@ -83,26 +83,22 @@ def compile_steps(
     *,
     count: int | None = None,
     private: Path | None = None,
-    niceness: int = 0,
     look: Callable[[CompileProgress], None] = lambda progress: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> CompileProgress:
     """Compile what steps need and the cache lacks, in ``count`` processes; returns at the end.
 
-    The longest steps have parts that are steps of their own, see ``steps.BESIDE``.
-
     private: a second folder for kernels. look: called from time to time, and whenever something
     has happened. stopped: asked every tenth of a second.
     """
-    wanted = [part for step in names for part in (step, *steps.BESIDE.get(step, ()))]
-    progress = CompileProgress(tuple(dict.fromkeys(wanted)))
+    progress = CompileProgress(tuple(names))
     waiting = list(progress.steps)
     if count is None:
         count = min(MOST_PROCESSES, usable_cores())
     workers: list[_Worker] = []
     try:
         for _ in range(min(count, len(waiting))):
-            workers.append(_Worker(private, niceness))
+            workers.append(_Worker(private))
             workers[-1].give(waiting, progress)
         busy = {worker.connection: worker for worker in workers}
         while busy and not progress.stopped:
@@ -124,7 +120,7 @@ def compile_steps(
 class _Worker:
     """One process."""
 
-    def __init__(self, private: Path | None, niceness: int) -> None:
+    def __init__(self, private: Path | None) -> None:
         if not sys.executable:
             raise OSError("no Python interpreter: sys.executable is empty")
         here, there = socket.socketpair()
@@ -135,7 +131,6 @@ class _Worker:
                 path=sys.path,
                 descriptor=there.fileno(),
                 private="" if private is None else str(private),
-                niceness=niceness,
             )
             self._process = subprocess.Popen(
                 [sys.executable, "-c", code],
@@ -191,11 +186,10 @@ class _Worker:
             self._process.wait(ENDING)
 
 
-def work(descriptor: int, private: str, niceness: int) -> None:
+def work(descriptor: int, private: str) -> None:
     """Run steps in this process. private: a second folder for kernels, or nothing."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal; who started this decides
     connection = Connection(descriptor)
-    os.nice(niceness)
     gc.set_threshold(OBJECTS)
     queue: SimpleQueue[str] = SimpleQueue()
     Thread(target=_read, args=(connection, queue), daemon=True).start()

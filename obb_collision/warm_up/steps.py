@@ -20,7 +20,7 @@ as they come by every way: contiguous or not, read-only or not, of one object or
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.util import find_spec
 from pkgutil import resolve_name
@@ -467,25 +467,22 @@ STEPS: dict[str, Callable[[], None] | str] = {
     # looked up by name, as it is in a layer above
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
 }
-"""What to run, by its name; the steps of a running node come first."""
-NODE_STEPS = (
-    *(BOXES, MESSAGES, COARSE, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS)),
-    *(effect_level_step(*on) for on in EFFECT_LEVELS),
-)
-"""Steps of all that a node can switch on."""
+"""What to run, by its name."""
 NEEDS_ROS = (MESSAGES,)
-BESIDE = {
+PARTS = {
     BOXES: (BOUNDS,),
     accuracy_step(Accuracy.HULL): (HULLS,),
     accuracy_step(Accuracy.MESH): (SURFACES, TREES, HULLS),
-    effect_level_step("clearance", Accuracy.HULL): (effect_step("clearance"),),
-    effect_level_step("clearance", Accuracy.MESH): (TREES, effect_step("clearance")),
-    effect_level_step("contacts", Accuracy.HULL): (effect_step("contacts"),),
-    effect_level_step("contacts", Accuracy.MESH): (CONVEX_PAIRS, effect_step("contacts"), TREES),
-    effect_level_step("points", Accuracy.HULL): (effect_step("points"),),
-    effect_level_step("points", Accuracy.MESH): (effect_step("points"), TREES),
+    effect_level_step("clearance", Accuracy.MESH): (TREES,),
+    effect_level_step("contacts", Accuracy.MESH): (CONVEX_PAIRS, TREES),
+    effect_level_step("points", Accuracy.MESH): (TREES,),
     effect_level_step("separations", Accuracy.MESH): (SURFACES, TREES),
-    effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"),),
-    effect_level_step("sweep", Accuracy.MESH): (SWEPT, effect_step("sweep")),
+    effect_level_step("sweep", Accuracy.MESH): (SWEPT,),
 }
 """Parts of the longest steps, for a second process: it compiles what they call in the end."""
+
+
+def with_parts(wanted: Iterable[str]) -> list[str]:
+    """Return steps and their parts, in the order of ``STEPS``."""
+    chosen = {part for step in wanted for part in (step, *PARTS.get(step, ()))}
+    return [step for step in STEPS if step in chosen]

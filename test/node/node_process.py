@@ -20,7 +20,6 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,9 +37,9 @@ def cached(folder: Path) -> dict[str, str]:
     return {"NUMBA_CACHE_DIR": str(folder)}
 
 
-def kernels_of_steps() -> dict[str, str]:
-    """Return the kernels that steps load from now on, and in which threads: none, and it grows."""
-    loaded: dict[str, str] = {}
+def kernels_of_steps() -> set[str]:
+    """Return the kernels that steps load from now on: none, and it grows."""
+    loaded: set[str] = set()
     run = steps.run
 
     def noted(step: str) -> None:
@@ -48,8 +47,7 @@ def kernels_of_steps() -> dict[str, str]:
         try:
             run(step)
         finally:
-            name = threading.current_thread().name
-            loaded.update(dict.fromkeys(_jit.loaded_kernels() - before, name))
+            loaded.update(_jit.loaded_kernels() - before)
 
     steps.run = noted  # type: ignore[assignment]
     return loaded

@@ -30,6 +30,7 @@ from rig import A1, A2, LATCHED, NAMESPACE, STATUS, Patch, Rig, cube, own_contex
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
+from obb_collision import Accuracy
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED
@@ -170,15 +171,13 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
     assert held() == first
 
 
-def test_parameters_count_once_it_is_configured_without_waiting(monkeypatch: Patch) -> None:
+def test_parameters_count_once_it_is_configured() -> None:
     with managed(expect_empty=True) as rig:
-        # the thread that loads and compiles
-        monkeypatch.setattr(rig.node.warm, "_work", lambda: None)
         given: dict[str, Any] = {"padding": 0.5, "unknown_is_collision": False, "accuracy": "mesh"}
         assert all(result.successful for result in rig.set(**given))
         rig.says(UNKNOWN, flag=False)
         rig.go_through(CONFIGURE, ACTIVATE)
-        assert rig.node.settings.waiting, "pairs are on obb meanwhile: kernels are missing"
+        assert rig.node.objects.scene.accuracy == Accuracy.MESH
         rig.says(FREE, "free", False)
         rig.send(cube(A1), cube(A2, (2.0, 0, 0)))
         assert rig.pairs() == NAMED

@@ -101,9 +101,10 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(subprocess, "Popen", noted)
     monkeypatch.setattr(processes, "CODE", "import time; time.sleep(1000)")
-    progress = processes.compile_steps([steps.BOXES], stopped=lambda: True)
+    wanted = steps.with_parts([steps.BOXES])  # for a second process
+    progress = processes.compile_steps(wanted, stopped=lambda: True)
     assert (progress.stopped, progress.failed) == (True, {})
-    assert progress.steps == (steps.BOXES, *steps.BESIDE[steps.BOXES])  # for a second process
+    assert progress.steps == (steps.BOXES, steps.BOUNDS)
     assert begun
     assert all(process.poll() is not None for process in begun)
 

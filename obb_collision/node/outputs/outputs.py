@@ -28,7 +28,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.messages.cdr import namespace_bytes
@@ -39,11 +38,9 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.outputs.events import Events
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.rows import CheckedState, StructuredRows, text_from_rows
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS, mode_names
-from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF, ON
 
 NAMESPACES_RATE = 5e6
@@ -63,17 +60,13 @@ class Published(CheckedState):
 class Effects:
     """Effects that are requested: those that are on, and those whose topics have subscribers.
 
-    An effect of the scene is computed, and a message built, only if it is requested. Kernels that
-    are not ready yet are compiled beside the cycles first. publishers: of those with a topic.
+    An effect of the scene is computed, and a message built, only if it is requested. publishers:
+    of those with a topic.
     """
 
-    def __init__(
-        self, parameters: Parameters, publishers: Mapping[str, Publisher], warm: WarmUp
-    ) -> None:
-        self._parameters, self._publishers, self._warm = parameters, publishers, warm
+    def __init__(self, parameters: Parameters, publishers: Mapping[str, Publisher]) -> None:
+        self._parameters, self._publishers = parameters, publishers
         self._names = mode_names()
-        self.on_boxes: dict[str, list[Accuracy]] = {}
-        """Effects that are on boxes until kernels of levels above OBB are ready; and the levels."""
 
     def is_requested(self, name: str) -> bool:
         """Return whether an effect is on, or there are subscribers of a topic that needs it."""
@@ -86,40 +79,23 @@ class Effects:
 
     def of_cycle(self) -> frozenset[str]:
         """Return the effects to compute in this cycle."""
-        requested = filter(self.is_requested, self._names)
-        return frozenset(n for n in requested if n not in EFFECTS or self._warm.is_ready(n))
-
-    def raised(self, computed: frozenset[str]) -> bool:
-        """Return whether some of those on boxes need not stay there; request what they wait for."""
-        waiting = {}
-        for name, levels in self.on_boxes.items():
-            wanted = levels if name in computed else ()
-            ready = [self._warm.is_ready((name, level)) for level in wanted]  # requests all
-            if not (ready and all(ready)):
-                waiting[name] = levels
-        raised, self.on_boxes = len(waiting) < len(self.on_boxes), waiting
-        return raised
+        return frozenset(filter(self.is_requested, self._names))
 
     def states(self) -> dict[str, str]:
         """Return the state of each effect in words, for /diagnostics."""
-        computed = self.of_cycle()
-        return {name: self._state(name, computed) for name in self._names}
+        return {name: self._state(name) for name in self._names}
 
-    def _state(self, name: str, computed: frozenset[str]) -> str:
+    def _state(self, name: str) -> str:
         mode = self._parameters.mode(name)
         if mode == OFF:
             return mode
-        if name in computed:
-            missing = [n for n in self.on_boxes.get(name, ()) if not self._warm.has((name, n))]
-            why = "".join(f" on obb: {self._warm.why_not((name, n))}" for n in missing[:1])
-            return f"{mode}, computed{why}"
-        return f"{mode}, {self._warm.why_not(name) if self.is_requested(name) else 'not requested'}"
+        return f"{mode}, {'computed' if self.is_requested(name) else 'not requested'}"
 
 
 class Outputs:
     """Publishes reports: clouds, text, the latched table, markers; has all publishers."""
 
-    def __init__(self, node: Node, parameters: Parameters, guard: Guard, warm: WarmUp) -> None:
+    def __init__(self, node: Node, parameters: Parameters, guard: Guard) -> None:
         self.parameters, self.guard = parameters, guard
         self._markers = Markers(parameters.fixed_frame)
         self._next_markers = 0.0
@@ -134,7 +110,7 @@ class Outputs:
 
         self.publishers = {name: publisher(topic) for name, topic in TOPICS.items()}
         self.namespaces = publisher(NAMESPACES)
-        self.effects = Effects(parameters, self.publishers, warm)
+        self.effects = Effects(parameters, self.publishers)
         self.events = Events(parameters, self.publishers["events"].get_subscription_count)
 
     @property

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from difflib import get_close_matches
 from traceback import format_exc
 from typing import Any
@@ -56,6 +57,8 @@ class Parameters:
     def __init__(self, node: Node) -> None:
         """Declare all; an invalid override ends the node with the reason."""
         self.on_change: Callable[[], object] = lambda: None
+        self.on_check: Callable[[Parameters], object] = lambda parameters: None
+        """Takes parameters as they would be, and raises ValueError where they are refused."""
         self._node = node
         self._values: dict[str, Any] = {}
         self._overridden: dict[str, Any] = {}
@@ -138,7 +141,10 @@ class Parameters:
                     raise ValueError("a parameter needs a name")
                 if parameter.name in SPEC_OF and parameter.value is None:
                     raise ValueError(f"{parameter.name} cannot be removed")
-            _check_together({**self._values, **_read(parameters)})
+            changed = copy(self)
+            changed._values = {**self._values, **_read(parameters)}
+            _check_together(changed._values)
+            self.on_check(changed)
         except Exception as error:  # whatever the reader raises: the value is refused
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

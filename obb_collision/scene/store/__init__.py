@@ -16,9 +16,8 @@
 
 from obb_collision.scene.store.patterns import (
     Overrides,
-    limited,
     override_from_text,
     padding_from_text,
 )
 
-__all__ = ["Overrides", "limited", "override_from_text", "padding_from_text"]
+__all__ = ["Overrides", "override_from_text", "padding_from_text"]

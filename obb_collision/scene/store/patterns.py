@@ -140,10 +140,3 @@ class Overrides(Generic[Value]):
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
         last = next(by_pattern, by_name)
         return None if last < 0 else self.overrides[last][1]
-
-
-def limited(
-    overrides: Sequence[Override], lowest: Accuracy, highest: Accuracy
-) -> Overrides[Accuracy]:
-    """Return overrides with the nearest level from ``lowest`` to ``highest`` each."""
-    return Overrides([(where, min(max(level, lowest), highest)) for where, level in overrides])

@@ -38,7 +38,7 @@ from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
+from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros, ready
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, Reason
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import Input
@@ -46,7 +46,6 @@ from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
 from obb_collision.node.outputs import PERIOD, CollisionStatus
-from obb_collision.node.runtime import warm_up
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.store import Overrides
 
@@ -134,14 +133,14 @@ def test_before_the_first_check_nothing_is_known_and_why(rig: Rig, monkeypatch: 
 
     rig.client.create_subscription(kind, f"/cell/{STATUS}", take, qos)
     rig.client.create_subscription(Bool, "/cell/in_collision", flags.append, qos)
-    start, reason = warm_up.WarmUp.start, "starting, compiling: 3 kernels"
+    prepare, reason = ready.Kernels.prepare, "starting, compiling: 3 kernels"
 
-    def compiling(warm: warm_up.WarmUp, things: Any, report: Callable[[str], None]) -> None:
-        report("compiling: 3 kernels")
+    def compiling(kernels: ready.Kernels, parameters: Any) -> None:
+        kernels._report("compiling: 3 kernels")
         rig.until(lambda: said and said[-1].message == reason, "the reason")
-        start(warm, things, report)
+        prepare(kernels, parameters)
 
-    monkeypatch.setattr(warm_up.WarmUp, "start", compiling)
+    monkeypatch.setattr(ready.Kernels, "prepare", compiling)
     empty = [Parameter("expect_empty", value=True)]
     other = CollisionNode(context=rig.context, namespace="cell", parameter_overrides=empty)
     try:

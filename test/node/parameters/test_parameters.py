@@ -40,7 +40,7 @@ from obb_collision.node.parameters import entries
 from obb_collision.node.parameters.entries import MAX_PATTERNS, Spec
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.regions import Region
-from obb_collision.scene.store import Overrides, limited, override_from_text, padding_from_text
+from obb_collision.scene.store import Overrides, override_from_text, padding_from_text
 
 ROOT = Path(__file__).parents[3]
 FIELDS: dict[str, list[Any]] = {
@@ -160,7 +160,7 @@ def test_lists_have_a_limit() -> None:
                 Spec(spec.name, [], entry=spec.entry, most=2000).read(["a/*: mesh"] * 1001)
 
 
-def test_overrides_by_name_and_by_pattern_count_in_their_order_and_may_be_limited() -> None:
+def test_overrides_by_name_and_by_pattern_count_in_their_order() -> None:
     texts = ["a/1: mesh", "a/*: hull", "a/2: obb", "a/3: obb", "a/3: aabb"]
     texts += ["*: sphere", "a/4: hull"]
     names = [f"a/{number}" for number in range(6)] + ["b"]
@@ -170,9 +170,6 @@ def test_overrides_by_name_and_by_pattern_count_in_their_order_and_may_be_limite
             fitting = [level for where, level in given if fnmatchcase(name, where)]
             expected = fitting[-1] if fitting else None
             assert Overrides(given).value(name) == expected
-            for low, high in ((Accuracy.SPHERE, Accuracy.OBB), (Accuracy.OBB, Accuracy.MESH)):
-                value = limited(Overrides(given).overrides, low, high).value(name)
-                assert value == (None if expected is None else min(max(expected, low), high))
 
 
 @each(

@@ -36,13 +36,12 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 import obb_collision as oc
-from obb_collision import Accuracy, Robot
+from obb_collision import Robot
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.objects.states import State
 from obb_collision.node.robots import AttachedObjects, LinkObjects
-from obb_collision.node.runtime import warm_up
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 
 
@@ -316,25 +315,6 @@ def test_links_whose_hulls_are_built_are_unknown_and_collide_with_nothing(tmp_pa
         gate.open()
         rig.known()
         assert COLLIDING not in levels
-
-
-def test_links_are_unknown_while_their_kernels_are_loaded(arm: AskingRig, tmp_path: Path) -> None:
-    is_ready = warm_up.WarmUp.is_ready
-    arm.set(accuracy="obb")
-    arm.send(CORNER)
-    arm.start_robot(ball(tmp_path))
-    arm.until(lambda: len(arm.pairs()), "boxes that meet")
-
-    def lacks_hull(warm: warm_up.WarmUp, level: Accuracy) -> bool:
-        return level != Accuracy.HULL and is_ready(warm, level)
-
-    with patch.object(warm_up.WarmUp, "is_ready", lacks_hull):
-        arm.set(accuracy="hull")
-        arm.known("starting")
-        levels = statuses(arm)
-        arm.cycles(3)
-    arm.known()
-    assert COLLIDING not in levels
 
 
 def has_text(rig: RobotRig, text: str) -> bool:

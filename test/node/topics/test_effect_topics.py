@@ -257,7 +257,7 @@ import obb_collision as oc
 from rig import Rig, cube
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.node.topics.topics import TOPICS
-from obb_collision.warm_up.steps import NODE_STEPS
+from obb_collision.warm_up.steps import STEPS
 
 scene = oc.Scene()
 for name, z in (("a", 0.0), ("b", 0.25), ("c", 9.0)):
@@ -270,7 +270,7 @@ with Rig() as rig:
     named = TOPICS["heights"].named(rig.last["object_heights"], ["a"])
     state = rig.status(": cycle")["effect heights"]
 parameters = {s.name: s.description for s in SPECS if s.name.startswith("effects.heights")}
-steps = [step for step in NODE_STEPS if "heights" in step]
+steps = [step for step in STEPS if "heights" in step]
 found = found.pairs.tolist(), found.heights.tolist()
 print(json.dumps([oc.__file__, *found, named, state, parameters, steps]))
 """

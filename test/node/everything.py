@@ -15,8 +15,7 @@
 """Everything that can be asked of a robot, and of a node, each in a process of its own.
 
 ``python everything.py FOLDER`` prints two lines of JSON: which kernels the process compiled or
-loaded after "ready" without a step of warming up, and of the node which threads loaded those of
-steps, and for each thing asked the longest time between two cycles.
+loaded after "ready" without a step of warming up, and of the node what each thing asked for took.
 """
 
 from __future__ import annotations
@@ -24,11 +23,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -42,7 +38,6 @@ from visualization_msgs.msg import Marker
 from obb_collision import Accuracy, _jit, _kernel_cache
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
-from obb_collision.node.runtime.running import Garbage
 from obb_collision.node.topics.topics import TOPICS
 
 RATE = 200.0
@@ -78,27 +73,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
 
 
 class Everything(Rig):
-    """A rig that takes note of cycles and of kernels."""
-
-    def __init__(self) -> None:
-        self.patience = 600.0  # nothing waits that long: what compiles does so elsewhere
-        super().__init__(rate=RATE, trigger="timer")
-        self.patience = 600.0
-        self._ends = [perf_counter()]
-        monitor: Any = self.node.cycle.monitor
-        add = monitor.add
-
-        def noted(*args: Any) -> None:
-            self._ends.append(perf_counter())
-            add(*args)
-
-        monitor.add = noted
-
-    def stage(self) -> dict[str, float]:
-        """Return how long it took since this was last called, and the longest gap of cycles."""
-        ends, self._ends = self._ends, self._ends[-1:]
-        gaps = np.diff([*ends, perf_counter()])
-        return {"seconds": float(gaps.sum()), "longest": float(gaps.max())}
+    """A rig that moves things by every topic."""
 
     def move(self) -> None:
         """Move things by each topic, all of them and few; send points of each layout."""
@@ -139,47 +114,35 @@ def objects() -> list[Marker]:
     return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
 
 
-def switch_everything(rig: Everything) -> Iterator[str]:
-    """Ask for one thing after the other; yields what it was once it is answered."""
-    effects = rig.node.effects
+def switch_everything(rig: Everything) -> None:
+    """Ask for one thing after the other."""
     rig.send(cube(("alone", 1))).answer()
-    yield "one object"
     rig.send(*objects())
     for kind in BUILT:
         rig.built(*((str(kind), number) for number in range(3)))
     rig.answer()
     rig.move()
-    yield "objects"
     for effect, topic in EFFECTS.items():
         rig.listen(topic)
         rig.until(lambda topic=topic: topic in rig.last, topic)  # type: ignore[misc]
-        yield f"effect {effect}"
         if effect not in SHOWN:
             rig.move()
-            yield f"effect {effect}, moved"
     rig.ignore(*(EFFECTS[effect] for effect in SHOWN))
     for level in (*(level.label for level in Accuracy), "obb"):
         rig.set(accuracy=level)
         rig.cycles(5)
-        rig.until(lambda: not rig.node.settings.waiting, level)
-        rig.until(lambda: not effects.on_boxes.keys() & effects.of_cycle(), f"effects on {level}")
-        yield f"accuracy {level}"
         rig.move()
-        yield f"accuracy {level}, moved"
     for values in CHANGES:
         if "marker_form" in values:
             rig.listen(EFFECTS["markers"])
         assert all(result.successful for result in rig.set(**values)), values
         rig.cycles(2)
         rig.move()
-        yield str(values)
     rig.send(*(cube(("crowd", n), (0.0, -5.0, 0.0)) for n in range(200))).answer()
     rig.move()
-    yield "a crowd"
     rig.send(Marker(ns="many", action=Marker.DELETEALL))
     rig.send(*(Marker(ns="crowd", id=n, action=Marker.DELETE) for n in range(200)))
     rig.move()
-    yield "objects that go"
 
 
 SHAPES = (
@@ -227,33 +190,22 @@ def all_of_a_robot(folder: Path) -> dict[str, Any]:
         rig.describe(urdf)
         rig.until(lambda: rig.robot.links is not None, rig.robot.fault)
         ask(rig)
-        return {"new": sorted(_jit.loaded_kernels() - before - loaded.keys())}
+        return {"new": sorted(_jit.loaded_kernels() - before - loaded)}
 
 
-def all_of_a_node(stages: int | None) -> dict[str, Any]:
-    """Ask for all that can be asked of a node, or the first of it; returns what came of it."""
+def all_of_a_node() -> dict[str, Any]:
+    """Ask for all that can be asked of a node; returns the kernels that no step has loaded."""
     loaded = kernels_of_steps()
-    rig = Everything()
-    Garbage.settle()  # as the executable does
-    with rig:
+    with Everything(rate=RATE, trigger="timer") as rig:
         before, compiled = _jit.loaded_kernels(), len(_kernel_cache.compiled.names)
-        asked = islice(switch_everything(rig), stages)
-        found = [(stage, rig.stage()) for stage in asked]
-        new = sorted(_jit.loaded_kernels() - before - loaded.keys())
-    names = _kernel_cache.compiled.names[compiled:]
-    threads = sorted({loaded[kernel] for kernel in loaded.keys() - before})
-    return {"new": new, "threads": threads, "compiled": names, "stages": found}
+        switch_everything(rig)
+        new = sorted(_jit.loaded_kernels() - before - loaded)
+    return {"new": new, "compiled": _kernel_cache.compiled.names[compiled:]}
 
 
-def main(folder: str, stages: str = "") -> None:
-    """Run each part in a process of its own, which begins with what all of them import.
-
-    stages: to ask a node for so much only, and a robot for nothing.
-    """
-    parts = [partial(all_of_a_node, int(stages) if stages else None)]
-    if not stages:
-        parts.insert(0, partial(all_of_a_robot, Path(folder)))
-    for part in parts:
+def main(folder: str) -> None:
+    """Run each part in a process of its own, which begins with what all of them import."""
+    for part in (partial(all_of_a_robot, Path(folder)), all_of_a_node):
         number = os.fork()
         if not number:
             sys.stdout.write(json.dumps(part()) + "\n")
