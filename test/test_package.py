@@ -43,7 +43,7 @@ from obb_collision._numba import function_of
 
 SOURCE = Path(obb_collision.__file__).parent
 KERNELS = {"_jit", "_kernel_cache", "_numba"}
-BASE = KERNELS | {"_threads", "typing", "words"}
+BASE = KERNELS | {"_child", "_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
 LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
@@ -51,6 +51,7 @@ LAYERS: dict[str, set[str]] = {
     "_numba": set(),
     "_kernel_cache": {"_numba", "words"},
     "_jit": {"_kernel_cache", "_numba"},
+    "_child": set(),
     "_threads": {"words"},
     "typing": set(),
     "words": set(),

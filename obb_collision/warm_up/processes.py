@@ -17,8 +17,8 @@
 Compiling holds a lock of numba's, and the interpreter's half of the time: in a process that has
 other things to do, it is done elsewhere, and what is compiled comes by the cache.
 
-Names of steps go in; what happens comes out: an event and its values. The process ends with its
-connection, at once: who started it has ended, or needs no more of it.
+Names of steps go in; what happens comes out: an event, a text, and what no folder took. The process
+ends with its connection, at once: who started it has ended, or needs no more of it.
 """
 
 from __future__ import annotations
@@ -26,10 +26,6 @@ from __future__ import annotations
 import gc
 import logging
 import os
-import signal
-import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -38,8 +34,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from traceback import format_exception_only
-from typing import Any
 
+from obb_collision._child import Child, MessageError, receive, send
 from obb_collision._kernel_cache import compiled, logger, places, unsaved
 from obb_collision._threads import usable_cores
 from obb_collision.warm_up import steps
@@ -48,24 +44,17 @@ from obb_collision.warm_up import steps
 MOST_PROCESSES = 2
 #: Seconds between two looks at whether to stop.
 GLANCE = 0.1
-#: Seconds that a process may take to end.
-ENDING = 1.0
 #: Objects made between two looks for those that nothing refers to: looking every 700, as Python
 #: does, takes a sixth of compiling, which makes many that stay.
 OBJECTS = 50_000
-
-CODE = (
-    "import sys; sys.path[:] = {path!r}; from obb_collision.warm_up.processes import work; "
-    "work({descriptor}, {private!r})"
-)
 
 
 @dataclass
 class CompileProgress:
     """CompileProgress: steps that are done, kernels compiled, and what failed.
 
-    failed: why, by step; unsaved: kernels that no folder took; stopped: whether it was stopped
-    before all steps were done; notes: lines that a user should read.
+    failed: why, by step; stopped: whether it was stopped before all steps were done; notes: lines
+    that a user should read.
     """
 
     steps: tuple[str, ...]
@@ -73,7 +62,6 @@ class CompileProgress:
     running: list[str] = field(default_factory=list)
     kernels: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
-    unsaved: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     stopped: bool = False
 
@@ -100,7 +88,7 @@ def compile_steps(
         for _ in range(min(count, len(waiting))):
             workers.append(_Worker(private))
             workers[-1].give(waiting, progress)
-        busy = {worker.connection: worker for worker in workers}
+        busy = {worker.child.connection: worker for worker in workers}
         while busy and not progress.stopped:
             for ready in wait(list(busy), GLANCE):
                 if isinstance(ready, Connection) and not busy[ready].take(waiting, progress):
@@ -111,7 +99,7 @@ def compile_steps(
         progress.failed |= dict.fromkeys([*waiting, *progress.running], str(error))
     finally:
         for worker in workers:
-            worker.end()
+            worker.child.end()
     for step in () if progress.stopped else waiting:
         progress.failed.setdefault(step, "no process was left to compile it")
     return progress
@@ -121,24 +109,8 @@ class _Worker:
     """One process."""
 
     def __init__(self, private: Path | None) -> None:
-        if not sys.executable:
-            raise OSError("no Python interpreter: sys.executable is empty")
-        here, there = socket.socketpair()
-        self.connection = Connection(here.detach())
+        self.child = Child(f"{__name__}:work", "" if private is None else str(private))
         self._step: str | None = None
-        with there:
-            code = CODE.format(
-                path=sys.path,
-                descriptor=there.fileno(),
-                private="" if private is None else str(private),
-            )
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", code],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                pass_fds=[there.fileno()],
-            )
 
     def give(self, waiting: list[str], progress: CompileProgress) -> None:
         """Give the process the next step."""
@@ -146,57 +118,41 @@ class _Worker:
         if self._step is not None:
             progress.running.append(self._step)
             with suppress(OSError):  # it has ended, which ``take`` sees
-                self.connection.send(self._step)
+                send(self.child.connection, self._step)
 
     def take(self, waiting: list[str], progress: CompileProgress) -> bool:
         """Note an event of the process; return whether there may be more."""
         assert self._step is not None
         try:
-            event, values = self.connection.recv()
-        except (EOFError, OSError):
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(ENDING)
-            self.end()
-            code = self._process.returncode or 0
-            name = signal.Signals(-code).name if code < 0 else f"code {code}"
-            progress.failed[self._step] = f"its process ended with {name}"
+            event, text, lost = receive(self.child.connection)
+        except (EOFError, OSError, MessageError):
+            progress.failed[self._step] = f"its process: {self.child.how()}"
             progress.running.remove(self._step)
             return False
         if event == "kernel":
-            progress.kernels.append(values)
+            progress.kernels.append(text)
         elif event == "note":
-            progress.notes.append(values)
+            progress.notes.append(text)
         else:
-            lost, error = values
             progress.running.remove(self._step)
             progress.done.append(self._step)
-            if error:
-                progress.failed[self._step] = error
+            if text:
+                progress.failed[self._step] = text
             elif lost:
-                progress.unsaved += lost
                 progress.failed[self._step] = f"no folder takes kernels ({lost[0]} and others)"
             self.give(waiting, progress)
         return self._step is not None
 
-    def end(self) -> None:
-        """End the process."""
-        self._process.kill()
-        self.connection.close()
-        with suppress(subprocess.TimeoutExpired):  # it is blocked by a file system
-            self._process.wait(ENDING)
 
-
-def work(descriptor: int, private: str) -> None:
+def work(connection: Connection, private: str) -> None:
     """Run steps in this process. private: a second folder for kernels, or nothing."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal; who started this decides
-    connection = Connection(descriptor)
     gc.set_threshold(OBJECTS)
     queue: SimpleQueue[str] = SimpleQueue()
     Thread(target=_read, args=(connection, queue), daemon=True).start()
 
-    def tell(event: str, values: Any) -> None:
+    def tell(event: str, text: str, lost: tuple[str, ...] = ()) -> None:
         try:
-            connection.send((event, values))
+            send(connection, (event, text, lost))
         except OSError:  # who started this has ended
             os._exit(0)
 
@@ -204,17 +160,17 @@ def work(descriptor: int, private: str) -> None:
     if private:
         places.append(Path(private))
     while True:
-        tell("done", _run(queue.get()))
+        tell("done", _run(queue.get()), tuple(unsaved))
 
 
 def _read(connection: Connection, queue: SimpleQueue[str]) -> None:
     with suppress(EOFError, OSError):
         while True:
-            queue.put(connection.recv())
+            queue.put(receive(connection))
     os._exit(0)
 
 
-def _listen(tell: Callable[[str, Any], None]) -> None:
+def _listen(tell: Callable[[str, str], None]) -> None:
     """Pass on what this package logs and the kernels it compiles."""
 
     class NoteHandler(logging.Handler):
@@ -236,10 +192,10 @@ def _listen(tell: Callable[[str, Any], None]) -> None:
     compiled.say = say
 
 
-def _run(step: str) -> tuple[list[str], str]:
-    """Run a step; return the kernels that no folder took, and an error, if there is one."""
+def _run(step: str) -> str:
+    """Run a step; return an error, if there is one."""
     try:
         steps.run(step)
-        return list(unsaved), ""
+        return ""
     except Exception as failure:
-        return [], "".join(format_exception_only(failure)).strip()
+        return "".join(format_exception_only(failure)).strip()

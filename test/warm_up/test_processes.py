@@ -27,7 +27,7 @@ from pathlib import Path
 import pytest
 from processes import run_python, started
 
-from obb_collision import Accuracy, _jit, _kernel_cache
+from obb_collision import Accuracy, _child, _jit, _kernel_cache
 from obb_collision.cli import INTERRUPTED
 from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.command import main
@@ -83,9 +83,9 @@ def test_without_ros_there_is_nothing_of_ros_to_compile() -> None:
 
 def test_a_process_that_fails_and_one_that_ends_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "KeyError" in processes.compile_steps(["no such step"]).failed["no such step"]
-    monkeypatch.setattr(processes, "CODE", "import os; os.kill(os.getpid(), 9)")
+    monkeypatch.setattr(_child, "CODE", "import os; os.kill(os.getpid(), 9)")
     progress = processes.compile_steps(["a", "b", "c"], count=2)
-    assert progress.failed["a"] == progress.failed["b"] == "its process ended with SIGKILL"
+    assert progress.failed["a"] == progress.failed["b"] == "its process: it was ended by SIGKILL"
     assert "no process was left" in progress.failed["c"]
     monkeypatch.setattr(sys, "executable", "")
     assert set(processes.compile_steps(["a", "b"]).failed) == {"a", "b"}
@@ -100,7 +100,7 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
         return begun[-1]
 
     monkeypatch.setattr(subprocess, "Popen", noted)
-    monkeypatch.setattr(processes, "CODE", "import time; time.sleep(1000)")
+    monkeypatch.setattr(_child, "CODE", "import time; time.sleep(1000)")
     wanted = steps.with_parts([steps.BOXES])  # for a second process
     progress = processes.compile_steps(wanted, stopped=lambda: True)
     assert (progress.stopped, progress.failed) == (True, {})

@@ -16,7 +16,7 @@
 
 A task is a function and its arguments; ``perform`` runs it in that process. ``task`` and ``finish``
 run in the thread that talks to it. What both sides have already is not sent back. Results are plain
-arrays (see ``replies``), which ``finish`` checks: kernels follow the indices in them.
+arrays (see ``_child``), which ``finish`` checks: kernels follow the indices in them.
 """
 
 from __future__ import annotations

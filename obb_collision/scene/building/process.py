@@ -16,13 +16,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
 import struct
-import subprocess
-import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -32,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from obb_collision import _kernel_cache
+from obb_collision._child import Child, MessageError, receive, send
 from obb_collision.scene.building.jobs import (
     NO_BUILDER,
     NO_MEMORY,
@@ -40,21 +38,12 @@ from obb_collision.scene.building.jobs import (
     Task,
     perform,
 )
-from obb_collision.scene.building.replies import BadReplyError, receive_reply, send_reply
 from obb_collision.shapes import Hull
 
 #: Seconds that the process may take to begin: it takes 1 idle, 4 where it compiles.
 STARTING = 60.0
-#: It finds the package where this process did, whatever the current folder is.
-CODE = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from obb_collision.scene.building.process import main; "
-    "main(int(sys.argv[2]), int(sys.argv[3]), json.loads(sys.argv[4]))"
-)
-#: Libraries reserve memory for each thread, and one job is done at a time.
-SINGLE = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
+#: What replies begin with.
+VALUE, ERROR = "value", "error"
 #: Seconds beyond the time of a job after which the process ends itself.
 GRACE = 5.0
 #: Niceness of the process: the one it builds for comes first.
@@ -85,15 +74,14 @@ class WorkerProcess:
     """Starts the process when it is needed, and anew when it has ended."""
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Connection | None = None
+        self._child: Child | None = None
         self._memory = 0
         self._closed = False
 
     @property
     def number(self) -> int | None:
         """The number of the process, None while there is none."""
-        return None if self._process is None else self._process.pid
+        return None if self._child is None else self._child.number
 
     def run(self, task: Task, limits: Limits) -> Any:
         """Return the result of a task. BuildError with the reason where there is none.
@@ -117,88 +105,67 @@ class WorkerProcess:
             connection.send((limits.seconds, _more_kernels(), task))
             if not connection.poll(limits.seconds):
                 raise BlockingIOError
-            return receive_reply(connection)
+            reply = receive(connection)
         except BlockingIOError:  # also where it does not take, or give, all of a message
             self.stop()
             raise BuildError(TOO_SLOW, f"{limits.seconds:g} s is the limit") from None
         except MemoryError:
             self.stop()  # with half a message on its way it is of no use
             raise BuildError(NO_MEMORY) from None
-        except BadReplyError as error:
+        except MessageError as error:
             self.stop()
             raise BuildError(NO_BUILDER, str(error)) from None
         except (OSError, EOFError) as error:
             raise self._ended(f": {error}" if str(error) else "") from None
+        match reply:
+            case (str(kind), value) if kind == VALUE:
+                return value
+            case (str(kind), str(reason), str(detail)) if kind == ERROR:
+                raise BuildError(reason, detail)
+        self.stop()
+        raise BuildError(NO_BUILDER, "its reply is not understood")
 
     def _started(self, limits: Limits) -> Connection:
-        ended = self._process is not None and self._process.poll() is not None
+        ended = self._child is not None and self._child.code() is not None
         if ended or limits.memory != self._memory:
             self.stop()
-        if self._connection is not None:
-            return self._connection
-        if not sys.executable:
-            raise BuildError(NO_BUILDER, "it does not start: sys.executable is empty")
+        if self._child is not None:
+            return self._child.connection
         self._memory = limits.memory
-        here, there = socket.socketpair()
-        self._connection = connection = Connection(here.detach())
-        path = json.dumps([str(folder) for folder in sys.path])
-        given = [str(there.fileno()), str(limits.memory), json.dumps(_more_kernels())]
         try:
-            with there:
-                self._process = process = subprocess.Popen(
-                    [sys.executable, "-c", CODE, path, *given],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    env=os.environ | SINGLE,
-                    pass_fds=[there.fileno()],
-                    start_new_session=True,  # Ctrl-C is not meant for it
-                )
+            self._child = child = Child(f"{__name__}:main", limits.memory, _more_kernels())
             if self._closed:
-                process.kill()
-            if not connection.poll(STARTING):
+                child.kill()
+            if not child.connection.poll(STARTING):
                 raise TimeoutError
-            connection.recv_bytes(0)
+            child.connection.recv_bytes(0)
         except (OSError, EOFError, ValueError) as error:
             # no interpreter, no memory to start it, or it does not begin
             raise self._ended(f" {error}", "it does not start: ") from None
-        return connection
+        return child.connection
 
     def _ended(self, after: str = "", before: str = "") -> BuildError:
         """Return how the process ended, and end it if it hasn't."""
-        process, code = self._process, None
-        if process is not None:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(0.2)
-            code = process.poll()
+        child = self._child
+        if child is None:
+            return BuildError(NO_BUILDER, f"{before}{after}")
+        how, code = child.how(), child.code()
         self.stop()
-        if code is not None and code < 0:
-            name = str(-code)
-            with suppress(ValueError):
-                name = signal.Signals(-code).name
-            return _KilledError(NO_BUILDER, f"{before}it was ended by {name}{after}")
-        how = "it does not answer" if code is None else f"it ended with exit code {code}"
-        return BuildError(NO_BUILDER, f"{before}{how if process else ''}{after}")
+        kind = BuildError if code is None or code >= 0 else _KilledError
+        return kind(NO_BUILDER, f"{before}{how}{after}")
 
     def stop(self) -> None:
         """End the process, if there is one."""
-        process, self._process = self._process, None
-        connection, self._connection = self._connection, None
-        if connection is not None:
-            connection.close()
-        if process is None:
-            return
-        with suppress(OSError):
-            process.kill()
-        with suppress(subprocess.TimeoutExpired):  # blocked by a file system: its timer ends it
-            process.wait(1.0)
+        child, self._child = self._child, None
+        if child is not None:
+            child.end()
 
     def close(self) -> None:
         """End the process for good; whoever waits for a reply gets a BuildError."""
         self._closed = True
-        process = self._process
-        if process is not None:
-            with suppress(OSError):
-                process.kill()
+        child = self._child
+        if child is not None:
+            child.kill()
 
 
 def _limit_waiting(connection: Connection, seconds: float) -> None:
@@ -209,13 +176,12 @@ def _limit_waiting(connection: Connection, seconds: float) -> None:
             one.setsockopt(socket.SOL_SOCKET, option, duration)
 
 
-def main(descriptor: int, memory: int, kernels: list[str]) -> None:
+def main(connection: Connection, memory: int, kernels: list[str]) -> None:
     """Do tasks from a connection until that ends: what the process runs.
 
     memory: bytes that jobs may take beyond what the process has when it begins; kernels: folders of
     kernels besides the cache.
     """
-    connection = Connection(descriptor)
     with suppress(OSError):
         os.nice(NICENESS)
     _look_for_kernels_in(kernels)
@@ -227,12 +193,12 @@ def main(descriptor: int, memory: int, kernels: list[str]) -> None:
             try:
                 seconds, kernels, task = connection.recv()
             except MemoryError:  # with half a message taken there is no other one
-                send_reply(connection, BuildError(NO_MEMORY))
+                send(connection, (ERROR, NO_MEMORY, ""))
                 return
             # Ends the process, even if it is blocked and its parent has ended.
             signal.setitimer(signal.ITIMER_REAL, seconds + GRACE)
             _look_for_kernels_in(kernels)
-            send_reply(connection, _reply(task))
+            send(connection, _reply(task))
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             del task
 
@@ -253,15 +219,15 @@ def _take_what_all_jobs_need() -> None:
     np.linalg.svd(np.ones((SOME, SOME)) @ np.ones((SOME, SOME)))
 
 
-def _reply(task: Task) -> Any:
+def _reply(task: Task) -> tuple[Any, ...]:
     try:
-        return perform(task)
+        return VALUE, perform(task)
     except MemoryError:
-        return BuildError(NO_MEMORY)
+        return ERROR, NO_MEMORY, ""
     except BuildError as error:
-        return error
+        return ERROR, error.reason, error.detail
     except Exception as error:
-        return BuildError(NO_BUILDER, f"{type(error).__name__}: {error}"[:1000])
+        return ERROR, NO_BUILDER, f"{type(error).__name__}: {error}"[:1000]
 
 
 def _limit_memory(memory: int) -> None:

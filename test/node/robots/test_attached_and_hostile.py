@@ -36,11 +36,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision import _child
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.objects.conditions import UNPLACED
 from obb_collision.robots.description import MOST_GEOMETRIES
-from obb_collision.scene.building import process
 
 TOOL, NAME, LINK = ("tool", 1), "tool/1", "arm/hand"
 HERE, THERE = [0.0, 0.0], [0.0, np.pi / 2]
@@ -442,7 +442,7 @@ def test_a_mesh_that_takes_for_ever_gives_way(tmp_path: Path, monkeypatch: Patch
 
     def read_for_ever(rig: RobotRig) -> int:
         with monkeypatch.context() as patch:
-            patch.setattr(process, "CODE", code)
+            patch.setattr(_child, "CODE", code)
             rig.describe(slow)
             rig.until(number.is_symlink, "its process")
             assert "being read" in rig.robot.fault

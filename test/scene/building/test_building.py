@@ -33,9 +33,10 @@ import trimesh
 from each import each
 from scenes import PATIENCE, build, outcomes, wait_built
 
+from obb_collision import _child
 from obb_collision.geometry.shapes import MeshFolders
 from obb_collision.scene.building import builder as building
-from obb_collision.scene.building import jobs, process
+from obb_collision.scene.building import jobs
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.process import Limits
 from obb_collision.shapes import Hull, Mesh
@@ -228,29 +229,39 @@ def said(*messages: bytes) -> str:
 def arrays(**kinds: tuple[str, list[int]]) -> bytes:
     """Return what announces the mesh of a file."""
     parts: list[object] = [{"type": kind, "shape": shape} for kind, shape in kinds.values()]
-    return json.dumps({"value": [*parts[:2], parts[2:], None]}).encode()
+    return json.dumps(["value", [*parts[:2], parts[2:], None]]).encode()
 
 
 CORNERS = np.eye(3).tobytes()
 BOX = {"center": ("<f8", [3]), "turn": ("<f8", [3, 3]), "half": ("<f8", [3])}
 REST = bytes(24), CORNERS, bytes(24)
 VERTICES, FACES, SIZES = ("<f8", [3, 3]), ("<i8", [1, 3]), ("<f8", [1, 3])
+ODD = "its reply is not understood"
 BEYOND = np.array([[0, 1, 3]]).tobytes()
 
 
 @pytest.mark.parametrize(
     ("reply", "why"),
     [
-        ("connection.send(Bomb())", "its reply is none"),
-        (said(b'{"value": ' + b"[" * 100_000), "its reply is none"),
-        (said(b"[]"), "its reply is none"),
-        (said(b'{"error": [1, 2]}'), "its reply is none"),
-        (said(b'{"value": [{"type": "O", "shape": [1]}]}', bytes(8)), "its reply is none"),
-        (said(b'{"value": [{"type": "<f8", "shape": [-1]}]}', b""), "its reply is none"),
-        (said(b'{"value": [{"type": "<f8", "shape": [2]}]}', bytes(8)), "its reply is none"),
-        (said(b'{"value": [{"type": "<f8", "shape": [1]}]}', bytes(99)), "its reply is none"),
-        (said(b'{"value": [{"type": "<f8", "shape": [1000000000000000]}]}'), "not enough memory"),
-        (said(b'{"value": 5}'), "TypeError"),
+        ("connection.send(Bomb())", ODD),
+        (said(b'["value", ' + b"[" * 100_000), ODD),
+        (said(b"[]"), ODD),
+        (said(b'["error", 1, 2]'), ODD),
+        (
+            said(b'["value", [{"type": "O", "shape": [1]}]]', bytes(8)),
+            ODD,
+        ),
+        (said(b'["value", [{"type": "<f8", "shape": [-1]}]]', b""), ODD),
+        (
+            said(b'["value", [{"type": "<f8", "shape": [2]}]]', bytes(8)),
+            ODD,
+        ),
+        (
+            said(b'["value", [{"type": "<f8", "shape": [1]}]]', bytes(99)),
+            ODD,
+        ),
+        (said(b'["value", [{"type": "<f8", "shape": [1000000000000000]}]]'), "not enough memory"),
+        (said(b'["value", 5]'), "TypeError"),
         (said(arrays(v=VERTICES, f=FACES, **BOX), CORNERS, BEYOND, *REST), "faces must name"),
         (said(arrays(v=VERTICES, f=SIZES, **BOX), CORNERS, bytes(24), *REST), "must be integers"),
     ],
@@ -260,7 +271,7 @@ def test_a_process_that_a_file_has_taken_over_executes_nothing_here(
     reply: str, why: str, tmp_path: Path, own: Builder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "made"
-    monkeypatch.setattr(process, "CODE", HOSTILE.format(folder=str(folder), reply=reply))
+    monkeypatch.setattr(_child, "CODE", HOSTILE.format(folder=str(folder), reply=reply))
     error = refusal(own, jobs.MeshFile("a.stl", ONE, b"solid"))
     assert why in str(error)
     assert not folder.exists()
