@@ -187,7 +187,7 @@ class Checker:
             found = self._limited(self._find_anew(last, exact, budget))
         found.before = {} if self.last is None else self.last.outcomes
         near = NO_ROWS if self.region is None else store.near.copy()
-        self.last = found  # first: what is changed is so until then, should an interrupt come
+        self.last = found
         self._near = near
         store.settle()
         return found
@@ -392,7 +392,7 @@ class Checker:
         if len(kept[0]) < len(store.names) or self._spheres != layout.spheres:
             shape = store.centers.shape
             kept = np.full(shape, np.inf), np.full(shape, -np.inf)
-            self._bounds, self._tree = NO_BOUNDS, None  # until all are there, for interrupts
+            self._bounds, self._tree = NO_BOUNDS, None  # until all are there, should memory end
             self._spheres, anew = layout.spheres, layout.active
         elif len(rows) < len(changed):
             kept[0][changed], kept[1][changed] = np.inf, -np.inf  # empty: overlaps nothing

@@ -33,8 +33,8 @@ from obb_collision.scene.refinement.ladder import needs_spheres
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import PairRules
-from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.region import Region
+from obb_collision.scene.store.store import ObjectStore
 
 #: Pairs near each other that effects look at, for each that may collide: objects that are apart
 #: have more neighbours than contacts.
@@ -52,13 +52,18 @@ class Checks:
         self.budget: Budget | None = None
         self.max_pairs: int | None = None
         self.region: Region | None = None
-        self.begin()
+        self.begin(self.make_checker(objects.store))
 
-    def begin(self) -> None:
-        """Begin anew, with the store that the objects have now."""
-        self.checker = Checker(self._objects.store, self._objects.cache, self._rules)
-        self.checker.limit = self.max_pairs
-        self.checker.set_region(self.region)
+    def make_checker(self, store: ObjectStore) -> Checker:
+        """Return a checker of a store, with the settings of now."""
+        checker = Checker(store, self._objects.cache, self._rules)
+        checker.limit = self.max_pairs
+        checker.set_region(self.region)
+        return checker
+
+    def begin(self, checker: Checker) -> None:
+        """Begin anew, with a checker of the store that the objects have now."""
+        self.checker = checker
         self.invalidate()
         self._before: Before | None = None
 
@@ -73,7 +78,6 @@ class Checks:
         self.invalidate()
         self.max_pairs = self.checker.limit = limit
 
-    @completed
     def set_region(self, region: Region | None) -> None:
         """Set the region whose pairs are found."""
         self.invalidate()

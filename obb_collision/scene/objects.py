@@ -28,7 +28,6 @@ from obb_collision.geometry.validation import as_any_array, as_array
 from obb_collision.obb import OBB
 from obb_collision.scene.building.shape_cache import ShapeCache, SlotShape
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
-from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.patterns import Overrides, as_patterns, as_tuples
 from obb_collision.scene.store.placing import LocalBoxes, about_origins, extents, placed
@@ -136,14 +135,16 @@ class SceneObjects:
         self._commit(slots, columns, slots[new], begun, gone, bodies)
         return slots
 
-    @completed
     def _commit(
         self, slots: Rows, columns: dict[str, Any], new: Rows, names: list[str],
         gone: list[str], bodies: list[SlotShape],
     ) -> None:  # fmt: skip
         """Write what ``put`` made: nothing here fails but for want of memory, at first."""
+        shaped = {body.slot for body in bodies}  # for which there is room in the cache
+        others = [slot for slot in slots.tolist() if slot not in shaped]
+        self.cache.own(others)
         self.store.put(slots, columns, new, names, gone)
-        self.cache.drop_many(slots.tolist())
+        self.cache.drop_many(others)
         for body in bodies:
             self.cache.put(body)
 
@@ -152,8 +153,9 @@ class SceneObjects:
         store = self.store
         own, growths = store.own_paddings[indices], store.growths[indices]
         box = {"local_centers": 0.0, "local_rotations": np.eye(3)}
-        self.cache.drop_many(indices.tolist())
+        numbers = indices.tolist()
         store.write(indices, {**box, **extents(halves(sizes), own, growths)})
+        self.cache.drop_many(numbers)
 
     def grow(self, indices: NDArray[np.int64], growths: Floats) -> None:
         """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
@@ -178,12 +180,14 @@ class SceneObjects:
         ]
         return np.maximum(*speeds)
 
-    @completed
     def rename(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
         """Give objects other names, which are valid, new and distinct; nothing is checked."""
-        self.store.rename(indices, names)
+        store, columns = self.store, {}
         if self._paddings:
-            self._pad_again(self._padding, self._paddings)
+            own, wanted = store.own_paddings[indices], self._paddings_of(names)
+            paddings = np.where(store.padded[indices], own, wanted)
+            columns = extents(store.local_half_extents[indices], paddings, store.growths[indices])
+        store.rename(indices, names, columns)
 
     def renew(self, indices: ArrayLike) -> None:
         """Make objects (n,) new ones: nothing relates them to what they were."""
@@ -193,11 +197,12 @@ class SceneObjects:
         """Remove objects."""
         self.remove_slots(np.unique(self.store.check_slots(indices)))
 
-    @completed
     def remove_slots(self, slots: Rows) -> None:
         """Remove objects by indices that are in use and distinct."""
+        numbers = slots.tolist()
+        self.cache.own(numbers)
         self.store.remove_rows(slots)
-        self.cache.drop_many(slots.tolist())
+        self.cache.drop_many(numbers)
 
     def build_outside(self, builder: Builder) -> OutsideTrees:
         """Have the trees and hulls of large shapes built by another process.
@@ -214,11 +219,10 @@ class SceneObjects:
         """Build the trees and hulls of all shapes now; else the first checks that need them do."""
         prepare_shapes(self.store, self.cache)
 
-    @completed
-    def clear(self) -> None:
-        """Remove all objects; settings are retained."""
-        self.store = ObjectStore()
+    def clear(self, store: ObjectStore) -> None:
+        """Take an empty store in place of all objects; settings are retained."""
         self.cache.clear()
+        self.store = store
 
     @property
     def revision(self) -> int:
@@ -300,7 +304,6 @@ class SceneObjects:
         """Return the paddings (n,) of objects without one of their own; one for all, if it is."""
         return paddings_of(names, self._padding, self._paddings)
 
-    @completed
     def _pad_again(self, padding: float, overrides: Overrides[float]) -> None:
         """Set the padding, and give it to all objects without one of their own."""
         store = self.store
@@ -320,7 +323,6 @@ class SceneObjects:
     def accuracy(self, value: Accuracy | str) -> None:
         self._set_all(as_accuracy(value))
 
-    @completed
     def _set_all(self, value: Accuracy) -> None:
         store = self.store
         rows = np.flatnonzero(store.used & ~store.levelled & (store.accuracies != value))

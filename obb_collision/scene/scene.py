@@ -44,9 +44,9 @@ from obb_collision.scene.questions import any_collides, cast_at_objects, collidi
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import PairRules, Sides, guess
-from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.patterns import as_patterns, as_tuples, matching
 from obb_collision.scene.store.region import Region
+from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
 
@@ -134,11 +134,12 @@ class Scene(NamedObjects):
     def __repr__(self) -> str:
         return f"Scene({len(self)} objects, accuracy {self._objects.accuracy.label!r})"
 
-    @completed
     def clear(self) -> None:
         """Remove all objects; settings are retained."""
-        self._objects.clear()
-        self._checks.begin()
+        store = ObjectStore()
+        checker = self._checks.make_checker(store)
+        self._objects.clear(store)
+        self._checks.begin(checker)
 
     @property
     def rules(self) -> PairRules:

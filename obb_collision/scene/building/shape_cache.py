@@ -41,7 +41,6 @@ from obb_collision.geometry.trees.pool import (
 )
 from obb_collision.obb import OBB
 from obb_collision.queries.convex.support import NO_HULLS, core_of
-from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import kind_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
@@ -92,14 +91,13 @@ class PerShape(Generic[Item]):
         result[known] = self._rows[slots[known]]
         return result
 
-    @completed
     def entry(self, slot: int, key: Hashable) -> Entry[Item]:
         """Return the entry that a slot has with all slots of the same key."""
-        entry = self.by_slot.get(slot) or self._entries.setdefault(key, Entry(key))
         short = max(0, slot + 1 - len(self._rows))
         if short:
             self._rows = np.append(self._rows, np.full(max(short, len(self._rows)), -1))
-        self.by_slot[slot] = entry
+        entry = self.by_slot.get(slot) or self._entries.setdefault(key, Entry(key))
+        self.by_slot[slot] = entry  # first: by it the slot can be dropped
         entry.slots.add(slot)
         self._rows[slot] = entry.row
         return entry
@@ -111,7 +109,7 @@ class PerShape(Generic[Item]):
             self._rows[slot] = -1
             entry.slots.discard(slot)
             self._forget(entry)
-            del self.by_slot[slot]  # last: until then it can be dropped again
+            del self.by_slot[slot]
         return entry
 
     def retain(self, slot: int) -> None:
@@ -122,11 +120,11 @@ class PerShape(Generic[Item]):
             if len(self._retained) > RETAINED:
                 self._forget(self._retained.popleft())
 
-    def clear(self) -> None:
-        """Drop what is retained, where no slot has anything left."""
+    def clear(self, pool: Pool[Item]) -> None:
+        """Take an empty pool, where no slot has anything left, and drop what is retained."""
         self._retained.clear()
         self._entries.clear()
-        self.exchange()
+        self.pool = pool
 
     def _forget(self, entry: Entry[Item]) -> None:
         if not entry.slots and entry not in self._retained:
@@ -134,8 +132,9 @@ class PerShape(Generic[Item]):
 
     def put(self, entry: Entry[Item], item: Item, row: int) -> None:
         """Give the slots of an entry an item, which is in the pool."""
+        slots = list(entry.slots)
         entry.item, entry.row = item, row
-        self._rows[list(entry.slots)] = row
+        self._rows[slots] = row
 
     def build(self, slots: Rows, body_of: Callable[[int], Body], timer: TimeLeft | None) -> bool:
         """Build what slots lack, while there is time; return whether they lacked anything.
@@ -145,7 +144,7 @@ class PerShape(Generic[Item]):
         missing = slots[self.rows(slots) < 0]
         if len(missing) == 0 or (timer is not None and self.pool.lock.locked()):
             return False
-        with self.pool.lock:  # which an interrupt leaves, too
+        with self.pool.lock:
             for slot in np.unique(missing).tolist():
                 if timer is not None and timer.left() <= 0.0:
                     break
@@ -181,15 +180,17 @@ class PerShape(Generic[Item]):
         """Return how much those items of now take that a new pool lacks."""
         return sum(self.pool.size_of(item) for e, item in self.built.items() if e not in packed[1])
 
-    @completed
     def exchange(self, packed: Packed[Item] | None = None) -> None:
         """Take a new pool, as made before or made now; what it lacks is added to it."""
         built = self.built
         pool, rows = self.packed({}) if packed is None or not built else packed
         rows = {e: rows[e] if e in rows else pool.append(item) for e, item in built.items()}
-        self.pool = pool
-        for entry, item in built.items():
-            self.put(entry, item, rows[entry])
+        table = self._rows.copy()
+        for entry, row in rows.items():
+            table[list(entry.slots)] = row
+        self.pool, self._rows = pool, table
+        for entry, row in rows.items():
+            entry.row = row
 
 
 class SlotShape(NamedTuple):
@@ -247,7 +248,6 @@ class ShapeCache:
         self._own_shapes().setdefault(slot, None)
         return body
 
-    @completed
     def put(self, body: SlotShape) -> None:
         """Keep the shape of a slot unless it is a box."""
         self.leave(body.slot)
@@ -271,6 +271,11 @@ class ShapeCache:
         """Return the shapes by slot and their numbers, which stay as they are."""
         self._lent = True
         return self._shapes, self._numbers
+
+    def own(self, slots: Sequence[int]) -> None:
+        """Have the shapes of slots to be dropped: that does not fail then."""
+        if self._shapes and not self._shapes.keys().isdisjoint(slots):
+            self._own_shapes()
 
     def _own_shapes(self) -> dict[int, Any]:
         """Return the shapes by slot, to be changed."""
@@ -298,15 +303,19 @@ class ShapeCache:
         """Drop the shapes of slots, of which boxes typically have nothing here."""
         self.version += 1
         for held in (self._shapes, *(each.by_slot for each in (*self._all, self._hull_trees))):
-            for slot in [slot for slot in slots if slot in held] if held else ():
-                self.drop(slot)
+            for slot in slots if held else ():
+                if slot in held:
+                    self.drop(slot)
 
     def clear(self) -> None:
         """Drop all shapes."""
         all_of = (*self._all, self._hull_trees)
-        self.drop_many([*self._shapes, *(slot for each in all_of for slot in each.by_slot)])
-        for per_shape in all_of:
-            per_shape.clear()
+        slots = [*self._shapes, *(slot for each in all_of for slot in each.by_slot)]
+        pools = [type(each.pool)() for each in all_of]
+        self.own(slots)
+        self.drop_many(slots)
+        for per_shape, pool in zip(all_of, pools, strict=True):
+            per_shape.clear(pool)
 
     def retain(self, slot: int) -> None:
         """Retain what was built of the shape of a slot for a later one that is equal."""

@@ -21,6 +21,7 @@ ones to check, if any are given; and namespaces within which objects may touch.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -30,7 +31,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.validation import as_flag, warn_caller
-from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.patterns import as_patterns, as_tuples, is_pattern, matching
 from obb_collision.typing import Mask, Rows
 from obb_collision.words import shown
@@ -173,7 +173,9 @@ class PairRules:
 
     def __init__(self, changing: Callable[[], object] = lambda: None) -> None:
         self._changing = changing
-        self._rules: dict[tuple[Patterns, ...], tuple[Patterns, Patterns, bool]] = {}
+        self._rules: OrderedDict[tuple[Patterns, ...], tuple[Patterns, Patterns, bool]] = (
+            OrderedDict()
+        )
         self._only: list[tuple[Patterns, Patterns]] = []
         self._within: Patterns = ()
         self._table: PairTable | None = None
@@ -191,25 +193,27 @@ class PairRules:
         self._renew()
         self._add(tuple(sorted((a, b))), (a, b, bool(allowed)))
 
-    @completed
     def _add(self, key: tuple[Patterns, ...], rule: tuple[Patterns, Patterns, bool]) -> None:
-        before = self._rules.pop(key, None)  # the last rule comes last
-        if rule[2] or before is None or self._may_be_allowed(*rule[:2]):
+        if rule[2] or key not in self._rules or self._may_be_allowed(key, *rule[:2]):
             self._rules[key] = rule
+            self._rules.move_to_end(key)  # the last rule comes last
+        else:
+            del self._rules[key]
 
     def _renew(self) -> None:
-        """Forget what the filters before made; first, for interrupts."""
+        """Forget what the filters before made."""
         self._changing()
         self._table = self._made = None
 
-    def _may_be_allowed(self, a: Patterns, b: Patterns) -> bool:
-        """Return whether a rule may let objects touch that match two sides.
+    def _may_be_allowed(self, key: tuple[Patterns, ...], a: Patterns, b: Patterns) -> bool:
+        """Return whether a rule but that of a key may let objects touch that match two sides.
 
         If none does, a rule that was taken back can be forgotten instead of overruled.
         """
         return any(
             allowed and ((_meet(a, p) and _meet(b, q)) or (_meet(a, q) and _meet(b, p)))
-            for p, q, allowed in self._rules.values()
+            for other, (p, q, allowed) in self._rules.items()
+            if other != key
         )
 
     @property

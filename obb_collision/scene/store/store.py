@@ -16,7 +16,7 @@
 
 A structure of arrays with one row (slot) per object. A slot keeps its number while the object
 lives; freed slots are used again, the lowest first. Arrays grow by doubling. A change of a store
-either happens or does not: what can fail comes before the first write.
+either happens or does not, should memory end: what takes memory comes before the first write.
 """
 
 from __future__ import annotations
@@ -28,14 +28,13 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import as_array
-from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.placing import (
     UNUSUAL,
     LocalBoxes,
@@ -141,17 +140,16 @@ class ObjectStore:
             self._name_tuple = self.version, tuple(self.names)
         return self._name_tuple[1]
 
-    def enable(self, rows: Rows | slice | int, enabled: ArrayLike) -> None:
+    def enable(self, rows: Rows | slice, enabled: ArrayLike) -> None:
         """Let objects take part in collisions, or not."""
-        self.enabled[rows] = enabled
-        self.active[rows] = self.enabled[rows] & self.near[rows]
+        active = np.logical_and(self.near[rows], enabled)
+        self.enabled[rows], self.active[rows] = enabled, active
 
     def set_near(self, rows: Rows, near: Mask) -> None:
         """Set which objects are near to the region that is checked; the others take no part."""
-        differ = self.near[rows] != near
-        self.mark(rows[differ])
-        self.near[rows] = near
-        self.active[rows] = self.enabled[rows] & near
+        active = self.enabled[rows] & near
+        self.mark(rows[self.near[rows] != near])
+        self.near[rows], self.active[rows] = near, active
 
     def live(self) -> Rows:
         """Return the slots in use, ascending."""
@@ -180,7 +178,6 @@ class ObjectStore:
         body.enabled[rows] = body.active[rows] = True
         return body, int(rows[0])
 
-    @completed
     def put(
         self,
         rows: Rows,
@@ -194,48 +191,47 @@ class ObjectStore:
         names: of ``new``, which no other object has. gone: of the objects that had such slots.
         All or, should memory end, none.
         """
-        begun = as_slice(new)
-        self._part(rows)
+        begun, some, numbers = as_slice(new), as_slice(rows), new.tolist()
+        self.near[begun] = True  # of slots that are not in use until the end
+        prepared = self._prepared(rows, columns)
+        active = self.near[some]
         try:
-            self.slots.update(zip(names, new.tolist(), strict=True))
+            self.slots.update(zip(names, numbers, strict=True))
         except MemoryError:
             for name in names:
                 self.slots.pop(name, None)
             raise
-        self._assign(rows, columns)
+        self._assign(rows, some, prepared)
         for before in gone:
             self.slots.pop(before, None)
-        for slot, name in zip(new.tolist(), names, strict=True):
+        for slot, name in zip(numbers, names, strict=True):
             self.names[slot] = name
         if len(new):
             self.version = next(_versions)
-            self.used[begun], self.near[begun], self.born[begun] = True, True, self.version
-            self.twists[begun] = 0.0
-        self.enable(as_slice(rows), True)
+            self.used[begun], self.born[begun], self.twists[begun] = True, self.version, 0.0
+        self.enabled[some], self.active[some] = True, active
 
-    @completed
-    def rename(self, rows: Rows, names: Sequence[str]) -> None:
-        """Give objects other names, all new and distinct."""
+    def rename(self, rows: Rows, names: Sequence[str], columns: Mapping[str, Any]) -> None:
+        """Give objects other names, all new and distinct, and columns that depend on them."""
         slots, by_slot = dict(self.slots), list(self.names)
         for slot, name in zip(rows.tolist(), names, strict=True):
             slots.pop(by_slot[slot], None)
             slots[name], by_slot[slot] = slot, name
-        self.mark(rows)
+        self.write(rows, columns)
         self.version, self.slots, self.names = next(_versions), slots, by_slot
 
-    @completed
     def renew(self, rows: Rows) -> None:
         """Make objects new ones, as if each had been removed and added again with its pose."""
         self.version = next(_versions)
         self.mark(rows)
         self.born[rows], self.twists[rows] = self.version, 0.0
 
-    @completed
     def remove_rows(self, rows: Rows) -> None:
         """Remove objects by their slots, all in use and distinct."""
         if len(rows) == 0:
             return
         slots = rows.tolist()
+        self.enable(rows, False)
         self.version = next(_versions)
         self.mark(rows)
         self._lowest = min(self._lowest, *slots)
@@ -243,7 +239,6 @@ class ObjectStore:
             self.slots.pop(self.names[slot], None)
             self.names[slot] = None
         self.used[rows] = False
-        self.enable(rows, False)
 
     def slots_of(self, names: Iterable[str]) -> Rows:
         """Return the slots of names; KeyError naming the first unknown one."""
@@ -253,7 +248,7 @@ class ObjectStore:
         return np.array([self.slot(name) for name in names], np.int64)
 
     def mark(self, rows: Rows | int) -> None:
-        """Mark slots as changed in more than their poses; before they are, for interrupts."""
+        """Mark slots as changed in more than their poses."""
         if np.size(rows) == 0:
             return
         self.changed[rows] = True
@@ -320,24 +315,31 @@ class ObjectStore:
         if len(moved):
             self._write(rows, np.ascontiguousarray(poses), moved, False)
 
-    @completed
     def _write(self, rows: Rows, new: Floats, which: Rows, ascending: bool) -> None:
         """Give rows the poses new (m, 7) that ``which`` names; ascending: whether they are so."""
         self._forget_unused()
         if self._lent:
-            everything = ascending and len(which) == np.count_nonzero(self.used)
+            everything = ascending and LEAST_MOVES <= len(which) == np.count_nonzero(self.used)
+            if everything:  # the kernel is loaded before what it is to write is there
+                self._place(rows, new, which[:0], LEAST_MOVES)
             self._detach(rows if everything else rows[which], everything)
         self.touched = True
-        local, out = (self.local_centers, self.local_rotations), (self.centers, self.rotations)
         # a row that is there twice is written by one thread, so that its last pose counts
-        least = LEAST_MOVES if ascending else len(which)
+        self._place(rows, new, which, LEAST_MOVES if ascending else len(which))
+
+    def _place(self, rows: Rows, new: Floats, which: Rows, least: int) -> None:
+        local, out = (self.local_centers, self.local_rotations), (self.centers, self.rotations)
         run(write_moves, len(which), least, rows, new, which, self.poses, local, out, self.changed)
 
-    @completed
     def write(self, rows: Rows, columns: Mapping[str, Any]) -> None:
         """Write columns of slots, and mark these as changed; all or, should memory end, none."""
+        some = as_slice(rows)
+        self._assign(rows, some, self._prepared(rows, columns))
+
+    def _prepared(self, rows: Rows, columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+        """Return columns as they are written: with them, and room for them, no write fails."""
         self._part(rows)
-        self._assign(rows, columns)
+        return {k: np.asarray(values, getattr(self, k).dtype) for k, values in columns.items()}
 
     def _part(self, rows: Rows) -> None:
         """Leave to snapshots in use what slots are, which are about to change."""
@@ -346,8 +348,7 @@ class ObjectStore:
             copies = {name: getattr(self, name).copy() for name in self._shared}
             vars(self).update(copies, _shared=set())
 
-    def _assign(self, rows: Rows, columns: Mapping[str, Any]) -> None:
-        some = as_slice(rows)
+    def _assign(self, rows: Rows, some: Rows | slice, columns: Mapping[str, NDArray[Any]]) -> None:
         self.mark(rows)
         for name, values in columns.items():
             getattr(self, name)[some] = values
