@@ -29,6 +29,8 @@ The conventions hold everywhere in this package:
 * Normals have unit length and point from the first box, a, to the second, b.
 * Batches are asked alike, f(a, b, pairs=None): each row of a against the same row of b, or, with
   pairs (m, 2), rows of a against rows of b. Options go by their names.
+* Invalid input raises ValueError, or TypeError for another type. The message names the argument,
+  and the row in a batch; nothing has changed then. Docstrings say only what is not that.
 * Points are what is handed in; positions are where a result is.
 * Pairs are sorted: i < j in a pair, and the pairs in lexicographic order.
 * Corners have one order: on the +z face left-top, left-bottom, right-bottom, right-top, then on

@@ -118,11 +118,6 @@ def set_threads(number: int | None) -> int:
     int
         The number used from now on.
 
-    Raises
-    ------
-    ValueError
-        For anything else.
-
     Examples
     --------
     >>> oc.set_threads(1)

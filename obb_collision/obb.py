@@ -65,11 +65,6 @@ class OBB(ArrayValue):
     half_extents : (3,) array_like
         Metres, not negative; zero makes a flat box.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument, for anything else.
-
     Examples
     --------
     >>> crate = oc.OBB([0, 0, 1], np.eye(3), [0.5, 0.5, 1])
@@ -185,11 +180,6 @@ class OBB(ArrayValue):
         Parameters
         ----------
         aabb : AABB
-
-        Raises
-        ------
-        TypeError
-            For anything else.
 
         Examples
         --------
@@ -329,11 +319,6 @@ class OBB(ArrayValue):
         margin : float
             Metres, not negative.
 
-        Raises
-        ------
-        ValueError
-            For anything else.
-
         Examples
         --------
         >>> oc.OBB(half_extents=[1, 1, 1]).padded(0.5).half_extents.tolist()
@@ -404,11 +389,6 @@ class OBB(ArrayValue):
         exact : bool
             Decide by integer arithmetic what doubles can't tell from touching, else it counts.
 
-        Raises
-        ------
-        TypeError
-            For anything else.
-
         Examples
         --------
         >>> box = oc.OBB(half_extents=[1, 1, 1])
@@ -430,11 +410,6 @@ class OBB(ArrayValue):
         Separation
             gap (metres; positive apart, negative overlapping), axis ((3,) unit, towards
             ``other``), verdict.
-
-        Raises
-        ------
-        TypeError
-            For anything else.
 
         References
         ----------
@@ -462,11 +437,6 @@ class OBB(ArrayValue):
         float
             Cubic metres; exactly 0 and exactly all where ``overlap_volumes`` says so.
 
-        Raises
-        ------
-        TypeError
-            For anything else.
-
         Examples
         --------
         >>> box = oc.OBB(half_extents=[1, 1, 1])
@@ -486,11 +456,6 @@ class OBB(ArrayValue):
         -------
         float
             Exactly 0 and exactly 1 where the function ``iou`` says so.
-
-        Raises
-        ------
-        TypeError
-            For anything else.
 
         Examples
         --------

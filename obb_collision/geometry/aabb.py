@@ -103,11 +103,6 @@ class AABB(ArrayValue):
         ----------
         other : AABB
 
-        Raises
-        ------
-        TypeError
-            For anything else.
-
         Examples
         --------
         >>> oc.AABB([0, 0, 0], [1, 1, 1]).intersects(oc.AABB([2, 0, 0], [3, 1, 1]))

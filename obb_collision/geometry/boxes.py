@@ -68,11 +68,6 @@ class Boxes(ArrayValue, ForKernels):
     half_extents : (n, 3) array_like
         Metres, not negative; zero makes a flat box.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument and the row, for anything else.
-
     Examples
     --------
     >>> boxes = oc.Boxes([[0, 0, 0], [3, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1], [2, 1, 1]])
@@ -279,11 +274,6 @@ class Boxes(ArrayValue, ForKernels):
         ----------
         margin : float or (n,) array_like
             Metres, not negative: one for all, or one for each.
-
-        Raises
-        ------
-        ValueError
-            For anything else.
 
         Examples
         --------

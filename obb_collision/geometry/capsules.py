@@ -49,11 +49,6 @@ class Capsules(ArrayValue, ForKernels):
     radii : (n,) array_like
         Metres, not negative; zero makes a segment.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument and the row, for anything else.
-
     Examples
     --------
     >>> arm = oc.Capsules([[0, 0, 0]], [[0, 0, 1]], [0.1])

@@ -179,8 +179,6 @@ class PlacedRobots(Changing):
 
         Raises
         ------
-        ValueError
-            Naming the argument.
         TypeError
             For another kind of shape.
 

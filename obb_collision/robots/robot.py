@@ -231,11 +231,6 @@ class Robot(SetOnce):
         (n, links, 7) or (links, 7) numpy.ndarray
             ``x y z qx qy qz qw``, in the order of ``link_names``.
 
-        Raises
-        ------
-        ValueError
-            Naming the row.
-
         Examples
         --------
         >>> robot = oc.Robot.from_urdf('<robot name="rock"><link name="rock"/></robot>')
@@ -266,11 +261,6 @@ class Robot(SetOnce):
         -------
         list of PairProof
             In the order of the links.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
 
         Examples
         --------

@@ -58,11 +58,6 @@ class RobotScene(PlacedRobots):
     bases : (r, 7) array_like, optional
         The poses of the robots' roots in the scene; the identity by default.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> arm = oc.Robot.from_urdf('''<robot name="arm">
@@ -130,11 +125,6 @@ class RobotScene(PlacedRobots):
         -------
         StateReport
 
-        Raises
-        ------
-        ValueError
-            Naming the row.
-
         Examples
         --------
         With ``checker`` as in the example of ``RobotScene``:
@@ -169,8 +159,6 @@ class RobotScene(PlacedRobots):
         ------
         KeyError
             For an unknown group.
-        ValueError
-            Naming the argument and the row.
 
         Examples
         --------
@@ -224,11 +212,6 @@ class RobotScene(PlacedRobots):
         -------
         StateDistances
 
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row.
-
         Examples
         --------
         With ``checker`` as in the example of ``RobotScene``:
@@ -276,11 +259,6 @@ class RobotScene(PlacedRobots):
         Returns
         -------
         MotionReport
-
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row.
 
         Examples
         --------
@@ -350,11 +328,6 @@ class RobotScene(PlacedRobots):
         MotionReport
             Of the n - 1 motions; ``first_invalid`` is the first that is not valid. For one state,
             of the motion that stays there.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row.
 
         Examples
         --------

@@ -79,8 +79,6 @@ class NamedObjects(Changing):
 
         Raises
         ------
-        ValueError
-            Naming the argument.
         TypeError
             For another kind of shape.
 

@@ -102,8 +102,6 @@ class RegionMerger(SetOnce):
         ------
         KeyError
             For an unknown region.
-        ValueError
-            Naming the argument.
 
         Examples
         --------
@@ -132,11 +130,6 @@ class RegionMerger(SetOnce):
         Returns
         -------
         dict of str to str
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
 
         Examples
         --------
@@ -177,8 +170,6 @@ class RegionMerger(SetOnce):
         ------
         KeyError
             For an unknown region.
-        ValueError
-            Naming the argument.
 
         Examples
         --------

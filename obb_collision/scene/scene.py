@@ -79,11 +79,6 @@ class Scene(NamedObjects):
     region : Region, optional
         Whose pairs are found; see the property.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> scene = oc.Scene()
@@ -241,11 +236,6 @@ class Scene(NamedObjects):
             Whether each name or pattern must be that of an object that is there, against typing
             errors.
 
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -282,11 +272,6 @@ class Scene(NamedObjects):
         known : bool
             Whether each name or pattern must be that of an object that is there.
 
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -321,11 +306,6 @@ class Scene(NamedObjects):
         mode : str, optional
         objects : str or iterable of str, optional
         **options : float or str
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
 
         Examples
         --------
@@ -367,11 +347,6 @@ class Scene(NamedObjects):
         -------
         Report
             What collides; effects not asked for are computed when read.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
 
         Examples
         --------
@@ -441,8 +416,6 @@ class Scene(NamedObjects):
 
         Raises
         ------
-        ValueError
-            Naming the argument.
         TypeError
             For another kind of shape.
 
@@ -493,11 +466,6 @@ class Scene(NamedObjects):
         -------
         RayHits
             ``boxes`` are indices of objects, -1 for none.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row.
 
         Examples
         --------

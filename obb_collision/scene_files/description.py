@@ -256,11 +256,6 @@ class SceneDescription:
         time : float
             Seconds.
 
-        Raises
-        ------
-        ValueError
-            For anything else.
-
         Examples
         --------
         >>> oc.SceneDescription("empty", ()).states(1.0)[0].shape

@@ -134,11 +134,6 @@ class Hull(_Cloud):
     fit : str
         As in ``OBB.from_points``.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> oc.shapes.Hull([[0, 0, 0], [2, 4, 6]], fit="aabb").local_box[2].tolist()
@@ -198,8 +193,6 @@ class Mesh(_Cloud):
 
     Raises
     ------
-    ValueError
-        Naming the argument and the row.
     TypeError
         Without faces, for vertices that are no mesh.
 

@@ -154,11 +154,6 @@ class Box(Primitive):
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> oc.shapes.Box(size=[2, 1, 0.5]).local_box[2].tolist()  # half extents
@@ -188,11 +183,6 @@ class Sphere(Primitive):
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> oc.shapes.Sphere(radius=0.5).local_box[2].tolist()
@@ -219,11 +209,6 @@ class Ellipsoid(Primitive):
         Metres.
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument.
 
     Examples
     --------
@@ -272,11 +257,6 @@ class Cylinder(_Turned):
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> oc.shapes.Cylinder(radius=0.5, length=2).local_box[2].tolist()
@@ -296,11 +276,6 @@ class Cone(_Turned):
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-
     Examples
     --------
     >>> oc.shapes.Cone(radius=0.5, length=2).local_box[2].tolist()
@@ -319,11 +294,6 @@ class Capsule(_Turned):
         Metres.
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument.
 
     Examples
     --------

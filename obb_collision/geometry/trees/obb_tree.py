@@ -294,11 +294,6 @@ class MeshTrees(ForKernels):
         half_extents : (k, 3) array_like
             Metres.
 
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-
         Examples
         --------
         >>> len(oc.MeshTrees.from_half_extents([[1, 1, 1], [1, 2, 3]]))
@@ -322,8 +317,6 @@ class MeshTrees(ForKernels):
         ------
         ValueError
             For none.
-        TypeError
-            For anything else.
 
         Examples
         --------

@@ -237,11 +237,6 @@ class PlacedMeshes(ForKernels):
     rotations : (n, 3, 3) array_like
         Orthonormal.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument and the row.
-
     Examples
     --------
     >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -283,11 +278,6 @@ class PlacedMeshes(ForKernels):
             Rows of trees.
         poses : (n, 7) array_like
             x y z (metres) qx qy qz qw.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row.
 
         Examples
         --------

@@ -68,11 +68,6 @@ class HalfSpaces(ArrayValue, ForKernels):
     normals : (n, 3) array_like
         Of the planes, upwards, of any length but zero.
 
-    Raises
-    ------
-    ValueError
-        Naming the argument and the row.
-
     Examples
     --------
     >>> crates = oc.Boxes([[0, 0, 0.5], [0, 0, 3]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)

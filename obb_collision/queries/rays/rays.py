@@ -119,8 +119,6 @@ def cast_rays(
 
     Raises
     ------
-    ValueError
-        Naming the argument and the row.
     TypeError
         For anything but boxes and placed meshes.
 
@@ -187,8 +185,6 @@ def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLik
 
     Raises
     ------
-    ValueError
-        Naming the argument and the row.
     TypeError
         For anything but boxes and placed meshes.
 

@@ -102,11 +102,6 @@ class Region(ArrayValue):
         -------
         (n,) array of bool
 
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-
         Examples
         --------
         >>> oc.regions.Region([0, 0, 0], [1, 1, 1]).holds([[0, 0, 0], [0, 0, 1]]).tolist()
