@@ -43,7 +43,7 @@ class SceneParameters:
 
     def __init__(self, node: CollisionNode, allowed: list[Rule]) -> None:
         self._parameters, self._objects = node.parameters, node.objects
-        self._allowed, self._of_robots = allowed, list[Rule]()
+        self._allowed = allowed
         self._filters: tuple[object, ...] = ()
         self._effects: dict[str, Any] = {}
         self._threads: int | None = None
@@ -60,11 +60,6 @@ class SceneParameters:
         self._apply_accuracy()
         self._apply_filters()
         self._apply_effects()
-
-    def allow(self, rules: list[Rule]) -> None:
-        """Set the rules of robots."""
-        self._of_robots = rules
-        self._apply_filters()
 
     def _apply_effects(self) -> None:
         """Set the effects, and the region: its halo depends on them."""
@@ -91,7 +86,7 @@ class SceneParameters:
         groups = Groups(parameters.groups)
         given = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
         only = [groups.sides(pair) for pair in parameters.check_only_pairs]
-        filters = ([*self._allowed, *self._of_robots, *given], only, parameters.allowed_within)
+        filters = ([*self._allowed, *given], only, parameters.allowed_within)
         if self._filters != filters:
             rules = scene.rules
             rules.allowed, rules.check_only, rules.allowed_within = filters

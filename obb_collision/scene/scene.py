@@ -51,6 +51,7 @@ from obb_collision.shapes import Shape
 from obb_collision.words import shown
 
 #: What is set like that when a scene was pickled.
+RULES = "allowed", "matrix", "check_only", "allowed_within", "warns"
 PROPERTIES = ("time_budget", "max_pairs", "region", "obstacle_points")
 #: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
 MOST_PAIRS = 2**53
@@ -112,7 +113,7 @@ class Scene(NamedObjects):
         return {
             "objects": self._objects,
             "exact": checks.exact,
-            "rules": (rules.allowed, rules.check_only, rules.allowed_within, rules.warns),
+            "rules": {name: getattr(rules, name) for name in RULES},
             "effects": checks.effects.settings,
             "properties": {name: getattr(self, name) for name in PROPERTIES},
         }
@@ -120,8 +121,8 @@ class Scene(NamedObjects):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._objects = state["objects"]
         self._begin(state["exact"])
-        rules = self._rules
-        rules.allowed, rules.check_only, rules.allowed_within, rules.warns = state["rules"]
+        for name, value in state["rules"].items():
+            setattr(self._rules, name, value)
         self._checks.effects = EffectSettings(EFFECTS, state["effects"])
         for name, value in state["properties"].items():
             setattr(self, name, value)

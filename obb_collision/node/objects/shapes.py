@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
@@ -48,10 +49,13 @@ from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
 from obb_collision.node.objects.table import COLUMNS, NEVER, Slots
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import BuildError
+from obb_collision.scene.objects import local_boxes
 from obb_collision.scene.store.patterns import Overrides
+from obb_collision.scene.store.placing import placed
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats, Mask
+from obb_collision.words import MAX_OBJECT_NAME, check_names
 
 if TYPE_CHECKING:
     from obb_collision.node.objects.objects import Objects
@@ -118,6 +122,46 @@ class ObjectShapes:
         slot = self._give(key, shape, signature)
         self.touch(np.array([slot]), expiry)
         return slot
+
+    def put_new(self, keys: Sequence[Key], shapes: Sequence[Shape]) -> Slots:
+        """Add objects of new keys, distinct; all or, on a RefusedError as of ``put``, none."""
+        table, spaces = self.table, self.table.namespaces
+        if not keys:
+            return NO_ROWS
+        if len(table) + len(keys) > self.max_objects:
+            raise self._full
+        numbers: dict[str, int] = {}
+        try:
+            for space in dict.fromkeys(space for space, _ in keys):
+                number = spaces.admit(space)
+                spaces.use(number)  # so that it stays till its objects are there
+                numbers[space] = number
+            slots = self._add_shapes([*map(name_from_key, keys)], shapes)
+            rows = np.array([(numbers[space], ident) for space, ident in keys], np.int64)
+            table.claim_many(slots, rows[:, 0], rows[:, 1])
+        finally:
+            for number in numbers.values():
+                spaces.leave(number)
+        self.placement.begin(slots)
+        for slot in slots.tolist():
+            table.note_signature(slot, NO_SIGNATURE)
+        table.mark(slots, SHAPE_GIVEN)
+        self.placement.enable(slots)
+        self.touch(slots, NEVER)
+        return slots
+
+    def _add_shapes(self, names: list[str], shapes: Sequence[Shape]) -> Slots:
+        """Add shapes to the scene, and return their slots."""
+        center, rotation, halves = map(np.concatenate, zip(*map(local_boxes, shapes), strict=True))
+        poses = np.tile(IDENTITY_POSE, (len(names), 1))
+        try:
+            check_names(names, "name", MAX_OBJECT_NAME)
+            self.table.reach(len(self.scene) + len(names))
+            levels = [self.overrides.value(name) for name in names]
+            columns = placed((center, rotation, halves), poses)
+            return self.scene.objects.put(names, halves, columns, levels, shapes)
+        except ValueError as error:
+            raise RefusedError("bad shape", str(error)) from error
 
     def _admit(self, key: Key) -> None:
         """Make room for a new object, or refuse it."""

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import cached_property
-from glob import escape
 from typing import NamedTuple
 
 import numpy as np
@@ -44,8 +43,8 @@ from obb_collision.node.objects.table import ObjectTable
 from obb_collision.node.robots.joints import Joints
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 from obb_collision.robots.robot import Robot
-from obb_collision.scene.store.allowed import Rule
-from obb_collision.typing import Floats, Rows
+from obb_collision.scene.store.allowed import AllowedMatrix
+from obb_collision.typing import Floats, Mask, Rows
 
 TWIST_STEP = 1e-5
 """Radians or metres of the fastest joint over which twists are differences: an error of 1e-10."""
@@ -108,15 +107,8 @@ class LinkObjects:
         taken = [key for key in self.keys if key in table.slots]
         if taken:
             raise RefusedError(OWNED.reason, name_from_key(taken[0]))
-        added: list[int] = []
-        try:
-            for key, shape in zip(self.keys, self._shapes, strict=True):
-                added.append(shapes.put(key, shape))
-                table.of_robot[added[-1]] = True
-        except RefusedError:
-            shapes.remove(np.array(added, np.int64))
-            raise
-        self.slots = np.array(added, np.int64)
+        self.slots = shapes.put_new(self.keys, self._shapes)
+        table.of_robot[self.slots] = True
         self._serials = table.serial[self.slots]
 
     @property
@@ -202,22 +194,22 @@ class LinkObjects:
                 touched |= {row for row, matches in enumerate(matching) if matches}
         return touched
 
-    def rules(
+    def matrix(
         self, attached: AttachedObjects, touch_links: Iterable[tuple[str, str]]
-    ) -> list[Rule]:
+    ) -> AllowedMatrix:
         """Return which of them, and of what is attached, may touch.
 
         Links of one rigid body, adjacent ones, and those disabled by the SRDF.
         """
-        rules, names, touch_links = [*self._link_rules], self._patterns, [*touch_links]
-        held = [escape(name_from_key(key)) for key in attached.keys]
-        groups = self._groups[attached.links]
-        for link in np.unique(attached.links).tolist():
-            own = [held[row] for row in np.flatnonzero(attached.links == link).tolist()]
-            others = [n for other in self.touched_by(link, touch_links) for n in names[other]]
-            others += [held[row] for row in np.flatnonzero(groups == self._groups[link]).tolist()]
-            rules.append((tuple(own), tuple(others), True))
-        return rules
+        touch_links, groups, count = [*touch_links], self._groups, len(self._allowed)
+        holders, which = np.unique(attached.links, return_inverse=True)
+        allowed = np.pad(self._allowed, (0, len(holders)))
+        for row, link in enumerate(holders.tolist(), count):
+            touched = [*self.touched_by(link, touch_links)]
+            touched += [*(count + np.flatnonzero(groups[holders] == groups[link]))]
+            allowed[row, touched] = allowed[touched, row] = True
+        held = zip(map(name_from_key, attached.keys), which.tolist(), strict=True)
+        return AllowedMatrix(self._rows | {name: count + row for name, row in held}, allowed)
 
     @cached_property
     def _groups(self) -> Rows:
@@ -225,29 +217,14 @@ class LinkObjects:
         return rigid_groups(self.robot.tree)
 
     @cached_property
-    def _patterns(self) -> list[tuple[str, ...]]:
-        """The names of the objects of each link, as patterns."""
-        names = (self.names.get(f"{self.name}/{link}", ()) for link in self.robot.link_names)
-        return [tuple(map(escape, some)) for some in names]
+    def _rows(self) -> dict[str, int]:
+        """The row of the link of each object, by name."""
+        return dict(zip(map(name_from_key, self.keys), self._links.tolist(), strict=True))
 
     @cached_property
-    def _link_rules(self) -> list[Rule]:
-        """Which links may touch: a rule per rigid body, and one for links with the same others.
-
-        One per link would list all names of a rigid body of n links n times: 2 million, 1.7 s.
-        """
-        groups, names = self._groups, self._patterns
-        allowed = allowed_links([self.robot], groups)
-        further = allowed & (groups[:, None] != groups)
-        bodies = [np.flatnonzero(groups == group) for group in np.unique(groups)]
-        sides = [(body, body) for body in bodies]
-        alike: dict[bytes, list[int]] = {}
-        for link in np.flatnonzero(further.any(axis=1)).tolist():
-            alike.setdefault(allowed[link].tobytes(), []).append(link)
-        for links in alike.values():
-            sides.append((np.array(links), np.flatnonzero(further[links].any(axis=0))))
-        named = (tuple(tuple(n for row in side for n in names[row]) for side in s) for s in sides)
-        return [(one, other, True) for one, other in named if one and other]
+    def _allowed(self) -> Mask:
+        """Which links may touch (links, links)."""
+        return allowed_links([self.robot], self._groups)
 
 
 def _twists_between(before: Floats, after: Floats, time: float) -> Floats:

@@ -48,7 +48,7 @@ from obb_collision.node.robots.validity import (
     ValidityTopics,
 )
 from obb_collision.node.topics.cloud import LATCHED, Topic
-from obb_collision.scene.store.allowed import Rule
+from obb_collision.scene.store.allowed import AllowedMatrix
 from obb_collision.typing import Rows
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ class Robots:
         attached = find_attached(self._objects, self._frames)
         changed = [robot.set_attached(attached.get(robot.name, NOTHING)) for robot in self.robots]
         if renews or any(changed):
-            self._node.settings.allow(self._rules())
+            self._objects.scene.rules.matrix = self._matrix()
 
     def publish(self) -> None:
         """Publish what each cycle publishes; trajectories first, for they may have to stop."""
@@ -196,15 +196,14 @@ class Robots:
             for each in self.answers:
                 each.speed.publish()
 
-    def _rules(self) -> list[Rule]:
-        """Return which links may touch."""
-        touch_links = self._parameters.touch_links
-        return [
-            rule
+    def _matrix(self) -> AllowedMatrix:
+        """Return which links, and what is attached to them, may touch."""
+        parts = [
+            robot.links.matrix(robot.attached, self._parameters.touch_links)
             for robot in self.robots
             if robot.links is not None
-            for rule in robot.links.rules(robot.attached, touch_links)
         ]
+        return parts[0] if len(parts) == 1 else AllowedMatrix.joined(parts)
 
     def faults(self) -> Iterator[tuple[str, str, Rows]]:
         """Yield what is not known of robots, as a code of ``evidence``, of which and why.

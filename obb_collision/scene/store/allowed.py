@@ -14,9 +14,9 @@
 
 """Allowed pairs: pairs of objects whose collision is none.
 
-Three filters say which pairs count, and a pair counts if each of them lets it: rules, of which the
-last one that fits a pair decides, as in an allowed collision matrix; the pairs that are the only
-ones to check, if any are given; and namespaces within which objects may touch.
+Filters say which pairs count, and a pair counts if each of them lets it: rules, of which the last
+one that fits a pair decides; an allowed collision matrix; the pairs that are the only ones to
+check, if any are given; and namespaces within which objects may touch.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,32 @@ SPARE_NAMESPACES = 1000
 MOST_GUESSES = 2000
 
 
+class AllowedMatrix(NamedTuple):
+    """Which objects of some names may touch, whatever rules say; as thousands of rules, but fast.
+
+    rows: by name, several may have one; allowed (r, r): symmetric.
+    """
+
+    rows: dict[str, int]
+    allowed: Mask
+
+    @classmethod
+    def joined(cls, parts: Sequence[AllowedMatrix]) -> AllowedMatrix:
+        """Return several as one; each says nothing of the names of another."""
+        ends = np.cumsum([0, *(len(part.allowed) for part in parts)]).tolist()
+        rows: dict[str, int] = {}
+        allowed = np.zeros((ends[-1], ends[-1]), np.bool_)
+        for part, start, end in zip(parts, ends, ends[1:], strict=False):
+            rows |= {name: start + row for name, row in part.rows.items()}
+            allowed[start:end, start:end] = part.allowed
+        return cls(rows, allowed)
+
+
+NO_MATRIX = AllowedMatrix({}, np.zeros((0, 0), np.bool_))
+
+
 class PairTable:
-    """Which pairs count, by rules, the only pairs to check, and namespaces within which none do.
+    """Which pairs count, by rules, a matrix, the only pairs, and namespaces within which none do.
 
     Objects that no rule tells apart are of one kind, so a pair is looked up in a small table of
     kinds. When objects come or go, only their names are matched anew.
@@ -56,8 +80,10 @@ class PairTable:
         rules: Sequence[tuple[Patterns, Patterns, bool]],
         only: Sequence[tuple[Patterns, Patterns]],
         within: Patterns,
+        matrix: AllowedMatrix = NO_MATRIX,
     ) -> None:
-        self._rules, self._only, self._within = rules, only, within
+        self._rules, self._only, self._within, self._numbered = rules, only, within, matrix.rows
+        self._allowed = np.pad(matrix.allowed, (0, 1))  # the last row is of other objects, -1
         pairs = (*((a, b) for a, b, _ in rules), *only)
         self._sides = list(dict.fromkeys(side for pair in pairs for side in pair))
         patterns = ((k, list(filter(is_pattern, side))) for k, side in enumerate(self._sides))
@@ -68,6 +94,7 @@ class PairTable:
         self._names: list[str | None] = []
         self._columns = np.zeros((0, len(self._sides)), np.bool_)
         self._spaces: Rows = np.zeros(0, np.int64)
+        self._rows: Rows = np.zeros(0, np.int64)  # of the matrix, -1 for none
         self._numbers: dict[str, int] = {}
 
     def pair_filter(self, names: Sequence[str | None]) -> PairFilter:
@@ -75,12 +102,15 @@ class PairTable:
         self._match(names)
         table, kinds = self._table()
         spaces = self._spaces if self._within else None
+        rows, allowed = self._rows, self._allowed if self._numbered else None
 
         def pair_filter(first: Rows, second: Rows) -> NDArray[np.bool_]:
             counts: Mask = table[kinds[first], kinds[second]]
             if spaces is not None:
                 space = spaces[first]
                 counts &= (space < 0) | (space != spaces[second])
+            if allowed is not None:
+                counts &= ~allowed[rows[first], rows[second]]
             return counts
 
         return pair_filter
@@ -96,18 +126,22 @@ class PairTable:
         grown = len(names) - known
         columns = np.pad(self._columns, ((0, grown), (0, 0)))
         spaces = np.pad(self._spaces, (0, grown))  # a copy: filters in use have the old one
+        rows = np.pad(self._rows, (0, grown), constant_values=-1)
         where = {name: row for row, name in enumerate(some) if name is not None}
         places = np.array(new, np.int64)
         columns[places] = False
         for number, side in enumerate(self._sides):
             found = [where[name] for name in side if name in where]
-            if found:  # of a thousand links each rule names a few: no array per rule and link
+            if found:  # of a thousand rules each names a few objects: no array per rule and object
                 columns[places[found], number] = True
             if number in self._matched:
                 columns[places, number] |= matching(self._matched[number], some)
         if self._within:
             spaces[new] = [self._space(name) for name in some]
-        self._columns, self._spaces, self._names = columns, spaces, list(names)
+        if self._numbered:
+            rows[new] = [self._numbered.get(name or "", -1) for name in some]
+        self._columns, self._spaces, self._rows = columns, spaces, rows
+        self._names = list(names)
 
     def _space(self, name: str | None) -> int:
         """Return a number for the namespace of a name if objects may touch in it, else -1."""
@@ -169,7 +203,10 @@ class PairRules:
     [('cup', 'table', True)]
     """
 
-    __slots__ = ("_changing", "_made", "_only", "_rules", "_seen", "_table", "_within", "warns")
+    __slots__ = (
+        *("_changing", "_made", "_matrix", "_only", "_rules", "_seen", "_table", "_within"),
+        "warns",
+    )
 
     def __init__(self, changing: Callable[[], object] = lambda: None) -> None:
         self._changing = changing
@@ -178,6 +215,7 @@ class PairRules:
         )
         self._only: list[tuple[Patterns, Patterns]] = []
         self._within: Patterns = ()
+        self._matrix = NO_MATRIX
         self._table: PairTable | None = None
         self._made: tuple[int, PairFilter | None] | None = None
         self._seen: set[str] = set()  # patterns of check_only that are known, or were warned of
@@ -268,6 +306,16 @@ class PairRules:
         self._renew()
         self._within = within
 
+    @property
+    def matrix(self) -> AllowedMatrix:
+        """Which objects may touch besides, whatever the rules say; may be set."""
+        return self._matrix
+
+    @matrix.setter
+    def matrix(self, matrix: AllowedMatrix) -> None:
+        self._renew()
+        self._matrix = matrix
+
     def warn_of_unknown(self, names: Sequence[str | None]) -> None:
         """Warn of patterns of ``check_only`` that no name matches: misspelt, they check nothing."""
         patterns = {pattern for pair in self._only for side in pair for pattern in side}
@@ -279,10 +327,11 @@ class PairRules:
 
     def filter_of(self, names: Sequence[str | None]) -> PairFilter | None:
         """Return which pairs of names count, None for all."""
-        if not (self._rules or self._only or self._within):
+        if not (self._rules or self._only or self._within or self._matrix.rows):
             return None
         if self._table is None:
-            self._table = PairTable(list(self._rules.values()), self._only, self._within)
+            rules = list(self._rules.values())
+            self._table = PairTable(rules, self._only, self._within, self._matrix)
         return self._table.pair_filter(names)
 
     def pair_filter(self, names: Sequence[str | None], version: int) -> PairFilter | None:
