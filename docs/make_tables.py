@@ -167,7 +167,7 @@ def merged(specs: Iterable[Spec]) -> Iterator[Spec]:
         names = [spec.name.removeprefix("effects.") for spec in group]
         if key == ("mode",):
             yield from ()
-            text = "When it is computed: never, for readers or subscribers, or every cycle. NAME: "
+            text = "off: not computed. auto: for readers and subscribers. on: every cycle. NAME: "
             yield _renamed(first, "effects.NAME", text + ", ".join(names) + ".")
         elif others:
             effects = ", ".join(name.removesuffix(f"_{key[0]}") for name in names)

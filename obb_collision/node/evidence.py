@@ -111,7 +111,7 @@ class Evidence:
 
         With a region neither: nobody has checked the objects beyond it.
         """
-        beyond = "there is a region, and objects beyond it are not checked"
+        beyond = "objects outside the region are not checked"
         region = (
             () if self._objects.scene.region is None else (Reason("incomplete", (), 0, beyond),)
         )
@@ -123,7 +123,7 @@ class Evidence:
         if cycle.paused:
             yield Reason(cycle.paused)
         elif cycle.report is None and not (cycle.failed or len(self._objects.links_on_boxes)):
-            yield Reason("starting", detail="not checked yet")
+            yield Reason("starting", detail="no check has ended yet")
         if cycle.failed or broken:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > allowed_delay(self._parameters):
@@ -142,7 +142,7 @@ class Evidence:
         heard = max((each.heard for each in self._inputs.values()), default=0.0)
         until = heard if clock.has_time else self._steady()
         if until - max(clock.moved, self._activated) > self._standstill:
-            yield Reason("clock_stopped", detail="" if clock.has_time else "no /clock has come")
+            yield Reason("clock_stopped", detail="" if clock.has_time else "no message on /clock")
 
     def _of_scene(self, now: int) -> Iterator[Reason]:
         """Yield what is missing in the scene: objects, or the word that there is none."""

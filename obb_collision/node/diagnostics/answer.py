@@ -40,70 +40,80 @@ CODES = {
     "disabled": "disabled: nothing is checked",
     "shutting_down": "shutting down",
     "internal_error": "internal error",
-    "blocked": "cycle blocked",
+    "blocked": "no cycle has ended in time",
     "overload": "overload: states wait too long",
-    "clock_stopped": "the clock stands still",
-    "two_publishers": "several publishers of what one has to say",
-    "no_objects": "no object is known, and nobody said that there is none",
+    "clock_stopped": "time from /clock stands still",
+    "two_publishers": "several publishers of a topic that may have only one",
+    "no_objects": "no objects received; set expect_empty if the scene may be empty",
     "required_missing": "required objects missing",
-    "input_silent": "no input",
+    "input_silent": "no message within the time limit",
     "input_unreadable": "the last message could not be read",
     "messages_lost": "messages were lost",
     "unknown_objects": "states of unknown objects",
     "shape_building": "shape being built",
-    "unplaced": "without a pose",
-    "refused": "refused, where they were before",
-    "late_frame": "not placed in time",
+    "unplaced": "objects without a usable pose",
+    "refused": "latest state refused, last box kept",
+    "late_frame": "transform not received in time",
     "stale": "stale",
-    "robot_unknown": "robot not known",
-    "joint_unknown": "joints not known",
-    "base_unknown": "base not known",
-    "incomplete": "not checked completely",
-    "region_silent": "regions are silent",
-    "region_gap": "regions leave a gap",
+    "robot_unknown": "no usable robot description",
+    "joint_unknown": "no usable joint states",
+    "base_unknown": "no usable pose of the robot base",
+    "incomplete": "the check was incomplete",
+    "region_silent": "no message from regions",
+    "region_gap": "regions do not cover all of space",
     "region_twice": "regions overlap, or have several publishers",
-    "region_unmatched": "no stamp that all regions have evaluated",
+    "region_unmatched": "no stamp was evaluated by all regions",
 }
 """The codes in the order in which they are reported, each with what it means."""
 REMEDIES = {
-    "starting": "No check has ended yet, or kernels are being compiled: wait.",
-    "unconfigured": "autostart is false: configure and activate the node.",
+    "starting": "Wait: no check has ended yet, or kernels are being compiled.",
+    "unconfigured": "Configure and activate the node: autostart is false.",
     "inactive": "Activate the node.",
     "disabled": "Call ~/enable with true.",
-    "shutting_down": "The node ends; this is its last message.",
-    "internal_error": "Report it, with the log. Ends with ~/clear or the next check that passes.",
-    "blocked": "No cycle ended within 1 / rate + cycle_timeout: look at the load of the machine.",
-    "overload": "States wait longer than that: send them by object_poses, lower the rate, or set "
-    "time_budget.",
-    "clock_stopped": "Nothing ages: /clock does not move though messages come. Start it, or "
-    "unset use_sim_time.",
-    "two_publishers": "Of collision_status: give each node its own name or namespace. Of complete "
-    "sets: let one sender join them. Ends when one is left.",
-    "no_objects": "Send objects, or say that there are none: ~/clear, DELETEALL, DELETE of the "
-    "last, an empty set, a scene file without objects, expect_empty.",
+    "shutting_down": "The node is shutting down; this is its last message.",
+    "internal_error": "Report the error with the log. The code ends with ~/clear or the next "
+    "check that passes.",
+    "blocked": "No cycle ended within 1 / rate + cycle_timeout. Reduce the load of the machine.",
+    "overload": "States wait longer than 1 / rate + cycle_timeout. Send them by object_poses, "
+    "lower "
+    "the rate, or set time_budget.",
+    "clock_stopped": "Messages arrive, but the time of /clock does not advance, so nothing ages. "
+    "Start the clock, or unset use_sim_time.",
+    "two_publishers": "For collision_status: give each node its own name or namespace. For sets "
+    "of boxes: merge them in one sender. The code ends when one publisher is left.",
+    "no_objects": "Send objects. If the scene is empty, set expect_empty, call ~/clear, send "
+    "DELETEALL "
+    "or an empty set, delete the last object, or load a scene file without objects.",
     "required_missing": "Send the objects of required_objects.",
-    "input_silent": "No message within required_inputs or input_timeout: start its sender.",
-    "input_unreadable": "The last message of a sender was damaged or of another type. Ends with a "
-    "readable one of this sender, when it is gone and its objects are, or with ~/clear.",
-    "messages_lost": "Send all objects again after a DELETEALL, or call ~/clear. Poses: ends once "
-    "a newer one came of every object. Send less often, or give the topic a deeper queue.",
-    "unknown_objects": "States name objects that the node lacks: send these again, or list them in "
-    "ignored_objects. Ends after a second of silence.",
-    "shape_building": "A shape or hull is being built: wait.",
-    "unplaced": "The object has no pose yet that can be placed: send one, or its transform.",
-    "refused": "The latest state was bad; the object stays where it was. /diagnostics has the "
+    "input_silent": "Start the sender: no message arrived within required_inputs or input_timeout.",
+    "input_unreadable": "The last message of a sender was damaged or of another type. The code "
+    "ends "
+    "with a readable message of this sender, when sender and objects are gone, or with ~/clear.",
+    "messages_lost": "Send all objects again after a DELETEALL, or call ~/clear. For topics of "
+    "poses, "
+    "a newer pose of every object suffices. To avoid losses, send less often or use a deeper "
+    "queue.",
+    "unknown_objects": "States name objects that the node does not have. Send these objects "
+    "again, or "
+    "list them in ignored_objects. The code ends a second after the last such state.",
+    "shape_building": "Wait: a shape or hull is being built.",
+    "unplaced": "Send a pose of the object, or the transform of its frame.",
+    "refused": "The latest state was invalid; the object keeps its last box. /diagnostics gives "
+    "the "
     "reason.",
-    "late_frame": "Publish the transform within transform_timeout; the object follows late.",
-    "stale": "The latest state is older than the age limit, by stamp, receipt or transform: start "
-    "its sender, synchronise clocks (judge_ages), or set stale_policy_overrides.",
-    "robot_unknown": "Publish ROBOT/robot_description.",
-    "joint_unknown": "Publish finite values of every joint, stamped within joint_timeout.",
-    "base_unknown": "Publish the robot's base, or its transform: see robot_bases.",
-    "incomplete": "Merger: a region's status has no content.",
-    "region_silent": "Merger: start the regions named, or send them all objects again.",
-    "region_gap": "Merger: give the regions bounds that fill space; nodes must be of one version.",
-    "region_twice": "Merger: give the regions bounds that do not overlap, and each one node.",
-    "region_unmatched": "Merger: no stamp was evaluated by all regions: stamp the states.",
+    "late_frame": "Publish the transform within transform_timeout. Until then the object lags "
+    "behind.",
+    "stale": "The latest state is older than the age limit, by stamp, receipt or transform. Start "
+    "the sender, synchronise clocks (or set judge_ages), or set stale_policy_overrides.",
+    "robot_unknown": "Publish a valid ROBOT/robot_description.",
+    "joint_unknown": "Publish finite positions of every joint, with stamps within joint_timeout.",
+    "base_unknown": "Publish the pose of the robot's base, or its transform: see robot_bases.",
+    "incomplete": "Merger: the status message of a region is empty.",
+    "region_silent": "Merger: start the named regions, or send all objects to them again.",
+    "region_gap": "Merger: set bounds that cover all of space, and run the same version in all "
+    "nodes.",
+    "region_twice": "Merger: set bounds that do not overlap, and run one node per region.",
+    "region_unmatched": "Merger: send states with stamps; no stamp was evaluated by all regions.",
 }
 """What ends each code, for docs/status.md."""
 _ORDER = {code: number for number, code in enumerate(CODES)}

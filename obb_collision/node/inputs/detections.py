@@ -53,7 +53,7 @@ MessageType: Any = optional("vision_msgs.msg", "Detection3DArray")
 DETECTIONS = Source("detections", "detections", 2)
 QUEUE = 10, ReliabilityPolicy.BEST_EFFORT
 """Depth and reliability: as detectors send that follow sensors."""
-MEANING = "The complete set of a detector's boxes, where vision_msgs is installed."
+MEANING = "Complete set of boxes of a detector, where vision_msgs is installed."
 INPUTS = (
     {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, *QUEUE, meaning=MEANING)}
 )

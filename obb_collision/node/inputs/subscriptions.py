@@ -60,18 +60,19 @@ INPUTS = {
         MarkerArray,
         2000,
         is_change=True,
-        meaning="Adds, changes and deletes objects; an unchanged shape is a pose.",
+        meaning="Adds, changes and deletes objects. A marker with an unchanged shape updates the "
+        "pose.",
     ),
     "object_transform": Input(
         TransformStamped,
         1000,
         is_change=True,
-        meaning="One pose; child_frame_id is the object's name.",
+        meaning="Pose of one object; child_frame_id is its name.",
     ),
     "object_states": Input(
         MultiDOFJointState,
         10,
-        meaning="Poses, and twists if given, of many objects; joint_names are their names.",
+        meaning="Poses and optional twists of many objects; joint_names are their names.",
     ),
     "object_poses": Input(
         PointCloud2,
@@ -82,8 +83,9 @@ INPUTS = {
     "object_boxes": Input(
         PointCloud2,
         10,
-        meaning="The complete set of boxes by this topic: those fields and size_x size_y size_z "
-        "(edge lengths, m).",
+        meaning="Complete set of boxes of this topic: the fields of object_poses, and size_x "
+        "size_y "
+        "size_z (edge lengths, m).",
     ),
     # As drivers of sensors send: a reliable subscription would receive nothing from them.
     "points": Input(

@@ -345,7 +345,7 @@ def markers_from_bytes(data: bytes) -> Items:
     reader.end()
     flags = markers.numbers["body"]["locked"], markers.numbers["materials"]["embedded"]
     if np.max(flags, initial=0) > 1:
-        raise RefusedError(MALFORMED, "a boolean that is none")
+        raise RefusedError(MALFORMED, "invalid boolean: neither 0 nor 1")
     return markers
 
 

@@ -110,7 +110,7 @@ def _layout(
                 f"field {name!r} at byte {offset} reaches beyond the {step} of a point",
             )
         if name in fields:
-            raise RefusedError("field layout", f"field {name!r} is there twice")
+            raise RefusedError("field layout", f"field {name!r} occurs twice")
         fields[name] = order + code, offset
     formats, offsets = [code for code, _ in fields.values()], [at for _, at in fields.values()]
     layout: Any = {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": step}

@@ -177,7 +177,9 @@ def _check_points(points: Floats) -> None:
 
 def _triangles(given: MarkerShape, scale: Floats) -> ShapePlan:
     if len(given.points) % 3:
-        raise RefusedError("array lengths differ", f"{len(given.points)} points are no triangles")
+        raise RefusedError(
+            "array lengths differ", f"{len(given.points)} points do not form triangles"
+        )
     points, signature = _known_points(given, scale)
     return ShapePlan(signature, job=Triangles(points, scale))
 
@@ -222,7 +224,7 @@ def _mesh(given: MarkerShape, scale: Floats) -> ShapePlan:
         signature = (given.kind, *scale.tolist(), name, _digest(data))
         return ShapePlan(signature, job=MeshFile(name, scale, data))
     if "://" not in uri:  # RViz takes URIs only; a bare path depends on where the node was started
-        raise RefusedError(UNREADABLE, f"{shortened(uri)!r} is no file:// or package:// URI")
+        raise RefusedError(UNREADABLE, f"{shortened(uri)!r} is not a file:// or package:// URI")
     if len(uri) > MAX_PATH:
         raise RefusedError(UNREADABLE, f"{shortened(uri)!r} has more than {MAX_PATH} characters")
     return ShapePlan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))

@@ -131,14 +131,17 @@ def happen(conditions: Conditions, rows: Indices, event: Event) -> None:
     """Let an event happen to objects; ValueError where one is in no condition for it."""
     before = conditions[rows]
     if np.any((before & event.needs) != event.needs):
-        raise ValueError(f"an object is {event.name!r} that cannot be")
+        unfit = np.atleast_1d(before)[np.atleast_1d((before & event.needs) != event.needs)]
+        raise ValueError(
+            f"event {event.name!r} is not allowed for an object in state {unfit[0]:#x}"
+        )
     conditions[rows] = (before & (ALL ^ event.ends)) | event.begins
 
 
 def judge(conditions: Conditions, fact: int, holds: Mask) -> None:
     """Let a fact of JUDGED hold for the live ones of some objects (rows,), and for no others."""
     if not fact & JUDGED:
-        raise ValueError(f"fact {fact} is not one to be judged")
+        raise ValueError(f"fact {fact:#x} does not depend on the clock")
     before = (conditions & fact) != 0
     if holds.any() or before.any():
         now = holds & ((conditions & LIVE) != 0)

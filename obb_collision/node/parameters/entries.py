@@ -116,7 +116,11 @@ class Spec:
         entries = [value] if isinstance(value, str) else [] if value is None else value
         is_list = isinstance(entries, (list, tuple, array)) and len(entries) <= self.most
         if not is_list or not all(isinstance(entry, str) for entry in entries):
-            most = f" of at most {self.most}" if isinstance(entries, (list, tuple, array)) else ""
+            most = (
+                f" with at most {self.most} entries"
+                if isinstance(entries, (list, tuple, array))
+                else ""
+            )
             raise ValueError(f"{self.name} must be a list of texts{most}, got {shown(value)}")
         kept = [entry.strip() for entry in entries if entry.strip()]
         patterns = sum(any(letter in entry for letter in "*?[") for entry in kept)
@@ -175,7 +179,7 @@ def group_from_text(text: str) -> GroupEntry:
         raise ValueError(f"{text!r} is not like 'gripper: hand/* finger/1'")
     name = name.strip()
     if not is_plain(name):
-        raise ValueError(f"a group cannot be called {name!r}")
+        raise ValueError(f"a group cannot have the name {name!r}")
     return name, split_words(words)
 
 
@@ -228,7 +232,7 @@ class Groups:
             hint = f"; did you mean {close[0]}?" if close else ""
             if word and not close:
                 hint = f"; all of a namespace are '{word}/*'"
-            raise ValueError(f"{word!r} is no group, name like 'gripper/1' or pattern{hint}")
+            raise ValueError(f"{word!r} is not a group, a name like 'gripper/1' or a pattern{hint}")
         return (word,)
 
     def all_meant(self, words: Iterable[str]) -> list[str]:
@@ -281,7 +285,9 @@ def folder_from_text(text: str) -> tuple[str, str]:
     """
     found = ENTRY.fullmatch(text)
     if found is None:
-        raise ValueError(f"{shown(text)} is no absolute path, nor like 'arm_description: /opt/arm'")
+        raise ValueError(
+            f"{shown(text)} is neither an absolute path nor like 'arm_description: /opt/arm'"
+        )
     return found[1] or "", found[2]
 
 
@@ -291,7 +297,7 @@ def folders_from(values: Mapping[str, Any]) -> MeshFolders:
     named = [(package, folder) for package, folder in given if package]
     packages = dict(named)
     if len(packages) < len(named):
-        raise ValueError("mesh_folders must have at most one entry for each package")
+        raise ValueError("mesh_folders must have at most one entry per package")
     return MeshFolders(tuple(folder for package, folder in given if not package), packages)
 
 
@@ -360,7 +366,7 @@ def bounds_from_text(text: str) -> Region:
 def _region(ranges: Sequence[Range], halo: float = 0.0) -> Region:
     low, high = np.full(3, -np.inf), np.full(3, np.inf)
     if len({axis for axis, _, _ in ranges}) < len(ranges):
-        raise ValueError("region must have at most one entry for each of x, y and z")
+        raise ValueError("region must have at most one entry per axis x, y, z")
     for axis, least, most in ranges:
         low[AXES.index(axis)], high[AXES.index(axis)] = least, most
     return Region(low, high, halo)
@@ -398,7 +404,9 @@ def base_from_text(text: str) -> Base:
     except ValueError:
         raise ValueError(f"{shown(text)} must have seven numbers") from None
     if pose_kinds(np.array([pose]))[0] in (UNUSABLE, ZERO):
-        raise ValueError(f"{shown(text)} is no pose: not finite, or a quaternion of zeros")
+        raise ValueError(
+            f"{shown(text)} is not a pose: it is not finite, or its quaternion is zero"
+        )
     return Base(robot, pose)
 
 
@@ -417,9 +425,9 @@ def bases_of(values: Mapping[str, Any]) -> dict[str, Base]:
     for parameter, robots in (("robots", names), ("robot_bases", [base.robot for base in given])):
         for number, name in enumerate(robots):
             if name in robots[:number]:
-                raise ValueError(f"{parameter}: {name!r} is there twice")
+                raise ValueError(f"{parameter}: {name!r} occurs twice")
             if name not in names:
-                raise ValueError(f"robot_bases: {name!r} is none of robots")
+                raise ValueError(f"robot_bases: {name!r} is not in the parameter robots")
     return {name: Base(name) for name in names} | {base.robot: base for base in given}
 
 

@@ -55,7 +55,7 @@ def _pattern(text: str) -> str:
 def _seconds(text: str) -> float:
     value = float(text)  # ValueError says what it was
     if not 0.0 <= value <= MAX_AGE:
-        raise ValueError(f"seconds must be between 0 and {MAX_AGE:g}, not {text}")
+        raise ValueError(f"seconds must be between 0 and {MAX_AGE:g}, got {text}")
     return value
 
 
@@ -66,7 +66,7 @@ def _limit_from_text(text: str) -> tuple[str, float]:
 def _policy_from_text(text: str) -> tuple[str, str]:
     where, policy = read_override(text, POLICIES[0], str)
     if policy not in POLICIES:
-        raise ValueError(f"policy must be one of {', '.join(POLICIES)}, not {policy!r}")
+        raise ValueError(f"policy must be one of {', '.join(POLICIES)}, got {policy!r}")
     return where, policy
 
 
@@ -75,84 +75,86 @@ MAX_AGE = 1.0e6
 
 GENERAL = (
     Spec("fixed_frame", "map", fixed=True).means(
-        "Frame of the world boxes and of all that is published."
+        "Frame of the world boxes and of all published data."
     ),
     Spec("rate", 50.0, (0.1, 1000.0)).means("Cycles per second (Hz)."),
     Spec("trigger", "timer", choices=("timer", "arrival")).means(
-        "What starts a cycle. timer: every 1/rate. arrival: every input message, between "
+        "What starts a cycle. timer: a period of 1/rate. arrival: an input message, between "
         "min_period and 1/rate after the last cycle."
     ),
     Spec("min_period", 0.002, (0.0, 1.0)).means(
         "Minimum time between two cycles with trigger arrival (s)."
     ),
-    Spec("padding", 0.0, (0.0, 1000.0)).means("Every box grows by this on every side (m)."),
+    Spec("padding", 0.0, (0.0, 1000.0)).means(
+        "Distance by which every box is enlarged on every side (m)."
+    ),
     Spec("object_timeout", 0.0, (0.0, MAX_AGE)).means(
-        "An object is stale without a new state for longer than this (s), from its second "
-        "message on. 0: never."
+        "Age limit (s): an object without a newer state becomes stale. It applies from the "
+        "second message of an object on. 0: no limit."
     ),
     Spec("object_timeout_overrides", [""], entry=_limit_from_text, most=MAX_OVERRIDES).means(
-        "Age limits of some objects (s), from their first message on: 'person/*: 0.5' by name, "
-        "pattern or group, 'person=0.5' by namespace. The last match counts. 0: never."
+        "Age limits of selected objects (s), from their first message on: 'person/*: 0.5' by "
+        "name, pattern or group, 'person=0.5' by namespace. The last match counts. 0: no limit."
     ),
     Spec("judge_ages", JUDGED_BY[0], choices=JUDGED_BY).means(
-        "What ages go by. stamp_and_receipt: the older of a state's stamp and its receipt, and of "
-        "the transform that placed it. receipt: receipt only, for senders whose clocks are not the "
-        "node's, and for bags replayed without /clock."
+        "How the age of a state is measured. stamp_and_receipt: from its stamp, its receipt or the "
+        "transform that placed it, whichever is oldest. receipt: from its receipt only, for "
+        "senders with other clocks and for bags replayed without /clock."
     ),
     Spec("stale_policy", "unknown", choices=POLICIES).means(
-        "What a stale object does. unknown: it collides at its last pose, and collision_status "
-        "is STALE. collide: it collides with all that it can have reached since. keep: it is "
-        "taken to be where it was. ignore: it is in no pair."
+        "How stale objects are treated. unknown: with their last box, and collision_status is "
+        "STALE. collide: with a box that grows to all that they can have reached. keep: as if "
+        "seen at their last pose just now. ignore: not checked."
     ),
     Spec("stale_policy_overrides", [""], entry=_policy_from_text, most=MAX_OVERRIDES).means(
-        "stale_policy of some objects: 'pallet/*: keep' by name, pattern or group, "
+        "stale_policy of selected objects: 'pallet/*: keep' by name, pattern or group, "
         "'pallet=keep' by namespace. The last match counts."
     ),
     Spec("required_objects", [""], entry=_pattern).means(
-        "Names, patterns or groups: while one has no object, collision_status is STALE."
+        "Names, patterns or groups that must have an object. While an object is missing, "
+        "collision_status is STALE."
     ),
     Spec("required_inputs", [""], entry=_limit_from_text).means(
-        "Inputs and the longest time (s) between two of their messages: 'points: 0.3'. Beyond "
-        "it, from the activation on, collision_status is STALE."
+        "Inputs with the maximum time (s) between two messages: 'points: 0.3'. After a longer "
+        "silence, counted from the activation on, collision_status is STALE."
     ),
     Spec("ignored_objects", [""], entry=_pattern).means(
-        "Names or patterns of objects whose states may come though the node lacks them: those "
-        "of others make collision_status STALE."
+        "Names or patterns of unknown objects whose states are ignored. States of other unknown "
+        "objects make collision_status STALE."
     ),
     Spec("expect_empty", False).means(
-        "Whether a scene is free before anybody sends objects or says that it is empty: a robot "
-        "alone."
+        "Whether an empty scene counts as free before any object was sent, as for a robot alone."
     ),
     Spec("stale_speed", 1.6, (0.0, 1000.0)).means(
-        "With stale_policy collide: a stale box grows by its age times this speed (m/s), or "
-        "that of its last twist if faster."
+        "With stale_policy collide: speed (m/s) at which a stale box grows with its age. The "
+        "speed of its last twist counts if that is faster."
     ),
     Spec("stale_reach", 5.0, (0.0, 1.0e6)).means(
         "With stale_policy collide: maximum growth of a box (m). Beyond it collision_status is "
         "STALE."
     ),
     Spec("transform_timeout", 0.2, (0.0, 60.0)).means(
-        "How long a state may wait for its frame's transform before it is refused (s). "
-        "collision_status is STALE until a state of its object is placed."
+        "Maximum time that a state waits for the transform of its frame (s). Then it is refused, "
+        "and collision_status is STALE until a state of the object is placed."
     ),
     Spec("stamp_tolerance", 0.5, (0.0, 1.0e6)).means(
-        "A stamp further ahead of the node's clock is not trusted (s): the state is used, its "
-        "object is grey, and the stamp is not published."
+        "Maximum time that a stamp may be ahead of the node's clock (s). Beyond it the state is "
+        "used, its object is grey, and the stamp is not published."
     ),
     Spec("order_timeout", 1.0, (0.0, 1.0e6)).means(
-        "A state older than its object's latest is refused, unless the latest arrived longer "
-        "ago than this (s): then its sender has restarted."
+        "Time (s) for which a state with an older stamp than the latest is refused. If the latest "
+        "arrived longer ago, the sender counts as restarted."
     ),
     Spec("input_timeout", 0.0, (0.0, 1.0e6)).means(
-        "collision_status is STALE without a message about objects for longer than this, by "
-        "steady time (s). 0: never."
+        "Maximum time between two messages about objects, by steady time (s). After a longer "
+        "silence collision_status is STALE. 0: no limit."
     ),
     Spec("status_deadline", 0.5, (0.2, 3600.0), fixed=True).means(
-        "Deadline of collision_status (s): the middleware tells subscribers when it is missed."
+        "Deadline of collision_status (s). The middleware informs subscribers of a missed deadline."
     ),
     Spec("cycle_timeout", 0.5, (0.05, 3600.0)).means(
-        "collision_status is STALE if no cycle ends within 1/rate and this (s), or a message "
-        "waits longer for its answer."
+        "Maximum time of a cycle beyond 1/rate (s). collision_status is STALE if no cycle ends in "
+        "1/rate + cycle_timeout, or if a message waits longer for its answer."
     ),
     Spec("unknown_is_collision", True).means(
         "Whether in_collision is true while collisions are unknown."
@@ -169,20 +171,18 @@ GENERAL = (
     Spec("mesh_file_size", 1000, (1, 1000000)).means("Maximum size of a mesh file (MB)."),
     Spec("max_objects", 20000, (1, 1000000)).means("Maximum number of objects."),
     Spec("max_pairs", 10000, (1, 10000000)).means(
-        "Maximum number of colliding pairs reported. A check stops beyond them, and gives a lower "
-        "bound of the total."
+        "Maximum number of reported pairs. A check stops beyond it, and the reported total is a "
+        "lower bound."
     ),
     Spec("max_text_pairs", 100, (0, 10000)).means("Maximum number of pairs in collisions_text."),
-    Spec("marker_rate", 10.0, (0.0, 100.0)).means(
-        "Publications of ~/markers per second (Hz). 0: none."
-    ),
+    Spec("marker_rate", 10.0, (0.0, 100.0)).means("Rate of ~/markers (Hz). 0: not published."),
     Spec("marker_lifetime", 1.0, (0.0, 3600.0)).means(
-        "Lifetime of the markers (s), after which RViz removes those of a node that has ended. "
+        "Lifetime of the markers (s). RViz removes the markers of a dead node after it. "
         "0: no limit."
     ),
     Spec("marker_form", "auto", choices=("auto", "cubes", "lines")).means(
-        "cubes: a CUBE per object. lines: a LINE_LIST per colour. auto: lines above "
-        "marker_max_cubes objects."
+        "Form of ~/markers. cubes: a CUBE per object. lines: a LINE_LIST per colour. auto: lines "
+        "above marker_max_cubes objects."
     ),
     Spec("marker_max_cubes", 200, (0, 100000)).means(
         "Maximum number of CUBEs with marker_form auto."
@@ -191,19 +191,19 @@ GENERAL = (
         "Width of the lines in LINE_LIST markers (m)."
     ),
     Spec("warn_period", 5.0, (0.0, 3600.0)).means(
-        "Minimum time between two warnings about a topic for one reason (s)."
+        "Minimum time between two warnings about a topic for the same reason (s)."
     ),
     Spec("latched_objects", False, fixed=True).means(
-        "Whether objects is subscribed as latched (transient_local): earlier objects arrive, "
-        "and senders that do not latch are incompatible."
+        "Whether the subscription to objects is transient_local (latched). The node then receives "
+        "earlier objects, and no messages from publishers that are volatile."
     ),
     Spec("autostart", True, fixed=True).means(
-        "Whether the node configures and activates itself. false: others do."
+        "Whether the node configures and activates itself. false: a lifecycle manager does."
     ),
     Spec("mesh_folders", [""], fixed=True, entry=folder_from_text).means(
-        "Folders of mesh files besides the shares of installed packages: absolute paths, in "
-        "which packages are found too, or 'arm_description: /opt/arm' for "
-        "package://arm_description/."
+        "Folders from which mesh files are read, besides the shares of installed packages. An "
+        "entry is an absolute path, which may contain packages, or 'arm_description: /opt/arm' "
+        "for package://arm_description/."
     ),
     Spec("max_triangles", 2000000, (1, 100000000)).means(
         "Maximum number of triangles of a shape. Each takes up to 96 bytes."
@@ -218,100 +218,102 @@ GENERAL = (
 
 ROBOTS = (
     Spec("robots", [""], fixed=True, entry=robot_from_text, most=MAX_ROBOTS).means(
-        "Names of robots, whose links are objects ROBOT/LINK/0, 1, ... With robots and without "
-        "a scene_file, accuracy is hull by default."
+        "Names of robots. Their links become the objects ROBOT/LINK/0, 1, ... With robots and "
+        "without a scene_file, accuracy is hull by default."
     ),
     Spec("robot_bases", [""], fixed=True, entry=base_from_text, most=MAX_ROBOTS).means(
-        "Where root links stand: 'arm: 0 0 0.5 0 0 0 1', x y z (m) qx qy qz qw in the fixed "
-        "frame, 'arm: base_link' by tf, or 'arm: object_transform' by that topic. Without an "
-        "entry, by tf in the frame of the root link."
+        "Poses of root links. 'arm: 0 0 0.5 0 0 0 1': x y z (m) qx qy qz qw in the fixed frame. "
+        "'arm: base_link': frame of tf. 'arm: object_transform': that topic. Without an entry: "
+        "the tf frame named like the root link."
     ),
     Spec("joint_timeout", 0.5, (0.0, 1.0e6)).means(
-        "A joint without a new state for longer than this is stale, and its robot unknown (s). "
-        "0: never."
+        "Age limit of joint states (s). If a joint exceeds it, collision_status is STALE. "
+        "0: no limit."
     ),
     Spec("state_validity_distance", 0.0, (0.0, 1.0e6)).means(
-        "How far ROBOT/state_validity looks for distances (m). 0: without distances."
+        "Maximum distance that ROBOT/state_validity measures (m). 0: distances are not measured."
     ),
     Spec("speed_stop_distance", 0.05, (0.0, 1.0e6)).means(
         "Distance from objects at which ROBOT/speed_scale is 0 (m)."
     ),
     Spec("speed_slow_distance", 0.5, (0.001, 1.0e6)).means(
-        "Distance from which on ROBOT/speed_scale is 1 (m). More than speed_stop_distance."
+        "Distance from objects beyond which ROBOT/speed_scale is 1 (m). It must exceed "
+        "speed_stop_distance."
     ),
     Spec("speed_still_pairs", False).means(
-        "Whether ROBOT/speed_scale also counts objects that stand still beside links that no joint "
-        "moves, such as a table under the base."
+        "Whether ROBOT/speed_scale includes still objects near links that no joint moves, such as "
+        "a table under the base."
     ),
     Spec("speed_reaction_time", 0.2, (0.0, 3600.0)).means(
-        "Both distances grow by how far robot and objects can approach in this time (s)."
+        "Reaction time (s). speed_stop_distance and speed_slow_distance grow by the distance that "
+        "robot and objects can approach in it."
     ),
     Spec("trajectory_start_tolerance", 0.01, (0.0, 1000.0)).means(
-        "How far a joint may be from a trajectory at its start, where it has passed, and where "
-        "it is to stay (rad or m)."
+        "Maximum deviation of a joint (rad or m): from the start of a trajectory, from its "
+        "progress, and for joints that the trajectory does not move."
     ),
     Spec("trajectory_margin", 0.001, (1.0e-6, 1.0)).means(
-        "Distance that links keep on a trajectory (m). Smaller ones take more time."
+        "Minimum distance of links on a trajectory (m). A smaller margin takes more time."
     ),
     Spec("robot_touch_links", [""], entry=touches_from_text).means(
-        "Links that attached objects may touch besides their own: 'arm/hand: arm/finger_*', "
-        "names or patterns."
+        "Further links that objects attached to a link may touch: 'arm/hand: arm/finger_*', by "
+        "name or pattern."
     ),
 )
 
 REGION = (
     Spec("region", [""], entry=range_from_text).means(
-        "Part of space whose pairs are found: 'x: -inf to 5.0' for each axis with ends (m, "
-        "fixed frame), without the second end. Without entries, all of space."
+        "Region of space that this node checks: 'x: -inf to 5.0' for each bounded axis (m, fixed "
+        "frame), the upper bound excluded. Without entries: all of space."
     ),
     Spec("region_halo", 1.0, (0.0, 1.0e6)).means(
-        "Objects farther than this from the region take no part (m). At least "
-        "effects.clearance_max_distance and effects.points_margin, unless these are off."
+        "Distance from the region beyond which objects are left out (m). At least "
+        "effects.clearance_max_distance and effects.points_margin, unless these effects are off."
     ),
 )
 
 FILTERS = (  # before what uses groups: parameters of a file are set one by one
     Spec("groups", [""], entry=group_from_text, most=MAX_OVERRIDES).means(
-        "Names for sets of objects: 'gripper: hand/* finger/1', of names, patterns and earlier "
-        "groups, quoted if with spaces. Entries of one name add up."
+        "Groups of objects: 'gripper: hand/* finger/1', by names, patterns and earlier groups. "
+        "Quote words with spaces. Entries with the same group name are merged."
     ),
     Spec("allowed_pairs", [""], entry=pair_from_text).means(
-        "Pairs that may collide unreported: 'robot/* table/1', two names, patterns or groups each."
+        "Pairs whose collisions are ignored: 'robot/* table/1', with two names, patterns or groups."
     ),
     Spec("check_only_pairs", [""], entry=pair_from_text).means(
-        "The only pairs that are checked: 'robot/* table/1', two names, patterns or groups "
-        "each. Without entries, all."
+        "Pairs that are checked, and no others: 'robot/* table/1', with two names, patterns or "
+        "groups. Without entries: all pairs."
     ),
     Spec("allowed_within", [""], entry=_pattern).means(
-        "Namespaces, or patterns of them, whose objects may collide with each other unreported. "
-        "'*': each."
+        "Namespaces, or patterns of them, within which collisions are ignored. '*': every "
+        "namespace."
     ),
     Spec("padding_overrides", [""], entry=padding_from_text, most=MAX_OVERRIDES).means(
-        "Padding of some objects (m): 'gripper/*: 0.02' by name, pattern or group, "
+        "Padding of selected objects (m): 'gripper/*: 0.02' by name, pattern or group, "
         "'gripper=0.02' by namespace. The last match counts."
     ),
 )
 
 ACCURACY = (
     Spec("accuracy", "obb", choices=ALL_LEVELS).means(
-        "What stands for objects, from coarse to exact. Levels above obb refine pairs with "
-        "other shapes than boxes."
+        "Geometry that represents objects, from coarse to exact. Levels above obb refine pairs "
+        "with shapes other than boxes."
     ),
     Spec("accuracy_overrides", [""], entry=override_from_text, most=MAX_OVERRIDES).means(
-        "Accuracy of some objects: 'gripper/*: mesh' by name, pattern or group, 'gripper=mesh' "
+        "Accuracy of selected objects: 'gripper/*: mesh' by name, pattern or group, 'gripper=mesh' "
         "by namespace. The last match counts."
     ),
     Spec("time_budget", 0.0, (0.0, 1.0)).means(
-        "Time for a check (s): the nearest pairs get the accuracy requested, those that there "
-        "is no time for stay on obb. No collision is missed. 0: no limit."
+        "Time for a check (s). The nearest pairs get the requested accuracy, the rest stays at obb "
+        "when time is up. No collision is missed. 0: no limit."
     ),
     Spec("threads", 0, (0, MAX_THREADS)).means(
-        "Number of threads that check a large scene. 0: OBB_COLLISION_THREADS, else one per "
-        "core that the node may use."
+        "Number of threads that check a large scene. 0: OBB_COLLISION_THREADS, or else the number "
+        "of usable cores."
     ),
     Spec("scene_file", "", fixed=True, optional=True).means(
-        "Scene file to load at the start: a path, or the name of one in config. It replaces "
-        "parameters at their defaults."
+        "Scene file to load at the start: a path, or the name of a file in config. It replaces "
+        "parameters that have their default values."
     ),
 )
 

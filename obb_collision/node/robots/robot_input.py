@@ -135,7 +135,7 @@ class RobotInput:
         try:
             text = text_from_bytes(data)
             if not text.lstrip("\ufeff \t\r\n").startswith(START):
-                raise RefusedError(BAD_DESCRIPTION, "no XML")
+                raise RefusedError(BAD_DESCRIPTION, "not valid XML")
         except RefusedError as error:
             self._refused[kind] = f"{kind} refused: {error}"
             raise

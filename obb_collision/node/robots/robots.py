@@ -66,13 +66,14 @@ KINDS = {
         JointState,
         10,
         ReliabilityPolicy.BEST_EFFORT,
-        meaning="Values of joints, in any number of messages.",
+        meaning="Positions of joints; a message may have any part of them.",
     ),
     STATES_TO_CHECK: Input(
         PointCloud2,
         10,
         is_query=True,
-        meaning="States to check: a row each, a float64 field per joint, named as the joint.",
+        meaning="States to check: a row per state, a float64 field per joint, named like the "
+        "joint.",
     ),
     TRAJECTORY_IN: Input(
         JointTrajectory, 10, is_query=True, meaning="A trajectory to forward if it is free."
@@ -83,12 +84,13 @@ OUTPUTS = (
     Topic(
         name=STATE_VALIDITY,
         message=PointCloud2,
-        description="A row per state to check: whether it is valid, or why not.",
+        description="A row per state to check: valid, or the reason why not.",
     ),
     Topic(
         name=SPEED_SCALE,
         message=Float64,
-        description="Every cycle: 1 far from everything, 0 near or while anything is not known.",
+        description="Every cycle: 1 far from objects, 0 near objects or while collisions are "
+        "unknown.",
     ),
     Topic(
         name=TRAJECTORY_OUT,
@@ -99,7 +101,7 @@ OUTPUTS = (
         name=TRAJECTORY_STATUS,
         message=DiagnosticStatus,
         qos=LATCHED,
-        description="Forwarded, refused or stopped, and why.",
+        description="Forwarded, refused or stopped, with the reason.",
     ),
 )
 """Its output topics, after its name and a slash."""

@@ -444,7 +444,7 @@ def _check_some(scene: RobotScene, pieces: Pieces) -> None:
     if bad is None:
         return
     begin, collides = pieces.begins[bad], report.colliding[bad]
-    after = report.parameters[bad] * (pieces.finishes[bad] - begin) if collides else 0.0
+    after = report.fractions[bad] * (pieces.finishes[bad] - begin) if collides else 0.0
     time = f"{max(begin + after, 0.0):.3f}"
     values: dict[str, object] = {"index": int(pieces.segments[bad]), "time (s)": time}
     if collides:

@@ -67,12 +67,14 @@ ROWS = np.dtype(
     align=True,
 )
 MEANINGS = {
-    "distance": "To the nearest pair (m), negative: depth. NaN without state_validity_distance; "
+    "distance": "Distance of the nearest pair (m), negative: depth. NaN without "
+    "state_validity_distance; "
     "infinite beyond it.",
-    "index": "The row of the state.",
+    "index": "Row of the state in the message.",
     "ns_a id_a ns_b id_b": "The colliding pair; links have id 0.",
     "valid": "1: within limits and certainly free.",
-    "reason": "0 valid; 1 collides; 2 a joint out of its limits; 3 not finite; 4 not known.",
+    "reason": "0 valid; 1 collides; 2 a joint out of its limits; 3 not finite; 4 collisions "
+    "unknown.",
 }
 """Of the fields, for docs/topics.md."""
 FIELDS = field_bytes(ROWS)
@@ -167,7 +169,7 @@ def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
     states = np.empty((count, len(names)))
     for column, name in enumerate(names):
         if rows.dtype[name].kind != "f" or rows.dtype[name].itemsize != 8:
-            raise RefusedError("field layout", f"field {name!r} is no float64")
+            raise RefusedError("field layout", f"field {name!r} is not float64")
         states[:, column] = rows[name]
     return states
 

@@ -155,7 +155,7 @@ def _taking() -> type | None:
                     return None
                 if code:
                     forget_error()
-                    raise MemoryError(f"a message could not be taken: {code}")
+                    raise MemoryError(f"a message could not be received: {code}")
                 message = ctypes.string_at(data.buffer, data.length) if data.length else b""
             finally:
                 free(ctypes.byref(data))

@@ -143,7 +143,7 @@ REASON_WORDS = ("apart", "removed", "not checked")
 
 COLLISIONS = Cloud(
     name="collisions",
-    description="Which pairs collide",
+    description="Pairs that collide",
     needs=("separations",),
     fields=(
         ("<f4", POSITION_FIELDS),
@@ -171,7 +171,7 @@ CONTACTS = Cloud(
         ("u1", ("index", "count")),
     ),
     meanings={
-        "depth": "How deep this point is (m).",
+        "depth": "Depth of this point (m).",
         "point_x point_y point_z": "The point (m), as x y z.",
         "index count": "Number of the point, and of all points of the pair.",
     },
@@ -187,7 +187,7 @@ CLEARANCES = Cloud(
         ("<i4", PAIR_FIELDS),
     ),
     meanings={
-        "distance": "Between the objects (m); negative: depth.",
+        "distance": "Distance of the objects (m); negative: depth.",
         "a_x a_y a_z b_x b_y b_z": "The closest points of a and b (m); x y z is between them.",
     },
     make_rows=clearance_rows,
@@ -203,8 +203,8 @@ PREDICTIONS = Cloud(
         ("u1", ("passed", "undecided")),
     ),
     meanings={
-        "time": "From the stamp (s); negative if passed.",
-        "point_x point_y point_z": "Where they collide (m), as x y z.",
+        "time": "Time of the collision, from the stamp on (s); negative: passed.",
+        "point_x point_y point_z": "Where the objects collide (m), as x y z.",
         "passed": "1: between the last two states; 0: to come.",
         "undecided": "1: free before time, perhaps colliding from then on; point and normal NaN.",
     },
@@ -214,8 +214,8 @@ PREDICTIONS = Cloud(
 )
 EVENTS = Cloud(
     name="events",
-    description="When the collision of each pair begins and ends",
-    note="on: also counted while nobody listens.",
+    description="Begin and end of each collision",
+    note="on: also recorded without subscribers.",
     needs=("separations",),
     qos=QoSProfile(depth=100),
     fields=(
@@ -226,9 +226,10 @@ EVENTS = Cloud(
     ),
     meanings={
         "depth": "Greatest depth so far (m); x y z is where the pair collided last.",
-        "duration": "Since the begin (s).",
+        "duration": "Time since the begin (s).",
         "event": "0 end; 1 begin; 2 lasting.",
-        "reason": "Of an end: 0 apart; 1 an object was removed; 2 the pair is not checked now.",
+        "reason": "Reason of an end: 0 objects apart; 1 an object was removed; 2 the pair is not "
+        "checked.",
     },
     make_rows=event_rows,
     record=lambda a, b, event, depth, duration, reason: NamedEvent(
@@ -240,7 +241,7 @@ EVENTS = Cloud(
             0.0, 0.0, 1e6, "A collision begins at this depth (m). More than 0 delays the begin."
         ),
         "clear_distance": Option(
-            0.0, 0.0, 1e6, "A collision ends once the boxes are farther apart than this (m)."
+            0.0, 0.0, 1e6, "A collision ends when the boxes are farther apart than this (m)."
         ),
         "begin_time": Option(
             0.0,
@@ -281,7 +282,7 @@ TOPICS: dict[str, Topic] = {
     "collisions": COLLISIONS,
     "text": Topic(
         name="collisions_text",
-        description="The colliding pairs for people",
+        description="Pairs that collide, as text",
         message=DiagnosticArray,
         needs=("separations",),
     ),
@@ -294,7 +295,7 @@ TOPICS: dict[str, Topic] = {
     ),
     "collision_status": Topic(
         name="collision_status",
-        description="What is known of collisions, or why nothing is",
+        description="OK, ERROR or STALE, with the reason and counts",
         note="auto: also on every change.",
         message=DiagnosticArray,
         qos=QoSProfile(

@@ -88,7 +88,7 @@ class Option(NamedTuple):
 ACCURACY = "accuracy"
 ACCURACY_OPTION = Option(
     *(AS_PAIRS, 0.0, 0.0),
-    "What it is computed on: pairs (what decided each pair), obb, hull or mesh.",
+    "Geometry for this effect: obb, hull, mesh, or pairs (the geometry that decided the pair).",
     choices=CHOICES,
 )
 

@@ -60,7 +60,11 @@ class ClearanceEffect(Effect):
     description = "Distances and closest points of near pairs"
     options: Mapping[str, Option] = {
         "max_distance": Option(
-            0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m).", reaches=True
+            0.1,
+            0.0,
+            1e6,
+            "Maximum distance of a pair (m); pairs farther apart are left out.",
+            reaches=True,
         ),
         ACCURACY: ACCURACY_OPTION,
     }

@@ -72,8 +72,8 @@ class PointsEffect(Effect):
             0.0, 0.0, 1e6, "Points this near to an object count as inside (m).", reaches=True
         ),
         ACCURACY: ACCURACY_OPTION._replace(
-            description="What stands for objects: pairs (by the accuracy of each), obb, hull or "
-            "mesh."
+            description="Geometry of objects: obb, hull, mesh, or pairs (by the accuracy of the "
+            "object)."
         ),
     }
 

@@ -42,8 +42,7 @@ class SeparationsEffect(Effect):
 
     name = "separations"
     description = (
-        "Depth, normal and position of each pair in collisions and collisions_text, "
-        "NaN there without it"
+        "Depth, normal and position of pairs in collisions and collisions_text, where off gives NaN"
     )
     options: Mapping[str, Option] = {ACCURACY: ACCURACY_OPTION}
 

@@ -181,10 +181,10 @@ class SweepEffect(Effect):
     """Continuous collision between checks, and prediction by twists."""
 
     name = "sweep"
-    description = "Collisions passed through and to come"
+    description = "Collisions between the last two states, and predicted collisions"
     options: Mapping[str, Option] = {
         "horizon": Option(
-            1.0, 0.0, 3600.0, "How far ahead twists are extrapolated (s). 0: not at all."
+            1.0, 0.0, 3600.0, "Time for which twists are extrapolated (s). 0: no prediction."
         ),
         "tolerance": Option(
             TOLERANCE,

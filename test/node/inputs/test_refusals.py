@@ -143,7 +143,7 @@ def test_shapes_beyond_the_limits_are_refused(limited: Rig, tmp_path: Path, capf
     limited.refuses("objects", {"too many points": 1, "too many triangles": 2})
     limited.send(mesh_marker(tmp_path / "part.stl", B1))
     limited.until(lambda: "unreadable mesh" in limited.refused("objects"), "a file elsewhere")
-    assert "is in no folder from which meshes are read" in capfd.readouterr().err
+    assert "is not in a folder from which meshes are read" in capfd.readouterr().err
     limited.send(cube(BOX), cube(A1))
     assert limited.pairs() == {("a/1", "box/1")}
 

@@ -174,7 +174,7 @@ def test_without_clock_nothing_is_free_nor_while_it_stands_still_and_messages_co
 
         rig.send(*APART, stamped=False)
         rig.says(UNKNOWN, "clock_stopped", True, reason="clock_stopped")
-        assert "no /clock has come" in rig.node.status.answer.message
+        assert "no message on /clock" in rig.node.status.answer.message
         for _ in range(2):
             tell(moves=True)
             rig.known()

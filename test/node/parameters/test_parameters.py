@@ -154,7 +154,7 @@ def test_a_change_that_cannot_be_applied_is_told_and_ends_nothing(rig: Rig) -> N
 def test_lists_have_a_limit() -> None:
     for spec in SPECS:
         if isinstance(spec.default, list):
-            with pytest.raises(ValueError, match=f"of at most {spec.most}, got"):
+            with pytest.raises(ValueError, match=f"with at most {spec.most} entries, got"):
                 spec.read(["a/1 b/1"] * (spec.most + 1))
             with pytest.raises(ValueError, match=f"at most {MAX_PATTERNS} patterns, got 1001"):
                 Spec(spec.name, [], entry=spec.entry, most=2000).read(["a/*: mesh"] * 1001)
@@ -214,11 +214,11 @@ def wrong_values(spec: Spec) -> Iterator[tuple[Any, str]]:
         ("accuracy", "obb_faces", "not 'obb_faces': use obb or hull instead"),
         ("allowed_pairs", ["a/*"], "two names or patterns"),
         ("groups", ["gripper"], "is not like 'gripper: hand/* finger/1'"),
-        ("groups", ["a/b: c/1"], "a group cannot be called 'a/b'"),
-        ("groups", ["one: two"], "'two' is no group"),
+        ("groups", ["a/b: c/1"], "a group cannot have the name 'a/b'"),
+        ("groups", ["one: two"], "'two' is not a group"),
         ("groups", ["one: 'a/1"], "no closing quotation"),
         ("check_only_pairs", ["a/* b/* c/*"], "two names or patterns"),
-        ("check_only_pairs", ["a/* gripper"], "check_only_pairs: 'gripper' is no group"),
+        ("check_only_pairs", ["a/* gripper"], "check_only_pairs: 'gripper' is not a group"),
         ("object_timeout_overrides", ["a/*: -0.1"], "seconds must be between 0 and 1e+06"),
         ("padding_overrides", ["a/*: -0.1"], "between 0 and 1000 m"),
         ("padding_overrides", ["a/*: nan"], "between 0 and 1000 m"),
@@ -228,7 +228,7 @@ def wrong_values(spec: Spec) -> Iterator[tuple[Any, str]]:
         *(("region", [text], "region: ") for text in ("x: nan to 1", "x: inf to inf")),
         ("effects.contacts", 3, "one of off, auto, on"),
         ("effects.contacts_max_points", 5, "one of 4, 8"),
-        ("effects.contacts_objects", ["arm"], "effects.contacts_objects: 'arm' is no group"),
+        ("effects.contacts_objects", ["arm"], "effects.contacts_objects: 'arm' is not a group"),
     ],
 )
 def test_a_wrong_value_is_refused_and_why(rig: Rig, name: str, value: Any, reason: str) -> None:
@@ -246,17 +246,17 @@ HERE = "arm: 0 0 0 0 0 0 1"
 @each(
     "given, reason",
     [
-        ({"allowed_pairs": ["gripper table/1"]}, "allowed_pairs: 'gripper' is no group"),
+        ({"allowed_pairs": ["gripper table/1"]}, "allowed_pairs: 'gripper' is not a group"),
         ({"region": ["z: 0 to inf"], "region_halo": 0.0}, "region_halo must be at least"),
-        ({"mesh_folders": ["arm: /a", "arm: /b"]}, "one entry for each package"),
+        ({"mesh_folders": ["arm: /a", "arm: /b"]}, "one entry per package"),
         *(
-            ({"mesh_folders": [folder]}, "is no absolute path")
+            ({"mesh_folders": [folder]}, "is neither an absolute path")
             for folder in ("meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b")
         ),
         ({"robots": ["arm", "arm"]}, "twice"),
         ({"robots": ["an arm"]}, "letters"),
-        ({"robots": ["arm"], "robot_bases": ["leg: base"]}, "none of robots"),
-        ({"robots": ["arm"], "robot_bases": ["arm: 0 0 0 0 0 0 0"]}, "no pose"),
+        ({"robots": ["arm"], "robot_bases": ["leg: base"]}, "is not in the parameter robots"),
+        ({"robots": ["arm"], "robot_bases": ["arm: 0 0 0 0 0 0 0"]}, "not a pose"),
         ({"robots": ["arm"], "robot_bases": [HERE, HERE]}, "twice"),
     ],
 )
@@ -342,14 +342,14 @@ def test_lists_that_do_not_fit_each_other_are_refused_together_or_taken_together
     assert len(fill(rig)) == 10
     refused = set_lists(rig, groups=["moved: cup/*"], allowed_pairs=["moved tary"])
     assert not refused.successful
-    assert refused.reason.startswith("allowed_pairs: 'tary' is no group")
+    assert refused.reason.startswith("allowed_pairs: 'tary' is not a group")
     assert rig.node.get_parameter("groups").value == [""]
     taken = set_lists(rig, allowed_pairs=["moved tray/*"], groups=["moved: cup/*"])
     assert taken.successful, taken.reason
     until_pairs(rig, 8)
     (result,) = rig.set(groups=["movde: cup/*"])
     assert not result.successful
-    assert "'moved' is no group" in result.reason
+    assert "'moved' is not a group" in result.reason
     assert "did you mean movde?" in result.reason
     until_pairs(rig, 8)
     assert set_lists(rig, allowed_pairs=[""], groups=[""]).successful

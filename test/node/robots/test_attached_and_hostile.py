@@ -234,7 +234,7 @@ def test_trajectories_are_refused_and_stopped_for_what_is_attached(arm: AskingRi
     put(arm, held(action=Marker.DELETE))
     arm.begin(slow)
     put(arm, cube(("arm", 5), (0.0, 0.0, 2.0), EDGES, LINK, frame_locked=True))
-    text = "refused: scene not known: not attached: name must not be that of a link"
+    text = "refused: scene not known: not attached: name must not be the name of a link"
     assert arm.go(slow)[0].message.startswith(text)
 
 
@@ -331,7 +331,7 @@ BAD_DESCRIPTIONS = [
     (ENTITIES + URDF.replace('name="arm"', 'name="&b;"'), "document type"),
     (URDF.replace('name="arm"', f'name="{"x" * 1_000_000}"'), "name"),
     (URDF.replace("</link>", SPHERE * MOST_GEOMETRIES + "</link>", 1), f"{MOST_GEOMETRIES} is the"),
-    ("/etc/hostname", "no XML"),
+    ("/etc/hostname", "not valid XML"),
     ("<robot", "urdf:1"),
 ]
 

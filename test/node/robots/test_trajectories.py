@@ -91,7 +91,8 @@ def test_joints_between_clear_and_the_next_cycle_keep_nothing_running(rig: Askin
         rig.stopped()
         said = [status.message for status in rig.said]
         assert said[0] == "stopped: all objects were removed"
-        assert said[1].startswith("refused: scene not known: without a pose: arm/base/0")
+        why = "scene not known: objects without a usable pose: arm/base/0"
+        assert said[1].startswith(f"refused: {why}")
         stops = [[list(point.positions) for point in each.points] for each in rig.forwarded]
         assert stops == [[[0.0, end]], []], "where the joints were, and nothing more"
         rig.known()
