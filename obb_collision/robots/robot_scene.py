@@ -226,7 +226,7 @@ class RobotScene(PlacedRobots):
         links, every = as_flag(self_pairs, "self_pairs"), as_flag(all_pairs, "all_pairs")
         slopes = as_flag(jacobian, "jacobian")
         if every and everything:
-            raise ValueError("max_distance must be given for all_pairs")
+            raise ValueError("all_pairs=True needs max_distance")
         prepared = self._prepared
         if not (as_flag(still_pairs, "still_pairs") or every):
             prepared = prepared.without_still_pairs(self.standing)
@@ -265,13 +265,13 @@ class RobotScene(PlacedRobots):
         With ``checker`` as in the example of ``RobotScene``:
 
         >>> report = checker.check_motions([[0], [0]], [[0.8], [2]], first=True)
-        >>> report.valid.tolist(), report.parameters.round(3).tolist()
+        >>> report.valid.tolist(), report.fractions.round(3).tolist()
         ([True, False], [nan, 0.425])
         """
         begins, finishes = self._states(starts, "starts"), self._states(ends, "ends")
         if len(begins) != len(finishes):
             raise ValueError(
-                f"starts and ends must be as many, got {len(begins)} and {len(finishes)}"
+                f"starts and ends must have the same length, got {len(begins)} and {len(finishes)}"
             )
         check_turns(self._model.limits.floating, begins, finishes)
         finest, where = positive_number(resolution, "resolution"), as_flag(first, "first")
@@ -305,7 +305,7 @@ class RobotScene(PlacedRobots):
         [0.2]
         """
         if (self._model.tree.kinds >= PLANAR).any():
-            raise ValueError("robots must have no planar or floating joints")
+            raise ValueError("robots must not have planar or floating joints")
         moved = as_array(deviations, "deviations", (None, self._joint_count))
         given = self._states(states, "states")
         return displacements(self._prepared, given, moved)
@@ -338,7 +338,7 @@ class RobotScene(PlacedRobots):
         """
         given = self._states(states, "states")
         if len(given) == 0:
-            raise ValueError("states must have at least one state")
+            raise ValueError("states must not be empty")
         ends = given[1:] if len(given) > 1 else given
         return self.check_motions(given[: len(ends)], ends, first=first, resolution=resolution)
 

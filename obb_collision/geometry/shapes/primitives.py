@@ -145,14 +145,21 @@ def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBo
 
 @dataclass(frozen=True, init=False)
 class Box(Primitive):
-    """A box; ``size`` (3,) are its full edge lengths, zero allowed: a flat box.
+    """A box, by its full edge lengths or half of them; zero is allowed: a flat box.
 
     Parameters
     ----------
     size : (3,) array_like
-        Metres.
+        Full edge lengths, metres.
     scale : (3,) array_like
         By which it is stretched along its axes, positive.
+    half_extents : (3,) array_like
+        Half the edge lengths, metres, instead of ``size``.
+
+    Raises
+    ------
+    TypeError
+        With both ``size`` and ``half_extents``, or neither.
 
     Examples
     --------
@@ -163,9 +170,21 @@ class Box(Primitive):
     size: Triple
     scale: Triple
 
-    def __init__(self, size: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
-        edges = tuple(as_half_extents(size, "size", (3,)).tolist())
-        self._store(size=edges, scale=positive_triple(scale, "scale"))
+    def __init__(
+        self,
+        size: ArrayLike | None = None,
+        scale: ArrayLike = NO_SCALE,
+        *,
+        half_extents: ArrayLike | None = None,
+    ) -> None:
+        if size is not None and half_extents is None:
+            edges = as_half_extents(size, "size", (3,))
+        elif size is None and half_extents is not None:
+            edges = 2.0 * as_half_extents(half_extents, "half_extents", (3,))
+        else:
+            both = "both" if size is not None else "neither"
+            raise TypeError(f"Box needs size (full edge lengths) or half_extents, got {both}")
+        self._store(size=tuple(edges.tolist()), scale=positive_triple(scale, "scale"))
 
     def _reach(self) -> Reach:
         x, y, z = map(_half, self.size)
@@ -263,6 +282,9 @@ class Cylinder(_Turned):
     [0.5, 0.5, 1.0]
     """
 
+    def __init__(self, radius: float, length: float, scale: ArrayLike = NO_SCALE) -> None:
+        super().__init__(radius, length, scale)  # errors about arguments name this class
+
 
 class Cone(_Turned):
     """A cone along z with its apex at +length / 2 and its base of ``radius`` at -length / 2.
@@ -282,6 +304,9 @@ class Cone(_Turned):
     [0.5, 0.5, 1.0]
     """
 
+    def __init__(self, radius: float, length: float, scale: ArrayLike = NO_SCALE) -> None:
+        super().__init__(radius, length, scale)  # errors about arguments name this class
+
 
 class Capsule(_Turned):
     """A capsule along z, centred; ``length`` is that of the cylinder between the two caps.
@@ -300,6 +325,9 @@ class Capsule(_Turned):
     >>> oc.shapes.Capsule(radius=0.5, length=2).local_box[2].tolist()
     [0.5, 0.5, 1.5]
     """
+
+    def __init__(self, radius: float, length: float, scale: ArrayLike = NO_SCALE) -> None:
+        super().__init__(radius, length, scale)  # errors about arguments name this class
 
     def _reach(self) -> Reach:
         x, y, half = super()._reach()

@@ -339,7 +339,7 @@ def check_turns(floating: Sequence[int], starts: Floats, ends: Floats) -> None:
         if len(opposite):
             raise ValueError(
                 "ends must not have quaternions opposite to those of starts: which way to turn "
-                f"is not clear, row {opposite[0]}"
+                f"is not clear in row {opposite[0]}"
             )
 
 

@@ -297,7 +297,7 @@ class Model:
                         for column, name in enumerate(self.joint_names)
                         if name in joints or name.rsplit("/", 1)[0] in joints
                     ]
-        raise KeyError(f"group must be one of the SRDF, got {shown(group)}")
+        raise KeyError(f"group must be a group of the SRDF, got {shown(group)}")
 
     def set_bases(self, bases: Floats) -> None:
         """Set where the robots stand, by poses (r, 7); bodies are relative to a place nearby."""

@@ -99,9 +99,9 @@ def check_motions(
         open_ = Spans(motions, pairs, times, np.zeros(total, bool))
         _decide_meshes(prepared, question, MotionHits(*found), open_)
     out = prepared.limits.exceeded(starts, ends)
-    parameters, undecided, bodies = found
+    fractions, undecided, bodies = found
     pairs, joints = prepared.owners_of(bodies), prepared.joint_names
-    return MotionReport(parameters, undecided, out, pairs, prepared.names, joints)
+    return MotionReport(fractions, undecided, out, pairs, prepared.names, joints)
 
 
 def displacements(prepared: Prepared, states: Floats, deviations: Floats) -> Floats:
@@ -125,7 +125,7 @@ def _moves(question: Motions, motions: Rows, pairs: Integers, times: Floats) -> 
 
 def _decide_meshes(prepared: Prepared, question: Motions, hits: MotionHits, spans: Spans) -> None:
     """Decide intervals by meshes, and write where motions collide by these."""
-    limits = np.where(np.isnan(hits.parameters), np.inf, hits.parameters)
+    limits = np.where(np.isnan(hits.fractions), np.inf, hits.fractions)
     first = question.asked[1]
     for step in range(MOST_ROUNDS):
         open_ = spans.times[:, 0] < limits[spans.motions]
@@ -143,7 +143,7 @@ def _decide_meshes(prepared: Prepared, question: Motions, hits: MotionHits, span
             values[found.motions[latest_first]] = new[latest_first]
         hits.pairs[found.motions[latest_first]] = found.pairs[latest_first, :2]
         spans = later.joined(rest)
-    hits.parameters[:] = np.where(np.isinf(limits), np.nan, limits)
+    hits.fractions[:] = np.where(np.isinf(limits), np.nan, limits)
     unsure = np.flatnonzero(hits.undecided)
     hits.undecided[unsure] = ~_collide_after(prepared, question, unsure, limits[unsure])
 

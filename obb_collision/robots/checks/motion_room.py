@@ -55,7 +55,7 @@ class MotionQuestion(NamedTuple):
 class MotionHits(NamedTuple):
     """Where each motion collides (n,), NaN for free, if it is undecided, the pair (n, 2)."""
 
-    parameters: Floats
+    fractions: Floats
     undecided: Mask
     pairs: Integers
 

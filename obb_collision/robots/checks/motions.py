@@ -155,7 +155,7 @@ def _check_motion(
             hits.pairs[n, 0], hits.pairs[n, 1] = candidates[best, 0], candidates[best, 1]
             break
     spans.counts[n] = found.written[0]
-    hits.parameters[n] = np.nan if found.limits[0] == np.inf else found.limits[0]
+    hits.fractions[n] = np.nan if found.limits[0] == np.inf else found.limits[0]
     hits.undecided[n] = not found.certain[0]
 
 

@@ -122,7 +122,7 @@ class StateReport(ValidityReport):
             If the check was not asked for all pairs.
         """
         if self.all_pairs is None:
-            raise ValueError("check was not asked for all pairs: check(..., all_pairs=True)")
+            raise ValueError("all pairs were not requested: use check(..., all_pairs=True)")
         states, pairs = self.all_pairs
         first, last = np.searchsorted(states, [state, state + 1])
         return [(self.names[a], self.names[b]) for a, b in pairs[first:last].tolist()]
@@ -173,7 +173,7 @@ class MotionReport(ValidityReport):
 
     Attributes
     ----------
-    parameters : (n,) numpy.ndarray
+    fractions : (n,) numpy.ndarray
         From 0 at the start to 1 at the end: where the motion collides, NaN where it does not.
         With ``first=True`` it is certainly free up to there, and collides there or within
         ``resolution`` of it.
@@ -190,7 +190,7 @@ class MotionReport(ValidityReport):
         The columns of ``out_of_limits``.
     """
 
-    parameters: Floats
+    fractions: Floats
     undecided: Mask
     out_of_limits: Mask
     first_pairs: Integers

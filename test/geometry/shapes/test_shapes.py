@@ -92,6 +92,21 @@ def test_bad_sizes_are_refused_by_name() -> None:
         _ = shapes.Sphere(1e200, (1e200, 1.0, 1.0)).local_box
 
 
+def test_a_box_takes_its_size_or_its_half_extents() -> None:
+    assert shapes.Box(half_extents=(1, 0, 0.5), scale=(1, 2, 3)) == shapes.Box((2, 0, 1), (1, 2, 3))
+    for options, got in (({}, "neither"), ({"size": (1, 1, 1), "half_extents": (1, 1, 1)}, "both")):
+        with pytest.raises(TypeError, match=rf"size \(.*\) or half_extents, got {got}"):
+            shapes.Box(**options)
+    refused("half_extents must not be negative", shapes.Box, half_extents=(1, 1, -1))
+
+
+@each("kind", [shapes.Cylinder, shapes.Cone, shapes.Capsule])
+def test_an_unknown_argument_is_refused_in_the_name_of_the_shape(kind: Any) -> None:
+    for options in ({"height": 1.0}, {}):
+        with pytest.raises(TypeError, match=rf"^{kind.__name__}\.__init__\(\)"):
+            kind(radius=1.0, **options)
+
+
 def test_shapes_are_values() -> None:
     assert shapes.Cylinder(1.0, 2.0) == shapes.Cylinder(1, 2, np.ones(3))
     cone: shapes.Shape = shapes.Cone(1.0, 2.0)
@@ -174,8 +189,13 @@ def test_a_mesh_of_trimesh_is_a_mesh() -> None:
 def test_bad_meshes_and_hulls_are_refused_by_name() -> None:
     refused("vertices must not be empty", shapes.Mesh, np.empty((0, 3)), [])
     refused("points must not be empty", shapes.Hull, np.empty((0, 3)))
-    refused("faces must name vertices 0 to 7 in row 1", shapes.Mesh, CUBE, [[0, 1, 2], [0, 1, 8]])
-    refused("faces must name vertices", shapes.Mesh, CUBE, [[0, 1, -1]])
+    refused(
+        "faces must index vertices 0 to 7 in row 1",
+        shapes.Mesh,
+        CUBE,
+        [[0, 1, 2], [0, 1, 8]],
+    )
+    refused("faces must index vertices", shapes.Mesh, CUBE, [[0, 1, -1]])
     for bad in (np.array([[0.0, 1.0, 2.0]]), np.array([[0, 1]]), np.array([0, 1, 2])):
         refused("faces must be integers of shape", shapes.Mesh, CUBE, bad)
     refused("fit must be one of", shapes.Hull, CUBE, fit="tightest")

@@ -86,11 +86,11 @@ def compare(checker: oc.RobotScene, starts: np.ndarray, ends: np.ndarray) -> int
     first = sampled(checker, starts, ends)
     collides = ~np.isnan(first)
     assert report.colliding[collides].all()
-    assert (report.parameters[collides] <= first[collides] + 1e-12).all()
-    assert np.array_equal(np.isnan(report.parameters), ~report.colliding)
+    assert (report.fractions[collides] <= first[collides] + 1e-12).all()
+    assert np.array_equal(np.isnan(report.fractions), ~report.colliding)
     certain = report.colliding & ~report.undecided
     for row in np.flatnonzero(certain & ~collides):  # between two samples
-        t = report.parameters[row] + np.geomspace(1e-7, 1e-1, 600)
+        t = report.fractions[row] + np.geomspace(1e-7, 1e-1, 600)
         near = starts[row] + t[t <= 1.0, None] * (ends[row] - starts[row])
         assert checker.check(near).colliding.any(), "neither sampled nor near the parameter"
     return int(collides.sum())
@@ -119,9 +119,9 @@ def test_motions_on_a_level_are_those_of_its_states(accuracy: str, seed: int) ->
     any_, first = (checker.check_motions(starts, ends, first=where) for where in (False, True))
     assert np.array_equal(any_.valid, first.valid)
     found = any_.colliding & ~any_.undecided
-    at = any_.parameters[found, None]
+    at = any_.fractions[found, None]
     assert checker.check(starts[found] + at * (ends - starts)[found]).colliding.all()
-    assert (first.parameters[found] <= any_.parameters[found]).all()
+    assert (first.fractions[found] <= any_.fractions[found]).all()
 
 
 @settings(deadline=None, max_examples=6, suppress_health_check=[*HealthCheck])
@@ -138,7 +138,7 @@ def test_no_collision_of_meshes_is_missed(seed: int, tmp_path: Path) -> None:
     found = checker.check_motions(starts, ends, first=True)
     assert not (found.colliding & ~hulls.colliding).any()
     both, checker.accuracy = found.colliding, "hull"
-    at = starts + found.parameters[:, None] * (ends - starts)
+    at = starts + found.fractions[:, None] * (ends - starts)
     if both.any():  # within the resolution of motions, for either body of a pair
         assert (checker.distances(at[both]).distances <= 2e-4).all()
 
@@ -158,7 +158,7 @@ def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> Non
     assert report.pairs == [("body", "pole")]
     assert not report.undecided[0]
     # where a corner at x = 0.125, y = 0.2 is 0.13 from the middle of the pole
-    assert 1.755 < 4.0 * report.parameters[0] <= 1.8 - np.sqrt(0.13**2 - 0.125**2)
+    assert 1.755 < 4.0 * report.fractions[0] <= 1.8 - np.sqrt(0.13**2 - 0.125**2)
 
 
 def test_a_mesh_without_faces_counts_as_its_box(tmp_path: Path) -> None:
@@ -202,15 +202,15 @@ def test_where_a_ball_first_touches_a_wall_and_which_motion_of_a_path_is_bad() -
     report = checker.check_motions([[0.0], [0.0], [1.5]], [[2.0], [0.9], [0.0]], first=True)
     assert report.pairs == [("body", "wall"), None, ("body", "wall")]
     # the face of the wall is at x = 1.1
-    assert report.parameters[0] == pytest.approx(0.5, abs=1e-4)
-    assert report.parameters[0] <= 0.5
-    assert report.parameters[2] == 0.0
+    assert report.fractions[0] == pytest.approx(0.5, abs=1e-4)
+    assert report.fractions[0] <= 0.5
+    assert report.fractions[2] == 0.0
     assert not report.undecided.any()
     assert report.first_invalid == 0
     assert checker.check_path([[0.0], [0.5], [0.9]]).first_invalid is None
     report = checker.check_path([[0.0], [0.5], [2.8], [0.0]], first=True)
     assert report.first_invalid == 1
-    assert report.parameters[1] == pytest.approx((1.0 - 0.5) / 2.3, abs=1e-4)
+    assert report.fractions[1] == pytest.approx((1.0 - 0.5) / 2.3, abs=1e-4)
     assert checker.check_path([[0.5]]).valid.tolist() == [True]
     assert checker.check_path([[1.5]]).valid.tolist() == [False]
 
@@ -305,7 +305,7 @@ def test_threads_do_not_change_motions() -> None:
     starts, ends = random_states(rng, robot, 60), random_states(rng, robot, 60)
     reports = by_threads(lambda: checker.check_motions(starts, ends), 1, 2)
     assert np.array_equal(reports[0].first_pairs, reports[1].first_pairs)
-    assert np.array_equal(reports[0].parameters, reports[1].parameters, equal_nan=True)
+    assert np.array_equal(reports[0].fractions, reports[1].fractions, equal_nan=True)
 
 
 def test_bad_motions_are_refused_by_name() -> None:
@@ -313,7 +313,7 @@ def test_bad_motions_are_refused_by_name() -> None:
     refused("starts and ends", checker.check_motions, [[0.0]], [[0.0], [1.0]])
     refused("ends", checker.check_motions, [[0.0]], [[np.nan]])
     refused("resolution must be pos", checker.check_motions, [[0.0]], [[1.0]], resolution=0.0)
-    refused("at least one state", checker.check_path, np.zeros((0, 1)))
+    refused("must not be empty", checker.check_path, np.zeros((0, 1)))
     refused("max_distance must be positive", checker.distances, [[0.0]], max_distance=0.0)
     refused("states", checker.distances, [[np.nan]])
 
@@ -501,7 +501,7 @@ def test_distances_of_every_pair(accuracy: str) -> None:
         if least.distances[n] > 0.0 and len(rows):
             assert every.distances[rows].min() == pytest.approx(least.distances[n], abs=1e-9)
         assert (len(rows) == 0) == np.isinf(least.distances[n])
-    refused("max_distance must be given for", checker.distances, states, all_pairs=True)
+    refused("all_pairs=True needs max_distance", checker.distances, states, all_pairs=True)
 
 
 def test_states_of_a_group() -> None:
@@ -514,7 +514,7 @@ def test_states_of_a_group() -> None:
     assert (full[:, ~np.array(columns)] == 0.2).all()
     one = checker.check([[0.01], [9.0]], group="right/gripper")
     assert one.out_of_limits.sum(axis=1).tolist() == [0, 1]
-    with pytest.raises(KeyError, match="group must be one of the SRDF"):
+    with pytest.raises(KeyError, match="group must be a group of the SRDF"):
         checker.check([[0.0]], group="gripper")
     joints = r"states must have shape .*the joints are right/grip"
     refused(joints, checker.check, [[0.0, 1.0]], group="right/gripper")

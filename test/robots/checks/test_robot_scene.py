@@ -298,7 +298,7 @@ def test_bad_states_and_unknown_links_are_refused_by_name() -> None:
     ball = oc.shapes.Sphere(0.1)
     refused("link must name links", checker.attach, "rod", ball, "nowhere")
     refused("touch_links must name links", checker.attach, "rod", ball, "hand", touch_links=["x"])
-    refused("not asked for all pairs", checker.check([[0.0, 0.0]]).pairs_of, 0)
+    refused("all pairs were not requested", checker.check([[0.0, 0.0]]).pairs_of, 0)
     refused("distinct names", oc.RobotScene, [checker.robots[0]] * 2)
     with pytest.raises(TypeError, match="robots"):
         oc.RobotScene(["no robot"])  # type: ignore[list-item]
@@ -362,7 +362,7 @@ def test_an_object_of_the_scene_is_grasped_where_it_is(seed: int) -> None:
         expected.attach_object(name, link, on_link)
     assert checker.check(others, all_pairs=True).pairs == expected.check(others).pairs
     for both in ({}, {"pose": on_link, "state": state}):
-        refused("pose, on the link, or state", checker.attach_object, name, link, **both)
+        refused("pose .on the link. or state", checker.attach_object, name, link, **both)
 
 
 @each("count", [1, 2])
@@ -447,7 +447,7 @@ def robot_answers(checker: oc.RobotScene, states: np.ndarray) -> list[Any]:
     found = checker.distances(states, max_distance=1.0, jacobian=True)
     motions = checker.check_motions(states[:-1], states[1:])
     poses = checker.robots[0].link_poses(states)
-    values = [poses, found.distances, found.jacobians, found.points, motions.parameters]
+    values = [poses, found.distances, found.jacobians, found.points, motions.fractions]
     report = checker.check(states)
     return [report.pairs, motions.pairs, *(np.asarray(value).tobytes() for value in values)]
 
