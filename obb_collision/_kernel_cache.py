@@ -167,9 +167,9 @@ def only_loads() -> bool:
 def why_not_kept() -> str:
     """Return why the cache takes no kernels, nothing where it does."""
     if not can_keep():
-        return "this version of numba has changed too much; install an older one"
+        return "this version of numba is too new for the package; install an older version"
     if not places:
-        return "there is no home folder; set NUMBA_CACHE_DIR"
+        return "the home folder is missing; set NUMBA_CACHE_DIR"
     try:
         _make(places[0])
         with tempfile.TemporaryFile(dir=places[0]) as file:
@@ -218,7 +218,7 @@ def private_place() -> Path | None:
     try:
         folder = Path(tempfile.mkdtemp(prefix="obb_collision-kernels-"))
     except OSError as error:
-        _say_once(None, f"there is no temporary folder for kernels: {error}")
+        _say_once(None, f"no temporary folder for kernels: {error}")
         return None
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     places.append(folder)

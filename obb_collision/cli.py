@@ -129,7 +129,7 @@ def _within(kind: type[Number], what: str, low: Number, high: Number) -> Callabl
             raise argparse.ArgumentTypeError(f"{shown(text)} is not a {what}") from None
         if not low <= value <= high:
             limits = f"must be between {low:{form}} and {high:{form}}"
-            raise argparse.ArgumentTypeError(f"{limits}, not {shown(value)}")
+            raise argparse.ArgumentTypeError(f"{limits}, got {shown(value)}")
         return value
 
     return convert
@@ -161,7 +161,7 @@ def mesh_folder(text: str) -> Path:
     except (OSError, ValueError):  # not a valid name
         found = False
     if not found:
-        raise argparse.ArgumentTypeError(f"{shown(text)} is no folder")
+        raise argparse.ArgumentTypeError(f"{shown(text)} is not a folder")
     if not any(mesh_files(Path(text))):
         raise argparse.ArgumentTypeError(f"{shown(text)} has no mesh files, STL or OBJ")
     return Path(text)
@@ -181,7 +181,7 @@ def new_file(*suffixes: str) -> Callable[[str], Path]:
         except (OSError, ValueError):  # not a valid file name
             usable = False
         if not usable:
-            raise argparse.ArgumentTypeError(f"{shown(text)} is no file that can be written")
+            raise argparse.ArgumentTypeError(f"{shown(text)} cannot be written as a file")
         if suffixes and path.suffix.lower() not in suffixes:
             raise argparse.ArgumentTypeError(f"{shown(text)} must end in {' or '.join(suffixes)}")
         return path

@@ -46,15 +46,18 @@ from obb_collision.words import command_line
 Command = Callable[[Sequence[str] | None], int]
 
 SUBCOMMANDS = {
-    "node": ("commands:node", "the collision node, until Ctrl-C"),
-    "demo": ("commands:demo", "the node, and a scene that moves, in one process"),
-    "view": ("commands:view", "a running node, live in the browser"),
-    "status": ("commands:status", "what running nodes say, and an exit code of it"),
-    "merge": ("commands:merge", "join the nodes of several regions, until Ctrl-C"),
-    "srdf": ("robots.srdf_command:main", "find which links of a robot can never collide"),
-    "warm-up": ("warm_up.command:main", "compile everything, so that later starts need not"),
-    "accuracy": ("benchmarks.command:accuracy", "what each level of accuracy costs here"),
-    "speed": ("benchmarks.command:speed", "how fast a scene is checked here"),
+    "node": ("commands:node", "run the collision node, until Ctrl-C"),
+    "demo": ("commands:demo", "run the node and a moving scene in one process"),
+    "view": ("commands:view", "show a running node live in the browser"),
+    "status": ("commands:status", "print the status of running nodes, with an exit code"),
+    "merge": ("commands:merge", "merge the nodes of several regions, until Ctrl-C"),
+    "srdf": ("robots.srdf_command:main", "prove which links of a robot can never collide"),
+    "warm-up": ("warm_up.command:main", "compile all kernels, so that later starts are fast"),
+    "accuracy": (
+        "benchmarks.command:accuracy",
+        "measure the cost of each level of accuracy on this machine",
+    ),
+    "speed": ("benchmarks.command:speed", "measure the speed of checks on this machine"),
 }
 """Where each is, in this package, and what it does."""
 
@@ -112,8 +115,8 @@ node = _program(
 )
 merge = _program(
     "obb_collision_merge",
-    "Joins the topics of collision nodes that share a scene by regions",
-    "-p regions:='[west, east]' -p timeout:=0.5. docs/scaling.md has the topics and parameters.",
+    "Merges the topics of collision nodes that share a scene by regions",
+    "-p regions:='[west, east]' -p timeout:=0.5. The topics and parameters are in docs/scaling.md.",
     "node.merger",
     "regions",
 )
@@ -151,7 +154,9 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=obb_collision.__version__)
     parser.add_argument("command", choices=SUBCOMMANDS, metavar="COMMAND", help="see below")
-    parser.add_argument("arguments", nargs=REMAINDER, help="of the command: COMMAND --help")
+    parser.add_argument(
+        "arguments", nargs=REMAINDER, help="arguments of the command, see COMMAND --help"
+    )
     given = parser.parse_args(args)
     return _main_of(*SUBCOMMANDS[given.command][0].split(":"))(given.arguments)
 

@@ -114,7 +114,7 @@ def check_refusal(error: Exception, label: str, name: str) -> None:
         return
     assert isinstance(error, ERRORS), (label, name, text)
     words = [name, *CALLS[label].good] if re.search("length|shape|one row", text) else [name]
-    words = ["index", "accuracy", "effect", "no such file", "utf-8", *words]
+    words = ["index", "accuracy", "effect", "does not exist", "utf-8", *words]
     assert any(re.search(rf"\b{word.rstrip('s')}", text) for word in words), (label, name, text)
 
 

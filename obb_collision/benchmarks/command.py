@@ -46,14 +46,14 @@ def accuracy(arguments: Sequence[str] | None = None) -> int:
     """Measure what accuracy costs; exit code 1 if a level missed a collision."""
     parser = Parser(
         prog="obb_collision accuracy",
-        description="Measures what accuracy costs, per level: time, memory and false alarms, "
+        description="Measures the cost of each level of accuracy: time, memory and false alarms, "
         "beside the installed peers.",
     )
     option(parser, "--seconds", real(0.001, 1e6), 100.0, "approximate total time (s)")
     option(parser, "--seed", SEED, 0, "seed of the random poses")
     option(parser, "--bodies", whole(1, 10**6), 2_000, "number of bodies")
     option(parser, "--pairs", whole(1, 10**8), 60_000, "pairs per corpus")
-    option(parser, "--meshes", mesh_folder, text="folder of STL and OBJ files to measure on, too")
+    option(parser, "--meshes", mesh_folder, text="folder of further STL and OBJ files to measure")
     option(parser, "--timed", whole(1, 10**8), 3_000, "pairs timed beside the peers")
     _add_files(parser)
     options = parser.parse_args(arguments)
@@ -67,13 +67,13 @@ def accuracy(arguments: Sequence[str] | None = None) -> int:
 
 def _add_files(parser: Parser) -> None:
     option(parser, "--json", new_file(), text="write all numbers as JSON")
-    option(parser, "--picture", new_file(".png", ".svg"), text="draw them, PNG or SVG")
+    option(parser, "--picture", new_file(".png", ".svg"), text="draw all numbers as PNG or SVG")
 
 
 def _peer_of(names: Sequence[str]) -> Callable[[str], str]:
     def convert(text: str) -> str:
         if not any(text in name for name in names):
-            reason = f"{shown(text)} is part of no name: {', '.join(names)}"
+            reason = f"{shown(text)} is not part of any of the names {', '.join(names)}"
             raise argparse.ArgumentTypeError(reason)
         return text
 
@@ -84,22 +84,34 @@ def speed_parser(program: str, peers: Sequence[str] = PEERS) -> Parser:
     """Return the parser of the command line."""
     parser = Parser(
         prog=program,
-        description="Measures the full step beside the installed peers: new poses in, every "
+        description="Measures a full step beside the installed peers: new poses in, every "
         "colliding pair out.",
     )
     add, cores = parser.add_argument, sorted({1, os.cpu_count() or 1})
     add("--sizes", type=whole(1, 10**7), nargs="+", help="numbers of boxes")
     add("--forms", choices=FORMS, nargs="+", help="forms of the scenes")
-    add("--moving", type=real(0.0, 1.0), nargs="+", help="shares of the boxes that move")
-    add("--threads", type=whole(1, 1024), nargs="+", default=cores, help="threads of ours, in turn")
-    text = "parts of the names of peers to compare with"
+    add("--moving", type=real(0.0, 1.0), nargs="+", help="fractions of the boxes that move")
+    add(
+        "--threads",
+        type=whole(1, 1024),
+        nargs="+",
+        default=cores,
+        help="numbers of threads of this library",
+    )
+    text = "peers to compare with, by parts of their names"
     add("--peers", type=_peer_of(peers), nargs="+", metavar="NAME", help=text)
     option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
-    option(parser, "--steps", whole(1, 10**6), 20, "steps per scene, at least")
-    option(parser, "--limit", real(0.001, 1e6), 40.0, "who would take longer is left out (s)")
+    option(parser, "--steps", whole(1, 10**6), 20, "minimum number of steps per scene")
+    option(
+        parser,
+        "--limit",
+        real(0.001, 1e6),
+        40.0,
+        "maximum time per scene (s); slower peers are left out",
+    )
     option(parser, "--seed", SEED, 0, "seed of the random scenes")
     _add_files(parser)
-    what = "measure what each effect costs in the scenes that come with the package instead"
+    what = "measure the cost of effects in the scenes of the package instead"
     add("--effects", action="store_true", help=what)
     return parser
 

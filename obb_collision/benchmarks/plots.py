@@ -255,7 +255,7 @@ def save_effect_costs(rows: Sequence[CostRow], path: Path) -> None:
     with picture(path, (9.0, 0.55 * len(variants) + 1.8)) as (figure, panels):
         axes = panels["a"]
         draw_effect_costs(axes, rows, variants, scenes)
-        axes.set_title("A step beside its pairs alone: what is off costs next to nothing")
+        axes.set_title("A step beside its pairs alone: effects that are off cost next to nothing")
         figure.legend(loc="outside right center")
 
 

@@ -76,35 +76,40 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
         prog="obb_collision_demo",
-        description="The collision node and a moving scene in one process: prints the pairs as "
+        description="Runs the collision node and a moving scene in one process. Prints pairs as "
         "they begin and end, then a summary, and saves a picture.",
     )
-    text = f"how long to run (default: {DEFAULT_SECONDS:g}; with --view until Ctrl-C)"
+    text = f"duration in seconds (default: {DEFAULT_SECONDS:g}; with --view until Ctrl-C)"
     option(parser, "--seconds", real(0.1, MAX_SECONDS), text=text)
     what = parser.add_mutually_exclusive_group()
     text = (
-        f"scene file to run: one of {SCENES}, a path to one of your own, or to a "
+        f"scene file: one of {SCENES}, the path of your own file, or of a "
         f"MoveIt planning scene (default: {DEFAULT_SCENE})"
     )
     option(what, "--scene", scene_file, text=text)
     objects = whole(MIN_OBJECTS, MAX_OBJECTS)
-    option(what, "--objects", objects, text="run a random scene of this many objects instead")
+    option(
+        what,
+        "--objects",
+        objects,
+        text="number of objects of a random scene, instead of a scene file",
+    )
     option(parser, "--seed", SEED, 4, "seed of the random scene")
-    text = "publications per second of what moves (Hz)"
+    text = "rate at which moving objects are published (Hz)"
     option(parser, "--rate", real(1.0, MAX_RATE), 30.0, text)
     text = f"show the scene live at http://localhost:PORT (default: {DEFAULT_PORT}); needs viser"
     port = whole(0, 65535)
     parser.add_argument("--view", type=port, nargs="?", const=DEFAULT_PORT, help=text)
     picture = "obb_collision_demo.png"
-    option(parser, "--picture", new_file(".png"), picture, "PNG of the scene at the end")
-    parser.add_argument("--no-picture", action="store_true", help="draw no picture")
+    option(parser, "--picture", new_file(".png"), picture, "PNG file of the scene at the end")
+    parser.add_argument("--no-picture", action="store_true", help="do not save a picture")
     return parser
 
 
 def scene_file(text: str) -> tuple[SceneDescription, Path]:
     """Convert for argparse: the description in a scene file, and its path."""
     if not os.path.exists(text) and text not in SCENES.split(", "):  # before seconds of imports
-        reason = f"there is no such file; the scenes of the package are {SCENES}"
+        reason = f"the file does not exist; the scenes of the package are {SCENES}"
         raise argparse.ArgumentTypeError(f"{shown(text)}: {reason}")
     from obb_collision.scene_files import SceneFileError, describe_scene, find_scene
 
@@ -214,15 +219,20 @@ def view_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="obb_collision view",
         usage="%(prog)s [options] [NODE] [--ros-args ...]",
-        description="Shows what a running obb_collision_node publishes, live in the browser, until "
+        description="Shows the topics of a running obb_collision_node live in the browser, until "
         "Ctrl-C. Needs viser.",
     )
     text = "full name of the node"
     parser.add_argument("node", type=node_name, nargs="?", default="/obb_collision", help=text)
-    option(parser, "--scene", scene_file, text="its scene file: shapes and zones are on no topic")
-    text = "port of the browser's page; the next free one if it is taken"
+    option(
+        parser,
+        "--scene",
+        scene_file,
+        text="scene file of the node: shapes and zones are not published",
+    )
+    text = "port of the page; if it is in use, the next free port"
     option(parser, "--port", whole(0, 65535), DEFAULT_PORT, text)
-    text = "address to serve on; 0.0.0.0: to every machine that reaches this one"
+    text = "address to serve on; 0.0.0.0: all network interfaces"
     option(parser, "--host", default="localhost", text=text)
     return parser
 
@@ -260,6 +270,6 @@ def _run_view(
                 limit = inf
                 topic = listener.resolve_topic_name(f"{name}/markers")
                 nodes = ", ".join(filter(None, sorted(publishers_of_status(listener))))
-                can = f"nodes that run: {nodes}" if nodes else "no collision node is seen"
+                can = f"running nodes: {nodes}" if nodes else "no collision node was found"
                 say(f"nothing received on {topic} yet; {can}")
     return 0

@@ -65,16 +65,20 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog=PROGRAM,
         usage="%(prog)s [options] [--ros-args ...]",
-        description="Prints what running collision nodes say. The exit code is 0: nothing collides "
-        "(OK), 1: something does (ERROR), 3: not known (STALE), 4: no node was heard.",
+        description="Prints the status of running collision nodes. The exit code is 0: nothing "
+        "collides "
+        "(OK), 1: a pair collides (ERROR), 3: collisions are unknown (STALE), 4: no node answered.",
     )
-    option(parser, "--node", node_name, text="full name of the node (default: all there are)")
-    option(parser, "--timeout", real(0.1, 3600.0), 5.0, "how long to wait for an answer (s)")
+    option(parser, "--node", node_name, text="full name of the node (default: all running nodes)")
+    option(parser, "--timeout", real(0.1, 3600.0), 5.0, "maximum time to wait for a status (s)")
     parser.add_argument("--json", action="store_true", help="print all values as JSON")
     options = parser.parse_args(without_ros_arguments(arguments))
     setups = sorted(INSTALLED.glob("*/setup.bash"))
     if find_spec("rclpy") is None and setups and SOURCED not in os.environ:
-        say(f"{PROGRAM}: by {setups[-1].parent}, which is not sourced", sys.stderr)
+        say(
+            f"{PROGRAM}: uses the ROS installation {setups[-1].parent}, which is not sourced",
+            sys.stderr,
+        )
         words = [sys.executable, "-m", "obb_collision", "status", *arguments]
         command = ["bash", "-c", 'source "$0" && exec "$@"', str(setups[-1]), *words]
         return subprocess.run(command, env={**os.environ, SOURCED: "1"}, check=False).returncode
@@ -101,7 +105,7 @@ class Status:
         self.stamp = at.sec + 1e-9 * at.nanosec
         if len(message.status) != 1:
             self.level, self.values = "STALE", {"reason": "unreadable"}
-            self.message = f"{len(message.status)} statuses in a message that must have one"
+            self.message = f"{len(message.status)} statuses in a message, expected 1"
             return
         (status,) = message.status
         self.level, self.message = LEVELS.get(status.level, "STALE"), status.message

@@ -281,7 +281,7 @@ class Boxes(ArrayValue, ForKernels):
         >>> boxes.padded([0, 0.5]).half_extents.tolist()
         [[1.0, 1.0, 1.0], [1.5, 1.5, 1.5]]
         """
-        each = as_any_array(margin, "margin", "a number, or one for each").ndim
+        each = as_any_array(margin, "margin", "a number, or a number per box").ndim
         pad = as_array(margin, "margin", (len(self),) if each else ())
         refuse_where(pad < 0.0, "margin must not be negative", by_row=False)
         if not pad.any():

@@ -99,7 +99,7 @@ class Changing:
 
     def __copy__(self) -> NoReturn:
         name = type(self).__name__
-        raise TypeError(f"a {name} can not be copied: make another one, or pickle it")
+        raise TypeError(f"a {name} cannot be copied: create another, or pickle it")
 
     def __deepcopy__(self, memo: object) -> NoReturn:
         self.__copy__()

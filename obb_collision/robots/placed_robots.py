@@ -244,7 +244,7 @@ class PlacedRobots(Changing):
         padding = padding_of(self._scene, name)
         if (pose is None) == (state is None):
             raise ValueError(
-                "pose, on the link, or state, in which it stays in place, must be given"
+                "pose (on the link) or state (of the robot at the grasp) must be given"
             )
         if state is not None:
             states = self._states(as_array(state, "state", (self._joint_count,)), "state")
@@ -264,7 +264,7 @@ class PlacedRobots(Changing):
         of_scene: bool,
     ) -> None:
         if name in self._model.link_names:
-            raise ValueError(f"name must not be that of a link, got {shown(name)}")
+            raise ValueError(f"name must not be the name of a link, got {shown(name)}")
         where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
         check_kind(touch_links, Sequence, "touch_links", Set)
         touched = [touch_links] if isinstance(touch_links, str) else list(touch_links)
@@ -293,7 +293,7 @@ class PlacedRobots(Changing):
         >>> checker.detach("cup")
         """
         if not isinstance(name, str) or name not in self._model.attached:
-            raise KeyError(f"name must be that of something attached, got {shown(name)}")
+            raise KeyError(f"name must be the name of an attached object, got {shown(name)}")
         self._model.detach(name)
 
     def _check_points(self) -> None:

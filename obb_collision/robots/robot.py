@@ -214,7 +214,7 @@ class Robot(SetOnce):
         if semantics.unknown:
             names = ", ".join(map(repr, semantics.unknown[:MOST_NAMED]))
             more = ", ..." if len(semantics.unknown) > MOST_NAMED else ""
-            warn_caller(f"the SRDF names links that the URDF has not: {names}{more}")
+            warn_caller(f"the SRDF names links that the URDF does not have: {names}{more}")
         return cls(description, semantics, root, joints, virtual)
 
     def link_poses(self, states: ArrayLike) -> Floats:

@@ -45,30 +45,32 @@ OTHERS = ("can collide", "undecided")
 def _parser() -> Parser:
     parser = Parser(
         prog=NAME,
-        description="Proves which pairs of links of a robot never collide, or always, within the "
-        "limits of its joints, and writes an SRDF that has those and adjacent pairs not checked. "
-        "Pairs that can collide come with a state in which they do; those undecided when time is "
-        "up stay checked.",
+        description="Proves which pairs of links of a robot never or always collide within the "
+        "limits of its joints. Writes an SRDF that disables these and adjacent pairs. "
+        "Pairs that can collide are reported with a colliding state. Pairs that are undecided when "
+        "time is up stay checked.",
         epilog=f"For example: {NAME} arm.urdf -o arm.srdf --time-limit 60",
     )
-    parser.add_argument("urdf", type=Path, nargs="?", metavar="URDF", help="file of the robot")
+    parser.add_argument("urdf", type=Path, nargs="?", metavar="URDF", help="URDF file of the robot")
     parser.add_argument(
         "-o",
         "--output",
         type=new_file(),
         metavar="FILE",
-        help="file of the SRDF; else it is printed",
+        help="SRDF file to write; by default it is printed",
     )
-    option(parser, "--time-limit", real(0.001, LONGEST), 60.0, "seconds for all pairs")
-    option(parser, "--srdf", Path, text="SRDF of which all but the disabled pairs is taken over")
+    option(parser, "--time-limit", real(0.001, LONGEST), 60.0, "time for all pairs (s)")
+    option(parser, "--srdf", Path, text="SRDF to copy everything from except the disabled pairs")
     parser.add_argument(
         "--package-dir",
         action="append",
         default=[],
         metavar="FOLDER",
-        help="folder in which packages of package:// are; may be given several times",
+        help="folder that contains packages of package:// URIs; may be repeated",
     )
-    option(parser, "--report", new_file(), text="file of the report; else it is printed to stderr")
+    option(
+        parser, "--report", new_file(), text="report file to write; by default it goes to stderr"
+    )
     return parser
 
 
@@ -78,10 +80,10 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(args)
     if options.urdf is None:  # not before unknown options are named
-        parser.error("the file of the robot is missing")
+        parser.error("the URDF file is missing")
     for file in (options.urdf, options.srdf):
         if file is not None and not os.path.exists(file):  # before seconds of imports
-            sys.stderr.write(f"{NAME}: {printable(str(file))}: there is no such file\n")
+            sys.stderr.write(f"{NAME}: {printable(str(file))}: the file does not exist\n")
             return FAILED
     from obb_collision.robots.description.xml_values import read_source
     from obb_collision.robots.robot import Robot

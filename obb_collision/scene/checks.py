@@ -120,7 +120,7 @@ class Checks:
         """Return the check that has just been made, as effects see it."""
         store = self._objects.store
         if store.touched or found is not self._found:
-            raise RuntimeError("the scene has changed since this check, whose effects are all off")
+            raise RuntimeError("the scene has changed since this check, which computed no effects")
         active = store.active.copy()
         return Cycle(
             snapshot=store.snapshot(),

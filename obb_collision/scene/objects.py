@@ -259,9 +259,11 @@ class SceneObjects:
     def set_enabled(self, indices: ArrayLike, enabled: ArrayLike) -> None:
         """Include objects in collisions or exclude them: (n,) True or False."""
         slots = self.store.check_slots(indices)
-        flags = as_any_array(enabled, "enabled", "True or False for each")
+        flags = as_any_array(enabled, "enabled", "True or False, or one of them per object")
         if flags.dtype != np.bool_:
-            raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
+            raise TypeError(
+                f"enabled must be True or False, or one of them per object, got {shown(enabled)}"
+            )
         if flags.shape not in ((), slots.shape):
             raise ValueError(f"enabled must have the shape of indices, got {shown(enabled)}")
         changed = self.store.enabled[slots] != flags

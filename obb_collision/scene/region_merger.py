@@ -71,7 +71,7 @@ class RegionMerger(SetOnce):
 
     def __init__(self, regions: Sequence[str], timeout: float = 0.5) -> None:
         if isinstance(regions, str):
-            raise TypeError(f"regions must be several names, got {shown(regions)}")
+            raise TypeError(f"regions must be a sequence of names, got {shown(regions)}")
         check_kind(regions, Sequence, "regions")
         check_names(regions, "regions")
         if not regions or len(set(regions)) < len(regions):

@@ -149,7 +149,10 @@ class _Composer:
     def _add(self, count: int, event: yaml.Event) -> None:
         self._count += count
         if self._count > MAX_VALUES:
-            self._limit(f"there are more than {MAX_VALUES} values, with what aliases add", event)
+            self._limit(
+                f"there are more than {MAX_VALUES} values, counting those repeated by aliases",
+                event,
+            )
 
     def _limit(self, reason: str, event: yaml.Event) -> None:
         raise _LimitError(problem=reason, problem_mark=event.start_mark)
@@ -186,7 +189,7 @@ def _line(error: yaml.MarkedYAMLError) -> int:
 
 
 def _no_yaml(file: str, line: int, reason: str) -> SceneFileError:
-    return SceneFileError(file, [Problem(line, "", f"no YAML: {reason}")])
+    return SceneFileError(file, [Problem(line, "", f"not valid YAML: {reason}")])
 
 
 def read_text(path: Path) -> str:
@@ -194,7 +197,7 @@ def read_text(path: Path) -> str:
     line = 0
     try:
         if path.exists() and not path.is_file():  # a device or a pipe may never end
-            reason = "this is no file but a folder, a device or a pipe"
+            reason = "this is not a file but a folder, a device or a pipe"
         else:
             with path.open("rb") as file:
                 data = file.read(MAX_BYTES + 1)
@@ -202,10 +205,10 @@ def read_text(path: Path) -> str:
                 return data.decode("utf-8")
             reason = f"the file has more than {MAX_BYTES} bytes"
     except FileNotFoundError:
-        reason = "there is no such file"
+        reason = "the file does not exist"
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        reason = f"no UTF-8 text: {error.reason} at byte {error.start}"
+        reason = f"not UTF-8 text: {error.reason} at byte {error.start}"
     except OSError as error:
         reason = f"can't be read: {error.strerror}"
     except ValueError as error:  # not a valid file name
@@ -311,7 +314,7 @@ def find_scene(name: str | Path) -> Path:
     for folder in _config_folders() if str(name) in READY else ():
         if (folder / f"{name}.yaml").is_file():
             return folder / f"{name}.yaml"
-    reason = f"there is no such file; the scenes of the package are {', '.join(READY)}"
+    reason = f"the file does not exist; the scenes of the package are {', '.join(READY)}"
     raise SceneFileError(str(name), [Problem(0, "", reason)])
 
 

@@ -167,7 +167,7 @@ def _followers(
     while waiting:
         level = [(row, leader) for row, leader in waiting.items() if leader not in waiting]
         if not level:
-            raise ValueError("objects follow one another in a circle")
+            raise ValueError("objects follow each other in a loop")
         yield level
         for row, _ in level:
             del waiting[row]

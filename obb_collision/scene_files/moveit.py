@@ -109,7 +109,7 @@ def _read_row(row: Value, count: int) -> list[bool]:
     cells = row.fields(("enabled",), ("enabled",))["enabled"] if row.is_mapping else row
     flags = [cell.flag() for cell in cells.items()]
     if len(flags) != count:
-        cells.refuse(f"must have {count} entries, one a name, got {len(flags)}")
+        cells.refuse(f"must have {count} entries, one per name, got {len(flags)}")
     return flags
 
 
@@ -178,7 +178,7 @@ def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]
     name = fields["id"].text("an id")
     if "operation" in fields and fields["operation"].node.value not in ADD:
         fields["operation"].label()
-        fields["operation"].expected("0 (ADD): a file can't remove or move objects")
+        fields["operation"].expected("0 (ADD): a file cannot remove or move objects")
     if "planes" in fields and fields["planes"].items():
         fields["planes"].refuse("a plane is infinite and has no box; use a large, flat box instead")
     shapes = _read_shapes(fields, "primitives", _read_primitive)
@@ -388,12 +388,12 @@ class PlanningScene:
         if value.label():
             self._notes.append(
                 f"the robot {value.text()} is left out: its links are in its model, not in the "
-                "file; what may touch them is kept"
+                "file; allowed pairs with them are kept"
             )
 
     def _read_diff(self, value: Value) -> None:
         if value.flag():
-            self._notes.append("this is a difference to a scene that is not in the file")
+            self._notes.append("this file is a difference to a scene that it does not contain")
 
 
 def _colored(thing: SceneObject, colors: dict[str, Color]) -> SceneObject:

@@ -238,7 +238,7 @@ class Words:
                 if name in self._names:
                     entry.refuse("an object has this name already")
                 if name == DEFAULT or any(letter in PATTERN_LETTERS + "/" for letter in name):
-                    entry.refuse(f"a group can't be called {name}")
+                    entry.refuse(f"a group cannot have the name {name}")
                 self._groups[name] = self.patterns(entry)
         return MappingProxyType(self._groups)
 
@@ -276,7 +276,7 @@ class Words:
         pattern = any(letter in PATTERN_LETTERS + "/" for letter in word)
         if not pattern and word not in self._names:
             hint = value.guess(word, [*self._groups, *self._names])
-            value.refuse(f"{word} is no group, object or pattern{hint}")
+            value.refuse(f"{word} is not a group, object or pattern{hint}")
         return (word,)
 
 
@@ -327,5 +327,5 @@ def _read_budget(value: Value) -> float:
 def _read_view(value: Value) -> View:
     view = View(**value.read({"eye": Value.triple, "target": Value.triple}))
     if view.eye[:2] == view.target[:2]:
-        value.refuse("eye and target must not stand above each other: no way is up")
+        value.refuse("eye and target must not stand above each other: then up is undefined")
     return view

@@ -45,7 +45,7 @@ def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Qu
     One of about length 1 is returned as it is. Others, except zero, are normalised, with a note.
     """
     if "quaternion" in fields and "rpy" in fields:
-        fields["rpy"].refuse("there is a quaternion already; one of them is enough")
+        fields["rpy"].refuse("give either rpy or a quaternion, not both")
     if "rpy" in fields:
         angles = fields["rpy"].numbers(3)
         check_angles(fields["rpy"], *angles)
@@ -108,10 +108,10 @@ def read_motion(value: Value, turn: Quaternion) -> Motion:
     loop = None
     if "waypoints" in fields:
         if period is None:
-            value.refuse("needs period, the seconds of one round")
+            value.refuse("needs period, the time of one round in seconds")
         loop = _read_loop(fields["waypoints"], turn, period)
     elif period is not None:
-        fields["period"].refuse("without waypoints there is no round")
+        fields["period"].refuse("has no effect without waypoints")
     if "follow" in fields:
         return Follow(fields["follow"].text("the name of an object"), loop)
     assert loop is not None
@@ -134,7 +134,7 @@ def read_times(value: Value, given: Sequence[float | None], period: float) -> tu
     if not times:
         times = [period * k / len(given) for k in range(len(given))]
     elif len(times) < len(given):
-        value.refuse("all waypoints need a time, or none")
+        value.refuse("give a time to all waypoints or to none")
     ascending = all(a < b for a, b in pairwise([*times, period]))
     if times[0] != 0.0 or not ascending:
         value.refuse(f"times must ascend from 0 and stay below the period {period:g}, got {times}")
@@ -188,7 +188,7 @@ def check_followers(
         with problems.kept():
             motion = values[name].peek("motion") or values[name]
             if leader not in named:
-                motion.refuse(f"follows {leader}, which is no object here")
+                motion.refuse(f"follows {leader}, which is not an object here")
             passed = [name]
             while passed[-1] in leaders and len(passed) <= MAX_CHAIN:
                 passed.append(leaders[passed[-1]])
@@ -198,7 +198,7 @@ def check_followers(
                 if passed[-1] in passed[:-1]:
                     break  # reported for another one in the circle
             if len(passed) > MAX_CHAIN:
-                motion.refuse(f"follows more than {MAX_CHAIN} others in a row")
+                motion.refuse(f"follows a chain of more than {MAX_CHAIN} objects")
 
 
 Fields = dict[str, Value]
@@ -293,7 +293,7 @@ def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
         return loop.poses[0], motion
     place = fields["position"].triple() if "position" in fields else ORIGIN
     if motion is not None and max(map(abs, place)) > MAX_MOVING:
-        fields["position"].refuse(f"what moves must be within {MAX_MOVING:g} m")
+        fields["position"].refuse(f"a moving object must stay within {MAX_MOVING:g} m")
     return (*place, *turn), motion
 
 

@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from obb_collision.warm_up.processes import CompileProgress
 
 
-@interruptible("obb_collision warm-up", "; what is compiled is kept")
+@interruptible("obb_collision warm-up", "; kernels compiled so far are kept")
 def main(args: Sequence[str] | None = None) -> int:
     """Compile all kernels that the cache lacks; returns the exit code."""
     parser = Parser(
         prog="obb_collision warm-up",
-        description="Compiles all kernels of obb_collision into the cache, so that "
-        "no later start on this machine has to. About a minute on two cores; a second run takes "
+        description="Compiles all kernels of obb_collision into the cache. Later starts on this "
+        "machine need not compile. This takes a minute on two cores; a second run takes "
         "seconds and compiles nothing.",
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    parser.add_argument("-q", "--quiet", action="store_true", help="do not print progress")
     options = parser.parse_args(args)
     from obb_collision import _jit, _kernel_cache
     from obb_collision.warm_up.processes import compile_steps
@@ -48,7 +48,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     reason = _kernel_cache.why_not_kept()
     if reason:
-        sys.stderr.write(f"obb_collision warm-up: kernels can't be kept: {reason}\n")
+        sys.stderr.write(f"obb_collision warm-up: kernels cannot be stored: {reason}\n")
         return 1
     start = perf_counter()
     wanted = possible_steps()

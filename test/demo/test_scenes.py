@@ -341,7 +341,7 @@ def test_the_view_names_the_nodes_that_it_could_show(
     monkeypatch.setattr(command, "say", lambda line, *_: lines.append(line))
     with spinning(rig):
         assert commands.view(["/nobody", "--port", "0"]) == 0
-    assert lines[-1].startswith("nothing received on /nobody/markers yet; nodes that run: /")
+    assert lines[-1].startswith("nothing received on /nobody/markers yet; running nodes: /")
     assert NODE in lines[-1]
 
 

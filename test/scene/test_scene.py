@@ -256,7 +256,7 @@ def test_a_pickled_scene_gives_the_same_bit_for_bit_in_another_process() -> None
 @each("made", [oc.Scene, lambda: oc.RobotScene(oc.Robot.from_urdf(
     '<robot name="arm"><link name="hand"/></robot>'))])  # fmt: skip
 def test_a_scene_is_not_copied(made: Callable[[], Any], copied: Callable[[Any], Any]) -> None:
-    with pytest.raises(TypeError, match="Scene can not be copied: make another one, or pickle it"):
+    with pytest.raises(TypeError, match="Scene cannot be copied: create another, or pickle it"):
         copied(made())
 
 

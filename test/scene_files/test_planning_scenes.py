@@ -177,7 +177,7 @@ REFUSED = [
     (mesh("dimensions: [1, 1, 1]"), "meshes[0].dimensions: unknown key"),
     (matrix("[a]", "[]"),
      ":2: allowed_collision_matrix.entry_names: there are 1 entry_names and 0 rows"),
-    (matrix("[a]", "[[true, true]]"), "entry_values[0]: must have 1 entries, one a name, got 2"),
+    (matrix("[a]", "[[true, true]]"), "entry_values[0]: must have 1 entries, one per name, got 2"),
     (matrix("[a, a]", "[[true, true], [true, true]]"), "entry_names: a stands twice"),
     (matrix("[a, b]", "[[true, true], [false, true]]"), "not symmetric: b with a"),
     ("world: {}\nallowed_collision_matrix: {default_entry_names: [a]}",
@@ -217,7 +217,7 @@ def test_meshes_may_be_files_as_in_motion_bench_maker(tmp_path: Path) -> None:
         load_scene(file)
     first, second, *_ = str(error.value).splitlines()
     assert ":7: world.collision_objects[0].meshes[0].resource: mesh file " in first
-    assert first.endswith("door.stl: there is no such file")
+    assert first.endswith("door.stl: the file does not exist")
     assert ":14: world.collision_objects[1].meshes[0].resource: " in second
 
 
@@ -326,7 +326,7 @@ def test_the_arm_of_the_cell_collides_with_a_board_alone(arm: Any) -> None:
      "times must ascend from 0 and stay below the period 2"),
     ("", "srdf: none.srdf", "none.srdf"),
     ("", "srdf: arm_finger.obj", "arm_finger.obj"),
-    ("", "srdf: ../../../../etc/passwd", "/etc/passwd, which is in no folder from which"),
+    ("", "srdf: ../../../../etc/passwd", "/etc/passwd, which is not in a folder from which"),
     ("name: left", "name: left/1", "must be letters, digits and _, the first a letter"),
     ("urdf: arm.urdf", "urdf: arm.srdf", "arm.srdf"),
     ("  - name: left", "  - {name: left, urdf: arm.urdf}\n  - name: left", "stands twice"),
@@ -346,7 +346,7 @@ def test_a_description_that_is_published_has_its_meshes_by_absolute_uris() -> No
     assert [len(placed) for placed in robot.shapes] == [len(placed) for placed in known.shapes]
 
 
-OUTSIDE = "is in no folder from which meshes are read"
+OUTSIDE = "is not in a folder from which meshes are read"
 
 
 @pytest.fixture

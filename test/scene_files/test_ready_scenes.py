@@ -241,7 +241,7 @@ def test_states_agree_with_one_object_at_a_time(time: float) -> None:
     assert poses[rows["post"]].tolist() == list(STARTS["post"])
     assert poses[rows["slide"], 3:].tolist() == pytest.approx(STARTS["slide"][3:], abs=1e-15)
     circle: list[files.Motion | None] = [files.Follow("b"), files.Follow("a")]
-    reason = "follow one another in a circle"
+    reason = "follow each other in a loop"
     refused(reason, files.states_at, np.zeros((2, 7)), circle, {"a": 0, "b": 1}, time)
 
 

@@ -73,7 +73,7 @@ def test_where_nothing_can_be_kept_the_command_says_so_at_once(
     for places in ([], [tmp_path / "file" / "obb_collision"]):
         monkeypatch.setattr(_kernel_cache, "places", places)
         assert main([]) == 1
-        assert "kernels can't be kept: " in capsys.readouterr().err
+        assert "kernels cannot be stored: " in capsys.readouterr().err
 
 
 def test_without_ros_there_is_nothing_of_ros_to_compile() -> None:
@@ -139,5 +139,5 @@ def test_an_interrupt_while_the_command_is_imported_ends_it_with_one_line() -> N
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == INTERRUPTED, rest
-    assert rest.endswith("obb_collision warm-up: interrupted; what is compiled is kept\n")
+    assert rest.endswith("obb_collision warm-up: interrupted; kernels compiled so far are kept\n")
     assert "Traceback" not in rest

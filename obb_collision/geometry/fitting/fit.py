@@ -174,7 +174,7 @@ def _cut(points: Any, offsets: ArrayLike) -> list[Floats]:
     array = as_array(points, "points", (None, 3))
     ends = as_rows(offsets, "offsets", len(array) + 1)
     if len(ends) == 0 or ends[0] != 0 or ends[-1] != len(array) or (np.diff(ends) < 0).any():
-        raise ValueError(f"offsets must rise from 0 to the number of points, {len(array)}")
+        raise ValueError(f"offsets must ascend from 0 to the number of points, {len(array)}")
     return [array[i:j] for i, j in pairwise(ends)]
 
 

@@ -66,9 +66,9 @@ def read(data: bytes, parts: Parts) -> float:
     except etree.XMLSyntaxError as error:
         root, line = None, error.lineno
     if root is None or line is not None:
-        raise MeshError(f"it is no XML, from line {line or 1} on")
+        raise MeshError(f"it is not valid XML from line {line or 1} on")
     if _tag(root) != "COLLADA":
-        raise MeshError("it is no DAE: its first element must be COLLADA")
+        raise MeshError("it is not a DAE file: its first element must be COLLADA")
     unit = _unit(root)
     _Document(root, parts).read()
     return unit
@@ -88,7 +88,9 @@ def _unit(root: Any) -> float:
             text = unit.get("meter", "1")
             (meter,) = floats_of([text.encode()])
             if not (math.isfinite(meter) and meter > 0.0):
-                raise MeshError(f"its unit is {text_of(text)} metres, which must be positive")
+                raise MeshError(
+                    f"its unit must be a positive number of metres, got {text_of(text)}"
+                )
             return float(meter)
     return 1.0
 
@@ -200,7 +202,7 @@ class _Document:
         other = self._named(mesh, "convex_hull_of", "geometry")
         solid = _children(other, "mesh")
         if not solid:
-            raise MeshError("it is the hull of what is no mesh")
+            raise MeshError("it is the convex hull of a geometry that is not a mesh")
         points = [vertices[np.unique(faces)] for vertices, faces in self._mesh(solid[0])]
         return [_hull(np.concatenate([np.empty((0, 3)), *points]))]
 
@@ -281,7 +283,7 @@ def _corners(node: Any, offset: int, step: int) -> Triangles:
     """Return the vertices (n,) that an element of numbers names."""
     numbers = integers_of(_words(node))
     if len(numbers) % step:
-        raise MeshError(f"{len(numbers)} numbers are no corners of {step} numbers each")
+        raise MeshError(f"{len(numbers)} numbers cannot be divided into corners of {step} numbers")
     return numbers[offset::step]
 
 
@@ -292,7 +294,7 @@ def _lists(primitive: Any, offset: int, step: int) -> list[Triangles]:
 def _triangles(primitive: Any, points: Floats, offset: int, step: int) -> Triangles:
     corners = np.concatenate([NO_FACES[0:0].reshape(-1), *_lists(primitive, offset, step)])
     if len(corners) % 3:
-        raise MeshError(f"{len(corners)} corners are no triangles")
+        raise MeshError(f"{len(corners)} corners do not form triangles")
     check_complete(_whole(primitive, "count", len(corners) // 3), len(corners) // 3, "triangles")
     return corners.reshape(-1, 3)
 

@@ -63,7 +63,7 @@ Object = dict[str, Any]
 def read_glb(data: bytes, parts: Parts) -> None:
     """Add the triangles of a GLB. ValueError for what is damaged or can't be read."""
     if data[:4] != MAGIC:
-        raise MeshError("it is no GLB: it must begin with glTF")
+        raise MeshError("it is not a GLB file: it must begin with glTF")
     version, length = (int.from_bytes(data[at : at + 4], "little") for at in (4, 8))
     if version != VERSION:
         raise MeshError(f"it is glTF {version}.0: export it as glTF 2.0")
@@ -97,9 +97,9 @@ class _Document:
         try:
             found = json.loads(text.decode("utf-8-sig"))
         except (ValueError, RecursionError):
-            raise MeshError("it is no JSON: it is cut or damaged") from None
+            raise MeshError("it is not valid JSON: it is cut or damaged") from None
         if not isinstance(found, dict):
-            raise MeshError("its JSON is no object")
+            raise MeshError("its JSON is not an object")
         self._all: Object = found
         version = str(found.get("asset", {}).get("version", "none"))
         if version.partition(".")[0] != str(VERSION):
@@ -183,7 +183,7 @@ class _Document:
             return vertices, corners.reshape(-1, 3)
         if mode in (STRIP, FAN):
             return vertices, (strip_faces if mode == STRIP else fan_faces)(corners)
-        raise MeshError(f"{len(corners)} corners are no triangles of mode {mode}")
+        raise MeshError(f"{len(corners)} corners do not form triangles of mode {mode}")
 
     def _accessor(self, index: int) -> NDArray[Any]:
         """Return the values (count, width) of an accessor, normalised and with its exceptions."""
@@ -252,7 +252,7 @@ def _data_of(uri: str) -> bytes:
             return base64.b64decode(text, validate=True)
     except binascii.Error:
         pass
-    raise MeshError("a buffer is no text in base64")
+    raise MeshError("a buffer is not base64 text")
 
 
 def _matrix(node: Object) -> Floats:
@@ -266,7 +266,7 @@ def _matrix(node: Object) -> Floats:
     turn = np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), np.float64)
     length = np.linalg.norm(turn)
     if turn.shape != (4,) or not length > 0.0:
-        raise MeshError("the rotation of a node is no quaternion")
+        raise MeshError("the rotation of a node is not a quaternion")
     matrix[:3, :3] = rotate_vectors(turn / length, np.eye(3)).T
     matrix[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)), np.float64)
     matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))

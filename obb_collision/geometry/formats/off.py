@@ -45,7 +45,9 @@ def read(data: bytes, parts: Parts) -> None:
     head = lines[0].split() if lines else [b""]
     keyword = KEYWORD.match(head[0])
     if keyword is None:
-        raise MeshError("it is no OFF: its first word must be OFF, COFF, NOFF, STOFF or 4OFF")
+        raise MeshError(
+            "it is not an OFF file: its first word must be OFF, COFF, NOFF, STOFF or 4OFF"
+        )
     if keyword[5] or b"BINARY" in head:
         raise MeshError(f"it is {'nOFF' if keyword[5] else 'binary OFF'}: export it as plain OFF")
     lines[0] = lines[0].lstrip()[keyword.end() :]  # a number may follow at once
@@ -115,7 +117,9 @@ def _corner_words(words: list[bytes], faces: int) -> tuple[Triangles, Triangles]
         found.append(words[at + 1 : end])
         at = end
     if at < len(words):
-        raise MeshError("its lines are not those of vertices and faces: write one a line")
+        raise MeshError(
+            "its lines do not match its vertices and faces: write one vertex or face per line"
+        )
     return integers_of([*chain(*found)]), np.fromiter(map(len, found), np.int64, faces)
 
 

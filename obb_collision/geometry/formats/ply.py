@@ -127,7 +127,7 @@ def _strips(corners: Triangles, counts: Triangles) -> Iterator[Triangles]:
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Return the order of bytes ("": text), the elements, and what follows the header."""
     if data[:3] != b"ply":
-        raise MeshError("it is no PLY: it must begin with ply")
+        raise MeshError("it is not a PLY file: it must begin with ply")
     end = END.search(data[:LARGEST_HEADER])
     if end is None:
         raise MeshError("its header has no end (end_header)")

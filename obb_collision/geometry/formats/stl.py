@@ -56,7 +56,7 @@ def read(data: bytes, parts: Parts) -> None:
             corners = _from_text(text, parts)
             return _add(corners, parts)
     if len(data) < HEADER:
-        raise MeshError("it is no STL: it has neither text nor a header of 84 bytes")
+        raise MeshError("it is not an STL file: it has neither text nor a header of 84 bytes")
     _add(_from_records(data, count, parts), parts)
 
 
@@ -108,7 +108,7 @@ def _from_records(data: bytes, count: int, parts: Parts) -> Floats:
     if count not in UNKNOWN and (rest or not _are_records(records[count:])):
         records = records[:count]  # what follows is something else
     elif rest:
-        raise MeshError("it does not say how many triangles it has, and ends within one")
+        raise MeshError("the number of triangles is missing, and the file ends within a triangle")
     parts.check_room(len(records), 3 * len(records))
     return records["corners"].astype(np.float64)
 

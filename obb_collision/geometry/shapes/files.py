@@ -150,7 +150,7 @@ def read_file(path: Path, largest: int = LARGEST_FILE) -> tuple[bytes, Version]:
 
 def _regular(status: os.stat_result) -> Version:
     if not stat.S_ISREG(status.st_mode):
-        raise ValueError("it is no regular file")
+        raise ValueError("it is not a regular file")
     return status.st_mtime_ns, status.st_size
 
 
@@ -161,7 +161,7 @@ def _check_size(size: int, largest: int) -> None:
 
 def _reason(error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
-        return "there is no such file"
+        return "the file does not exist"
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
@@ -275,7 +275,8 @@ def allowed_path(path: Path, chosen: Iterable[str | Path], option: str = "mesh_f
                 return real
     leads = "" if real == path else f" leads to {shortened(str(real))}, which"
     raise ValueError(
-        f"it{leads} is in no folder from which meshes are read: the shares of installed packages "
+        f"it{leads} is not in a folder from which meshes are read: the shares of installed "
+        f"packages "
         f"and {option}"
     )
 

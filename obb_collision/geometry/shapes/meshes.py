@@ -314,7 +314,7 @@ def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
     if wrong.any():
         row = int(wrong.argmax())
         raise ValueError(
-            f"faces must name vertices 0 to {vertices - 1} in row {row}, got {faces[row].tolist()}"
+            f"faces must index vertices 0 to {vertices - 1} in row {row}, got {faces[row].tolist()}"
         )
     checked = faces.astype(np.int64, copy=False)
     checked.setflags(write=False)

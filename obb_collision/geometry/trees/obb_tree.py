@@ -325,7 +325,7 @@ class MeshTrees(ForKernels):
         2
         """
         if not isinstance(trees, Sequence) or not all(isinstance(t, MeshTrees) for t in trees):
-            raise TypeError(f"trees must be several MeshTrees, got {shown(trees)}")
+            raise TypeError(f"trees must be a sequence of MeshTrees, got {shown(trees)}")
         if not trees:
             raise ValueError("trees must not be empty")
         parts, sizes = [], dict.fromkeys(("nodes", "triangles", "pieces"), 0)

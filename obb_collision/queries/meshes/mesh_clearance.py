@@ -119,7 +119,7 @@ def clearances_of(
 
 def as_radii(given: ArrayLike, name: str, count: int) -> Floats:
     """Return the radius (n,) of each body."""
-    radii = as_each(given, name, "one number or one for each body", (count,))
+    radii = as_each(given, name, "a number, or a number per body", (count,))
     refuse_where(~((radii >= 0.0) & (radii < np.inf)), f"{name} must be finite and not negative")
     return radii
 

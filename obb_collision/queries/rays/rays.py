@@ -144,7 +144,7 @@ def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) 
     check_lengths(origins=o, directions=d)
     units, norms = _units(d)
     refuse_where(norms == 0.0, "directions must not be zero")
-    reaches = as_each(max_distance, "max_distance", "one number or one for each ray", (len(o),))
+    reaches = as_each(max_distance, "max_distance", "a number, or a number per ray", (len(o),))
     refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
     return Rays(o, units, reaches)
 

@@ -118,7 +118,7 @@ def _twisting(
     bodies: PlacedMeshes, given: ArrayLike, name: str, radii: Floats, seconds: float
 ) -> BodyMotion:
     """Return the motion of bodies, with radii (n,), that keep their twists (n, 6)."""
-    what, trees = "one number, one row of six or (n, 6)", bodies.trees
+    what, trees = "a number, a row of six numbers, or rows (n, 6)", bodies.trees
     twists = as_each(given, name, what, (len(bodies), 6))
     check_magnitude(twists, name, by_row=False)
     boxes = trees.nodes[trees.roots[bodies.meshes]]

@@ -144,7 +144,7 @@ def driven(joint: Joint, joints: dict[str, Joint]) -> tuple[str, float, float]:
         if not math.isfinite(offset) or not math.isfinite(multiplier):
             raise element.refuse("its multiplier or offset is not finite, with those it mimics")
         name = mimic.joint
-    raise joint.element.refuse(f"it mimics itself, or {MOST_MIMICS} others in a row")
+    raise joint.element.refuse(f"it mimics itself, or a chain of more than {MOST_MIMICS} joints")
 
 
 def tree_of(

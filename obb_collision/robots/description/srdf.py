@@ -119,7 +119,7 @@ class _Reader:
         if name in self._is_link:
             return name
         self.unknown[name] = None
-        self.doubt(element, f"its {key} {name!r} is no link of the robot")
+        self.doubt(element, f"its {key} {name!r} is not a link of the robot")
         return None
 
     def pairs(self, tag: str) -> Pairs:

@@ -222,10 +222,10 @@ def read_urdf(robot: Element, source: MeshSource, doubts: list[str]) -> Descript
         joints[name] = joint = _read_joint(name, element, doubts)
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                raise element.refuse(f"its {role} {link!r} is no link of this robot")
+                raise element.refuse(f"its {role} {link!r} is not a link of this robot")
     for joint in joints.values():
         if joint.mimic is not None and joint.mimic.joint not in joints:  # as MoveIt does
-            reason = f"it mimics {joint.mimic.joint!r}, which is no joint: it moves by itself"
+            reason = f"it mimics {joint.mimic.joint!r}, which is not a joint: it moves by itself"
             doubts.append(str(joint.element.refuse(reason)))
             joints[joint.name] = replace(joint, mimic=None)
     shapes = {  # last, as meshes are read from files
@@ -338,7 +338,7 @@ def _read_limits(
         return -math.inf, math.inf, math.inf
     velocity = limit.number("velocity", math.inf)
     if velocity < 0.0:
-        doubts.append(str(limit.refuse(f"its velocity {velocity} is negative: it counts as none")))
+        doubts.append(str(limit.refuse(f"its velocity {velocity} is negative: it is ignored")))
         velocity = math.inf
     lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
     if lower > upper:

@@ -105,7 +105,7 @@ class Element:
         """Return the child of a tag, None without one; RobotError for several."""
         found = self.children(tag)
         if len(found) > 1:
-            raise found[1].refuse(f"there are {len(found)} of it, one is expected")
+            raise found[1].refuse(f"it occurs {len(found)} times; once is expected")
         return found[0] if found else None
 
     def needed(self, tag: str) -> Element:
@@ -205,7 +205,7 @@ def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, 
         try:
             return blank.encode(), what, None
         except UnicodeEncodeError as error:
-            raise RobotError(what, 0, "", f"no text: {error.reason}") from None
+            raise RobotError(what, 0, "", f"not text: {error.reason}") from None
     try:
         return read_file(Path(source), LARGEST)[0], str(source), Path(source)
     except (ValueError, OSError) as error:
@@ -246,13 +246,13 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
                 if reason:
                     raise RobotError(file, int(node.sourceline or 0), "", reason)
     except etree.XMLSyntaxError as error:
-        reason = f"no XML: {shortened(str(error.msg))}"
+        reason = f"not valid XML: {shortened(str(error.msg))}"
         raise RobotError(file, int(error.lineno or 0), "", reason) from None
     log = [*parser.feed_error_log]
     fault = first_fault(log)
     if fault is not None or root is None:
         reason, line = (fault.message, fault.line) if fault else ("there is no element", 1)
-        raise RobotError(file, line, "", f"no XML: {shortened(reason)}")
+        raise RobotError(file, line, "", f"not valid XML: {shortened(reason)}")
     if doubts is not None:
         found = {HARMLESS[one.type_name]: one.line for one in reversed(log)}
         doubts += [str(RobotError(file, line, "", reason)) for reason, line in found.items()]

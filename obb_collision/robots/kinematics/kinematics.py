@@ -70,7 +70,7 @@ def checked_states(
     checked = given[None] if single else given
     for column in tree.columns[tree.kinds == FLOATING]:
         zeros = ~np.any(checked[:, column + 3 : column + 7], axis=1)
-        refuse_where(zeros, f"{name} must have no quaternion of zeros", by_row=not single)
+        refuse_where(zeros, f"{name} must not have a zero quaternion", by_row=not single)
     return checked, single
 
 

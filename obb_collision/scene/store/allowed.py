@@ -323,7 +323,7 @@ class PairRules:
             self._seen.add(pattern)
             if not matching([pattern], names).any():
                 hint = guess(pattern, filter(None, names))
-                warn_caller(f"check_only names {shown(pattern)}, which nothing there has{hint}")
+                warn_caller(f"check_only names {shown(pattern)}, which matches no object{hint}")
 
     def filter_of(self, names: Sequence[str | None]) -> PairFilter | None:
         """Return which pairs of names count, None for all."""
@@ -354,7 +354,7 @@ def guess(pattern: str, names: Iterable[str]) -> str:
 def _side(value: Iterable[str], name: str) -> Patterns:
     patterns = as_patterns(value, name)
     if not patterns:
-        raise ValueError(f"{name} must be names or patterns like 'gripper/*', got none")
+        raise ValueError(f"{name} must be names or patterns like 'gripper/*', got an empty list")
     return patterns
 
 

@@ -54,7 +54,7 @@ def find_moves(
     """Write which of new poses (m, 7) differ from those of their rows (m,); return how many.
 
     UNUSUAL if a row is not used, or a pose not finite or its quaternion far from unit length. Also
-    returns whether the rows ascend, so that none is there twice.
+    returns whether the rows ascend, so that none occurs twice.
     """
     found, ascending, before = 0, True, -1
     for n in range(len(rows)):

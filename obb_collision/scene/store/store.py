@@ -244,7 +244,7 @@ class ObjectStore:
         """Return the slots of names; KeyError naming the first unknown one."""
         several = isinstance(names, Iterable) and getattr(names, "ndim", 1) > 0
         if isinstance(names, str) or not several:
-            raise TypeError(f"names must be several names, got {shown(names)}")
+            raise TypeError(f"names must be a sequence of names, got {shown(names)}")
         return np.array([self.slot(name) for name in names], np.int64)
 
     def mark(self, rows: Rows | int) -> None:

@@ -313,7 +313,7 @@ def test_bad_clouds_are_refused_by_their_number() -> None:
     refused(r"points of cloud 0 must have shape \(n, 3\)", of_points, good)
     refused("fit must be one of", of_points, [good], fit="tight")
     for offsets in ([], [0], [0, 2], [1, 3], [0, 2, 1, 3]):
-        refused("offsets must rise from 0 to the number of points, 3", of_points, good, offsets)
+        refused("offsets must ascend from 0 to the number of points, 3", of_points, good, offsets)
     refused("offsets must be from 0 to 3 in row 1", of_points, good, [0, 4])
 
 

@@ -490,8 +490,16 @@ BROKEN: dict[str, tuple[str, bytes | str, str]] = {
     "OFF, cut": ("off", "\n".join(off().splitlines()[:-7]), "declares 12 faces and holds 5"),
     "OFF, binary": ("off", off("OFF BINARY"), "binary OFF"),
     "OFF, more dimensions": ("off", off("nOFF"), "nOFF"),
-    "DAE, units": ("dae", dae(BOTH, TWO_NODES, '<unit meter="0"/>'), "its unit is '0' metres"),
-    "DAE, negative units": ("dae", dae(BOTH, TWO_NODES, '<unit meter="-1"/>'), "must be positive"),
+    "DAE, units": (
+        "dae",
+        dae(BOTH, TWO_NODES, '<unit meter="0"/>'),
+        "its unit must be a positive number of metres, got '0'",
+    ),
+    "DAE, negative units": (
+        "dae",
+        dae(BOTH, TWO_NODES, '<unit meter="-1"/>'),
+        "must be a positive number",
+    ),
     "DAE, units with commas": (
         "dae",
         dae(BOTH, TWO_NODES, '<unit meter="0,01"/>'),
@@ -527,7 +535,7 @@ BROKEN: dict[str, tuple[str, bytes | str, str]] = {
         dae(BOTH, '<node><instance_node url="#n0"/></node>', libraries=DOUBLED),
         "more than 100000 nodes",
     ),
-    "DAE, cut": ("dae", two(CUBE)[:-300], "no XML, from line 1"),
+    "DAE, cut": ("dae", two(CUBE)[:-300], "not valid XML from line 1"),
     "GLB, cut": ("glb", gltf(FLOATS, FACES)[:-10], "declares .* bytes"),
     "GLB, Draco": ("glb", gltf(FLOATS, FACES, more=DRACO), "requires the extension KHR_draco"),
     "GLB, instances": ("glb", gltf(FLOATS, FACES, node=INSTANCED), "EXT_mesh_gpu_instancing"),
@@ -539,11 +547,11 @@ BROKEN: dict[str, tuple[str, bytes | str, str]] = {
     ),
     "GLB, no data": ("glb", gltf(FLOATS, FACES, primitive={"attributes": {}}), "has no POSITION"),
     "GLB, a bad index": ("glb", gltf(FLOATS, [0, 1, 8]), "vertex 8"),
-    "GLB, four corners": ("glb", gltf(SQUARE), "4 corners are no triangles"),
+    "GLB, four corners": ("glb", gltf(SQUARE), "4 corners do not form triangles"),
     "GLB, nodes in a circle": ("glb", gltf(FLOATS, FACES, node={"children": [0]}), "levels"),
     "GLB, wrong kinds": ("glb", gltf(FLOATS, FACES, more={"nodes": "a"}), "damaged"),
     "glTF 1": ("gltf", json.dumps({"asset": {"version": "1.0"}}), "export it as glTF 2.0"),
-    "glTF, deep": ("gltf", "[" * 100_000, "no JSON"),
+    "glTF, deep": ("gltf", "[" * 100_000, "not valid JSON"),
 }
 
 

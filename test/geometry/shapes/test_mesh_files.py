@@ -157,14 +157,14 @@ def test_pipes_devices_and_folders_are_no_mesh_files(tmp_path: Path, pipe: Path)
     (tmp_path / "folder.stl").mkdir()
     (tmp_path / "zero.stl").symlink_to("/dev/zero")
     for name in (pipe.name, "folder.stl", "zero.stl"):
-        refused_in_time(tmp_path / name, "it is no regular file")
+        refused_in_time(tmp_path / name, "it is not a regular file")
 
 
 def test_a_file_that_becomes_a_pipe_as_it_is_opened_does_not_block(
     tmp_path: Path, pipe: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh_files, "file_version", lambda path: (0, 0))  # it was one by then
-    refused_in_time(pipe, "it is no regular file")
+    refused_in_time(pipe, "it is not a regular file")
 
 
 #: A zero byte, 300 characters in a name or suffix, 5,000 in all, half a character, and nothing.
@@ -228,7 +228,7 @@ BOMB = '<!DOCTYPE a [<!ENTITY b "bbbbbbbb"><!ENTITY c "&b;&b;&b;&b;">]>'
         ("UTF-16", "utf-16-le", "DOCTYPE"),
         ("utf-16", "utf-16-be", "DOCTYPE"),
         ("utf-7", "utf-8", "'utf-7', none of"),
-        ("IBM037", "cp037", "no XML"),
+        ("IBM037", "cp037", "not valid XML"),
         ("utf-32", "utf-32", "UTF-32"),
         ("utf-32", "utf-32-be", "UTF-32"),
     ],
@@ -256,7 +256,7 @@ def test_triangles_are_limited_as_often_as_the_scene_places_them() -> None:
         mesh_files.read_mesh(unused, "part.ply", 3)
 
 
-REFUSED = "is in no folder from which meshes are read"
+REFUSED = "is not in a folder from which meshes are read"
 
 
 def package(prefix: Path, name: str) -> Path:
@@ -310,7 +310,7 @@ def test_files_outside_are_refused_however_they_are_named(chosen: Path, tmp_path
     ]  # fmt: skip
     for path in hostile:
         refused(REFUSED, allowed_path, path, [chosen])
-    refused(f"it leads to {outside}, which is in", allowed_path, chosen / "link.stl", [chosen])
+    refused(f"it leads to {outside}, which is not in", allowed_path, chosen / "link.stl", [chosen])
     refused("null", allowed_path, Path("/a\0b"), [chosen])
     for name in ("loop", "a" * 300):
         file = chosen / name
@@ -385,7 +385,7 @@ def test_the_unit_of_a_dae_file_counts(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_read_are_refused_by_name(tmp_path: Path) -> None:
-    refused(r"nowhere\.stl: there is no such file", Mesh.from_file, tmp_path / "nowhere.stl")
+    refused(r"nowhere\.stl: the file does not exist", Mesh.from_file, tmp_path / "nowhere.stl")
     for name, content in (("bad.obj", b""), ("bad.stl", b"not a mesh"), ("bad.glb", b"glTF")):
         (tmp_path / name).write_bytes(content)
         refused(rf"mesh file .*{name}: ", Mesh.from_file, tmp_path / name)

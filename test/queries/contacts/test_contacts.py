@@ -141,7 +141,7 @@ def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> 
     assert (np.nanmax(depths, axis=1) <= found.depths[hit] + DEPTH_ACCURACY * size).all()
     assert (depths[used[hit]] >= 0.0).all()
     assert (depths[:, 0] >= np.nanmax(depths, axis=1) - 1.001 * FEATURE_TIE * size).all()
-    # none is there twice
+    # none occurs twice
     apart = np.linalg.norm(found.positions[:, :, None] - found.positions[:, None], axis=3)
     apart[:, np.arange(limit), np.arange(limit)] = np.inf
     grain = 4.0 * np.spacing(np.nanmax(np.abs(found.positions[hit]), axis=(1, 2)))

@@ -153,7 +153,7 @@ def test_bad_meshes_are_refused_or_right() -> None:
     broken[3, 1] = np.nan
     refused("row 3", MeshTrees.build, broken, faces)
     refused("faces must not be empty", MeshTrees.build, vertices, np.empty((0, 3), int))
-    refused("faces must name vertices", MeshTrees.build, vertices, [[0, 1, 99]])
+    refused("faces must index vertices", MeshTrees.build, vertices, [[0, 1, 99]])
     refused("watertight", MeshTrees.build, *ZOO["sheet0"], solid=True)
     crumb = place(0.01 * ZOO["hull1"][0], ZOO["hull1"][1])
     twice = np.concatenate([faces, faces[::-1, [1, 2, 0]], [[0, 0, 1]]])

@@ -554,7 +554,7 @@ def test_bad_rays_are_refused() -> None:
         ("same length", zeros, ones[:1]),
         (r"origins must be finite in row 1", [[0, 0, 0], [np.nan, 0, 0]], ones),
         (r"max_distance must not be negative or NaN in row 1", zeros, ones, [1.0, np.nan]),
-        ("max_distance must be one number or one for each ray", zeros, ones, [1.0, 2.0, 3.0]),
+        ("max_distance must be a number, or a number per ray", zeros, ones, [1.0, 2.0, 3.0]),
     ):
         refused(reason, cast_rays, boxes, origins, directions, *most)
     refused("same length", cast_segments, boxes, zeros, ones[:1])

@@ -118,9 +118,9 @@ def test_groups_have_what_their_elements_and_subgroups_have() -> None:
 
 
 DOUBTS = {
-    '<disable_collisions link1="a" link2="x"/>': "its link2 'x' is no link of the robot",
-    '<disable_default_collisions link="x"/>': "its link 'x' is no link",
-    '<group name="g"><link name="x"/></group>': "its name 'x' is no link",
+    '<disable_collisions link1="a" link2="x"/>': "its link2 'x' is not a link of the robot",
+    '<disable_default_collisions link="x"/>': "its link 'x' is not a link",
+    '<group name="g"><link name="x"/></group>': "its name 'x' is not a link",
     '<group name="g"><chain base_link="d" tip_link="c"/></group>': "is not above its tip_link",
     '<virtual_joint name="v" type="fixed" parent_frame="w" child_link="b"/>': "is not the root",
 }
@@ -129,7 +129,7 @@ DOUBTS = {
 def test_what_the_robot_has_not_is_a_doubt_with_its_line_and_unknown_links_are_warned_of() -> None:
     for element, reason in DOUBTS.items():
         unknown = pytest.warns(
-            UserWarning, match="the SRDF names links that the URDF has not: 'x'$"
+            UserWarning, match="the SRDF names links that the URDF does not have: 'x'$"
         )
         with unknown if "'x'" in reason else nullcontext():
             found = robot(element)
@@ -141,7 +141,7 @@ def test_what_the_robot_has_not_is_a_doubt_with_its_line_and_unknown_links_are_w
 
 def test_unknown_links_are_warned_of_once_and_many_are_not_all_named() -> None:
     elements = (f'<disable_collisions link1="a" link2="x{k}"/>' for k in (*range(9), 1))
-    with pytest.warns(UserWarning, match="the URDF has not") as caught:
+    with pytest.warns(UserWarning, match="the URDF does not have") as caught:
         robot(*elements)
     (warning,) = caught
     assert warning.filename == __file__
@@ -274,7 +274,7 @@ def test_meshes_are_read_from_no_other_folders(package: Path, tmp_path: Path) ->
         "../meshes/link.stl", "package://bot/meshes/link.stl",
     ):  # fmt: skip
         file.write_text(mesh(name))
-        bad(r"bot\.urdf:2: mesh of .*no folder from which meshes", file)
+        bad(r"bot\.urdf:2: mesh of .*not in a folder from which meshes", file)
 
 
 def test_meshes_are_scaled_and_mirrored(package: Path) -> None:
@@ -339,8 +339,8 @@ BAD = [
     (urdf("<link/>"), 2, "link of robot 'r'", "its name is missing"),
     (urdf(A, '<link name="a&#10;b"/>'), 3, "link", "U\\+000A"),
     (urdf(A, B, C, fixed("j", "a", "b"), fixed("j", "b", "c")), 6, "joint 'j'", "another joint"),
-    (urdf(A, fixed("j", "x", "a")), 3, "joint 'j'", "its parent 'x' is no link"),
-    (urdf(A, fixed("j", "a", "x")), 3, "joint 'j'", "its child 'x' is no link"),
+    (urdf(A, fixed("j", "x", "a")), 3, "joint 'j'", "its parent 'x' is not a link"),
+    (urdf(A, fixed("j", "a", "x")), 3, "joint 'j'", "its child 'x' is not a link"),
     (urdf(A, '<joint name="j" type="fixed"><parent link="a"/></joint>'), 3, "joint", "<child>"),
     (bad_joint("", "hinge"), 4, "joint 'j'", "its type must be one of fixed, .*'hinge'"),
     (urdf(A, B, C, fixed("j", "a", "c"), fixed("k", "b", "c")), 6, "joint 'k'",
@@ -359,7 +359,7 @@ BAD = [
     (bad_joint('<origin rpy="0 pi 0"/>' + LIMIT), 4, "origin", "finite numbers.*'pi'"),
     (bad_joint('<origin rpy="0 1_0 0"/>' + LIMIT), 4, "origin", "'1_0'"),  # python's numbers
     (bad_joint('<origin quat_xyzw="0 0 0 0"/>' + LIMIT), 4, "origin", "zero"),
-    (bad_joint("<origin/><origin/>" + LIMIT), 4, "origin of joint 'j'", "are 2"),
+    (bad_joint("<origin/><origin/>" + LIMIT), 4, "origin of joint 'j'", "occurs 2 times"),
     (bad_joint('<mimic joint="j"/>' + LIMIT), 4, "joint 'j'", "mimics itself"),
     (urdf(A, B, C, fixed("k", "a", "b"), joint("j", "revolute", "b", "c", MIMIC + LIMIT)), 6,
      "joint 'j'", "it mimics the fixed joint 'k'"),
@@ -378,11 +378,11 @@ BAD = [
     (urdf(link("a", '<mesh filename="http://a/b.stl"/>')), 2, "mesh", "only paths, file://"),
     (urdf(link("a", '<mesh filename="package://nix/b.stl"/>')), 2, "mesh",
      "package 'nix' is in none of package_dirs"),
-    (urdf(link("a", '<mesh filename="file:///dev/zero"/>')), 2, "mesh", "no folder from"),
+    (urdf(link("a", '<mesh filename="file:///dev/zero"/>')), 2, "mesh", "not in a folder from"),
     ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:macro/></robot>', 2, "",
      "run xacro"),
-    (urdf("<link"), 3, "", "no XML"),
-    ("<", 1, "", "no XML"),
+    (urdf("<link"), 3, "", "not valid XML"),
+    ("<", 1, "", "not valid XML"),
 ]  # fmt: skip
 
 
@@ -396,8 +396,8 @@ def test_bad_urdfs_are_refused_with_the_place(tmp_path: Path) -> None:
         file.write_text(text)
         if reason != NEEDS_FILE:
             assert str(bad(reason, file)).startswith(f"{file}:{line}: "), reason
-    bad(r"none\.urdf: urdf: there is no such file", tmp_path / "none.urdf")
-    bad("srdf: it is no regular file", urdf(A), tmp_path)
+    bad(r"none\.urdf: urdf: the file does not exist", tmp_path / "none.urdf")
+    bad("srdf: it is not a regular file", urdf(A), tmp_path)
 
 
 EMPTY = "solid part\nendsolid part\n"
@@ -411,7 +411,7 @@ ODD: dict[str | bytes, str] = {
     urdf(link("a", '<sphere radius="0"/>')): "urdf:2: sphere of .*: its radius is 0: it is left",
     urdf(link("a", '<cylinder radius="0" length="1"/>')): "its radius is 0: it is left out",
     mesh("package://bot/meshes/empty.stl"): "empty.stl: it has no triangles: it is",
-    bad_joint('<limit velocity="-1"/>'): "its velocity -1.0 is negative: it counts",
+    bad_joint('<limit velocity="-1"/>'): "its velocity -1.0 is negative: it is ignored",
     bad_joint(ODD_LIMIT.format(1), "continuous"): "2.0 exceeds .*: a continuous joint has",
     bad_joint(ODD_LIMIT.format(1), "fixed"): "lower 2.0 exceeds .*: a fixed joint has",
     urdf(A, '<sensor:camera name="c"/>', "<gazebo sensor:x='1'/>"): "3: a prefix is not declared",
@@ -443,7 +443,7 @@ def test_a_joint_that_mimics_nothing_moves_by_itself_and_is_named() -> None:
     robot = oc.Robot.from_urdf(bad_joint(MIMIC + LIMIT))
     assert robot.joint_names == ("j",)
     doubt, _ = robot.doubts  # the other one is that nothing collides with it
-    assert doubt == "urdf:4: joint 'j': it mimics 'k', which is no joint: it moves by itself"
+    assert doubt == "urdf:4: joint 'j': it mimics 'k', which is not a joint: it moves by itself"
 
 
 ENTITY = '<!DOCTYPE r [<!ENTITY {}>]>\n<robot name="r"><link name="{}"/></robot>'

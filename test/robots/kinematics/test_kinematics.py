@@ -91,7 +91,7 @@ def test_states_that_mean_nothing_are_refused_by_row() -> None:
     assert robot.link_poses(good)[1].tolist() == [1, 2, 3, 0, 0, 0, 1]
     for reason, *bad in (
         ("states must be finite", 1.0, np.nan, 3.0, 0, 0, 0, 1),
-        ("states must have no quaternion of zeros", 1.0, 2.0, 3.0, 0, 0, 0, 0),
+        ("states must not have a zero quaternion", 1.0, 2.0, 3.0, 0, 0, 0, 0),
     ):
         refused(f"{reason}.* in row 1", robot.link_poses, [good, bad])
         refused(reason, robot.link_poses, bad)

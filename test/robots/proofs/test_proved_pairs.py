@@ -219,8 +219,8 @@ def test_bad_files_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixt
     bad.write_text('<robot name="r">\n<link/></robot>')
     for arguments, reason in (
         ([str(bad)], "bad.urdf:2: link of robot 'r': its name is missing"),
-        ([str(tmp_path / "none")], "no such file"),
-        ([str(CONFIG / "arm.urdf"), "--srdf", str(tmp_path)], "no regular file"),
+        ([str(tmp_path / "none")], "does not exist"),
+        ([str(CONFIG / "arm.urdf"), "--srdf", str(tmp_path)], "not a regular file"),
     ):
         assert main(arguments) == 1
         printed, told = capsys.readouterr()

@@ -128,7 +128,7 @@ def test_files_outside_the_allowed_folders_are_refused(builder: Builder, tmp_pat
     for name in ("file:///etc/passwd", uri.replace("allowed", "allowed/%2e%2e/other")):
         error = refusal(builder, jobs.MeshFile(name, ONE, folders=folders))
         assert error.reason == jobs.UNREADABLE
-        assert "is in no folder" in str(error)
+        assert "is not in a folder" in str(error)
     error = refusal(builder, jobs.MeshFile(uri, ONE, triangles=11, folders=folders))
     assert error.reason == jobs.TOO_MANY_TRIANGLES
     assert "12 triangles, 11 is the limit" in str(error)
@@ -262,7 +262,7 @@ BEYOND = np.array([[0, 1, 3]]).tobytes()
         ),
         (said(b'["value", [{"type": "<f8", "shape": [1000000000000000]}]]'), "not enough memory"),
         (said(b'["value", 5]'), "TypeError"),
-        (said(arrays(v=VERTICES, f=FACES, **BOX), CORNERS, BEYOND, *REST), "faces must name"),
+        (said(arrays(v=VERTICES, f=FACES, **BOX), CORNERS, BEYOND, *REST), "faces must index"),
         (said(arrays(v=VERTICES, f=SIZES, **BOX), CORNERS, bytes(24), *REST), "must be integers"),
     ],
     ids=range(12),

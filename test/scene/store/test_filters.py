@@ -343,7 +343,7 @@ def test_a_misspelt_name_of_check_only_is_warned_of_and_refused_if_known() -> No
     assert not scene.check().names()  # objects are still to come
     scene.add("gripper", Box([1, 1, 1]))
     scene.add("arm", Box([1, 1, 1]))
-    with pytest.warns(UserWarning, match="'grippr/.*, which nothing there has; did") as caught:
+    with pytest.warns(UserWarning, match="'grippr/.*, which matches no object; did") as caught:
         scene.check()
     assert [each.filename for each in caught] == [__file__]
     scene.add("cup", Box([1, 1, 1]))
@@ -360,6 +360,6 @@ def test_check_only_may_name_links() -> None:
     scene = oc.Scene()
     scene.add("cup", Box([1, 1, 1]))
     scene.check_only([("hand", "cup"), ("hnad", "cup")])
-    with pytest.warns(UserWarning, match="check_only names 'hnad', which nothing there has") as one:
+    with pytest.warns(UserWarning, match="check_only names 'hnad', which matches no object") as one:
         assert not oc.RobotScene(robot, scene).check([[]]).valid[0]
     assert len(one) == 1
