@@ -541,11 +541,12 @@ class EvidenceMachine:
                 marker.pose.position.x = nan
             sent.append(marker)
         if self.send("objects", MarkerArray(markers=sent), cut):
-            if fault == "action" or any(map(self.model.is_of_set, names)):
-                self.apply()  # else a deletion that comes with it says nothing
+            alone = fault == "action" or any(map(self.model.is_of_set, names))
             for name in names:
                 fault = fault.replace("action", "scale")
                 self.model.add(name, x, size, frame, stamp, fault, life, locked=locked)
+            if alone:  # a deletion that comes with it would say nothing
+                self.apply()
 
     @rule(names=several([*NAMES, *ANY, UNKNOWN], 0, 2))
     def delete(self, names: Sequence[str] = ()) -> None:
@@ -632,6 +633,9 @@ class EvidenceMachine:
         self, rows: Sequence[tuple[float, float, str]] = ((0.0, 1.0, ""),), first: int = 0,
         frame: str = "map", ahead: Ahead = 0.0, broken: int = 0,
     ) -> None:  # fmt: skip
+        # a set that is refused applies those before it, and markers come first
+        self.node.inputs.markers.apply()
+        self.model.sync(has_sets=False)
         header, stamp = self.header(frame, ahead, "stamp" if broken == 8 else "")
         ids = [first + k for k, _ in enumerate(rows)]
         sizes = [[0.0 if fault == "scale" else size] * 3 for _, size, fault in rows]

@@ -141,6 +141,10 @@ FOUND: dict[str, Callable[[Any], Any]] = {
         m.markers(), m.tick(), m.markers(fault="pose"), m.markers(ahead=-30.0)),
     "older than one that was superseded": lambda m: (
         m.markers(), m.markers(ahead=5.0), m.poses(x=0.7, ahead=-30.0)),
+    "older than one without a stamp": lambda m: (
+        m.markers(), m.tick(), m.markers(x=0.7, ahead=None), m.markers(ahead=-30.0)),
+    "older once all are deleted": lambda m: (
+        m.markers(), m.tick(), m.delete_all(), m.markers(x=0.7, ahead=-0.3), m.tick(0.7117)),
     "twice before a cycle": lambda m: (
         m.configure(**LIMITED), m.markers(), m.markers(), m.tick(0.7117)),
 }  # fmt: skip

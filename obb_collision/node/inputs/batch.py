@@ -372,25 +372,26 @@ def settle(
     objects = np.full((len(rows), 5), -1, np.int64)
     late, previous = np.zeros(count, np.bool_), np.full(count, -1, np.int64)
     deletes, ends = markers.action == Marker.DELETE, _ended(markers, good, now)
-    cases = [_cancelled(markers), ~good, deletes, ends]
+    last = _last_deletion(markers)
+    cases = [np.arange(count) <= last, ~good, deletes, ends]
     effects = np.select(cases, [CANCELLED, BAD, DELETES, ENDS], ADDS)
     believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
-    before = np.broadcast_to(newest, count)
+    before = np.where(last >= 0, 0, newest)
     times = np.column_stack((believed, markers.received, markers.expiry, before))
     found = _settle(keys, rows, effects, times, objects, late, previous)
     first, winner, bad, remover, overtaken = objects[:found].T
     return Settled(first, winner, bad, remover, overtaken, late, previous, times[:, 3])
 
 
-def _cancelled(markers: Batch) -> Mask:
-    """Return which markers (n,) come before a DELETEALL that is about them."""
+def _last_deletion(markers: Batch) -> Rows:
+    """Return the last DELETEALL that is about each marker (n,) or the object it names; -1: none."""
     of = markers.ns.of
     last = np.full(len(markers.ns.texts), -1)
     deletes = np.flatnonzero(markers.action == Marker.DELETEALL)
     last[of[deletes]] = deletes  # the last one of each stays
     everything = [last[index] for index, name in enumerate(markers.ns.texts) if not name]
-    cancelled: Mask = np.arange(len(markers)) <= np.maximum(last, max(everything, default=-1))[of]
-    return cancelled
+    found: Rows = np.maximum(last, max(everything, default=-1))[of]
+    return found
 
 
 def _ended(markers: Batch, good: Mask, now: int) -> Mask:

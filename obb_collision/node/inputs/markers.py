@@ -178,9 +178,7 @@ class MarkerUpdate:
         """Apply them, and count those that are not used."""
         markers, objects = self._markers, self._objects
         faults = find_faults(markers, objects.placement.frame_index)
-        outcome = settle(
-            markers, faults, self._now, objects.states.stamp_tolerance, self._newest(faults)
-        )
+        outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance, self._newest())
         mine = self._without_owned(outcome)
         slots, there = self._remove(mine), np.flatnonzero(mine.winner >= 0)
         there = there[np.argsort(mine.winner[there])]
@@ -191,13 +189,8 @@ class MarkerUpdate:
         self._table.mark(slots[slots >= 0], POSE_OVERTAKEN)
         self._count(faults, outcome)
 
-    def _newest(self, faults: Faults) -> Rows | int:
-        """Return the newest stamps (n,) that objects have, where some markers have faults.
-
-        One that is too late makes none of them good; without faults those of winners are enough.
-        """
-        if faults.good.all():
-            return 0
+    def _newest(self) -> Rows:
+        """Return the newest stamps (n,) of the objects, 0 where they order nothing any more."""
         slots, table = self._find_slots(np.arange(len(self._markers))), self._table
         since = self._markers.received - table.received[slots]
         orders = (slots >= 0) & (since <= self._objects.states.order_timeout)
