@@ -93,12 +93,18 @@ class MergerNode(Node):
             descriptor = ParameterDescriptor(description=description, read_only=True)
             return self.declare_parameter(name, default, descriptor).value
 
-        regions = read("regions", [""], "Namespaces of the nodes to join.")
+        regions = read("regions", [""], "Namespaces of the nodes to merge.")
         if regions == [""]:
             raise ValueError("regions must name the nodes to join: -p regions:='[west, east]'")
-        timeout = read("timeout", 0.5, "A region is missing if silent for longer than this (s).")
+        timeout = read(
+            "timeout",
+            0.5,
+            "Maximum time without a message of a region (s), after which it is missing.",
+        )
         unknown = read(
-            "unknown_is_collision", True, "Whether in_collision is true while it is not known."
+            "unknown_is_collision",
+            True,
+            "Whether in_collision is true while collisions are unknown.",
         )
         self._merger = RegionMerger(regions, timeout)
         self.guard = Guard(self.get_logger().error, self.context.ok)
@@ -219,7 +225,7 @@ class MergerNode(Node):
         fresh = now - self._joined_at <= self._merger.timeout
         if not fresh and not reasons:
             bare = tuple(r for r, values in known.items() if values.get("stamped") == str(False))
-            detail = "as no object of theirs has a stamp (0: none)" if bare else ""
+            detail = "none of their objects has a stamp (stamp 0)" if bare else ""
             reasons.append(Reason("region_unmatched", bare, len(bare), detail))
         # also those that are missing: what a region said counts until it says something else
         colliding = [r for r, status in self._statuses.items() if status.level == COLLIDING]
@@ -287,10 +293,10 @@ def _uncovered(bounds: Mapping[str, str]) -> list[Reason]:
             unclear.append(name)
     if unclear:
         who = tuple(unclear)
-        return [Reason("region_gap", who, len(who), "as these do not tell their bounds")]
+        return [Reason("region_gap", who, len(who), "these nodes do not publish their bounds")]
     has_gap, rows = coverage([*regions.values()])
     twice = tuple(name for row, name in enumerate(regions) if row in rows)
-    gap = [Reason("region_gap", detail="nobody checks what is between or beyond their bounds")]
+    gap = [Reason("region_gap", detail="the space between or beyond their bounds is not checked")]
     return [Reason("region_twice", twice, len(twice))] * bool(twice) + gap * has_gap
 
 

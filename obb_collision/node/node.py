@@ -111,9 +111,7 @@ class CollisionNode(ManagedNode):
         self.frames = frames if frames is not None else make_frames(self, fixed_frame)
         logger = self.get_logger()
         for package, reason in unusable.items():
-            logger.warning(
-                f"{package} is installed and cannot be used, as if it were not: {reason}"
-            )
+            logger.warning(f"{package} is installed but cannot be used, and is ignored: {reason}")
         self._make_outputs()
         self.kernels = Kernels(
             logger.info,
@@ -407,7 +405,9 @@ class CollisionNode(ManagedNode):
         self.cycle.enabled = request.data
         self._pause()
         response.success = True
-        response.message = "checking" if request.data else "not checking; states are still stored"
+        response.message = (
+            "checking" if request.data else "checks are disabled; states are still stored"
+        )
         self.get_logger().info(response.message)
         return response
 

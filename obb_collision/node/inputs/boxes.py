@@ -67,7 +67,9 @@ BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason, OLDER)
 """Reasons that put no object in doubt: another row has its key, the key is invalid, or a newer
 pose is known."""
-OWNED = RefusedError("object of another input", "markers, boxes and robots do not share objects")
+OWNED = RefusedError(
+    "object of another input", "an object belongs to one input: markers, boxes or a robot"
+)
 
 
 class BoxRows(NamedTuple):
@@ -262,7 +264,7 @@ class BoxInput:
         rows = np.flatnonzero(faults.good)
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
-        faults.note(old, RefusedError(OLDER, "a newer pose is known"))
+        faults.note(old, RefusedError(OLDER, "a newer pose was received"))
         self._report(numbers, ids, slots, faults, sizes)
 
     @contextmanager

@@ -319,7 +319,7 @@ class MarkerUpdate:
         """Give objects the shapes and poses of markers."""
         markers, states = self._markers, self._objects.states
         old = states.find_late(slots, markers.stamp[rows], markers.received[rows])
-        self._refuse(rows[old], RefusedError(OLDER, "a newer state is known"))
+        self._refuse(rows[old], RefusedError(OLDER, "a newer state was received"))
         rows, slots = rows[~old], slots[~old]
         same = self._have_shapes(rows, slots)
         self._each(rows[same], self._touch)

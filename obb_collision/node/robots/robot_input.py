@@ -176,7 +176,9 @@ class RobotInput:
         """Store where the root link is, by ``object_transform``."""
         try:
             if self.base.frame != BY_TOPIC:
-                raise RefusedError("object of another input", "its base is not by this topic")
+                raise RefusedError(
+                    "object of another input", "robot_bases does not name this topic"
+                )
             if pose_kinds(message.pose)[0] in (UNUSABLE, ZERO):
                 raise RefusedError("bad pose")
             stamp = stamp_from_ros(message.header.stamp)

@@ -64,7 +64,7 @@ LONGEST_CHECK, QUICK = 0.5, 0.005
 """Seconds for which a cycle may wait for all pieces of a trajectory, and of a quick portion:
 one piece of a joint that turns a million times takes up to 30 ms."""
 NOT_FREE = "not free"
-MOVED = "a joint that it does not name has moved"
+MOVED = "a joint outside the trajectory has moved"
 
 
 class Trajectory(NamedTuple):
@@ -91,7 +91,7 @@ def trajectory_from_bytes(data: bytes) -> Trajectory:
     for number, point in enumerate(points):
         _check(point, len(names), f"point {number}")
         if number and point.time <= points[number - 1].time:
-            raise RefusedError(BAD_POINT, f"point {number}: its time does not rise")
+            raise RefusedError(BAD_POINT, f"point {number}: its time does not increase")
     return Trajectory(header, names, points)
 
 
@@ -192,7 +192,7 @@ def from_here(points: list[Point], joints: Joints, since: float) -> list[Point]:
     first, here = points[0], joints.positions.copy()
     if first.time > since:
         if first.accelerations is not None:  # those of now are not known
-            raise RefusedError(BAD_POINT, "the first one has accelerations, and is not at time 0")
+            raise RefusedError(BAD_POINT, "the first point has accelerations but is not at time 0")
         if first.velocities is not None and joints.unclear.any():
             name = joints.names[int(np.argmax(joints.unclear))]
             raise RefusedError(ELSEWHERE, f"the velocity of joint {name} is not known")
@@ -239,7 +239,9 @@ class Trajectories:
         """
         before, self.deciding = self.deciding, None
         if before is not None:
-            self._refuse(RefusedError("superseded", "another one came before it was decided"))
+            self._refuse(
+                RefusedError("superseded", "replaced by a newer trajectory before it was decided")
+            )
         try:
             trajectory = trajectory_from_bytes(data)
             if not trajectory.points:
@@ -268,7 +270,7 @@ class Trajectories:
         try:
             running = self._checked_share(deciding)
             if self._closed:
-                raise RefusedError("not decided", "the node does not check any more")
+                raise RefusedError("not decided", "the node has stopped checking")
         except RefusedError as error:
             self._refuse(error)
             return
@@ -291,7 +293,9 @@ class Trajectories:
         if not self._checked.is_world(running.world):
             running.world, deciding.done, deciding.spent = self._checked.world(scene), 0, 0.0
         if now - deciding.received > DECISION_TIME:
-            raise RefusedError("not decided", "the scene changes too fast for so many pieces")
+            raise RefusedError(
+                "not decided", "the scene changes too often for the number of pieces"
+            )
         numbers = np.arange(len(running.pieces.begins))
         share = (numbers >= deciding.done) & (numbers < deciding.done + SHARE)
         deciding.spent += _check_pieces(scene, running.pieces.take(share), deciding.spent)
@@ -347,7 +351,7 @@ class Trajectories:
         """Stop what runs: nobody looks after it any more. Also from another thread, and again."""
         self._closed, self.deciding = True, None
         if self.running is not None:
-            self._stop(self.running, RefusedError("the node does not check any more"))
+            self._stop(self.running, RefusedError("the node has stopped checking"))
 
     def interrupt(self, why: str) -> None:
         """Stop what runs, and refuse what is being decided: its joints are not known any more."""
@@ -432,7 +436,7 @@ def _check_pieces(scene: RobotScene, pieces: Pieces, spent: float = 0.0) -> floa
     begin, rows = monotonic(), np.arange(len(pieces.begins))
     for part in portions(len(rows), QUICK):
         if part.start and spent + monotonic() - begin > LONGEST_CHECK:
-            detail = f"to check it takes longer than {LONGEST_CHECK:g} s"
+            detail = f"the check takes longer than {LONGEST_CHECK:g} s"
             raise RefusedError("not decided", detail)
         _check_some(scene, pieces.take(rows[part]))
     return monotonic() - begin

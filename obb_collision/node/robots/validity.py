@@ -390,7 +390,7 @@ class SpeedScale:
         if not np.isfinite(most).all():
             names = [joints.names[row] for row in np.flatnonzero(np.isinf(most))]
             who = some(names, len(names))
-            raise RefusedError(f"no velocity, and no limit of it, is known of joints: {who}")
+            raise RefusedError(f"joints without a velocity and without a velocity limit: {who}")
         return float(scene.displacements(joints.positions[None], most[None])[0])
 
     def _closing_speed(self, scene: RobotScene) -> float:

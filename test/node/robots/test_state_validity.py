@@ -291,7 +291,7 @@ def test_with_one_state_a_joint_goes_at_its_limit(speed: Speed, limit: str, scal
     rig = speed.rig
     rig.read(URDF.replace('upper="3"', f'upper="3" velocity="{limit}"', 1))
     assert speed.of(0.0, NAN, 0.0) == pytest.approx(scale, abs=1e-6)
-    why = "no velocity, and no limit of it, is known of joints: lift"
+    why = "joints without a velocity and without a velocity limit: lift"
     text = "" if scale else f"robot arm: speed_scale is 0: {why}"
     rig.until(lambda: rig.known()["message"] == f"free{text and '; '}{text}", "the reason")
     rig.until(lambda: rig.status("robot arm").get("speed_scale is 0", "") == why * (not scale))

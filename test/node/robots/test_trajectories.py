@@ -62,8 +62,8 @@ def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
         assert rig.change(Transition.TRANSITION_ACTIVATE)
         rig.run()
         rig.node.say_farewell()  # of a signal that ends the node
-        assert "the node does not check any more" in rig.stopped()
-        rig.refused_for("the node does not check any more", QUARTER)
+        assert "the node has stopped checking" in rig.stopped()
+        rig.refused_for("the node has stopped checking", QUARTER)
         rig.node.say_farewell()  # nothing runs any more
 
 
@@ -148,7 +148,7 @@ def test_joints_that_are_not_named_stay_where_they_are(rig: AskingRig) -> None:
     rig.put((0.0, 1.0, 0.8))
     rig.begin(turn, ["turn"])
     rig.send_joints(lift=0.3, turn=0.0)
-    assert rig.stopped() == "stopped: a joint that it does not name has moved: lift"
+    assert rig.stopped() == "stopped: a joint outside the trajectory has moved: lift"
     rig.refused_for("refused", turn, ["turn"])
 
 
@@ -158,7 +158,7 @@ def test_joints_that_are_not_named_stay_where_they_are(rig: AskingRig) -> None:
         ([(0.0, [0.1, 0.0]), *QUARTER[1:]], BOTH, "not at its start"),
         ([QUARTER[0], (2.0, [0.0, 3.1])], BOTH, "joint arm/turn out of its limits"),
         ([QUARTER[0], (2.0, [0.0])], BOTH, "bad point"),
-        ([QUARTER[0], (0.0, [0.0, 0.0])], BOTH, "its time does not rise"),
+        ([QUARTER[0], (0.0, [0.0, 0.0])], BOTH, "its time does not increase"),
         ([QUARTER[0], (2.0, [0.0, NAN])], BOTH, "not finite"),
         (QUARTER, ("lift", "tail"), "unknown joint"),
         (QUARTER, ("lift", "lift"), "repeated joint"),
@@ -310,7 +310,7 @@ def test_what_takes_long_to_check_is_refused(rig: AskingRig, monkeypatch: Patch)
         assert rig.refused_for("refused: not free", points)["index"] == "1"
     monkeypatch.setattr(trajectories, "LONGEST_CHECK", 0.0)
     rig.set(trajectory_margin=1e-6)
-    rig.refused_for("refused: not decided: to check it takes longer than 0 s", LONG)
+    rig.refused_for("refused: not decided: the check takes longer than 0 s", LONG)
     rig.forwards(QUARTER)  # one piece
 
 
@@ -353,4 +353,4 @@ def test_what_happens_while_it_is_decided_counts(rig: AskingRig, monkeypatch: Pa
     rig.until(lambda: found.deciding, "the next")
     rig.send_joints(lift=0.5, turn=0.0)
     rig.until(lambda: rig.said, "the refusal")
-    assert rig.said[0].message.startswith("refused: a joint that it does not name has moved")
+    assert rig.said[0].message.startswith("refused: a joint outside the trajectory has moved")

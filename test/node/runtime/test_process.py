@@ -211,7 +211,7 @@ def test_broken_packages_are_said_and_signals_may_go_on_until_the_last_word(tmp_
     for word in (f"{NAMESPACE}/scene", "/collisions", "'odom'", "at 20 Hz", "/markers"):
         assert word in said
     for package in ("vision_msgs", "moveit_msgs", "tf2_msgs"):
-        assert f"{package} is installed and cannot be used" in said
+        assert f"{package} is installed but cannot be used" in said
 
 
 def test_what_is_there_at_ready_is_out_of_the_collectors_sight() -> None:
