@@ -364,7 +364,7 @@ def test_a_ros_that_is_not_sourced_is_used_and_without_one_it_is_said_what_is_mi
     assert commands.status(["--node", "/nobody", "--timeout", "0.2"]) == 4
     output, errors = capfd.readouterr()
     assert output == "sourced\n"
-    assert f"by {setup.parent}, which is not sourced" in errors
+    assert f"{setup.parent}, which is not sourced" in errors
     assert "/nobody was not heard within 0.2 s" in errors
 
 

@@ -40,7 +40,7 @@ CODES = {
     "disabled": "disabled: nothing is checked",
     "shutting_down": "shutting down",
     "internal_error": "internal error",
-    "blocked": "no cycle has ended in time",
+    "blocked": "blocked: no cycle has ended in time",
     "overload": "overload: states wait too long",
     "clock_stopped": "time from /clock stands still",
     "two_publishers": "several publishers of a topic that may have only one",
