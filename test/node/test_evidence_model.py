@@ -132,6 +132,8 @@ FOUND: dict[str, Callable[[Any], Any]] = {
         m.markers(["boxes/0"], fault="scale"), m.tick(), m.delete(["boxes/0"]), m.tick()),
     "bad marker of a set's box": lambda m: (
         m.boxes(GOOD), m.tick(), m.markers(["boxes/0"], fault="pose")),
+    "older marker of a set's box": lambda m: (
+        m.boxes(GOOD), m.tick(), m.boxes(GOOD), m.tick(), m.markers(["boxes/0"], ahead=-0.3)),
     "refused with another size": lambda m: (
         m.markers(), m.tick(), m.markers(size=2.0, fault="pose"), m.tick(), m.transform("b/0")),
     "refused in a set with another size": lambda m: (

@@ -193,7 +193,8 @@ class MarkerUpdate:
         """Return the newest stamps (n,) of the objects, 0 where they order nothing any more."""
         slots, table = self._find_slots(np.arange(len(self._markers))), self._table
         since = self._markers.received - table.received[slots]
-        orders = (slots >= 0) & (since <= self._objects.states.order_timeout)
+        mine = (slots >= 0) & (table.of_set[slots] == 0)  # others are refused in any case
+        orders = mine & (since <= self._objects.states.order_timeout)
         return np.where(orders, table.order[slots], 0)
 
     def _mark_bad(self, rows: Rows, faults: Faults) -> None:
