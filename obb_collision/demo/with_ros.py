@@ -57,12 +57,12 @@ Work = Callable[["Context", Interrupts, ExitStack], int]
 def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
     """Return the exit code of ``work``, which gets a context, and a stack closed at its end."""
     interrupts, stack = Interrupts(), ExitStack()
-    from rclpy.context import Context
+    import rclpy.context
     from rclpy.executors import ExternalShutdownException
 
     from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
 
-    context = Context()
+    context = rclpy.context.Context()
     if not init(program, context, ros_arguments):
         return BAD_USAGE
     try:

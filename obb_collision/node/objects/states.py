@@ -268,15 +268,16 @@ class Staleness:
         """Mark objects whose state is older than their limit at time ``now`` (ns)."""
         table = self._table
         self._look_up()
-        has_limits = self._limits.timeout or self._limits.timeouts
-        if not (has_limits or len(self._grown) or table.facts & STALE):
+        judged = table.facts & (STALE | IGNORED | LOST) or len(self._grown)
+        if not (self._limits.timeout or self._limits.timeouts or judged):
             return
-        before = table.has(STALE)
         since, limits = self._judged()
         placed = (table.condition & (LIVE | UNPLACED)) == LIVE
         stale = placed & (limits > 0) & (now - since > limits)
+        if not (judged or stale.any()):
+            return
+        changed = np.flatnonzero(stale != table.has(STALE))
         table.judge(STALE, stale)
-        changed = np.flatnonzero(stale != before)
         if len(changed):
             gone = changed[stale[changed]]
             table.order[gone] = 0  # a restarted sender may begin anew
@@ -293,7 +294,7 @@ class Staleness:
         """
         table, most = self._table, int(self._limits.timeout * NANOSECONDS)
         since = self._own_since()
-        limits = np.where(table.limit < 0, np.where(table.repeated, most, 0), table.limit)
+        limits = np.where(table.limit < 0, table.repeated * most, table.limit)
         if table.carried.any():
             carried = table.carried > 0
             alone = carried & table.locked & (limits == 0)
@@ -305,8 +306,11 @@ class Staleness:
     def _own_since(self) -> Slots:
         """Return (rows,) since when states are known (ns), whatever placed them."""
         stamps, received = self._table.world_stamp, self._table.world_received
-        older = self._states.by_stamp & (stamps > 0) & (stamps < received)
-        return np.where(older, stamps, received)
+        if not self._states.by_stamp:
+            return received
+        since, unknown = np.minimum(stamps, received), stamps <= 0
+        since[unknown] = received[unknown]
+        return since
 
     def keep_ages(self, shift: int) -> None:
         """Keep ages that go by stamps, which mean nothing after a jump of the clock (ns)."""
