@@ -160,6 +160,8 @@ POSE_FAULTS = one_of(["", "", "", "pose", "zero", "stamp"])
 USUALLY = one_of([True, True, False])
 EITHER = one_of([True, False])
 RARELY = one_of([*[False] * 9, True])
+SHORTEST_LIFE = 1.0
+"""Seconds: of a marker."""
 CYCLE_LIMIT = 0.52
 """Seconds that the node's parameters give a cycle by default."""
 STEPS = one_of([0.0503, 0.1103, 0.2311, 0.4703, 0.7117, 1.3017])
@@ -316,6 +318,8 @@ class EvidenceMachine:
 
     @rule(3.0, step=STEPS)
     def tick(self, step: float = 0.0503) -> None:
+        if step > SHORTEST_LIFE:  # what ends while it waits is never seen
+            self.apply()
         self.world.advance(step)
         self.cycle()
 

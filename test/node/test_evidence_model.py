@@ -147,6 +147,8 @@ FOUND: dict[str, Callable[[Any], Any]] = {
         m.markers(), m.tick(), m.markers(x=0.7, ahead=None), m.markers(ahead=-30.0)),
     "older once all are deleted": lambda m: (
         m.markers(), m.tick(), m.delete_all(), m.markers(x=0.7, ahead=-0.3), m.tick(0.7117)),
+    "cut, readable and cut before a cycle": lambda m: (
+        m.markers(cut=True), m.markers(), m.markers(cut=True)),
     "twice before a cycle": lambda m: (
         m.configure(**LIMITED), m.markers(), m.markers(), m.tick(0.7117)),
 }  # fmt: skip

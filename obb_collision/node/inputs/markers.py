@@ -149,9 +149,10 @@ class MarkerInput:
             return markers_from_bytes(message.data)
         except Exception as error:
             refusal = self._guard.refusal("input objects", error, "whole message")
-            self._monitor.refuse_whole(refusal, message.sender)
-        if is_read_since:
-            del self._monitor.unreadable[message.sender]
+            if is_read_since:
+                self._monitor.refuse(refusal.reason, "whole message", refusal.detail)
+            else:
+                self._monitor.refuse_whole(refusal, message.sender)
         return None
 
     def _run(self, messages: list[tuple[Items, int, int]]) -> bool:
