@@ -313,6 +313,8 @@ class PairRules:
 
     @matrix.setter
     def matrix(self, matrix: AllowedMatrix) -> None:
+        if not isinstance(matrix, AllowedMatrix):
+            raise ValueError(f"matrix must be an AllowedMatrix, not {shown(matrix)}")
         self._renew()
         self._matrix = matrix
 
