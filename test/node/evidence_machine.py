@@ -404,8 +404,8 @@ class EvidenceMachine:
     @rule(0.5, what=one_of(["transform", "marker", "clear"]), clears=USUALLY)
     def fail_in_a_message(self, what: str = "clear", clears: bool = True) -> None:
         """Let an error leave objects other than they were sent; until ``clear`` nobody knows."""
-        node, names = self.node, sorted(self.model.things)
         self.apply()
+        node, names = self.node, sorted(self.model.things)
         if what == "clear":
             with patch.object(node.objects, "clear", FAIL):
                 self.clear(fails=True)
