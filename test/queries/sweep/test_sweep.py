@@ -236,7 +236,7 @@ def in_scene(level: str) -> FreeUntil:
         scene, places = oc.Scene(accuracy=level), motion.origins.copy()
         for k, pair in enumerate(rows):
             places[pair] += 16.0 * np.array([k % 16, k // 16 % 16, k // 256])
-        turns = Rotation.from_matrix(motion.boxes.rotations).as_quat()
+        turns = Rotation.from_matrix(motion.boxes.rotations.copy()).as_quat()
         for k, corners in enumerate(corners_from_origins(motion)):
             scene.add(str(k), oc.shapes.Mesh(corners, BOX_FACES), [*places[k], *turns[k]])
         scene.objects.set_twists(np.arange(len(places)), motion.twists)

@@ -481,8 +481,8 @@ def test_turns_by_exactly_pi_go_one_of_both_ways() -> None:
 
 def moved_with(start: Boxes, end: Boxes, shares: np.ndarray) -> Boxes:
     """End poses, turned by those shares (n,) of the way only; negative: the other way."""
-    first = Rotation.from_matrix(start.rotations)
-    turned = (Rotation.from_matrix(end.rotations) * first.inv()).as_rotvec()
+    first = Rotation.from_matrix(start.rotations.copy())
+    turned = (Rotation.from_matrix(end.rotations.copy()) * first.inv()).as_rotvec()
     rotations = (Rotation.from_rotvec(shares[:, None] * turned) * first).as_matrix()
     return Boxes(end.centers, rotations, start.half_extents)
 
