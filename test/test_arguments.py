@@ -101,7 +101,7 @@ MORE = {
 
 
 #: Refusals that name something else: a file, or what an argument makes too large.
-UNNAMED = re.compile("no regular file|no file but|must not exceed|offsets must be from")
+UNNAMED = re.compile("not a regular file|must not exceed|offsets must be from")
 
 
 def check_refusal(error: Exception, label: str, name: str) -> None:

@@ -300,13 +300,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure all goals and print what is met."""
     parser = Parser(prog="python -m tools.goals", description="goals, and what was measured")
     option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
-    option(
-        parser,
-        "--limit",
-        real(0.001, 1e6),
-        40.0,
-        "maximum time per scene (s); slower peers are left out",
-    )
+    text = "maximum time per scene (s); slower peers are left out"
+    option(parser, "--limit", real(0.001, 1e6), 40.0, text)
     option(parser, "--seed", SEED, 0, "seed of the random scenes")
     option(parser, "--markdown", new_file(".md"), text="page that gets the tables")
     options = parser.parse_args(arguments)

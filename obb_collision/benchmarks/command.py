@@ -102,13 +102,8 @@ def speed_parser(program: str, peers: Sequence[str] = PEERS) -> Parser:
     add("--peers", type=_peer_of(peers), nargs="+", metavar="NAME", help=text)
     option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
     option(parser, "--steps", whole(1, 10**6), 20, "minimum number of steps per scene")
-    option(
-        parser,
-        "--limit",
-        real(0.001, 1e6),
-        40.0,
-        "maximum time per scene (s); slower peers are left out",
-    )
+    text = "maximum time per scene (s); slower peers are left out"
+    option(parser, "--limit", real(0.001, 1e6), 40.0, text)
     option(parser, "--seed", SEED, 0, "seed of the random scenes")
     _add_files(parser)
     what = "measure the cost of effects in the scenes of the package instead"

@@ -197,7 +197,7 @@ def read_text(path: Path) -> str:
     line = 0
     try:
         if path.exists() and not path.is_file():  # a device or a pipe may never end
-            reason = "this is not a file but a folder, a device or a pipe"
+            reason = "the path is a folder, a device or a pipe, not a file"
         else:
             with path.open("rb") as file:
                 data = file.read(MAX_BYTES + 1)

@@ -224,7 +224,7 @@ def test_files_have_a_limit_and_are_files(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
     for path in (pipe, Path("/dev/zero"), tmp_path):
-        assert refusal(path) == f"{path}: this is not a file but a folder, a device or a pipe"
+        assert refusal(path) == f"{path}: the path is a folder, a device or a pipe, not a file"
 
 
 def test_a_file_that_is_not_there_is_told_as_such(tmp_path: Path) -> None:

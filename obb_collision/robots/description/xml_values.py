@@ -248,6 +248,9 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
     except etree.XMLSyntaxError as error:
         reason = f"not valid XML: {shortened(str(error.msg))}"
         raise RobotError(file, int(error.lineno or 0), "", reason) from None
+    except UnicodeDecodeError as error:  # lxml before 6, of the name of an element
+        reason = f"not valid XML: {error.reason} in UTF-8"
+        raise RobotError(file, 0, "", reason) from None
     log = [*parser.feed_error_log]
     fault = first_fault(log)
     if fault is not None or root is None:
