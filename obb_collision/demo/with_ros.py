@@ -22,7 +22,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, TextIO, TypeAlias
 
 from obb_collision.cli import BAD_USAGE
 from obb_collision.node.runtime.environment import handle_signals, restored_signals
@@ -50,7 +50,7 @@ class Interrupts:
         self.asked = True
 
 
-Work = Callable[["Context", Interrupts, ExitStack], int]
+Work: TypeAlias = "Callable[[Context, Interrupts, ExitStack], int]"
 
 
 @restored_signals()
