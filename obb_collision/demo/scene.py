@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from obb_collision.geometry.poses import Pose, quaternion_from_rpy
+from obb_collision.node.inputs.scene_file import keys_from_names
 from obb_collision.node.messages.conversions import name_from_key
-from obb_collision.node.scene_file import keys_from_names
 from obb_collision.scene_files.description import Cloud, SceneDescription, SceneObject
 from obb_collision.scene_files.motion import Loop
 from obb_collision.shapes import Box, Cylinder, Shape, Sphere

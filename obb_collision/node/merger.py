@@ -48,10 +48,10 @@ from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.parameters.entries import bounds_from_text
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.running import run
+from obb_collision.node.status.collision_status import CollisionStatus
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 from obb_collision.scene.effects import EFFECTS

@@ -29,38 +29,38 @@ from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from std_srvs.srv import SetBool, Trigger
 
-from obb_collision.node import reporting
 from obb_collision.node.cycle import CycleRunner, Schedule
 from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.evidence import Evidence
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.clouds import Obstacles
 from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs.scene_file import SceneFile
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
-from obb_collision.node.lifecycle import ManagedNode
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.optional import unusable
 from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import COLLIDE
-from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.ready import Kernels
-from obb_collision.node.robots.checked_robot import LinkFrames
-from obb_collision.node.robots.robots import Robots, robot_inputs
-from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.node.runtime.running import run
-from obb_collision.node.scene_file import SceneFile
-from obb_collision.node.settings import (
+from obb_collision.node.parameters.ready import Kernels
+from obb_collision.node.parameters.settings import (
     MEGABYTE,
     SceneParameters,
     apply_limits,
     build_limits,
 )
+from obb_collision.node.robots.checked_robot import LinkFrames
+from obb_collision.node.robots.robots import Robots, robot_inputs
+from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.lifecycle import ManagedNode
+from obb_collision.node.runtime.running import run
+from obb_collision.node.status import reporting
+from obb_collision.node.status.collision_status import CollisionStatus
+from obb_collision.node.status.evidence import Evidence
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import Overrides

@@ -465,7 +465,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     "fits": _fits,
     ROBOTS: _robots,
     # looked up by name, as it is in a layer above
-    MESSAGES: "obb_collision.node.kernels:compile_kernels",
+    MESSAGES: "obb_collision.node.inputs.batch:compile_kernels",
 }
 """What to run, by its name."""
 NEEDS_ROS = (MESSAGES,)

@@ -31,13 +31,13 @@ from obb_collision import Accuracy
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.diagnostics.answer import Answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.evidence import objects_answer
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.objects import Objects
 from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.status.evidence import objects_answer
 from obb_collision.scene.building.jobs import Task, perform
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.store import Overrides

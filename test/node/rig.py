@@ -46,7 +46,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision import node as ros
-from obb_collision.node import namespace_number, reporting
+from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages import conversions as cv
@@ -56,6 +56,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME, FixedFrameOnly
+from obb_collision.node.status import reporting
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 from obb_collision.scene.building.process import WorkerProcess
 

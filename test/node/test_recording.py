@@ -34,9 +34,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision import Accuracy, commands
 from obb_collision.node import collisions_from_ros, events_from_ros, namespace_number
+from obb_collision.node.inputs.scene_file import SceneFile, keys_from_names
 from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros
 from obb_collision.node.node import CollisionNode
-from obb_collision.node.scene_file import SceneFile, keys_from_names
 from obb_collision.scene_files import READY, load_scene
 
 ROOT = Path(__file__).parents[2]

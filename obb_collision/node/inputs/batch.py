@@ -30,13 +30,16 @@ import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
 from obb_collision._jit import njit
-from obb_collision.node.messages.cdr import Items
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.node.messages.box_markers import FREE, Markers
+from obb_collision.node.messages.cdr import Items, markers_from_bytes
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
     SMALLEST_MEANT,
     Key,
     pose_faults,
+    pose_kinds,
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_FRAMES, check_name, shortened
@@ -404,3 +407,13 @@ def _ended(markers: Batch, good: Mask, now: int) -> Mask:
     last = np.full(len(markers.ns.texts), -1)
     np.maximum.at(last, markers.ns.of[adds], markers.part[adds])
     return adds & (markers.expiry <= now) & (markers.part < last[markers.ns.of])
+
+
+def compile_kernels() -> None:
+    """Use the kernels of the node once: write markers, and take them in."""
+    boxes = Boxes(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.ones((2, 3)))
+    keys = [("", 1), ("", 2)]
+    data = Markers("").write(keys, boxes, np.full(2, FREE), 0, 0.0, None)
+    markers = gather([markers_from_bytes(data)], [0])
+    pose_kinds(markers.poses)
+    settle(markers, Faults(len(markers)), 0, 0)

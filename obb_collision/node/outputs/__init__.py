@@ -14,16 +14,7 @@
 
 """Outputs: the publishers, and which of them are computed."""
 
-from obb_collision.node.outputs.collision_status import PERIOD, CollisionStatus
 from obb_collision.node.outputs.events import EventLimits, Events, PairEvents, Parted
 from obb_collision.node.outputs.outputs import NAMESPACES_RATE
 
-__all__ = [
-    "NAMESPACES_RATE",
-    "PERIOD",
-    "CollisionStatus",
-    "EventLimits",
-    "Events",
-    "PairEvents",
-    "Parted",
-]
+__all__ = ["NAMESPACES_RATE", "EventLimits", "Events", "PairEvents", "Parted"]

@@ -25,10 +25,11 @@ import pytest
 from each import each
 from rig import Patch, Rig, cube, pose, spy
 
-from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
+from obb_collision.node import collisions_from_ros, contacts_from_ros
 from obb_collision.node.inputs import clouds as obstacles
 from obb_collision.node.messages.box_markers import Markers
 from obb_collision.node.outputs import Events, outputs
+from obb_collision.node.status import reporting
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, separations, sweep

@@ -32,7 +32,7 @@ from evidence_machine import BEGIN, PLACES, SIZES, EvidenceMachine, World, rule
 from evidence_model import CHANGES, KINDS, ORDER
 from walks import Rules, Step, check, draw_all, one_of, repeated
 
-from obb_collision.node import evidence
+from obb_collision.node.status import evidence
 
 TICK: Step = "tick", {}
 STEPS_OF_A_WALK, MOST_FAILURES = 60, 10

@@ -34,9 +34,9 @@ from rclpy.parameter import Parameter
 from rig import OUTPUTS, STATUS, Patch, Rig, client_apart, cube, own_context, pose
 
 from obb_collision import _kernel_cache
-from obb_collision.node import ready
 from obb_collision.node.diagnostics.answer import UNKNOWN
 from obb_collision.node.node import CollisionNode
+from obb_collision.node.parameters import ready
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.steps import BOUNDS, BOXES, MESSAGES, STEPS
@@ -277,7 +277,7 @@ def test_a_start_that_is_given_up_compiles_nothing_more(cache: Cache) -> None:
     assert cache.compiled == cache.here == []
 
 
-EVERYTHING = Path(__file__).with_name("everything.py")
+EVERYTHING = Path(__file__).parents[1] / "everything.py"
 
 
 def test_no_cycle_loads_a_kernel(tmp_path: Path) -> None:

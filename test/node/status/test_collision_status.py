@@ -38,15 +38,16 @@ from std_msgs.msg import Bool, Header
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros, ready
+from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, Reason
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
-from obb_collision.node.outputs import PERIOD, CollisionStatus
+from obb_collision.node.parameters import ready
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.status.collision_status import PERIOD, CollisionStatus
 from obb_collision.scene.store import Overrides
 
 A = namespace_number("a")

@@ -41,8 +41,8 @@ from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.outputs.collision_status import STATUS, allowed_delay
 from obb_collision.node.parameters.entries import Groups, bounds_text
+from obb_collision.node.status.collision_status import STATUS, allowed_delay
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene.store.store import NO_ROWS
