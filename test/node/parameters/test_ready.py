@@ -190,7 +190,8 @@ def test_until_all_is_compiled_it_is_not_active_and_says_how_far_it_is(
         assert set(cache.compiled) == ON_BOXES
         assert other.cycle.active
         rig.executor.add_node(other)
-        rig.client.create_subscription(OUTPUTS["contacts"].message, "/cell/contacts", print, 10)
+        contacts = OUTPUTS["contacts"].message
+        rig.client.create_subscription(contacts, "/cell/contacts", lambda _: None, 10)
         rig.until(lambda: "contacts" in other.effects.of_cycle(), "an effect that is subscribed to")
         rig.until(lambda: other.cycle.report is not None, "a check")
         assert set(cache.compiled) == ON_BOXES, "nothing more"
