@@ -41,9 +41,9 @@ missing, or to end, before seconds of imports. Examples take
 ``import numpy as np`` and ``import obb_collision as oc`` for granted.
 
 Layers, each importing only those before it: ``numerics`` (arithmetic), ``geometry`` (what things
-are), ``queries`` (a folder per question), ``obb`` and ``shapes`` (one box, what an object can be),
-``scene`` (the store, the broad phase, the check, effects), ``regions``, ``robots`` (URDF,
-kinematics), ``scene_files`` (YAML and MoveIt), ``node`` (ROS), and above it ``demo`` and
+are), ``queries`` (a folder per question), ``obb``, ``boxes`` and ``shapes`` (one box, many, what an
+object can be), ``scene`` (the store, the broad phase, the check, effects), ``regions``, ``robots``
+(URDF, kinematics), ``scene_files`` (YAML and MoveIt), ``node`` (ROS), and above it ``demo`` and
 ``benchmarks``; more in CONTRIBUTING.md.
 """
 
@@ -62,8 +62,8 @@ def __getattr__(name: str) -> Any:
     if name == "__all__" or not name.startswith("_"):
         api = import_module("obb_collision.api")
         if name == "__all__" or name in api.__all__:
-            found = globals()[name] = getattr(api, name)
-            return found
+            value = globals()[name] = getattr(api, name)
+            return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

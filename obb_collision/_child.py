@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that do what a program must not wait for: what starts one, and what both sides say.
+"""Child processes, for work that a program must not wait for, and messages from them.
 
-What a process says is plain, since it may read what strangers sent: nothing of it is unpickled. A
-message is None, a number, a text, an array of numbers, or a tuple of these: JSON, and the numbers
-of each array after it.
+A child may read files of strangers, so nothing that it sends is unpickled. A message is None, a
+number, a text, an array of numbers, or a tuple of these: JSON, and the numbers of each array after
+it.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: It finds the package where this process did, whatever the current folder is.
+#: What a child runs: it finds the package where its parent did, whatever the current folder is.
 CODE = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from obb_collision._child import run; run(int(sys.argv[2]), *json.loads(sys.argv[3]))"
 )
-#: Libraries reserve memory for each thread, and one thing is done at a time.
+#: A child needs one thread: libraries reserve memory for each.
 SINGLE = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
 #: Seconds that a process may take to end: longer where a file system blocks it.
 ENDING = 1.0
-#: Bytes of the JSON: a thousand times what the deepest message has.
+#: Limit of bytes of the JSON: a thousand times the largest message.
 MOST_TEXT = 1 << 20
 #: Kinds of numbers in arrays: no objects, and no texts.
 NUMBERS = "biuf"
@@ -55,13 +55,13 @@ TYPE, SHAPE = "type", "shape"
 
 
 class MessageError(ValueError):
-    """A message is not like those above."""
+    """A message from a child that is not understood."""
 
 
 class Child:
     """A process that calls a function, ``module:name``, with its connection and plain arguments.
 
-    Raises OSError where it can't be started. Signals of a terminal are not meant for it.
+    Raises OSError where it can't be started. Signals of the terminal do not reach it.
     """
 
     def __init__(self, function: str, *arguments: Any) -> None:
@@ -86,17 +86,17 @@ class Child:
 
     @property
     def number(self) -> int:
-        """The number of the process."""
+        """The process id."""
         return self._process.pid
 
     def code(self, patience: float = 0.0) -> int | None:
-        """Return its exit code, as subprocess has it; None where it has not ended."""
+        """Return its exit code, as subprocess has it; None while it runs."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(patience)
         return self._process.poll()
 
     def how(self, patience: float = 0.2) -> str:
-        """Return how it ended, in words."""
+        """Return in words how it ended."""
         code = self.code(patience)
         if code is None:
             return "it does not answer"
@@ -108,19 +108,19 @@ class Child:
         return f"it was ended by {name}"
 
     def kill(self) -> None:
-        """End it; also from another thread, which may read meanwhile."""
+        """Kill it, also from another thread, which may read meanwhile."""
         with suppress(OSError):
             self._process.kill()
 
     def end(self) -> None:
-        """End it, and the connection."""
+        """Kill it and close the connection."""
         self.connection.close()
         self.kill()
         self.code(ENDING)
 
 
 def run(descriptor: int, function: str, *arguments: Any) -> None:
-    """Call a function: what the process runs."""
+    """Call a function; runs in the child."""
     resolve_name(function)(Connection(descriptor), *arguments)
 
 
@@ -133,7 +133,6 @@ def send(connection: Connection, message: Any) -> None:
 
 
 def _described(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Return a message as JSON, and add its arrays to a list."""
     if isinstance(value, np.ndarray) and value.dtype.kind in NUMBERS:
         arrays.append(np.ascontiguousarray(value))
         return {TYPE: value.dtype.str, SHAPE: value.shape}
@@ -145,9 +144,9 @@ def _described(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def receive(connection: Connection) -> Any:
-    """Return a message; MessageError where it is none.
+    """Receive a message; MessageError if it is not understood.
 
-    MemoryError, OSError and EOFError as a connection raises them.
+    MemoryError, OSError and EOFError as the connection raises them.
     """
     try:
         return _received(json.loads(connection.recv_bytes(MOST_TEXT)), connection)
@@ -156,7 +155,7 @@ def receive(connection: Connection) -> Any:
 
 
 def _received(value: Any, connection: Connection) -> Any:
-    """Return a message from its JSON, and the arrays that come after that."""
+    """Return a message from its JSON; receives the arrays after it."""
     if isinstance(value, list):
         return tuple(_received(item, connection) for item in value)
     if not isinstance(value, dict):

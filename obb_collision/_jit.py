@@ -30,20 +30,15 @@ from numba.experimental import structref
 from numba.extending import overload as overload_function
 
 from obb_collision._kernel_cache import KernelCache
-from obb_collision._numba import keep, known, redirect_calls
+from obb_collision._numba import keep, redirect_calls, supported
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: Of every kernel. No wrapper for callers in C, who do not exist: a tenth of all compiling.
-OPTIONS = {
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": False,
-    "no_cfunc_wrapper": True,
-}
+OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 
 kernels: list[Any] = []
-"""All kernels that have been defined so far; none where numba is disabled."""
+"""All kernels defined so far; empty where numba is disabled."""
 caches: list[KernelCache] = []
 """Their caches."""
 
@@ -67,22 +62,21 @@ def njit(
 ) -> Any:
     """Compile a kernel with the options of the project.
 
-    It is compiled twice at most: for Python, and for kernels that call it, without the function by
-    which Python would: a seventh of all compiling.
+    A kernel is compiled at most twice: for calls from Python, and for calls from kernels without
+    the wrapper for Python, a seventh of all compiling. A literal number in a call makes no kernel
+    of its own, as it does with numba: a quarter of all compiling. Kernels that index with such a
+    number are inlined, so that no test for a negative index remains.
 
-    inline: into whatever calls it, however long it is; a loop over several numbers at once must not
-    call anything. merge: into its callers, one or few, as if it stood there, before these are
-    compiled, and never alone: LLVM optimizes a kernel again in each that calls it, directly or not,
-    so that each level between saves as much as all below it. Its callers may count references or
-    not. refcount: whether references to the arrays it is given are counted, which takes 5 ns for
-    each it names, as much as a test of two spheres; not in a kernel that makes or returns any.
-
-    A number written out in a call makes no kernel of its own, as it does with numba: a quarter of
-    all compiling. What indexes with it is inlined, so that it need not ask whether it is negative.
+    inline: compile it into its callers, however long it is: LLVM vectorises only loops without
+    calls. merge: copy it into its callers, one or few, before these are compiled, and never compile
+    it alone. LLVM optimizes a kernel again in each that calls it, directly or not, so each level
+    between saves as much as all below it. Callers may count references or not. refcount: count
+    references to the arrays among the arguments, 5 ns for each that it names, as much as a test of
+    two spheres. A kernel that makes or returns arrays must count.
     """
     options: dict[str, Any] = {}
     if merge:
-        return lambda function: numba.njit(**known(OPTIONS), inline="always")(function)
+        return lambda function: numba.njit(**supported(OPTIONS), inline="always")(function)
     if inline:
         options["forceinline"] = True
     if not refcount:
@@ -93,34 +87,34 @@ def njit(
 
 
 def _compiled(function: F, options: dict[str, Any]) -> F:
-    kernel: Any = numba.njit(**known({**OPTIONS, **options}))(function)
+    kernel: Any = numba.njit(**supported({**OPTIONS, **options}))(function)
     if kernel is function:  # numba is disabled
         return function
     cache = KernelCache(kernel)
     keep(kernel, cache.for_numba())
-    inner = numba.njit(**known({**OPTIONS, **options, "no_cpython_wrapper": True}))(function)
+    inner = numba.njit(**supported({**OPTIONS, **options, "no_cpython_wrapper": True}))(function)
     keep(inner, cache.for_numba(for_kernels=True))
     redirect_calls(kernel, inner, types.unliteral)
     kernels.append(kernel)
     caches.append(cache)
-    made: F = kernel
-    return made
+    result: F = kernel
+    return result
 
 
 @structref.register
 class HeldType(types.StructRef):  # type: ignore[misc]
-    """What kernels see of ``Held``."""
+    """The type of ``Held`` in kernels."""
 
 
 class Held(structref.StructRefProxy):  # type: ignore[misc]
-    """A NamedTuple as kernels take it in 1 us, be it one of thirty arrays, which alone take 8."""
+    """A NamedTuple that kernels take in 1 us; one of thirty arrays would take 8."""
 
     __slots__ = ()
     value: Any
 
 
 class Interpreted:
-    """The same where numba is disabled."""
+    """``Held`` where numba is disabled."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
@@ -129,7 +123,7 @@ class Interpreted:
 structref.define_boxing(HeldType, Held)
 
 
-def _made(value: Any) -> Callable[[Any], Held]:
+def _maker(value: Any) -> Callable[[Any], Held]:
     kind = HeldType([("value", value)])
 
     def make(value: Any) -> Held:
@@ -140,13 +134,13 @@ def _made(value: Any) -> Callable[[Any], Held]:
     return make
 
 
-overload_function(Held)(_made)  # as ``structref.define_proxy`` does, in a module with a name
+overload_function(Held)(_maker)  # as ``structref.define_proxy`` does, in a module with a name
 _held: Any = Interpreted if config.DISABLE_JIT else Held
 
 
 @njit
 def hold(value: Any) -> Held:
-    """Return a NamedTuple for kernels, which read ``value`` of it."""
+    """Return a NamedTuple as ``Held``; kernels read its ``value``."""
     held: Held = _held(value)
     return held
 
@@ -158,5 +152,5 @@ def loaded_kernels() -> set[str]:
 
 
 def unkept_kernels() -> list[str]:
-    """Return the names of the kernels that the cache has for no kind of arguments."""
+    """Return the names of the kernels of which the cache has no file."""
     return [cache.name for cache in caches if not cache.is_kept]

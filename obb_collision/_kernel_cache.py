@@ -68,7 +68,7 @@ logger = logging.getLogger("obb_collision")
 #: Seconds since its last use after which a folder goes: edits and versions that are no more.
 UNUSED = 30 * 86400.0
 DIGEST_SIZE = 16
-#: How the names of files begin of what kernels alone can call.
+#: Prefix of files with the variant that only kernels can call.
 FOR_KERNELS = "inner-"
 #: Bytes that are written to see whether a folder takes kernels: most have less.
 PROBE = 1 << 16
@@ -89,7 +89,7 @@ def cache_home() -> Path | None:
     return Path(base) / "obb_collision" if os.path.isabs(base) else None
 
 
-#: Where kernels are looked for, and kept: in the first of these folders that takes them.
+#: Folders of kernels. A new one is saved in the first that takes it.
 places: list[Path] = [home] if (home := cache_home()) is not None else []
 #: Kernels that were compiled and that no folder took.
 unsaved: list[str] = []
@@ -101,7 +101,7 @@ _this_thread = threading.local()
 class Compiled:
     """The kernels that this process compiles, and the seconds it takes; logs the progress.
 
-    say: what to do whenever one is compiled.
+    say: called whenever one is compiled.
     """
 
     def __init__(self) -> None:
@@ -112,13 +112,13 @@ class Compiled:
         self._start, self._due = 0.0, FIRST_LINE
 
     def begin(self, name: str) -> None:
-        """Take note that a kernel is going to be compiled."""
+        """Note that a kernel is about to be compiled."""
         if not self._begun:
             self._start = perf_counter()
         self._begun.append(name)
 
     def end(self, name: str) -> None:
-        """Take note that a kernel is compiled; those begun since then have failed."""
+        """Note that a kernel is compiled; those begun since then have failed."""
         self.names.append(name)
         del self._begun[self._begun.index(name) if name in self._begun else 0 :]
         now = perf_counter()
@@ -180,19 +180,19 @@ def why_not_kept() -> str:
 
 
 def _why_foreign(*paths: Path) -> str:
-    """Return why somebody else may have written what is in folders or a file, "" if nobody has.
+    """Return why another user may have written to folders or a file, "" if none can.
 
-    paths: from the outside in; what is not there can be made. OSError where one can't be looked at.
+    paths: from the outside in; missing ones can be made. OSError where one can't be read.
     """
     shared = stat.S_IWGRP | stat.S_IWOTH
     for path in paths:
         try:
-            found = path.stat()
+            status = path.stat()
         except FileNotFoundError:
             return ""
-        if found.st_uid not in (os.geteuid(), 0):
+        if status.st_uid not in (os.geteuid(), 0):
             return f"{path} belongs to another user; set NUMBA_CACHE_DIR to a folder of your own"
-        if found.st_mode & (stat.S_IWOTH if found.st_gid == os.getegid() else shared):
+        if status.st_mode & (stat.S_IWOTH if status.st_gid == os.getegid() else shared):
             return f"others may write to {path}; remove it, or NUMBA_CACHE_DIR names another folder"
     return ""
 
@@ -214,7 +214,7 @@ def _make(place: Path, *folders: Path) -> None:
 
 @cache
 def private_place() -> Path | None:
-    """Return a folder of this process's own, which ends with it; None where none can be made."""
+    """Return a temporary folder, removed when the process ends; None where none can be made."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="obb_collision-kernels-"))
     except OSError as error:
@@ -251,14 +251,14 @@ class KernelCache:
         """Name of the kernel, without that of the package."""
 
     def for_numba(self, for_kernels: bool = False) -> Cache:
-        """Return what numba asks; for_kernels: what kernels call, which Python can't."""
+        """Return the cache for numba. for_kernels: of the variant that only kernels can call."""
         prefixes = ("", FOR_KERNELS) if for_kernels else ("",)
 
         def load(key: Key, rebuilt: Callable[[bytes], Any]) -> Any:
             for place, prefix in product(places, prefixes):
-                found = self._load(place, prefix + self._file(key), rebuilt)
-                if found is not None:
-                    return found
+                kernel = self._load(place, prefix + self._file(key), rebuilt)
+                if kernel is not None:
+                    return kernel
             if only_loads():
                 raise KernelMissingError(self.name)
             compiled.begin(self.name)
@@ -283,8 +283,8 @@ class KernelCache:
             folder = place / self.folder
             with suppress(OSError):
                 if not _why_foreign(place, folder):
-                    found = (path for path in folder.glob("*.kernel") if path.is_file())
-                    if any(not _why_foreign(path) for path in found):
+                    files = (path for path in folder.glob("*.kernel") if path.is_file())
+                    if any(not _why_foreign(path) for path in files):
                         return True
         return False
 
@@ -352,11 +352,11 @@ class KernelCache:
 
 
 class _DamagedError(Exception):
-    """A file is not what was written, or can't be used."""
+    """The content of a file has changed, or can't be used."""
 
 
 def _unless_interrupted(rebuilt: Callable[[bytes], Any], data: bytes) -> Any:
-    """Return a kernel; _DamagedError for whatever pickle and numba raise of a foreign file.
+    """Return a kernel; _DamagedError for any error of pickle or numba in a foreign file.
 
     A handler of a signal may raise meanwhile, and that is raised here: it does not come again.
     """
@@ -408,7 +408,7 @@ def kernel_key(kernel: Any) -> str:
 
 @cache
 def own_key(kernel: Any) -> str:
-    """Return what a kernel depends on but for what it calls; TypeError where that is not known."""
+    """Return the parts of a kernel's key without what it calls; TypeError for an unknown part."""
     function = function_of(kernel)
     values = [(name, _value(value)) for name, value in _globals(kernel)]
     options = sorted(getattr(kernel, "targetoptions", {}).items())
@@ -433,8 +433,8 @@ def fields_of(kind: Any) -> tuple[Any, ...]:
 def _globals(kernel: Any) -> list[tuple[str, Any]]:
     """Return the globals that a kernel names, and what it closes over, sorted."""
     function = function_of(kernel)
-    known = function.__globals__
-    named = {name: known[name] for name in _names(function.__code__) if name in known}
+    scope = function.__globals__
+    named = {name: scope[name] for name in _names(function.__code__) if name in scope}
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
     return sorted(
         [*named.items(), *((name, cell.cell_contents) for name, cell in cells)],

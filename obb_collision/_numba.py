@@ -34,7 +34,7 @@ except ImportError:
     CompileResult = DefaultOptions = dumps = None
 
 UNDOCUMENTED = ("no_cfunc_wrapper", "no_cpython_wrapper", "forceinline", "_nrt")
-#: What a version lacks raises, wherever it is used.
+#: Errors of parts that a version of numba lacks.
 LACKING = AttributeError, TypeError, ValueError
 
 Key = tuple[Any, Any]
@@ -42,10 +42,10 @@ Key = tuple[Any, Any]
 
 
 class Cache:
-    """What numba asks for the machine code of a kernel, and gives it afterwards.
+    """Through it numba loads and saves the machine code of a kernel.
 
-    load: takes a key and a function that makes a kernel of what was kept; returns None where
-    nothing was. save: takes a key and what to keep, None where that can't be kept.
+    load: takes a key and a function that makes a kernel of saved bytes; returns None without them.
+    save: takes a key and the bytes, None for a kernel that can't be saved.
     """
 
     cache_path = ""
@@ -58,7 +58,7 @@ class Cache:
         self._load, self._save = load, save
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Return the compiled kernel, None where it is not there."""
+        """Load a compiled kernel, None where it is missing."""
         target.refresh()
 
         def rebuilt(content: bytes) -> Any:
@@ -68,7 +68,7 @@ class Cache:
         return self._load((signature, target.codegen().magic_tuple()), rebuilt)
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Keep a compiled kernel."""
+        """Save a compiled kernel."""
         key, content = (signature, compiled.codegen.magic_tuple()), None
         try:
             if not compiled.lifted and not compiled.library.has_dynamic_globals:
@@ -78,24 +78,24 @@ class Cache:
         self._save(key, content)
 
     def enable(self) -> None:
-        """Do nothing: it is always on."""
+        """Do nothing: the cache is always on."""
 
     disable = flush = enable
 
 
 def keep(kernel: Any, cache: Cache) -> None:
-    """Have a kernel's machine code kept; where missing, each process compiles its own."""
+    """Set the cache of a kernel; where numba lacks that, each process compiles its own."""
     if can_keep() and hasattr(kernel, "_cache"):
         kernel._cache = cache
 
 
 def can_keep() -> bool:
-    """Return whether this version has what keeping machine code needs."""
+    """Return whether this version of numba lets machine code be saved."""
     return hasattr(CompileResult, "_rebuild") and hasattr(CompileResult, "_reduce")
 
 
-def known(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of a kernel that this version has.
+def supported(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of a kernel that this version of numba has.
 
     Where missing, compiling takes a tenth longer, and kernels that make no arrays count references.
     """
@@ -104,9 +104,9 @@ def known(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def redirect_calls(kernel: Any, inner: Any, general: Callable[[Any], Any]) -> None:
-    """Have kernels that call a kernel call another one, with more general types of arguments.
+    """Redirect calls from kernels to another kernel, with more general types of arguments.
 
-    Where missing, they call the kernel itself, compiled for each number that is written out.
+    Where numba lacks that, they call the kernel itself, compiled for each literal number.
     """
     template, overload = (getattr(inner, n, None) for n in ("get_call_template", "get_overload"))
     if template is None or overload is None:

@@ -53,12 +53,12 @@ class _Threads:
         self.forget()
 
     def forget(self) -> None:
-        """Have no helpers: in a forked process, where threads are not copied, and locks may be."""
+        """Forget all helpers: a fork copies no threads, but perhaps locks that are held."""
         self.calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._lock, self._helpers = threading.Lock(), 0
 
     def help(self, call: Callable[[], None], number: int) -> None:
-        """Have helpers call something, ``number`` of them at most; fewer where none can start."""
+        """Let up to ``number`` helpers call a function; fewer where no thread can start."""
         if self._helpers < number:
             with self._lock:
                 try:
@@ -83,17 +83,12 @@ os.register_at_fork(after_in_child=_threads.forget)
 def threads() -> int:
     """Return how many threads questions about many boxes use.
 
-    As ``set_threads`` says, else OBB_COLLISION_THREADS, else the cores this process may use. Small
-    questions use one.
+    As ``set_threads`` says, else OBB_COLLISION_THREADS, a whole number from 1 to 1024, else the
+    cores this process may use. Small questions use one.
 
     Returns
     -------
     int
-
-    Raises
-    ------
-    ValueError
-        If OBB_COLLISION_THREADS is no whole number from 1 to 1024.
 
     Examples
     --------
@@ -165,27 +160,27 @@ def ranges(count: int, least: int) -> list[tuple[int, int]]:
 
 
 def run(kernel: Callable[..., Any], count: int, least: int, *args: Any) -> list[Any]:
-    """Call ``kernel(*args, start, stop)`` on ranges of ``count`` rows; return what it returned.
+    """Return the results of ``kernel(*args, start, stop)`` on ranges of ``count`` rows.
 
     least: rows below which a second thread does not pay. What a call raises is raised here, once
-    no other one runs any more.
+    no other call runs.
     """
     parts = ranges(count, least)
     if len(parts) == 1:
         return [kernel(*args, 0, count)]
-    kernel(*args, 0, 0)  # loaded, or compiled, in this thread: it may be forbidden, and be told
+    kernel(*args, 0, 0)  # load or compile it in this thread, which may forbid or report that
     return run_parts(lambda part: kernel(*args, *parts[part]), len(parts))
 
 
 def run_parts(call: Callable[[int], Any], count: int) -> list[Any]:
-    """Return what ``call`` returns for 0 to ``count`` - 1, called by several threads.
+    """Return the results of ``call`` for 0 to ``count`` - 1, called by several threads.
 
-    None of them runs any more at the end, also after an interrupt: what a helper does is noted by
-    single calls of C, between which an interrupt comes, before it begins and once it has ended.
+    No call runs any more at the end, also after an interrupt: a helper notes its begin and its end
+    by single calls of C, and interrupts come only between these.
     """
     results: list[Any] = [None] * count
     failed: list[BaseException] = []
-    left = iter(range(count))  # no two threads get the same of it
+    left = iter(range(count))  # no two threads get the same part
     begun: list[None] = []
     ended: SimpleQueue[None] = SimpleQueue()
 

@@ -20,8 +20,8 @@ What functions return is public with them; its classes are in the modules of the
 from obb_collision import regions, shapes
 from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.aabb import AABB
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
+from obb_collision.geometry.boxes import AABB
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
@@ -29,13 +29,7 @@ from obb_collision.queries.meshes.meshes import triangle_pairs
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.planes import HalfSpaces
-from obb_collision.queries.questions import (
-    clearances,
-    contacts,
-    separations,
-    sweeps,
-    verdicts,
-)
+from obb_collision.queries.questions import clearances, contacts, separations, sweeps, verdicts
 from obb_collision.queries.rays.rays import cast_rays, cast_segments
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes

@@ -59,13 +59,13 @@ SUBCOMMANDS = {
     ),
     "speed": ("benchmarks.command:speed", "measure the speed of checks on this machine"),
 }
-"""Where each is, in this package, and what it does."""
+"""By name: module and function, and what it does."""
 
 
 def _program(name: str, what: str, epilog: str, module: str, needed: str = "") -> Command:
     """Return a command that takes ROS arguments only, and runs the ``main`` of a module.
 
-    needed: a parameter without which it is refused, unless it may be in a file.
+    needed: a parameter that must be given, unless a file may give it.
     """
 
     @restored_signals()
@@ -78,11 +78,11 @@ def _program(name: str, what: str, epilog: str, module: str, needed: str = "") -
             epilog=f"For example: {command_line(name)} --ros-args {epilog}",
             allow_abbrev=False,
         )
-        given = sys.argv[1:] if args is None else args
-        parser.parse_args(without_ros_arguments(given))
+        words = sys.argv[1:] if args is None else args
+        parser.parse_args(without_ros_arguments(words))
         if not is_ros_here(name):
             return 1
-        if needed and not any(f"{needed}:=" in word or word == "--params-file" for word in given):
+        if needed and not any(f"{needed}:=" in word or word == "--params-file" for word in words):
             parser.error(f"needs the parameter {needed}")
         return _main_of(module)(args)
 
@@ -90,8 +90,8 @@ def _program(name: str, what: str, epilog: str, module: str, needed: str = "") -
 
 
 def _main_of(module: str, function: str = "main") -> Command:
-    found: Command = getattr(import_module(f"obb_collision.{module}"), function)
-    return found
+    command: Command = getattr(import_module(f"obb_collision.{module}"), function)
+    return command
 
 
 def _loaded(module: str, function: str = "main") -> Command:
@@ -126,9 +126,9 @@ status = _loaded("demo.status")
 
 
 def _script(command: Command) -> Command:
-    """Return a command as a console script: its process ends with it, so later signals do nothing.
+    """Return a command as a console script, after which the process ends: later signals do nothing.
 
-    The command itself, and a script given its arguments, give the signals back.
+    The command itself, and a script called with arguments, restore the handlers of signals.
     """
 
     def script(args: Sequence[str] | None = None) -> int:
@@ -157,8 +157,8 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "arguments", nargs=REMAINDER, help="arguments of the command, see COMMAND --help"
     )
-    given = parser.parse_args(args)
-    return _main_of(*SUBCOMMANDS[given.command][0].split(":"))(given.arguments)
+    options = parser.parse_args(args)
+    return _main_of(*SUBCOMMANDS[options.command][0].split(":"))(options.arguments)
 
 
 script, node_script, merge_script, demo_script = map(_script, (main, node, merge, demo))

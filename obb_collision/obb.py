@@ -21,10 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.aabb import AABB
-from obb_collision.geometry.boxes import Boxes, add_outwards, box_volumes
+from obb_collision.geometry.boxes import AABB, Boxes, add_outwards, box_volumes
 from obb_collision.geometry.fitting.enclosing import transform_box
-from obb_collision.geometry.fitting.fit import fit_clouds, fit_points
+from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     as_array,
@@ -78,8 +77,6 @@ class OBB(ArrayValue):
     _rotation: Floats
     _half_extents: Floats
 
-    _fit_clouds = staticmethod(fit_clouds)  # for Boxes, which cannot import what is above them
-
     def __init__(
         self,
         center: ArrayLike = (0.0, 0.0, 0.0),
@@ -95,11 +92,6 @@ class OBB(ArrayValue):
         ----------
         center, rotation, half_extents : array_like
             As in the constructor.
-
-        Raises
-        ------
-        ValueError
-            As the constructor; then the box stays as it was.
 
         Examples
         --------
@@ -159,11 +151,6 @@ class OBB(ArrayValue):
         half_extents : (3,) array_like
             Metres.
 
-        Raises
-        ------
-        ValueError
-            As the constructor, and for a zero quaternion.
-
         Examples
         --------
         >>> turned = oc.OBB.from_quaternion([0, 0, 0], [0, 0, 0.6, 0.8], [1, 1, 1])
@@ -202,11 +189,6 @@ class OBB(ArrayValue):
         fit : str
             "aabb", "covariance", "hull_covariance", "min_volume", or "best", the smallest of
             several.
-
-        Raises
-        ------
-        ValueError
-            For no points, bad points or an unknown fit.
 
         References
         ----------
@@ -259,11 +241,6 @@ class OBB(ArrayValue):
         (3,) array
             Of unit length.
 
-        Raises
-        ------
-        ValueError
-            For another axis.
-
         Examples
         --------
         >>> oc.OBB().edge_direction(2).tolist()
@@ -285,11 +262,6 @@ class OBB(ArrayValue):
         -------
         (3,) array
             Of unit length.
-
-        Raises
-        ------
-        ValueError
-            For another face.
 
         Examples
         --------
@@ -336,12 +308,7 @@ class OBB(ArrayValue):
         Parameters
         ----------
         matrix : (4, 4) array_like
-            Acts on columns; its last row is 0 0 0 1.
-
-        Raises
-        ------
-        ValueError
-            For a singular or projective matrix.
+            Invertible; acts on columns, and its last row is 0 0 0 1.
 
         Examples
         --------
@@ -363,11 +330,6 @@ class OBB(ArrayValue):
         Returns
         -------
         bool or (n,) array of bool
-
-        Raises
-        ------
-        ValueError
-            For points of another shape.
 
         Examples
         --------
@@ -421,9 +383,9 @@ class OBB(ArrayValue):
         >>> gap, axis.tolist(), verdict.name
         (2.0, [1.0, 0.0, 0.0], 'SEPARATE')
         """
-        found = box_separations(*self._with(other))
-        verdict = Verdict(int(found.verdicts[0]))
-        return Separation(float(found.separations[0]), found.normals[0], verdict)
+        rows = box_separations(*self._with(other))
+        verdict = Verdict(int(rows.verdicts[0]))
+        return Separation(float(rows.separations[0]), rows.normals[0], verdict)
 
     def overlap_volume(self, other: OBB) -> float:
         """Return the volume that two boxes share.
@@ -478,6 +440,3 @@ class OBB(ArrayValue):
             f"OBB(center={self._center.tolist()}, rotation={self._rotation.tolist()}, "
             f"half_extents={self._half_extents.tolist()})"
         )
-
-
-Boxes.single = OBB

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from obb_collision.scene.region_merger import RegionMerger
-from obb_collision.scene.store.region import Region, split_regions
+from obb_collision.scene.store.region import Region, RegionMerger, split_regions
 
 __all__ = ["Region", "RegionMerger", "split_regions"]

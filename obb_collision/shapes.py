@@ -31,14 +31,4 @@ from obb_collision.geometry.shapes.primitives import (
     Sphere,
 )
 
-__all__ = [
-    "Box",
-    "Capsule",
-    "Cone",
-    "Cylinder",
-    "Ellipsoid",
-    "Hull",
-    "Mesh",
-    "Shape",
-    "Sphere",
-]
+__all__ = ["Box", "Capsule", "Cone", "Cylinder", "Ellipsoid", "Hull", "Mesh", "Shape", "Sphere"]

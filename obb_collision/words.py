@@ -26,7 +26,7 @@ import reprlib
 import shutil
 from collections.abc import Sequence
 
-#: Maximum characters of a name or namespace as it is given.
+#: Maximum characters of a name or namespace.
 MAX_NAME = 255
 #: Maximum characters of an object's name in a scene: a namespace, a slash and an id, with room.
 MAX_OBJECT_NAME = 300
@@ -45,9 +45,9 @@ _repr.maxstring = _repr.maxother = MAX_SHOWN
 
 
 def command_line(words: str) -> str:
-    """Return how a command of this package is called here: its words, or behind ``ros2 run``.
+    """Return how a user starts a command here: its words, or these after ``ros2 run``.
 
-    That is where only ros2 finds it: colcon puts executables into ``lib``, which is not on PATH.
+    The latter where only ros2 finds it: colcon puts executables into ``lib``, not on PATH.
     """
     program = words.partition(" ")[0]
     prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
@@ -56,19 +56,19 @@ def command_line(words: str) -> str:
 
 
 def text_fault(text: str, most: int) -> str | None:
-    """Return why a text is not a usable name, as the end of a sentence; None if it is one."""
+    """Return why a text is no valid name, as the end of a sentence; None for a valid one."""
     if not text:
         return "must not be empty"
     if len(text) > most:
         return f"must have at most {most} characters, got {len(text)}"
-    found = UNPRINTABLE.search(text)
-    if found is not None:
-        return f"must not hold the character U+{ord(found[0]):04X}, got {shown(text)}"
+    bad = UNPRINTABLE.search(text)
+    if bad is not None:
+        return f"must not hold the character U+{ord(bad[0]):04X}, got {shown(text)}"
     return None
 
 
 def check_name(value: object, what: str, most: int = MAX_NAME) -> str:
-    """Return a name as it is. Raises ValueError, beginning with ``what``, for anything else."""
+    """Return a valid name unchanged; else ValueError, which begins with ``what``."""
     if not isinstance(value, str):
         raise ValueError(f"{what} must be a string, got {shown(value)}")
     fault = text_fault(value, most)
@@ -78,7 +78,7 @@ def check_name(value: object, what: str, most: int = MAX_NAME) -> str:
 
 
 def check_names(values: Sequence[str], what: str, most: int = MAX_NAME) -> None:
-    """Raise ValueError for the first invalid one of many names; all are tested together."""
+    """Raise ValueError for the first invalid name; many are tested together."""
     try:
         good = all(values) and max(map(len, values), default=0) <= most
         good = good and UNPRINTABLE.search("".join(values)) is None
@@ -90,8 +90,8 @@ def check_names(values: Sequence[str], what: str, most: int = MAX_NAME) -> None:
 
 
 def printable(text: str) -> str:
-    """Return a text with escapes for what cannot be printed or encoded."""
-    return UNPRINTABLE.sub(lambda found: repr(found[0])[1:-1], text)
+    """Return a text with escapes for characters that cannot be printed or encoded."""
+    return UNPRINTABLE.sub(lambda match: repr(match[0])[1:-1], text)
 
 
 def shown(value: object) -> str:

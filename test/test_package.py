@@ -45,7 +45,7 @@ SOURCE = Path(obb_collision.__file__).parent
 KERNELS = {"_jit", "_kernel_cache", "_numba"}
 BASE = KERNELS | {"_child", "_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
-LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
+LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "boxes", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
     "_numba": set(),
@@ -62,8 +62,9 @@ LAYERS: dict[str, set[str]] = {
     "shapes": GEOMETRY,
     "queries": GEOMETRY,
     "obb": GEOMETRY | {"queries"},
+    "boxes": GEOMETRY | {"obb"},
     "regions": {"scene"},
-    "scene": GEOMETRY | {"accuracy", "queries", "obb", "shapes"},
+    "scene": GEOMETRY | {"accuracy", "queries", "obb", "boxes", "shapes"},
     "robots": LIBRARY | {"cli"},
     "api": LIBRARY | {"regions", "robots", "scene_files"},
     "warm_up": LIBRARY | {"cli"},

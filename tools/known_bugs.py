@@ -29,8 +29,8 @@ from scipy.spatial import ConvexHull
 
 import obb_collision as oc
 from obb_collision import clearances, verdicts
+from obb_collision.boxes import Boxes
 from obb_collision.cli import Parser, interruptible, new_file, option
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE

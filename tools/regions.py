@@ -38,9 +38,8 @@ from obb_collision.cli import SEED, Parser, Progress, interruptible, option, rea
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.parameters.entries import region_parameters
 from obb_collision.node.topics.topics import COLLISIONS
-from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.region import split_regions
+from obb_collision.scene.store.region import RegionMerger, split_regions
 from tools.fuzz.client import Client, FoundError
 from tools.fuzz.process import Child, own_domain
 from tools.latency import Hall

@@ -42,8 +42,9 @@ from obb_collision import verdicts
 from obb_collision._jit import njit
 from obb_collision.benchmarks.contestants import make_frames
 from obb_collision.benchmarks.measuring import Show, as_text, take_turns
+from obb_collision.boxes import Boxes
 from obb_collision.cli import SEED, Parser, interruptible, option, real, whole
-from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import (
     OVERLAP,

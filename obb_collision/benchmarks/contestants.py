@@ -35,7 +35,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
 from obb_collision.geometry.poses import matrices_from_quaternions
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.scene import Scene

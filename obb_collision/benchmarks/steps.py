@@ -39,7 +39,7 @@ from obb_collision.benchmarks.contestants import (
     make_frames,
 )
 from obb_collision.benchmarks.measuring import Show, on_threads
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
 from obb_collision.queries.questions import separations
 from obb_collision.typing import Floats, Rows
 

@@ -33,6 +33,7 @@ from matplotlib.patches import Patch
 from scipy.spatial import ConvexHull
 from trimesh.remesh import subdivide_to_size
 
+from obb_collision.boxes import Boxes
 from obb_collision.demo.listener import Color
 from obb_collision.demo.snapshot import (
     DOUBTFUL,
@@ -48,7 +49,6 @@ from obb_collision.demo.snapshot import (
     look_at,
     pieces,
 )
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.node.messages.box_markers import edge_points
 from obb_collision.scene_files.description import View
 from obb_collision.typing import Floats

@@ -27,8 +27,8 @@ from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
 from obb_collision import shapes
+from obb_collision.boxes import Boxes
 from obb_collision.demo.listener import Color, Cycle, is_touching, pair_of
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.primitives import Primitive
 from obb_collision.node import NamedPair
 from obb_collision.scene_files.description import View

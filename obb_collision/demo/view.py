@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision.boxes import Boxes
 from obb_collision.demo.listener import Color, Listener
 from obb_collision.demo.snapshot import (
     BALL,
@@ -51,7 +52,6 @@ from obb_collision.demo.snapshot import (
     take_snapshot,
 )
 from obb_collision.demo.status import Status
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.node.messages.box_markers import edge_points
 from obb_collision.scene_files.description import View as Viewpoint

@@ -12,18 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes: many oriented boxes as a structure of arrays."""
+"""Boxes: one axis-aligned box, and many oriented ones as a structure of arrays.
+
+The questions of an ``AABB`` are comparisons, so they are exact. Geometry and queries
+take ``Boxes``; the public class of that name adds what gives and takes an ``OBB``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, overload
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.aabb import AABB, CORNER_SIGNS, world_bounds_kernel
+from obb_collision._jit import njit
 from obb_collision.geometry.poses import as_poses, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     as_any_array,
@@ -37,11 +41,164 @@ from obb_collision.geometry.validation import (
     select_rows,
 )
 from obb_collision.geometry.values import ArrayValue, ForKernels
-from obb_collision.typing import Floats
+from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
+from obb_collision.numerics.error_free import two_sum_error
+from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
+from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown
 
-if TYPE_CHECKING:  # of a layer above: only its name
-    from obb_collision.obb import OBB
+#: Signs of the corners along the box axes: on the +z face left-top, left-bottom, right-bottom,
+#: right-top; then on the -z face right-top, right-bottom, left-bottom, left-top.
+_RING = [[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]
+CORNER_SIGNS: Floats = np.array(
+    [[*xy, 1.0] for xy in _RING] + [[*xy, -1.0] for xy in reversed(_RING)]
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AABB(ArrayValue):
+    """The closed axis-aligned box between two corners. Equal where both corners are.
+
+    Parameters
+    ----------
+    minimum, maximum : (3,) array_like
+        Metres.
+
+    Examples
+    --------
+    >>> box = oc.AABB([0, 0, 0], [1, 1, 1])
+    >>> box.intersects(oc.AABB([1, 0, 0], [2, 1, 1]))  # touching counts
+    True
+    """
+
+    minimum: Floats
+    maximum: Floats
+
+    def __init__(self, minimum: ArrayLike, maximum: ArrayLike) -> None:
+        low = as_array(minimum, "minimum", (3,)).copy()
+        high = as_array(maximum, "maximum", (3,)).copy()
+        refuse_where(low > high, "minimum must not exceed maximum", by_row=False)
+        for corner in (low, high):
+            corner.flags.writeable = False
+        vars(self).update(minimum=low, maximum=high)
+
+    @classmethod
+    def from_points(cls, points: ArrayLike) -> AABB:
+        """Return the smallest box of points.
+
+        Parameters
+        ----------
+        points : (n, 3) array_like
+            Metres, at least one.
+
+        Examples
+        --------
+        >>> oc.AABB.from_points([[0, 5, 0], [1, 2, 3]])
+        AABB(minimum=[0.0, 2.0, 0.0], maximum=[1.0, 5.0, 3.0])
+        """
+        cloud = as_array(points, "points", (None, 3))
+        if len(cloud) == 0:
+            raise ValueError("points must not be empty")
+        return cls(cloud.min(axis=0), cloud.max(axis=0))
+
+    def intersects(self, other: AABB) -> bool:
+        """Return whether two closed boxes have a common point; touching counts.
+
+        Parameters
+        ----------
+        other : AABB
+
+        Examples
+        --------
+        >>> oc.AABB([0, 0, 0], [1, 1, 1]).intersects(oc.AABB([2, 0, 0], [3, 1, 1]))
+        False
+        """
+        check_kind(other, AABB, "other")
+        apart = (self.minimum > other.maximum) | (other.minimum > self.maximum)
+        return not bool(apart.any())
+
+    def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
+        """Return which points lie inside; the surface counts.
+
+        Parameters
+        ----------
+        points : (3,) or (n, 3) array_like
+            Metres.
+
+        Returns
+        -------
+        bool or (n,) array of bool
+
+        Examples
+        --------
+        >>> oc.AABB([0, 0, 0], [1, 1, 1]).contains([1, 0.5, 0])
+        True
+        """
+        single = is_single(points)
+        cloud = as_array(points, "points", (3,) if single else (None, 3))
+        inside = ((cloud >= self.minimum) & (cloud <= self.maximum)).all(axis=-1)
+        return bool(inside) if single else np.asarray(inside)
+
+    def corners(self) -> Floats:
+        """Return the corners.
+
+        Returns
+        -------
+        (8, 3) array
+            Metres, in the order of ``OBB.corners``.
+
+        Examples
+        --------
+        >>> oc.AABB([0, 0, 0], [1, 2, 3]).corners()[0].tolist()
+        [0.0, 2.0, 3.0]
+        """
+        return np.where(CORNER_SIGNS > 0.0, self.maximum, self.minimum)
+
+    def __repr__(self) -> str:
+        return f"AABB(minimum={self.minimum.tolist()}, maximum={self.maximum.tolist()})"
+
+
+@njit
+def world_bounds_kernel(
+    centers: Floats, rotations: Floats, half_extents: Floats, minimum: Floats, maximum: Floats
+) -> None:
+    """Write axis-aligned bounds (n, 3) that certainly contain each box."""
+    for n in range(len(centers)):
+        rows, h = rows_at(rotations, n), vector_at(half_extents, n)
+        low, high = world_bounds_of(vector_at(centers, n), rows, h)
+        for k in range(3):
+            minimum[n, k], maximum[n, k] = low[k], high[k]
+
+
+@njit
+def world_bounds_of(center: Vector, rows: Axes, half_extents: Vector) -> tuple[Vector, Vector]:
+    """Return axis-aligned bounds that certainly contain a box; rows: of its rotation matrix."""
+    x0, x1 = _bounds_along(center[0], rows[0], half_extents)
+    y0, y1 = _bounds_along(center[1], rows[1], half_extents)
+    z0, z1 = _bounds_along(center[2], rows[2], half_extents)
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+@njit
+def _bounds_along(center: float, row: Vector, half_extents: Vector) -> tuple[float, float]:
+    radius = dot_abs(half_extents, row)
+    low, high = center - radius, center + radius
+    slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
+    if not (_is_plain(row[0]) & _is_plain(row[1]) & _is_plain(row[2])):
+        return low - slack, high + slack
+    return (
+        low - slack if two_sum_error(center, -radius) < 0.0 else low,
+        high + slack if two_sum_error(center, radius) > 0.0 else high,
+    )
+
+
+@njit
+def _is_plain(weight: float) -> bool:
+    """Return whether a product with it is exact."""
+    return (weight == 0.0) | (abs(weight) == 1.0)
+
+
+Kind = TypeVar("Kind", bound="Boxes")
 
 
 class BoxArrays(NamedTuple):
@@ -54,58 +211,34 @@ class BoxArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Boxes(ArrayValue, ForKernels):
-    """n oriented boxes: box k is centers[k] + sum_i t_i half_extents[k, i] rotations[k, :, i].
-
-    ``boxes[k]`` is an ``OBB``; a slice, an index array or a mask gives ``Boxes``. What an ``OBB``
-    can, many can: ``boxes.padded(0.1)[k] == boxes[k].padded(0.1)``. Equal where all numbers are.
-
-    Parameters
-    ----------
-    centers : (n, 3) array_like
-        Metres.
-    rotations : (n, 3, 3) array_like
-        The columns are the box axes. Within 1e-6 of orthonormal they are made orthonormal.
-    half_extents : (n, 3) array_like
-        Metres, not negative; zero makes a flat box.
-
-    Examples
-    --------
-    >>> boxes = oc.Boxes([[0, 0, 0], [3, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1], [2, 1, 1]])
-    >>> len(boxes), boxes.volumes.tolist()
-    (2, [8.0, 16.0])
-    >>> boxes[1].center.tolist()
-    [3.0, 0.0, 0.0]
-    """
+    """Arrays of n boxes; ``oc.Boxes`` adds what gives or takes a single ``OBB``."""
 
     centers: Floats
     rotations: Floats
     half_extents: Floats
     arrays: BoxArrays = field(init=False, repr=False, compare=False)
-    """All of it, for kernels."""
-
-    single: ClassVar[type[OBB]]
-    """``OBB``, which is of a layer above and sets itself here."""
+    """The arrays, for kernels."""
 
     def __init__(self, centers: ArrayLike, rotations: ArrayLike, half_extents: ArrayLike) -> None:
         c = as_array(centers, "centers", (None, 3))
         r = as_rotations(rotations, "rotations", (None, 3, 3))
         h = as_half_extents(half_extents, "half_extents", (None, 3))
         check_lengths(centers=c, rotations=r, half_extents=h)
-        self._set(c.copy(), r.copy(), h)  # what is checked must not change behind our back
+        self._set(c.copy(), r.copy(), h)  # copies: checked numbers must not change later
 
     def _set(self, centers: Floats, rotations: Floats, half_extents: Floats) -> None:
-        # past the guard of a frozen value, at a third of what object.__setattr__ takes
+        # past the guard of a frozen value, in a third of the time of object.__setattr__
         vars(self)["arrays"] = BoxArrays(centers, rotations, half_extents)
 
     @classmethod
-    def trusted(cls, centers: Floats, rotations: Floats, half_extents: Floats) -> Boxes:
-        """Return boxes over arrays known to be valid, neither checked nor copied."""
+    def trusted(cls: type[Kind], centers: Floats, rotations: Floats, half_extents: Floats) -> Kind:
+        """Return boxes over valid arrays, neither checked nor copied."""
         boxes = cls.__new__(cls)
         boxes._set(centers, rotations, half_extents)
         return boxes
 
     @classmethod
-    def from_poses(cls, poses: ArrayLike, half_extents: ArrayLike) -> Boxes:
+    def from_poses(cls: type[Kind], poses: ArrayLike, half_extents: ArrayLike) -> Kind:
         """Return boxes at poses.
 
         Parameters
@@ -114,11 +247,6 @@ class Boxes(ArrayValue, ForKernels):
             x y z (metres) qx qy qz qw; quaternions are normalised.
         half_extents : (n, 3) array_like
             Metres.
-
-        Raises
-        ------
-        ValueError
-            As the constructor, and for a zero quaternion.
 
         Examples
         --------
@@ -131,88 +259,20 @@ class Boxes(ArrayValue, ForKernels):
         check_lengths(poses=centers, half_extents=h)
         return cls.trusted(centers, rotations, h)
 
-    @classmethod
-    def from_points(
-        cls,
-        points: ArrayLike | Iterable[ArrayLike],
-        offsets: ArrayLike | None = None,
-        fit: str = "best",
-    ) -> Boxes:
-        """Return for each of k clouds the box that ``OBB.from_points`` gives it, bit for bit.
-
-        Parameters
-        ----------
-        points : k array_likes (n, 3)
-            Metres, at least one point each; with offsets, one (n, 3) with all clouds.
-        offsets : (k + 1,) array_like of int, optional
-            Cloud i is ``points[offsets[i]:offsets[i + 1]]``.
-        fit : str
-            As in ``OBB.from_points``.
-
-        Raises
-        ------
-        ValueError
-            For a cloud without points or with bad ones, naming the cloud; for offsets that do not
-            rise from 0 to n.
-
-        Examples
-        --------
-        >>> boxes = oc.Boxes.from_points([[[0, 0, 0], [2, 4, 6]], [[1, 1, 1]]], fit="aabb")
-        >>> boxes.half_extents.tolist()
-        [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]
-        """
-        return cls.trusted(*cls.single._fit_clouds(points, offsets, fit))
-
-    @classmethod
-    def from_obbs(cls, obbs: Iterable[OBB]) -> Boxes:
-        """Return the boxes of a list.
-
-        Parameters
-        ----------
-        obbs : iterable of OBB
-            May be empty.
-
-        Raises
-        ------
-        TypeError
-            For anything that is no OBB.
-
-        Examples
-        --------
-        >>> len(oc.Boxes.from_obbs([oc.OBB(), oc.OBB([1, 0, 0])]))
-        2
-        """
-        check_kind(obbs, Iterable, "obbs")
-        boxes: list[Any] = [obbs] if isinstance(obbs, np.ndarray) else list(obbs)
-        for box in boxes:
-            check_kind(box, cls.single, "obbs")
-        return cls.trusted(
-            np.array([box.center for box in boxes]).reshape(-1, 3),
-            np.array([box.rotation for box in boxes]).reshape(-1, 3, 3),
-            np.array([box.half_extents for box in boxes]).reshape(-1, 3),
-        )
-
     def __len__(self) -> int:
         return len(self.arrays.centers)
 
-    @overload
-    def __getitem__(self, index: int | np.integer) -> OBB: ...
-
-    @overload
-    def __getitem__(self, index: slice | Sequence[int] | NDArray[Any]) -> Boxes: ...
-
-    def __getitem__(self, index: Any) -> Any:
-        """Return the ``OBB`` of a row, or the ``Boxes`` of a slice, an index array or a mask."""
-        if isinstance(index, (int, np.integer)) and not isinstance(index, bool):
-            if not -len(self) <= index < len(self):
-                raise IndexError(f"index must be a row of {len(self)} boxes, got {index}")
-            return self.single(*(array[index] for array in self.arrays))
-        rows = index if isinstance(index, slice) else _as_index(index)
+    def __getitem__(self: Kind, index: slice | Sequence[int] | NDArray[Any]) -> Kind:
+        """Return the boxes of a slice, an index array or a mask."""
+        rows: Any = index
+        if not isinstance(index, slice):
+            rows = np.asarray(index)
+            if rows.size == 0 and rows.ndim == 1:
+                rows = np.empty(0, np.int64)
+            if rows.ndim != 1 or rows.dtype.kind not in "iub":
+                raise TypeError(f"index must be a row, a slice, rows or a mask, got {shown(index)}")
         c, r, h = self.arrays
-        return Boxes.trusted(select_rows(c, rows, "rows", 2), r[rows], h[rows])
-
-    def __iter__(self) -> Iterator[OBB]:
-        return (self[k] for k in range(len(self)))
+        return type(self).trusted(select_rows(c, rows, "rows", 2), r[rows], h[rows])
 
     def __repr__(self) -> str:
         if len(self) == 0:
@@ -250,12 +310,7 @@ class Boxes(ArrayValue, ForKernels):
     def aabb(self) -> AABB:
         """Return the axis-aligned box around all of them, rounded outwards where inexact.
 
-        Those of each are ``world_bounds``.
-
-        Raises
-        ------
-        ValueError
-            If there are no boxes.
+        ``world_bounds`` has that of each.
 
         Examples
         --------
@@ -267,13 +322,13 @@ class Boxes(ArrayValue, ForKernels):
         minimum, maximum = self.world_bounds()
         return AABB(minimum.min(axis=0), maximum.max(axis=0))
 
-    def padded(self, margin: ArrayLike) -> Boxes:
+    def padded(self: Kind, margin: ArrayLike) -> Kind:
         """Return boxes grown on every side, rounded outwards.
 
         Parameters
         ----------
         margin : float or (n,) array_like
-            Metres, not negative: one for all, or one for each.
+            Metres, not negative: for all, or for each.
 
         Examples
         --------
@@ -281,68 +336,13 @@ class Boxes(ArrayValue, ForKernels):
         >>> boxes.padded([0, 0.5]).half_extents.tolist()
         [[1.0, 1.0, 1.0], [1.5, 1.5, 1.5]]
         """
-        each = as_any_array(margin, "margin", "a number, or a number per box").ndim
-        pad = as_array(margin, "margin", (len(self),) if each else ())
+        by_box = as_any_array(margin, "margin", "a number, or a number per box").ndim > 0
+        pad = as_array(margin, "margin", (len(self),) if by_box else ())
         refuse_where(pad < 0.0, "margin must not be negative", by_row=False)
         if not pad.any():
             return self
         c, r, h = self.arrays
-        return Boxes.trusted(c, r, add_outwards(h, pad[:, None] if each else pad))
-
-    def transformed(self, matrix: ArrayLike) -> Boxes:
-        """Return boxes that certainly contain these, moved by an invertible 4x4 matrix.
-
-        Parameters
-        ----------
-        matrix : (4, 4) or (n, 4, 4) array_like
-            One for all boxes, or one for each; it acts on columns.
-
-        Raises
-        ------
-        ValueError
-            For a singular or projective matrix.
-
-        Examples
-        --------
-        >>> moved = np.eye(4)
-        >>> moved[:3, 3] = 1, 2, 3
-        >>> oc.Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]]).transformed(moved).centers.tolist()
-        [[1.0, 2.0, 3.0]]
-        """
-        each = np.ndim(as_any_array(matrix, "matrix", "numbers of shape (4, 4)")) == 3
-        matrices = as_array(matrix, "matrix", (len(self), 4, 4) if each else (4, 4))
-        moves = np.broadcast_to(matrices, (len(self), 4, 4))
-        return self.from_obbs(box.transformed(move) for box, move in zip(self, moves, strict=True))
-
-    def contains(self, points: ArrayLike, exact: bool = False) -> NDArray[np.bool_]:
-        """Return which box contains which point; the surface counts.
-
-        Parameters
-        ----------
-        points : (3,) or (p, 3) array_like
-            Metres. Many points in many boxes: ``points_inside`` is made for them.
-        exact : bool
-            Decide by integer arithmetic what doubles can't tell from the surface, else inside.
-
-        Returns
-        -------
-        (n,) or (n, p) array of bool
-
-        Raises
-        ------
-        ValueError
-            For points of another shape.
-
-        Examples
-        --------
-        >>> boxes = oc.Boxes([[0, 0, 0], [3, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
-        >>> boxes.contains([[0, 0, 0], [3, 0, 0], [9, 0, 0]]).tolist()
-        [[True, False, False], [False, True, False]]
-        """
-        single = is_single(points)
-        cloud = as_array(points, "points", (3,) if single else (None, 3))
-        inside = np.array([box.contains(cloud, exact) for box in self], np.bool_)
-        return inside.reshape(len(self) if single else (len(self), len(cloud)))
+        return type(self).trusted(c, r, add_outwards(h, pad[:, None] if by_box else pad))
 
     def world_bounds(self) -> tuple[Floats, Floats]:
         """Return axis-aligned boxes that certainly contain these, one for each.
@@ -366,18 +366,8 @@ class Boxes(ArrayValue, ForKernels):
         return minimum, maximum
 
 
-def _as_index(index: Any) -> NDArray[Any]:
-    """Return an index array or mask; TypeError for what can't be one."""
-    array = np.asarray(index)
-    if array.size == 0 and array.ndim == 1:
-        return np.empty(0, np.int64)
-    if array.ndim != 1 or array.dtype.kind not in "iub":
-        raise TypeError(f"index must be a row, a slice, rows or a mask, got {shown(index)}")
-    return array
-
-
 def box_volumes(half_extents: Floats) -> Floats:
-    """Return (...,) the volumes of half extents (..., 3), whatever their order bit for bit."""
+    """Return volumes (...,) of half extents (..., 3), the same to the bit in any order of these."""
     small, middle, large = np.moveaxis(np.sort(2.0 * half_extents, axis=-1), -1, 0)
     with np.errstate(over="ignore", under="ignore"):
         volumes: Floats = small * middle * large

@@ -61,21 +61,21 @@ class Capsules(ArrayValue, ForKernels):
     ends: Floats
     radii: Floats
     arrays: CapsuleArrays = field(init=False, repr=False, compare=False)
-    """All of it, for kernels."""
+    """The arrays, for kernels."""
 
     def __init__(self, starts: ArrayLike, ends: ArrayLike, radii: ArrayLike) -> None:
         p = as_array(starts, "starts", (None, 3))
         q = as_array(ends, "ends", (None, 3))
         r = as_half_extents(radii, "radii", (None,))
         check_lengths(starts=p, ends=q, radii=r)
-        self._set(p.copy(), q.copy(), r)  # what is checked must not change behind our back
+        self._set(p.copy(), q.copy(), r)  # copies: checked numbers must not change later
 
     def _set(self, starts: Floats, ends: Floats, radii: Floats) -> None:
         vars(self)["arrays"] = CapsuleArrays(starts, ends, radii)
 
     @classmethod
     def trusted(cls, starts: Floats, ends: Floats, radii: Floats) -> Capsules:
-        """Return capsules over arrays known to be valid, neither checked nor copied."""
+        """Return capsules over valid arrays, neither checked nor copied."""
         capsules = cls.__new__(cls)
         capsules._set(starts, ends, radii)
         return capsules
@@ -90,11 +90,6 @@ class Capsules(ArrayValue, ForKernels):
             Metres.
         radii : (n,) array_like
             Metres, not negative.
-
-        Raises
-        ------
-        ValueError
-            As the constructor.
 
         Examples
         --------

@@ -53,7 +53,7 @@ MATRIX, OFF_UNIT, DEFECT, ROWS = 4, 13, 14, 15
 
 @njit
 def turn_block(block: Floats, count: int) -> None:
-    """Write the matrices of the quaternions of a block (ROWS, BLOCK), and how far they are off."""
+    """Write matrices and defects of the quaternions of a block (ROWS, BLOCK)."""
     for n in range(count):  # without a branch
         x, y, z, w = block[0, n], block[1, n], block[2, n], block[3, n]
         largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
@@ -68,7 +68,7 @@ def turn_block(block: Floats, count: int) -> None:
 
 @njit
 def matrix_in(block: Floats, n: int) -> Axes:
-    """Return the rows of a matrix of a block, made orthonormal if it is off by more than rounding.
+    """Return the rows of matrix n of a block, made orthonormal where rounding left it too far off.
 
     Its quaternion must not be zero.
     """
@@ -91,7 +91,7 @@ def rotation_of(quaternion: tuple[float, float, float, float]) -> Axes:
     )
 
 
-#: Poses below which a second thread does not pay: 40 us of them.
+#: Poses below which a second thread does not pay: 40 us.
 FEWEST_POSES = 4096
 #: One pose, or quaternion, as plain numbers.
 Pose = tuple[float, float, float, float, float, float, float]
@@ -114,33 +114,32 @@ def as_poses(
     Quaternions are normalised; warn: whether to warn of one far from unit length.
     numbers (n,): row numbers for errors and warnings.
     """
-    given = as_shaped(value, name, (None, 7))
-    if len(given):
-        positions, matrices = np.empty((len(given), 3)), np.empty((len(given), 3, 3))
-        if all(run(_read_kernel, len(given), FEWEST_POSES, given, positions, matrices)):
+    poses = as_shaped(value, name, (None, 7))
+    if len(poses):
+        positions, matrices = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
+        if all(run(_read_kernel, len(poses), FEWEST_POSES, poses, positions, matrices)):
             return positions, matrices
-    # what is to be refused, or warned of
-    poses = as_array(given, name, (None, 7))
+    poses = as_array(poses, name, (None, 7))  # which raises or warns
     quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4), numbers, warn)
     return np.ascontiguousarray(poses[:, :3]), matrices_from_quaternions(quaternions)
 
 
 def unit_quaternions(quaternions: ArrayLike, name: str = "quaternions") -> Floats:
     """Return quaternions of unit length; ValueError for one of length 0."""
-    given = np.asarray(quaternions, np.float64)
-    flat = as_quaternions(given.reshape(-1, 4), name, (None, 4), warn=False)
-    return flat.reshape(given.shape)
+    array = np.asarray(quaternions, np.float64)
+    flat = as_quaternions(array.reshape(-1, 4), name, (None, 4), warn=False)
+    return flat.reshape(array.shape)
 
 
 def unit_poses(poses: ArrayLike, name: str = "poses") -> Floats:
     """Return poses with quaternions of unit length; ValueError for one of length 0."""
-    given = np.asarray(poses, np.float64)
-    turns = unit_quaternions(given[..., 3:], f"{name} (quaternion)")
-    return np.concatenate([given[..., :3], turns], axis=-1)
+    array = np.asarray(poses, np.float64)
+    turns = unit_quaternions(array[..., 3:], f"{name} (quaternion)")
+    return np.concatenate([array[..., :3], turns], axis=-1)
 
 
 def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
-    """Return ``inner``, given in the frame ``outer``, in the frame in which ``outer`` is given.
+    """Return the poses ``inner``, which are relative to ``outer``, in the frame of ``outer``.
 
     Quaternions are normalised first. Positions that overflow are infinite or NaN.
     """
@@ -150,7 +149,7 @@ def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
 
 
 def inverse_poses(poses: ArrayLike) -> Floats:
-    """Return the poses that undo poses."""
+    """Return the inverse poses."""
     back = unit_poses(poses) * (1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0)
     return np.concatenate([rotate_vectors(back[..., 3:], -back[..., :3]), back[..., 3:]], axis=-1)
 
@@ -226,7 +225,7 @@ def quaternions_from_matrices(matrices: Floats) -> Floats:
 
 @njit
 def _read_kernel(poses: Floats, positions: Floats, matrices: Floats, start: int, stop: int) -> bool:
-    """Write positions and rotations of poses ``start`` to ``stop``; return if all are usual."""
+    """Write positions and rotations of poses ``start`` to ``stop``; False where one is unusual."""
     block = np.empty((ROWS, BLOCK))
     usual = True
     for first in range(start, stop, BLOCK):
@@ -240,7 +239,7 @@ def _read_kernel(poses: Floats, positions: Floats, matrices: Floats, start: int,
                 usual &= abs(block[k, n]) <= MAX_MAGNITUDE
         turn_block(block, count)
         for n in range(count):
-            usual &= block[OFF_UNIT, n] <= UNIT_TOLERANCE  # of no zero quaternion either
+            usual &= block[OFF_UNIT, n] <= UNIT_TOLERANCE  # False for a zero quaternion, too
         if not usual:
             return False
         for n in range(count):
@@ -293,7 +292,7 @@ def fill_quaternions(matrices: Floats, out: Floats) -> None:
 
 
 class FrameArrays(NamedTuple):
-    """FrameArrays for kernels: centers (n, 3) and rotations (n, 3, 3)."""
+    """Frames for kernels: centers (n, 3) and rotations (n, 3, 3)."""
 
     centers: Floats
     rotations: Floats

@@ -39,16 +39,16 @@ from obb_collision.words import shown
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
     """Raise TypeError naming the argument unless a value is an instance of one of the types."""
     if not isinstance(value, (kind, *others)):
-        kinds = " or ".join(one.__name__ for one in (kind, *others))
+        kinds = " or ".join(accepted.__name__ for accepted in (kind, *others))
         raise TypeError(f"{name} must be {kinds}, got {shown(value)}")
 
 
-#: No two parts of it take the same digits, so what is none is seen in one pass.
+#: No two parts of it take the same digits, so a text that is no number is found in one pass.
 NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 def number_of(text: str) -> float | None:
-    """Return the number that a text is, None unless it is decimal and at most MAX_MAGNITUDE."""
+    """Return a decimal text as a number; None for other texts and beyond MAX_MAGNITUDE."""
     number = math.nan if NUMBER.fullmatch(text) is None else float(text)
     return number if abs(number) <= MAX_MAGNITUDE else None
 
@@ -67,12 +67,12 @@ def select_rows(array: NDArray[Any], rows: Any, name: str, dimensions: int) -> N
     dimensions: of the result. Raises ValueError naming the argument otherwise.
     """
     try:
-        found: NDArray[Any] = array[rows]
+        selected: NDArray[Any] = array[rows]
     except (IndexError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be rows of {len(array)}: {error}") from None
-    if not isinstance(found, np.ndarray) or found.ndim != dimensions:
+    if not isinstance(selected, np.ndarray) or selected.ndim != dimensions:
         raise ValueError(f"{name} must be rows of {len(array)}, got {shown(rows)}")
-    return found
+    return selected
 
 
 #: Largest whole number accepted where there is no other limit: the largest index.
@@ -116,7 +116,7 @@ def first_bad_row(bad: NDArray[np.bool_], numbers: NDArray[np.int64] | None = No
 def refuse_where(
     bad: NDArray[np.bool_], why: str, by_row: bool = True, numbers: NDArray[np.int64] | None = None
 ) -> None:
-    """Raise ValueError, naming the first bad row unless there are no rows, if anything is bad."""
+    """Raise ValueError if anything is bad; by_row: with the number of the first bad row."""
     if bad.any():
         raise ValueError(why + (first_bad_row(bad, numbers) if by_row else ""))
 
@@ -134,7 +134,7 @@ _this_thread = threading.local()
 
 @contextmanager
 def without_warnings() -> Iterator[None]:
-    """Let this thread warn of nothing: what is odd is told otherwise."""
+    """Let this thread warn of nothing: the caller reports doubts in another way."""
     _this_thread.is_quiet = True
     try:
         yield
@@ -167,25 +167,21 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
 def as_shaped(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """`as_array` for numbers that may be infinite or NaN.
 
-    Kernels are compiled for arrays of one kind: what is read-only is copied.
+    Read-only arrays are copied: kernels are compiled for writable ones.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.carray:
         array = value
     else:
-        array = _converted(value, name, shape)
-    wanted = array.shape[:1] + shape[1:] if shape and shape[0] is None else shape
-    if array.shape != wanted or array.ndim != len(shape):
+        wanted = f"numbers of shape {_shape_text(shape)}"
+        numbers = as_any_array(value, name, wanted)
+        try:
+            array = np.array(numbers, np.float64, order="C")
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"{name} must be {wanted}: {str(error)[:MAX_REASON]}") from None
+    sizes = array.shape[:1] + shape[1:] if shape and shape[0] is None else shape
+    if array.shape != sizes or array.ndim != len(shape):
         raise ValueError(f"{name} must have shape {_shape_text(shape)}, got {array.shape}")
     return array
-
-
-def _converted(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
-    wanted = f"numbers of shape {_shape_text(shape)}"
-    given = as_any_array(value, name, wanted)
-    try:
-        return np.array(given, np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be {wanted}: {str(error)[:MAX_REASON]}") from None
 
 
 def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
@@ -203,7 +199,7 @@ def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
 
 
 def is_single(points: ArrayLike) -> bool:
-    """Return whether ``points`` is a single point (3,) and not an array (n, 3)."""
+    """Return whether an argument is a single point (3,) and not an array (n, 3)."""
     try:
         return np.ndim(points) == 1
     except ValueError:  # ragged: refused by the conversion that follows
@@ -241,10 +237,10 @@ def as_whole(value: object, name: str, minimum: int = 0, maximum: int = MAX_WHOL
 
 
 def as_indices(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
-    """Return an array of real numbers that is nobody else's; ValueError as ``as_any_array``.
+    """Return a copy of real numbers of any type; ValueError as ``as_any_array``.
 
-    Kernels release the interpreter's lock and follow indices unchecked: another thread must not be
-    able to write into them once they are checked.
+    A copy, as kernels release the interpreter's lock and use indices unchecked: no other thread may
+    write to them once they are checked.
     """
     return np.array(as_any_array(value, name, what), order="C")
 
@@ -289,23 +285,23 @@ def _are_within(numbers: Floats) -> bool:
 
 def as_half_extents(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return non-negative half extents of the shape (zero is legal: flat boxes)."""
-    given = as_shaped(value, name, shape)
-    taken = np.empty_like(given)
-    if all(run(_take_sizes, given.size, FEWEST_SIZES, given.reshape(-1), taken.reshape(-1))):
-        return taken
-    check_magnitude(given, name, by_row=shape[0] is None)
-    refuse_where(given < 0.0, f"{name} must not be negative", shape[0] is None)
-    return given + 0.0
+    array = as_shaped(value, name, shape)
+    sizes = np.empty_like(array)
+    if all(run(_take_sizes, array.size, FEWEST_SIZES, array.reshape(-1), sizes.reshape(-1))):
+        return sizes
+    check_magnitude(array, name, by_row=shape[0] is None)
+    refuse_where(array < 0.0, f"{name} must not be negative", shape[0] is None)
+    return array + 0.0
 
 
 @njit
 def _take_sizes(numbers: Floats, out: Floats, start: int, stop: int) -> bool:
-    """Write numbers; return whether all of them are what half extents may be."""
-    some, places = numbers[start:stop], out[start:stop]
+    """Write numbers from ``start`` to ``stop``; return whether all are valid half extents."""
+    sizes, places = numbers[start:stop], out[start:stop]
     good = True
-    for n in range(len(some)):  # several at once: without a branch, and no row counts from the end
-        good &= (some[n] >= 0.0) & (some[n] <= MAX_MAGNITUDE)  # not so for NaN
-        places[n] = some[n] + 0.0  # -0.0 becomes 0.0, so that equal boxes are equal bit for bit
+    for n in range(len(sizes)):  # vectorised: without a branch, and no index is negative
+        good &= (sizes[n] >= 0.0) & (sizes[n] <= MAX_MAGNITUDE)  # False for NaN
+        places[n] = sizes[n] + 0.0  # -0.0 becomes 0.0, so that equal boxes are equal bit for bit
     return good
 
 
@@ -382,7 +378,7 @@ def orthonormal_defect(stack: Floats) -> Floats:
 
 @njit
 def defect_of(matrix: Axes) -> float:
-    """`orthonormal_defect` of one matrix, given by its rows."""
+    """`orthonormal_defect` of one matrix, by its rows."""
     a, b, c = matrix
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     largest = _worse(abs(dot(x, y)), abs(dot(x, x) - 1.0))
@@ -402,7 +398,7 @@ def _worse(error: float, largest: float) -> float:
 
 
 def orthonormalize(stack: Floats) -> Floats:
-    """Return the nearest orthonormal matrices of (n, 3, 3) that already nearly are."""
+    """Return the orthonormal matrices nearest to (n, 3, 3), which must nearly be so."""
     result = np.empty_like(stack)
     _orthonormalize_kernel(np.ascontiguousarray(stack), result)
     return result
@@ -419,7 +415,7 @@ def _orthonormalize_kernel(stack: Floats, out: Floats) -> None:
 
 @njit
 def orthonormal_of(matrix: Axes) -> Axes:
-    """`orthonormalize` one matrix, given by its rows.
+    """`orthonormalize` one matrix, by its rows.
 
     Newton's iteration for the polar factor, R <- R (3 I - R^T R) / 2 (Higham, Functions of
     Matrices, 8.3): quadratic, so two steps from a defect below 1e-6 reach rounding; a third

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What values have in common: arrays that nobody can write to, attributes that stay as they are."""
+"""Base classes of values: arrays that nobody can write to, attributes that stay as they are."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ class ArrayValue:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        names = self.__slots__ or [one.name for one in fields(self) if one.compare]  # type: ignore[arg-type]
+        names = self.__slots__ or [f.name for f in fields(self) if f.compare]  # type: ignore[arg-type]
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     __hash__ = None  # type: ignore[assignment]
 
 
 def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array for everybody to read; kernels know one kind, which may be written to."""
+    """Return a read-only view of an array; kernels take the writable array itself."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
 class ForKernels:
-    """A frozen value whose arrays are there twice: for kernels, and for all to read.
+    """A frozen value with two sets of arrays: writable ones for kernels, read-only views for users.
 
-    Kernels have those in ``arrays``, to which nobody writes, but anybody could: numba would compile
-    kernels once more for what is read-only. The others are views of them, made when asked for.
+    Kernels take those in ``arrays``, though nobody writes to them: numba would compile kernels once
+    more for read-only arrays. A view is made when an attribute of its name is first read.
     """
 
     if not TYPE_CHECKING:  # types are those that a class declares
 
         def __getattr__(self, name: str) -> Any:
-            """Return a view of one of the arrays, or raise AttributeError."""
+            """Return a view of an array, or raise AttributeError."""
             arrays = vars(self).get("arrays")
             if name not in getattr(arrays, "_fields", ()):
                 return self.__getattribute__(name)
@@ -65,30 +65,30 @@ class ForKernels:
             return view
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but the views, which would be arrays of their own in another process."""
+        """Leave out the views, which would become arrays of their own in another process."""
         return {
             name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)
         }
 
 
 class SetOnce:
-    """A value that keeps what it was made with; what is computed of it can't be set either."""
+    """A value whose attributes can be set once, when it is made; its properties never."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Set what is not there yet; AttributeError for what is."""
+        """Set a new attribute; AttributeError for an existing one."""
         if not name.startswith("_") and (name in vars(self) or hasattr(type(self), name)):
             raise AttributeError(f"{name} of a {type(self).__name__} can not be set")
         super().__setattr__(name, value)
 
 
 class Changing:
-    """What changes by methods and properties, which validate, and by nothing else.
+    """An object that only its methods and properties change, as these validate.
 
-    It can be pickled but not copied: a copy would share what either of them changes.
+    It can be pickled but not copied: the copy would share mutable parts with it.
     """
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Set a property; AttributeError, with a guess, for what can't be set."""
+        """Set a property; AttributeError, with a guess at the right name, for anything else."""
         kind = type(self)
         if not (name.startswith("_") or hasattr(kind, name)):
             settable = [key for key in dir(kind) if getattr(getattr(kind, key), "fset", None)]

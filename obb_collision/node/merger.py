@@ -56,8 +56,7 @@ from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import ON
-from obb_collision.scene.region_merger import RegionMerger
-from obb_collision.scene.store.region import coverage
+from obb_collision.scene.store.region import RegionMerger, coverage
 
 NODE_NAME = "obb_collision_merge"
 PERIOD = 0.1

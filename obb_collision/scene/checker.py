@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The checker: composes one check of a store, and keeps what the next one can use again."""
+"""The checker: composes a check of a store, and keeps bounds, trees and pairs for the next."""
 
 from __future__ import annotations
 
@@ -24,28 +24,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._threads import run
+from obb_collision.geometry.trees.bounds_tree import BoundsTree
 from obb_collision.queries.verdict.coarse import bounds_kernel, sphere_bounds
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdicts, decide_exactly
-from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
     UNLIMITED,
+    KeptTree,
     Pairs,
     find_candidates,
     find_some_candidates,
+    ordered_candidates,
 )
-from obb_collision.scene.broad_phase.crowds import ordered_candidates
 from obb_collision.scene.broad_phase.find_pairs import (
+    FEW_BOXES,
+    OBB,
     all_colliding_keys,
     colliding_keys,
     colliding_pairs,
     columns,
+    few_pairs,
+    merge_keys,
+    merge_pairs,
     pairs_of_keys,
 )
-from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.effects.base import Outcome
-from obb_collision.scene.pair_updates import FEW, OBB, few_pairs, merge_keys, merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import (
     NONE,
@@ -63,7 +67,7 @@ from obb_collision.typing import Floats, Mask, Rows
 
 
 class Layout(NamedTuple):
-    """What a check needs to know of the objects that doesn't change when they move."""
+    """Properties of all objects that a check needs and that no move changes."""
 
     revision: int  #: of the store
     active: Rows  #: slots, ascending
@@ -81,14 +85,14 @@ class Layout(NamedTuple):
 
 @dataclass(eq=False)
 class Findings:
-    """What a check found, and what its effects gave so far.
+    """The pairs of a check, and the outcomes of its effects so far.
 
-    behind: whether pairs, late: whether rows of effects are left on a lower level than they ask
-    for; the next check may get further.
+    behind: whether pairs, late: whether rows of effects are left on a lower level than requested;
+    the next check may get further.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
-    total: how many pairs collide, at least, where a limit has left some out, else None.
-    before: what effects gave for the findings before.
+    total: at least how many pairs collide, where a limit has left some out, else None.
+    before: the outcomes of effects for the findings before.
     """
 
     decided: Decided
@@ -102,26 +106,25 @@ class Findings:
 
 NO_BOUNDS: tuple[Floats, Floats] = np.empty((0, 3)), np.empty((0, 3))
 NO_ROWS, NO_KEYS = np.empty(0, np.bool_), np.empty(0, np.int64)
-#: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
+#: If fewer than one object in this many has changed, only pairs of changed objects are decided.
 INCREMENTAL_SHARE = 8
-#: Changed slots below which all is done in one call of a kernel, by one thread.
+#: Changed slots up to which one call of a kernel does all, by one thread.
 FEW_CHANGES = 512
 #: Rows below which a second thread doesn't pay: 20 us of bounds.
 LEAST_BOUNDS = 2048
 #: Pairs that a few boxes can make.
-FEW_PAIRS = FEW * (FEW - 1) // 2
-#: Candidates held at once where pairs are limited: as many for each pair of the limit ...
-PER_PAIR = 8
-#: ... or for each object, where that is more.
-PER_OBJECT = 32
+FEW_PAIRS = FEW_BOXES * (FEW_BOXES - 1) // 2
+#: Candidates held at once where pairs are limited: for each pair of the limit, or for each object,
+#: whichever is more.
+PER_PAIR, PER_OBJECT = 8, 32
 #: Candidates of a piece, where there are more: 2 MB, so that pieces take milliseconds.
 PIECE = 1 << 17
 
 
 class Checker:
-    """Finds the pairs of a store that collide, from scratch or by what changed.
+    """Finds the colliding pairs of a store: all of them, or those of changed objects.
 
-    limit: how many pairs are kept, None for all. Where more collide, no others are looked for.
+    limit: of the pairs kept, None for all; the search stops beyond it.
     """
 
     def __init__(self, store: ObjectStore, cache: ShapeCache, allowed: PairRules) -> None:
@@ -138,7 +141,7 @@ class Checker:
         self.last: Findings | None = None
         self.pair_filter: PairFilter | None = None
         self.region: Region | None = None
-        self._near = NO_ROWS  # by slot, what was near to the region when pairs were found last
+        self._near = NO_ROWS  # by slot: near the region at the last check
 
     def set_region(self, region: Region | None) -> None:
         """Find only the pairs of a region from now on, None: all."""
@@ -149,9 +152,9 @@ class Checker:
         self.region = region
 
     def settle_region(self) -> None:
-        """Leave out what has moved away from the region, and take in what has come near.
+        """Leave out objects that have left the region, and take in those that have come near.
 
-        What stays away is as if it had not changed: nothing is computed for it.
+        Objects that stay away count as unchanged: nothing is computed for them.
         """
         store = self._store
         if self.region is None or not store.touched:
@@ -182,24 +185,21 @@ class Checker:
         if last is not None and last.total is not None:
             last = None  # not all of its pairs are known
         if last is not None and not (store.touched or last.behind):
-            found = Findings(last.decided, old=np.arange(len(last.decided.pairs)))
+            findings = Findings(last.decided, old=np.arange(len(last.decided.pairs)))
         else:
-            found = self._limited(self._find_anew(last, exact, budget))
-        found.before = {} if self.last is None else self.last.outcomes
+            findings = self._find_anew(last, exact, budget)
+            count = len(findings.decided.pairs)
+            if self.limit is not None and count > self.limit:
+                kept = np.arange(self.limit)  # a copy: the other pairs need not stay in memory
+                old = None if findings.old is None else findings.old[kept]
+                findings = replace(
+                    findings, decided=findings.decided.take(kept), old=old, total=count
+                )
+        findings.before = {} if self.last is None else self.last.outcomes
         near = NO_ROWS if self.region is None else store.near.copy()
-        self.last = found
-        self._near = near
+        self.last, self._near = findings, near
         store.settle()
-        return found
-
-    def _limited(self, found: Findings) -> Findings:
-        """Return findings without the pairs beyond the limit."""
-        count = len(found.decided.pairs)
-        if self.limit is None or count <= self.limit:
-            return found
-        kept = np.arange(self.limit)  # a copy: what is left out need not stay in memory
-        old = None if found.old is None else found.old[kept]
-        return replace(found, decided=found.decided.take(kept), old=old, total=count)
+        return findings
 
     def _find_anew(self, last: Findings | None, exact: bool, budget: Budget | None) -> Findings:
         """Decide pairs by whichever way is quickest."""
@@ -207,14 +207,14 @@ class Checker:
         if self._layout.revision != store.revision:
             self._layout = Layout.of(store)
         active = self._layout.active
-        if self._layout.plain and len(active) <= FEW:
+        if self._layout.plain and len(active) <= FEW_BOXES:
             return self._find_few(last, exact)
         if last is not None:
             slots = store.changed.nonzero()[0]
             if len(slots) < len(active) or np.count_nonzero(store.active[slots]) < len(active):
-                found = self._find_changed(last, slots, exact, budget)
-                if found is not None:
-                    return found
+                findings = self._find_changed(last, slots, exact, budget)
+                if findings is not None:
+                    return findings
         return self._find_all(exact, budget)
 
     def _find_few(self, last: Findings | None, exact: bool) -> Findings:
@@ -224,10 +224,10 @@ class Checker:
         (pairs, verdicts), old = self._room, self._old
         boxes = store.centers, store.rotations, store.half_extents
         before = NO_PAIRS if last is None else last.decided.pairs
-        found, known = few_pairs(
+        count, unchanged = few_pairs(
             boxes, self._layout.active, store.changed, before, pairs, verdicts, old
         )
-        pairs, verdicts, old = pairs[:found].copy(), verdicts[:found].copy(), old[:found].copy()
+        pairs, verdicts, old = pairs[:count].copy(), verdicts[:count].copy(), old[:count].copy()
         if exact or self.pair_filter is not None or self.region is not None:
             kept = self._own(pairs)
             if exact:
@@ -237,7 +237,7 @@ class Checker:
             if self.pair_filter is not None:
                 kept &= self.pair_filter(*pairs.T)
             pairs, verdicts, old = pairs[kept], verdicts[kept], old[kept]
-        return Findings(self._on_obb(pairs, verdicts), old=old if known else None)
+        return Findings(self._on_obb(pairs, verdicts), old=old if unchanged else None)
 
     def _find_all(self, exact: bool, budget: Budget | None) -> Findings:
         """Decide all pairs; with a limit piece by piece until it is exceeded, if there are many."""
@@ -245,8 +245,13 @@ class Checker:
         self._update_bounds()
         active, minimum, maximum = self._active_bounds()
         if self.limit is None and self._layout.plain:
-            keys = find_candidates(minimum, maximum, self._colliding_keys)
-            return Findings(self._on_obb(*pairs_of_keys(self._store.all_boxes(), keys, exact)))
+            boxes = self._store.all_boxes()
+
+            def decide(rows: Pairs) -> NDArray[np.int64]:
+                return colliding_keys(boxes, self._counted(self._slots(rows)))
+
+            keys = find_candidates(minimum, maximum, decide)
+            return Findings(self._on_obb(*pairs_of_keys(boxes, keys, exact)))
         if len(active) < 2:
             return Findings(NONE)
         tree = BoundsTree.build(minimum, maximum)
@@ -256,8 +261,8 @@ class Checker:
         assert self.limit is not None
         parts, total, behind = [NONE], 0, False
         for piece, _ in ordered_candidates(tree, min(PIECE, 2 * self.limit)):
-            found, is_left = self._decide(self._slots(piece), exact, budget)
-            parts, total, behind = [*parts, found], total + len(found.pairs), behind or is_left
+            decided, is_left = self._decide(self._slots(piece), exact, budget)
+            parts, total, behind = [*parts, decided], total + len(decided.pairs), behind or is_left
             if total > self.limit:
                 break
         return Findings(joined(parts), behind)
@@ -265,10 +270,7 @@ class Checker:
     def _find_changed(
         self, last: Findings, slots: Rows, exact: bool, budget: Budget | None
     ) -> Findings | None:
-        """Decide pairs with a change to them, and those left behind; None: too many for that.
-
-        slots (k,): what has changed.
-        """
+        """Decide the pairs of changed slots (k,), and those left behind; None for too many."""
         store = self._store
         candidates = self._few_candidates(slots)
         if candidates is None:
@@ -294,11 +296,11 @@ class Checker:
             count = merge_keys(*before, store.changed, keys, *outputs)
         else:
             count = merge_pairs(*before, store.changed, again, *new, *outputs)
-        found = Decided(pairs, verdicts, levels).take(slice(count))
-        return Findings(found, behind, old=old[:count])
+        decided = Decided(pairs, verdicts, levels).take(slice(count))
+        return Findings(decided, behind, old=old[:count])
 
     def _few_candidates(self, slots: Rows) -> Pairs | None:
-        """Return ``_candidates`` of a few changed slots (k,), None if not to be had at once."""
+        """Return the candidates of few changed slots (k,) from the kept tree, None without one."""
         store, tree, active = self._store, self._tree, self._layout.active
         if (
             tree is None
@@ -312,11 +314,7 @@ class Checker:
         return tree.pairs_of_changes(slots, store.changed, store.active, store.all_boxes())
 
     def _decide(
-        self,
-        candidates: Pairs,
-        exact: bool,
-        budget: Budget | None,
-        waiting: Decided = NONE,
+        self, candidates: Pairs, exact: bool, budget: Budget | None, waiting: Decided = NONE
     ) -> tuple[Decided, bool]:
         store = self._store
         candidates = self._counted(candidates)
@@ -324,12 +322,8 @@ class Checker:
             return self._on_obb(*colliding_pairs(store.all_boxes(), candidates, exact)), False
         return decide_pairs(store, self._cache, candidates, exact, budget, waiting)
 
-    def _colliding_keys(self, rows: Pairs) -> NDArray[np.int64]:
-        """Return the ``colliding_keys`` of pairs (m, 2) of rows of active boxes."""
-        return colliding_keys(self._store.all_boxes(), self._counted(self._slots(rows)))
-
     def _counted(self, pairs: Pairs) -> Pairs:
-        """Return those of pairs (m, 2) of slots that may not touch and belong to the region."""
+        """Return the pairs (m, 2) of slots that count: not allowed to touch, and in the region."""
         if self.pair_filter is not None:
             pairs = pairs[self.pair_filter(*pairs.T)]
         return pairs if self.region is None else pairs[self._own(pairs)]
@@ -339,7 +333,7 @@ class Checker:
         return Decided(pairs, verdicts, np.full(len(pairs), OBB, np.int8))
 
     def _own(self, pairs: Pairs) -> Mask:
-        """Return (m,) which pairs of slots belong to the region."""
+        """Return which pairs (m, 2) of slots belong to the region."""
         if self.region is None:
             return np.ones(len(pairs), np.bool_)
         if self._bounds is NO_BOUNDS:
@@ -365,13 +359,12 @@ class Checker:
         return self._tree.pairs_of(changed, most)
 
     def _most_candidates(self) -> int:
-        """Return how many candidates are held at once."""
         if self.limit is None:
             return UNLIMITED
         return max(PER_PAIR * self.limit, PER_OBJECT * len(self._layout.active))
 
     def _slots(self, rows: Pairs) -> Pairs:
-        """Return the slots of rows of active ones."""
+        """Return slots from rows of active slots."""
         return rows if self._layout.whole else self._layout.active[rows]
 
     def _active_bounds(self) -> tuple[Rows, Floats, Floats]:
@@ -383,7 +376,7 @@ class Checker:
         return active, minimum[active], maximum[active]
 
     def _update_bounds(self) -> Rows:
-        """Bound what changed, by slot, empty where not active; return the active ones of it."""
+        """Bound changed slots, those not active by empty bounds; return the active ones."""
         store, layout = self._store, self._layout
         changed = np.flatnonzero(store.changed)
         rows = changed[store.active[changed]]
@@ -392,7 +385,7 @@ class Checker:
         if len(kept[0]) < len(store.names) or self._spheres != layout.spheres:
             shape = store.centers.shape
             kept = np.full(shape, np.inf), np.full(shape, -np.inf)
-            self._bounds, self._tree = NO_BOUNDS, None  # until all are there, should memory end
+            self._bounds, self._tree = NO_BOUNDS, None  # in case memory ends before all are there
             self._spheres, anew = layout.spheres, layout.active
         elif len(rows) < len(changed):
             kept[0][changed], kept[1][changed] = np.inf, -np.inf  # empty: overlaps nothing

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Checks of a scene: what is kept from one to the next, and the settings they depend on."""
+"""Checks of a scene, with their settings and kept state, and questions that leave it as it is."""
 
 from __future__ import annotations
 
@@ -21,28 +21,51 @@ from collections.abc import Iterable
 from time import perf_counter
 from typing import Any
 
-from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.bounds_tree import BoundsTree
+from obb_collision.obb import OBB
+from obb_collision.queries.meshes.placed import PlacedMeshes
+from obb_collision.queries.rays.rays import (
+    RayHits,
+    as_rays,
+    cast_at_bodies,
+    cast_at_padded,
+    cast_rays,
+)
+from obb_collision.queries.verdict.coarse import bounds_of
+from obb_collision.scene.broad_phase.broad_phase import (
+    Pairs,
+    find_candidates_of,
+    growing_candidates,
+)
+from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
+from obb_collision.scene.building.shape_cache import TRIANGLES, ShapeCache, kind_of
 from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle
 from obb_collision.scene.effects.settings import EffectSettings
-from obb_collision.scene.objects import SceneObjects
+from obb_collision.scene.objects import SceneObjects, local_boxes
 from obb_collision.scene.refinement.budget import Budget
-from obb_collision.scene.refinement.ladder import needs_spheres
-from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.refinement.ladder import NONE, decide_pairs, is_plain, needs_spheres
+from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, PlacedShapes
 from obb_collision.scene.report import Report
-from obb_collision.scene.store.allowed import PairRules
+from obb_collision.scene.store.allowed import PairFilter, PairRules
 from obb_collision.scene.store.region import Region
 from obb_collision.scene.store.store import ObjectStore
+from obb_collision.shapes import Shape
+from obb_collision.typing import Floats, Rows
 
-#: Pairs near each other that effects look at, for each that may collide: objects that are apart
-#: have more neighbours than contacts.
+#: Near pairs that effects look at, for each pair of ``max_pairs``: objects that are apart have more
+#: neighbours than contacts.
 NEAR_PER_PAIR = 10
 
 
 class Checks:
-    """Checks of objects by the rules about their pairs."""
+    """Checks objects by the rules about their pairs."""
 
     def __init__(self, objects: SceneObjects, rules: PairRules, exact: bool) -> None:
         self._objects, self._rules = objects, rules
@@ -55,14 +78,14 @@ class Checks:
         self.begin(self.make_checker(objects.store))
 
     def make_checker(self, store: ObjectStore) -> Checker:
-        """Return a checker of a store, with the settings of now."""
+        """Return a checker of a store, with the current settings."""
         checker = Checker(store, self._objects.cache, self._rules)
         checker.limit = self.max_pairs
         checker.set_region(self.region)
         return checker
 
     def begin(self, checker: Checker) -> None:
-        """Begin anew, with a checker of the store that the objects have now."""
+        """Start again, with a checker of the store that the objects have now."""
         self.checker = checker
         self.invalidate()
         self._before: Before | None = None
@@ -70,7 +93,7 @@ class Checks:
     def invalidate(self) -> None:
         """Forget the last check: the next one makes another report, though nothing has moved."""
         self._report: weakref.ref[Report] | None = None
-        self._found: Findings | None = None
+        self._findings: Findings | None = None
 
     def set_max_pairs(self, limit: int | None) -> None:
         """Set the most pairs that a report has."""
@@ -98,14 +121,14 @@ class Checks:
         report = self._report() if self._report is not None else None
         kept = report is not None
         if report is None:
-            if self._found is None:
-                self._found = self.checker.find(self.exact, self.budget)
+            if self._findings is None:
+                self._findings = self.checker.find(self.exact, self.budget)
             stages = {"pairs": perf_counter() - start}
             store = self._objects.store
             settings = self.effects.resolved(store.names, store.version)
-            report = Report(self._found, store.name_tuple(), stages, self._cycle, settings)
+            report = Report(self._findings, store.name_tuple(), stages, self._cycle, settings)
             if self.effects.any_possible:
-                report.cycle  # noqa: B018, now: the scene may change before it is used
+                report.cycle  # noqa: B018, made now: the scene may change before it is used
             self._report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
@@ -116,19 +139,23 @@ class Checks:
             self.budget.finish()
         return report
 
-    def _cycle(self, found: Findings) -> Cycle:
-        """Return the check that has just been made, as effects see it."""
-        store = self._objects.store
-        if store.touched or found is not self._found:
+    def _cycle(self, findings: Findings) -> Cycle:
+        """Return the last check as effects see it."""
+        objects, store = self._objects, self._objects.store
+        if store.touched or findings is not self._findings:
             raise RuntimeError("the scene has changed since this check, which computed no effects")
-        active = store.active.copy()
+        active, (pairs, _, levels) = store.active.copy(), findings.decided
+        shapes = None  # where every effect speaks of boxes
+        if not self.checker.plain or self.effects.above_obb:
+            complete = findings.total is None
+            shapes = PlacedShapes(store, objects.cache, pairs, levels, self.exact, complete)
         return Cycle(
             snapshot=store.snapshot(),
             active=active,
-            pairs=found.decided.pairs,
+            pairs=pairs,
             pair_filter=self.checker.pair_filter,
-            old=found.old,
-            last=found.before,
+            old=findings.old,
+            last=findings.before,
             obstacle_points=self.obstacle_points,
             store=store,
             before=self._before,
@@ -137,13 +164,108 @@ class Checks:
             spheres=self.region is not None and needs_spheres(store),
             limit=None if self.max_pairs is None else NEAR_PER_PAIR * self.max_pairs,
             names=store.name_tuple(),
-            shapes=self._placed_shapes(found),
+            shapes=shapes,
         )
 
-    def _placed_shapes(self, found: Findings) -> PlacedShapes | None:
-        """Return the shapes for effects above OBB; None where each speaks of boxes."""
-        if self.checker.plain and not self.effects.above_obb:
-            return None
-        objects, (pairs, _, levels) = self._objects, found.decided
-        given = objects.store, objects.cache, pairs, levels
-        return PlacedShapes(*given, self.exact, found.total is None)
+
+def any_collides(
+    store: ObjectStore, cache: ShapeCache, pair_filter: PairFilter | None, exact: bool
+) -> bool:
+    """Return whether any two objects collide."""
+    active = np.flatnonzero(store.active)
+    boxes = store.boxes(active)
+    if len(active) < 2:
+        return False
+    tree = BoundsTree.build(*bounds_of(boxes, needs_spheres(store)))
+    for candidates in growing_candidates(tree):
+        pairs = active[candidates]
+        if pair_filter is not None:
+            pairs = pairs[pair_filter(*pairs.T)]
+        if len(_colliding(store, cache, pairs, exact)):
+            return True
+    return False
+
+
+def colliding_with(
+    store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, pose: Floats, padding: float,
+    level: Accuracy, exact: bool,
+) -> Rows:  # fmt: skip
+    """Return the slots of the objects that a body would collide with, ascending."""
+    there, slot = store.with_body(local_boxes(shape), pose, padding, kind_of(shape), level)
+    own = cache.at_once()
+    own.put(own.shape_for(slot, shape))
+    try:
+        active = np.flatnonzero(there.active)
+        bounds = bounds_of(there.boxes(active), needs_spheres(there))
+        candidates = find_candidates_of(*bounds, int(np.searchsorted(active, slot)))
+        pairs = _colliding(there, own, active[candidates], exact)
+        return np.sort(pairs.sum(axis=1) - slot)
+    finally:
+        cache.retain(slot)
+        cache.leave(slot)  # after an interrupt the next object in the slot does so
+
+
+def _colliding(store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool) -> Pairs:
+    """Return the pairs, of (m, 2) of slots, that collide."""
+    if is_plain(store):
+        return colliding_pairs(store.all_boxes(), candidates, exact)[0]
+    return decide_pairs(store, cache, candidates, exact)[0].pairs
+
+
+def cast_at_objects(
+    store: ObjectStore, cache: ShapeCache, slots: Rows, level: Accuracy | None,
+    origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike,
+) -> RayHits:  # fmt: skip
+    """Return the first objects on rays; ``boxes`` of the result are slots.
+
+    level: of all objects, None for their own.
+    """
+    rays = as_rays(origins, directions, max_distance)
+    levels = np.full(len(slots), Accuracy.OBB, np.int8)
+    shapes = None
+    if (store.accuracies[slots] if level is None else np.int8(level)).max(initial=0) > Accuracy.OBB:
+        shapes = PlacedShapes(store, cache, NONE.pairs, NONE.levels)
+        choice = AS_PAIRS if level is None else max(level, Accuracy.OBB).name.lower()
+        levels = shapes.object_levels(slots, choice)
+    plain = slots[levels == Accuracy.OBB]
+    best = _nearer(None, cast_rays(store.boxes(plain), origins, directions, max_distance), plain)
+    if shapes is None:
+        return best
+    meshes, thick = store.kinds[slots] == TRIANGLES, store.paddings[slots] > 0.0
+    for surface in (Accuracy.HULL, Accuracy.MESH):
+        bare = slots[meshes & ~thick & (levels == surface)]
+        if len(bare):
+            targets = _surfaces(store, cache, bare, surface)
+            best = _nearer(best, cast_rays(targets, origins, directions, max_distance), bare)
+    padded = slots[meshes & thick & (levels == Accuracy.MESH)]
+    if len(padded):
+        targets, radii = _surfaces(store, cache, padded, Accuracy.MESH), store.paddings[padded]
+        best = _nearer(best, cast_at_padded(targets, radii, rays), padded)
+    convex = slots[(~meshes | thick) & (levels == Accuracy.HULL)]
+    if len(convex):
+        bodies = shapes.convex_bodies(store.all_boxes(), convex)
+        best = _nearer(best, cast_at_bodies(bodies, store.boxes(convex), rays), convex)
+    return best
+
+
+def _surfaces(store: ObjectStore, cache: ShapeCache, slots: Rows, level: Accuracy) -> PlacedMeshes:
+    """Return the placed hulls or meshes of slots (k,)."""
+    trees = cache.surfaces(slots, level == Accuracy.HULL)
+    return PlacedMeshes.trusted(*trees, *as_poses(store.poses[slots], warn=False))
+
+
+def _nearer(best: RayHits | None, hits: RayHits, slots: Rows) -> RayHits:
+    """Return the nearer hits of both; ``boxes`` of hits are rows of slots."""
+    rows = np.append(slots, -1)[hits.boxes]
+    faces = np.full(len(rows), -1) if hits.faces is None else hits.faces
+    named = RayHits(rows, hits.distances, hits.positions, hits.normals, faces)
+    if best is None:
+        return named
+    nearer = (named.distances < best.distances) | (
+        (named.distances == best.distances) & (named.boxes >= 0) & (named.boxes < best.boxes)
+    )
+    columns = [
+        np.where(nearer if new.ndim == 1 else nearer[:, None], new, old)
+        for new, old in zip(vars(named).values(), vars(best).values(), strict=True)
+    ]
+    return RayHits(*columns)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The objects of a scene by name: they come, get poses and settings of their own, and go."""
+"""The objects of a scene by name: adding, moving, setting and removing them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.validation import as_array, as_flag, as_half_extents, check_kind
 from obb_collision.geometry.values import Changing
@@ -35,14 +35,17 @@ from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
 
 
 class NamedObjects(Changing):
-    """The part of a scene that knows its objects by name."""
+    """Objects by name: the part of a scene that adds, moves, sets and removes them.
+
+    Methods raise KeyError for an unknown name or index.
+    """
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
         self._objects = SceneObjects(padding, accuracy)
 
     @property
     def objects(self) -> SceneObjects:
-        """The same objects by index, many at once."""
+        """The objects by index, many at once."""
         return self._objects
 
     def add(
@@ -70,17 +73,12 @@ class NamedObjects(Changing):
         accuracy : Accuracy or str, optional
             By default the scene's.
         replace : bool
-            Whether it may take the place of another one; with False that is a ValueError.
+            Whether it may replace an object; with False that is a ValueError.
 
         Returns
         -------
         int
-            The index, which stays while the object is there.
-
-        Raises
-        ------
-        TypeError
-            For another kind of shape.
+            The index, which the object keeps until it is removed.
 
         Examples
         --------
@@ -116,7 +114,7 @@ class NamedObjects(Changing):
         Parameters
         ----------
         names : sequence of str
-            n distinct ones.
+            n distinct names.
         sizes : (n, 3) array_like
             Edge lengths, metres.
         poses : (n, 7) array_like
@@ -124,11 +122,6 @@ class NamedObjects(Changing):
             n levels, None for the scene's.
         shapes : sequence, optional
             n shapes that have these boxes, None for the box itself.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument; then none is added.
 
         Examples
         --------
@@ -148,8 +141,8 @@ class NamedObjects(Changing):
                 check_kind(shape, Shape, "shapes", type(None))
         check_kind(names, Sequence, "names")
         check_names(names, "names", MAX_OBJECT_NAME)
-        given = (names, edges, where, names if levels is None else levels, shapes or names)
-        lengths = {len(values) for values in given}
+        columns = (names, edges, where, names if levels is None else levels, shapes or names)
+        lengths = {len(column) for column in columns}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
         box = about_origins(halves(edges))
@@ -162,11 +155,6 @@ class NamedObjects(Changing):
         ----------
         name : str
 
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -178,20 +166,13 @@ class NamedObjects(Changing):
         self._objects.remove_slots(np.array([self._objects.store.slot(name)]))
 
     def move(self, name: str | Iterable[str], pose: ArrayLike) -> None:
-        """Give one object a new pose, or several; all or, on an error, none.
+        """Give one or several objects new poses; on an error none is moved.
 
         Parameters
         ----------
         name : str or iterable of str
         pose : (7,) or (n, 7) array_like
             x y z (metres) qx qy qz qw.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For a bad pose.
 
         Examples
         --------
@@ -217,13 +198,6 @@ class NamedObjects(Changing):
         poses : (n, 7) array_like
             x y z (metres) qx qy qz qw.
 
-        Raises
-        ------
-        KeyError
-            For an index without object; then none is changed.
-        ValueError
-            Naming the argument and the row; then none is changed.
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -235,21 +209,14 @@ class NamedObjects(Changing):
         self._objects.store.move_indices(indices, poses)
 
     def set_twist(self, name: str, twist: ArrayLike) -> None:
-        """Set the twist of an object, valid until the next one; the effect ``sweep`` uses it.
+        """Set the twist of an object, for the effect ``sweep``; it is valid until the next.
 
         Parameters
         ----------
         name : str
         twist : (6,) array_like
-            Linear x y z (m/s), angular x y z (rad/s), in the frame of the poses, of the point that
-            the pose places.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For a bad twist.
+            Linear x y z (m/s) of the object's origin, angular x y z (rad/s), in the frame of the
+            poses.
 
         Examples
         --------
@@ -261,19 +228,12 @@ class NamedObjects(Changing):
         self._objects.store.twists[slot] = as_array(twist, "twist", (6,))
 
     def set_enabled(self, name: str, enabled: bool) -> None:
-        """Include an object in collisions or exclude it; its box is retained.
+        """Include an object in checks or exclude it.
 
         Parameters
         ----------
         name : str
         enabled : bool
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        TypeError
-            For anything but True or False.
 
         Examples
         --------
@@ -288,20 +248,13 @@ class NamedObjects(Changing):
         self._objects.set_enabled([slot], as_flag(enabled, "enabled"))
 
     def set_padding(self, name: str, padding: float | None) -> None:
-        """Set the padding of one object; None: that of its override or of the scene.
+        """Set the padding of an object; None for that of its override or of the scene.
 
         Parameters
         ----------
         name : str
         padding : float or None
             Metres.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For a negative padding.
 
         Examples
         --------
@@ -314,19 +267,12 @@ class NamedObjects(Changing):
         self._objects.set_padding(self._objects.store.slot(name), padding)
 
     def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Set the level of one object; None: that of the scene.
+        """Set the level of an object; None for that of the scene.
 
         Parameters
         ----------
         name : str
         accuracy : Accuracy, str or None
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For an unknown accuracy.
 
         Examples
         --------
@@ -338,7 +284,7 @@ class NamedObjects(Changing):
 
     @property
     def padding(self) -> float:
-        """Metres by which boxes without another padding are grown on every side; may be set."""
+        """Metres by which boxes without their own padding grow on every side; may be set."""
         return self._objects.padding
 
     @padding.setter
@@ -347,7 +293,7 @@ class NamedObjects(Changing):
 
     @property
     def accuracy(self) -> Accuracy:
-        """The level of the objects without one of their own; may be set, also by name."""
+        """The level of objects without a level of their own; may be set, also by name."""
         return self._objects.accuracy
 
     @accuracy.setter
@@ -367,11 +313,6 @@ class NamedObjects(Changing):
         ----------
         name : str
 
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -387,11 +328,6 @@ class NamedObjects(Changing):
         Parameters
         ----------
         index : int
-
-        Raises
-        ------
-        KeyError
-            For an unknown index.
 
         Examples
         --------
@@ -414,11 +350,11 @@ class NamedObjects(Changing):
 
     @property
     def boxes(self) -> Boxes:
-        """The world boxes, padding included, in the order of ``indices``."""
+        """The world boxes, with padding, in the order of ``indices``."""
         return self._objects.store.boxes(self.indices)
 
     def pose(self, name: str) -> Floats:
-        """Return the pose of one object.
+        """Return the pose of an object.
 
         Parameters
         ----------
@@ -428,11 +364,6 @@ class NamedObjects(Changing):
         -------
         (7,) array
             x y z (metres) qx qy qz qw, as given.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
 
         Examples
         --------
@@ -444,16 +375,11 @@ class NamedObjects(Changing):
         return self._objects.store.poses[self._objects.store.slot(name)].copy()
 
     def obb(self, name: str) -> OBB:
-        """Return the world box of one object, padding included.
+        """Return the world box of an object, with padding.
 
         Parameters
         ----------
         name : str
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
 
         Examples
         --------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The objects of a scene by index: their store, their shapes, and what is set of all of them."""
+"""The objects of a scene by index: their store, shapes, paddings and levels."""
 
 from __future__ import annotations
 
@@ -26,9 +26,8 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.geometry.validation import as_any_array, as_array
 from obb_collision.obb import OBB
-from obb_collision.scene.building.shape_cache import ShapeCache, SlotShape
+from obb_collision.scene.building.shape_cache import BOX, ShapeCache, SlotShape
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
-from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.patterns import Overrides, as_patterns, as_tuples
 from obb_collision.scene.store.placing import LocalBoxes, about_origins, extents, placed
 from obb_collision.scene.store.store import NO_ROWS, ObjectStore
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class SceneObjects:
-    """Objects with indices, which stay as long as the objects do.
+    """Objects by index; an object keeps its index until it is removed.
 
     Methods raise KeyError for an index without object and ValueError for a bad value, and then
     change nothing, unless they say that nothing is checked.
@@ -82,11 +81,11 @@ class SceneObjects:
         levels: Sequence[Accuracy | None] | None = None,
         instead: NDArray[np.int64] = NO_ROWS,
     ) -> NDArray[np.int64]:
-        """Add boxes of new names, as ``Scene.add_boxes`` does; return their indices; check nothing.
+        """Add boxes of new names, as ``Scene.add_boxes``; return their indices; nothing is checked.
 
         The names are valid and distinct, sizes and poses finite, sizes not negative, quaternions
-        not zero. instead: indices of objects to remove, distinct; only as many of them, the first
-        ones, are removed as boxes are added.
+        not zero. instead: distinct indices of objects to replace; the first are removed, one for
+        each new box.
         """
         box = about_origins(halves(sizes))
         return self.put(names, box[2], placed(box, poses), levels, instead=instead)
@@ -101,20 +100,19 @@ class SceneObjects:
         padding: float | None = None,
         instead: NDArray[np.int64] = NO_ROWS,
     ) -> NDArray[np.int64]:
-        """Add objects, or replace those of their names; all or, on an error, none.
+        """Add objects, or replace those of their names; on an error none. Return their slots.
 
-        half_extents (n, 3): of their local boxes; columns: of their places. shapes: None for boxes.
-        padding: their own, None for that of the scene; the rest as for ``begin_boxes``. Returns
-        their slots.
+        half_extents (n, 3): of the local boxes; columns: of the places; shapes: None for boxes;
+        padding: None for that of the scene; the others as for ``begin_boxes``.
         """
         store = self.store
         slots = np.array([store.slots.get(name, -1) for name in names], np.int64)
         new = slots < 0
-        begun = [name for name, is_new in zip(names, new.tolist(), strict=True) if is_new]
+        new_names = [name for name, is_new in zip(names, new.tolist(), strict=True) if is_new]
         if len(instead):
-            instead = instead[~np.isin(instead, slots)][: len(begun)]
-        if begun:
-            slots[new] = np.append(instead, store.free_rows(len(begun) - len(instead)))
+            instead = instead[~np.isin(instead, slots)][: len(new_names)]
+        if new_names:
+            slots[new] = np.append(instead, store.free_rows(len(new_names) - len(instead)))
         kinds = np.full(len(slots), BOX, np.int8)
         bodies = []
         for row, shape in enumerate(shapes or ()):
@@ -132,15 +130,15 @@ class SceneObjects:
             "kinds": kinds,
         }
         gone = [str(store.names[slot]) for slot in instead.tolist()]
-        self._commit(slots, columns, slots[new], begun, gone, bodies)
+        self._commit(slots, columns, slots[new], new_names, gone, bodies)
         return slots
 
     def _commit(
         self, slots: Rows, columns: dict[str, Any], new: Rows, names: list[str],
         gone: list[str], bodies: list[SlotShape],
     ) -> None:  # fmt: skip
-        """Write what ``put`` made: nothing here fails but for want of memory, at first."""
-        shaped = {body.slot for body in bodies}  # for which there is room in the cache
+        """Write the columns of ``put``: only lack of memory fails here, before the first write."""
+        shaped = {body.slot for body in bodies}  # the cache has room for them
         others = [slot for slot in slots.tolist() if slot not in shaped]
         self.cache.own(others)
         self.store.put(slots, columns, new, names, gone)
@@ -149,7 +147,7 @@ class SceneObjects:
             self.cache.put(body)
 
     def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
-        """Give boxes other edge lengths (n, 3); nothing is checked."""
+        """Set the edge lengths (n, 3) of boxes; nothing is checked."""
         store = self.store
         own, growths = store.own_paddings[indices], store.growths[indices]
         box = {"local_centers": 0.0, "local_rotations": np.eye(3)}
@@ -158,9 +156,9 @@ class SceneObjects:
         self.cache.drop_many(numbers)
 
     def grow(self, indices: NDArray[np.int64], growths: Floats) -> None:
-        """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
+        """Set growths (n,) of boxes, metres on every side beyond the padding; nothing is checked.
 
-        In place of what they were grown by before: zeros take it back.
+        They replace earlier growths.
         """
         store, other = self.store, growths != self.store.growths[indices]
         rows, own = indices[other], store.own_paddings[indices[other]]
@@ -169,8 +167,8 @@ class SceneObjects:
     def speeds_of(self, indices: NDArray[np.int64], twists: Floats) -> Floats:
         """Return the maximum speed (n,) of any point of objects; nothing is checked.
 
-        By twists (n, 6) or those that they have, whichever is faster. A point at a distance of at
-        most r from where the pose places the object moves with at most v + w r.
+        By twists (n, 6) or their own, whichever is faster. A point within r of the object's origin
+        moves at v + w r at most.
         """
         store = self.store
         radii = _lengths(store.local_centers[indices]) + _lengths(store.local_half_extents[indices])
@@ -181,7 +179,7 @@ class SceneObjects:
         return np.maximum(*speeds)
 
     def rename(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
-        """Give objects other names, which are valid, new and distinct; nothing is checked."""
+        """Set names of objects, valid, new and distinct ones; nothing is checked."""
         store, columns = self.store, {}
         if self._paddings:
             own, wanted = store.own_paddings[indices], self._paddings_of(names)
@@ -190,7 +188,7 @@ class SceneObjects:
         store.rename(indices, names, columns)
 
     def renew(self, indices: ArrayLike) -> None:
-        """Make objects (n,) new ones: nothing relates them to what they were."""
+        """Treat objects (n,) as new, without relation to earlier states."""
         self.store.renew(self.store.check_slots(indices))
 
     def remove(self, indices: ArrayLike) -> None:
@@ -205,10 +203,10 @@ class SceneObjects:
         self.cache.drop_many(numbers)
 
     def build_outside(self, builder: Builder) -> OutsideTrees:
-        """Have the trees and hulls of large shapes built by another process.
+        """Let a child process build the trees and hulls of large shapes.
 
-        Then no check waits for them: their pairs stay on "obb" until they are there. Returns what
-        is being built. The builder must serve nobody else; close it in the end.
+        Then no check waits for them: meanwhile their pairs stay on "obb". The builder must serve
+        this scene only; close it in the end.
         """
         from obb_collision.scene.building.outside import OutsideTrees
 
@@ -216,32 +214,32 @@ class SceneObjects:
         return self.cache.outside
 
     def prepare(self) -> None:
-        """Build the trees and hulls of all shapes now; else the first checks that need them do."""
+        """Build the trees and hulls of all shapes now, instead of in the first checks."""
         prepare_shapes(self.store, self.cache)
 
     def clear(self, store: ObjectStore) -> None:
-        """Take an empty store in place of all objects; settings are retained."""
+        """Remove all objects, with an empty store; settings are retained."""
         self.cache.clear()
         self.store = store
 
     @property
     def revision(self) -> int:
-        """A number that changes with shapes, sizes and paddings, and not with poses."""
+        """A number that changes with shapes, sizes and paddings, but not with poses."""
         return self.store.revision
 
     @property
     def near(self) -> NDArray[np.int64]:
-        """(k,) the objects near to the region at the last check; all without one."""
+        """(k,) the objects near the region at the last check; all without a region."""
         return np.flatnonzero(self.store.used & self.store.near)
 
     def shape_of(self, name: str) -> Shape | OBB:
         """Return the shape of an object, an OBB where it is a box; KeyError for an unknown name."""
         store, slot = self.store, self.store.slot(name)
         box = store.local_centers, store.local_rotations, store.local_half_extents
-        return self.cache.shape(slot) or OBB(*(each[slot] for each in box))
+        return self.cache.shape(slot) or OBB(*(column[slot] for column in box))
 
     def place(self, indices: NDArray[np.int64], poses: Floats) -> None:
-        """Give objects new poses as ``Scene.move_indices`` does, but check nothing.
+        """Set poses of objects, as ``Scene.move_indices``; nothing is checked.
 
         The indices are in use and distinct, the poses finite, their quaternions not zero.
         """
@@ -257,7 +255,7 @@ class SceneObjects:
         self.store.twists[slots] = as_array(twists, "twists", (len(slots), 6))
 
     def set_enabled(self, indices: ArrayLike, enabled: ArrayLike) -> None:
-        """Include objects in collisions or exclude them: (n,) True or False."""
+        """Include objects in checks or exclude them: (n,) True or False."""
         slots = self.store.check_slots(indices)
         flags = as_any_array(enabled, "enabled", "True or False, or one of them per object")
         if flags.dtype != np.bool_:
@@ -272,7 +270,7 @@ class SceneObjects:
 
     @property
     def padding(self) -> float:
-        """Metres by which boxes without another padding are grown on every side; may be set."""
+        """Metres by which boxes without their own padding grow on every side; may be set."""
         return self._padding
 
     @padding.setter
@@ -281,10 +279,10 @@ class SceneObjects:
 
     @property
     def padding_overrides(self) -> list[tuple[str, float]]:
-        """Padding in place of the scene's, by name or pattern: (``gripper/*``, metres); may be set.
+        """Paddings by name or pattern, such as (``gripper/*``, metres); may be set.
 
-        The last one that an object matches counts, also for objects to come. An object's own, as
-        given to ``Scene.add`` or ``Scene.set_padding``, goes before.
+        The last one that an object matches counts, also for later objects. The padding of an object
+        itself, from ``Scene.add`` or ``Scene.set_padding``, comes before.
         """
         return list(self._paddings.overrides)
 
@@ -293,21 +291,20 @@ class SceneObjects:
         new: list[tuple[str, float]] = []
         for pattern, padding in as_tuples(overrides, "padding_overrides", 2):
             metres = as_padding(padding, "padding_overrides")
-            new += [(one, metres) for one in as_patterns(pattern, "padding_overrides")]
+            new += [(name, metres) for name in as_patterns(pattern, "padding_overrides")]
         self._pad_again(self._padding, Overrides(new))
 
     def set_padding(self, slot: int, padding: float | None) -> None:
-        """Set the padding of one object; None: that of its override or of the scene."""
+        """Set the padding of an object; None for that of its override or of the scene."""
         names = [str(self.store.names[slot])]
         wanted = self._paddings_of(names) if padding is None else as_padding(padding)
         self.store.pad(np.array([slot]), np.full(1, wanted, np.float64), padding is not None)
 
     def _paddings_of(self, names: Sequence[str]) -> float | Floats:
-        """Return the paddings (n,) of objects without one of their own; one for all, if it is."""
         return paddings_of(names, self._padding, self._paddings)
 
     def _pad_again(self, padding: float, overrides: Overrides[float]) -> None:
-        """Set the padding, and give it to all objects without one of their own."""
+        """Set the padding of all objects without a padding of their own."""
         store = self.store
         rows = np.flatnonzero(store.used & ~store.padded)
         wanted = paddings_of([str(store.names[row]) for row in rows.tolist()], padding, overrides)
@@ -318,34 +315,28 @@ class SceneObjects:
 
     @property
     def accuracy(self) -> Accuracy:
-        """The level of the objects without one of their own; may be set, also by name."""
+        """The level of objects without a level of their own; may be set, also by name."""
         return self._accuracy
 
     @accuracy.setter
     def accuracy(self, value: Accuracy | str) -> None:
-        self._set_all(as_accuracy(value))
-
-    def _set_all(self, value: Accuracy) -> None:
-        store = self.store
-        rows = np.flatnonzero(store.used & ~store.levelled & (store.accuracies != value))
-        store.write(rows, {"accuracies": value})
-        self._accuracy = value
+        store, level = self.store, as_accuracy(value)
+        rows = np.flatnonzero(store.used & ~store.levelled & (store.accuracies != level))
+        store.write(rows, {"accuracies": level})
+        self._accuracy = level
 
     def set_accuracy(self, slot: int, accuracy: Accuracy | str | None) -> None:
-        """Set the level of one object; None: that of the scene."""
-        level = None if accuracy is None else as_accuracy(accuracy)
-        store, value = self.store, self._accuracy if level is None else level
-        if store.accuracies[slot] != value:
-            columns = {"accuracies": value, "levelled": level is not None}
-            store.write(np.array([slot]), columns)
-        else:
-            store.levelled[slot] = level is not None
+        """Set the level of an object; None for that of the scene."""
+        store, level = self.store, self._accuracy if accuracy is None else as_accuracy(accuracy)
+        if store.accuracies[slot] != level:
+            store.write(np.array([slot]), {"accuracies": level})
+        store.levelled[slot] = accuracy is not None
 
 
 def paddings_of(
     names: Sequence[str], padding: float, overrides: Overrides[float]
 ) -> float | Floats:
-    """Return the padding of objects: (n,), or one number for all."""
+    """Return the paddings (n,) of objects, or one number for all."""
     if not overrides:
         return padding
     values = [overrides.value(name) for name in names]
@@ -361,7 +352,7 @@ def as_padding(padding: float, name: str = "padding") -> float:
 
 
 def halves(edges: Floats) -> Floats:
-    """Return half extents that are not too small for edge lengths."""
+    """Return half of the edge lengths, rounded up where inexact."""
     half = 0.5 * edges
     return np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
 
@@ -380,6 +371,6 @@ def local_box(shape: Shape | OBB) -> LocalBox:
 
 
 def local_boxes(shape: Shape | OBB) -> LocalBoxes:
-    """Return the same as one of several, in arrays of its own."""
+    """Return the local box as arrays of length 1."""
     center, rotation, half_extents = local_box(shape)
     return np.array(center)[None], np.array(rotation)[None], np.array(half_extents)[None]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Report: what one check of a scene found, and what it took."""
+"""Report: the result of a check of a scene, and its costs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.validation import check_kind
-from obb_collision.geometry.values import SetOnce
+from obb_collision.geometry.values import SetOnce, read_only_view
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
@@ -46,7 +46,7 @@ from obb_collision.words import shown
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one effect: pairs (or points) it ran on, seconds, and what failed."""
+    """Cost of an effect: pairs (or points) it ran on, seconds, and failures."""
 
     count: int
     seconds: float
@@ -54,21 +54,15 @@ class Cost:
 
 
 class Report(SetOnce):
-    """The colliding pairs of a scene, m of them, as arrays with one row a pair.
+    """The m colliding pairs of a scene, as read-only arrays with one row a pair.
 
-    The arrays are read-only. pairs (m, 2) int64: object indices i < j, in lexicographic order.
-    verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
-    certain; on levels other than OBB and MESH, where nothing is, everything is TOUCHING.
-    accuracies (m,) int8: the ``Accuracy`` that each pair was decided on.
-    behind: whether some were decided, or effects computed, on a lower level than they ask for,
-    as the scene's time budget was used up or a shape is being built; the next check goes on.
-    truncated: whether there are more pairs than ``Scene.max_pairs``, and some, whichever, are left
-    out. total: how many pairs collide; at least, where truncated.
-    stages: seconds spent, by stage of the check; costs: by effect, those computed so far.
+    Both TOUCHING and OVERLAP count as colliding. OVERLAP is certain; on levels other than OBB and
+    MESH every verdict is TOUCHING. stages: seconds by stage of the check; costs: by effect, of
+    those computed so far.
 
     Everything else is an effect: computed when first read, from the boxes as they were at the
-    check, unless the scene has it "on" or the check was asked for it. Reading one that is "off", or
-    one that can't be had later and was not asked for, is a ValueError.
+    check, unless the scene has it "on" or the check was asked for it. ValueError for reading an
+    effect that is "off", or one that must be requested at the check and was not.
 
     Examples
     --------
@@ -83,71 +77,74 @@ class Report(SetOnce):
     slot_names: tuple[str | None, ...]
     stages: dict[str, float]
     costs: dict[str, Cost]
-    _found: Findings
+    _findings: Findings
     _make_cycle: Callable[[Findings], Cycle]
     _settings: Mapping[str, Setting]
 
     def __init__(
         self,
-        found: Findings,
+        findings: Findings,
         slot_names: tuple[str | None, ...],
         stages: dict[str, float],
         make_cycle: Callable[[Findings], Cycle],
         settings: Mapping[str, Setting],
     ) -> None:
-        # nothing but what is given: a step whose effects are off costs no more than its pairs
+        # no more than that: a step whose effects are off costs no more than its pairs
         vars(self).update(
-            slot_names=slot_names, stages=stages, costs={}, _found=found, _make_cycle=make_cycle,
-            _settings=settings,
+            slot_names=slot_names, stages=stages, costs={}, _findings=findings,
+            _make_cycle=make_cycle, _settings=settings,
         )  # fmt: skip
 
     @cached_property
     def pairs(self) -> Pairs:
-        """(m, 2) indices i < j of objects; read-only, as the next check goes by them."""
-        return _read_only(self._found.decided.pairs)
+        """(m, 2) int64 indices i < j of objects, in lexicographic order."""
+        return read_only_view(self._findings.decided.pairs)
 
     @cached_property
     def verdicts(self) -> Verdicts:
-        """(m,) TOUCHING or OVERLAP."""
-        return _read_only(self._found.decided.verdicts)
+        """(m,) int8 ``Verdict.TOUCHING`` or ``OVERLAP``."""
+        return read_only_view(self._findings.decided.verdicts)
 
     @cached_property
     def accuracies(self) -> Levels:
-        """(m,) the ``Accuracy`` that each pair was decided on."""
-        return _read_only(self._found.decided.levels)
+        """(m,) int8 the ``Accuracy`` that each pair was decided on."""
+        return read_only_view(self._findings.decided.levels)
 
     @property
     def behind(self) -> bool:
-        """True if something is on a lower level than it asks for; the next check goes on."""
-        return self._found.behind or self._found.late
+        """True if pairs or effects are below their level; the next check goes on with them.
+
+        The time budget was used up, or a shape is being built.
+        """
+        return self._findings.behind or self._findings.late
 
     @property
     def truncated(self) -> bool:
-        """True if pairs are left out."""
-        return self._found.total is not None
+        """True if there are more pairs than ``Scene.max_pairs``: any of them may be left out."""
+        return self._findings.total is not None
 
     @property
     def total(self) -> int:
-        """Number of pairs that collide; at least, where ``truncated``."""
-        return len(self) if self._found.total is None else self._found.total
+        """Number of pairs that collide; where ``truncated``, a lower bound."""
+        return len(self) if self._findings.total is None else self._findings.total
 
     @cached_property
     def cycle(self) -> Cycle:
         """The check as effects see it."""
-        return self._make_cycle(self._found)
+        return self._make_cycle(self._findings)
 
     def __len__(self) -> int:
-        return len(self._found.decided.pairs)
+        return len(self._findings.decided.pairs)
 
     def __repr__(self) -> str:
         more = f" of at least {self.total}" if self.truncated else ""
-        effects = ", ".join(self._found.outcomes) or "none"
+        effects = ", ".join(self._findings.outcomes) or "none"
         return f"Report({len(self)}{more} pairs, effects: {effects})"
 
     @property
     def results(self) -> dict[str, Any]:
         """Results of the effects computed so far, by name."""
-        return {name: outcome.result for name, outcome in self._found.outcomes.items()}
+        return {name: outcome.result for name, outcome in self._findings.outcomes.items()}
 
     def result(self, effect: str) -> Any:
         """Return the result of an effect, as its module describes it.
@@ -156,11 +153,6 @@ class Report(SetOnce):
         ----------
         effect : str
             Its name.
-
-        Raises
-        ------
-        ValueError
-            For an unknown effect, one that is off, and one that had to be asked for.
 
         Examples
         --------
@@ -179,25 +171,20 @@ class Report(SetOnce):
             if not EFFECTS[effect].lazy:
                 raise ValueError(f"ask for it: scene.check(effects=[{effect!r}])")
             self.compute(effect)
-        if effect not in self._found.outcomes:
+        if effect not in self._findings.outcomes:
             raise RuntimeError(f"the effect {effect!r} failed: {self.costs[effect].failures[0]}")
-        return self._found.outcomes[effect].result
+        return self._findings.outcomes[effect].result
 
     def accuracies_of(self, effect: str) -> Levels:
-        """Return the ``Accuracy`` (k,) int8 that each row of the result of an effect is of.
+        """Return the ``Accuracy`` (k,) int8 of each row of the result of an effect.
 
-        Of "sweep" the rows are those of ``passed``, then those of ``predicted``. Boxes are
+        The rows of "sweep" are those of ``passed``, then those of ``predicted``. Boxes are
         ``Accuracy.OBB``. A time budget lowers these like ``accuracies``.
 
         Parameters
         ----------
         effect : str
             Its name.
-
-        Raises
-        ------
-        ValueError
-            As ``result``.
 
         Examples
         --------
@@ -208,21 +195,22 @@ class Report(SetOnce):
         ['HULL']
         """
         result = self.result(effect)
-        levels = self._found.outcomes[effect].accuracies
+        levels = self._findings.outcomes[effect].accuracies
         if levels is None:
             parts = (result.passed, result.predicted) if effect == "sweep" else (result,)
-            levels = np.full(sum(map(_rows_of, parts)), Accuracy.OBB, np.int8)
-        return _read_only(levels)
+            rows = sum(len(next(iter(vars(part).values()))) for part in parts)
+            levels = np.full(rows, Accuracy.OBB, np.int8)
+        return read_only_view(levels)
 
     def compute(self, effect: str, budget: Budget | None = None) -> None:
-        """Compute an effect and note what it took, and why it failed if it did.
+        """Compute an effect; note its cost and its failures.
 
-        budget: that of the check, while it lasts; not for an effect with an accuracy of its own.
+        budget: that of the check, while it lasts; unused by an effect with its own accuracy.
         """
         start = perf_counter()
-        known = self._found.outcomes.get(effect)
-        if known is not None:  # by a report of the same findings
-            self.costs[effect] = Cost(0, 0.0, known.failures)
+        earlier = self._findings.outcomes.get(effect)
+        if earlier is not None:  # by a report of the same findings
+            self.costs[effect] = Cost(0, 0.0, earlier.failures)
             return
         count = 0
         failures: tuple[str, ...] = ()
@@ -235,13 +223,13 @@ class Report(SetOnce):
                 outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
             if self.cycle.notes:
                 outcome = replace(outcome, failures=(*outcome.failures, *self.cycle.notes))
-            self._found.outcomes[effect] = outcome
+            self._findings.outcomes[effect] = outcome
             count, failures = outcome.count, outcome.failures
-        except Exception as error:  # whatever it is, the others and the cycle go on
+        except Exception as error:  # of any kind: other effects and the cycle go on
             failures = (f"{type(error).__name__}: {error}",)
         self.cycle.notes.clear()
         if shapes is not None:
-            self._found.late |= shapes.is_late
+            self._findings.late |= shapes.is_late
             shapes.begin(None)
         self.costs[effect] = Cost(count, perf_counter() - start, failures)
 
@@ -276,12 +264,12 @@ class Report(SetOnce):
         if len(column) == len(self):
             return column
         full = np.full((len(self), *column.shape[1:]), np.nan)
-        full[self._found.outcomes["separations"].rows] = column
+        full[self._findings.outcomes["separations"].rows] = column
         return full
 
     @property
     def contacts(self) -> Contacts:
-        """The contact patches of the colliding pairs that are selected for them."""
+        """The contact patches of the colliding pairs that are selected for the effect."""
         return self.result("contacts")
 
     @property
@@ -291,7 +279,7 @@ class Report(SetOnce):
 
     @property
     def swept(self) -> SweptPairs:
-        """What objects passed since the check before, what they will run into, what is unknown."""
+        """Collisions between the check before and this one, and predicted ones."""
         return self.result("sweep")
 
     @property
@@ -312,14 +300,3 @@ class Report(SetOnce):
     def names(self) -> list[tuple[str, str]]:
         """Return the pairs by name, in the order of ``pairs``."""
         return [(str(self.slot_names[i]), str(self.slot_names[j])) for i, j in self.pairs.tolist()]
-
-
-def _rows_of(table: Any) -> int:
-    """Return how many rows a dataclass of arrays has."""
-    return len(next(iter(vars(table).values())))
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    view = array.view()
-    view.setflags(write=False)
-    return view

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scene: objects that come, move and go, and the check for collisions between them."""
+"""Scene: objects that move, and the check for collisions between them."""
 
 from __future__ import annotations
 
@@ -35,12 +35,11 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.obb import OBB
 from obb_collision.queries.rays.rays import RayHits
-from obb_collision.scene.checks import Checks
+from obb_collision.scene.checks import Checks, any_collides, cast_at_objects, colliding_with
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.named_objects import NamedObjects
 from obb_collision.scene.objects import as_padding
-from obb_collision.scene.questions import any_collides, cast_at_objects, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import PairRules, Sides, guess
@@ -50,20 +49,20 @@ from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
 
-#: What is set like that when a scene was pickled.
+#: Attributes of the rules, and of a scene, that are pickled.
 RULES = "allowed", "matrix", "check_only", "allowed_within", "warns"
 PROPERTIES = ("time_budget", "max_pairs", "region", "obstacle_points")
-#: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
+#: The largest limit of pairs: more than there can be, and kernels can take multiples of it.
 MOST_PAIRS = 2**53
-#: Seconds for a check above which milliseconds were probably meant.
+#: Seconds for a check above which the user probably means milliseconds.
 LONGEST_BUDGET = 1.0
 
 
 class Scene(NamedObjects):
     """Named objects, and which of them collide.
 
-    A pair is decided on the lower level of its two objects, above "obb" only where that can say
-    more than boxes do (see ``scene.refinement.ladder``).
+    A pair is decided on the lower level of its two objects; pairs of boxes are never above "obb"
+    (see ``scene.refinement.ladder``). Methods raise KeyError for an unknown name or index.
 
     Parameters
     ----------
@@ -72,7 +71,7 @@ class Scene(NamedObjects):
     exact : bool
         Decide by integer arithmetic what doubles can't tell from touching.
     accuracy : Accuracy or str
-        The level of objects without one of their own, or its name.
+        The level of objects without a level of their own.
     time_budget : float, optional
         Seconds for a check, None for no limit; see the property.
     max_pairs : int, optional
@@ -108,7 +107,7 @@ class Scene(NamedObjects):
         self._checks = Checks(self._objects, self._rules, exact)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return objects and settings; what was computed of them is computed anew."""
+        """Return objects and settings; results are computed anew."""
         rules, checks = self._rules, self._checks
         return {
             "objects": self._objects,
@@ -149,12 +148,12 @@ class Scene(NamedObjects):
 
     @property
     def max_pairs(self) -> int | None:
-        """The most pairs a report has, None for no limit; may be set.
+        """The limit of pairs in a report, None for no limit; may be set.
 
         n objects in one place collide in n (n - 1) / 2 pairs, which soon takes gigabytes. With a
-        limit a check stops once it has more pairs: that many are kept, whichever, and
-        ``Report.truncated`` says that others collide, too. Memory grows with the limit and with n
-        then. Effects look at the pairs kept, and those with pairs of their own at 10 times as many.
+        limit a check stops once it has more pairs. It keeps that many, which ones is undefined, and
+        ``Report.truncated`` says so. Memory then grows with the limit and with n. Effects look at
+        these pairs; effects with pairs of their own look at 10 times as many.
         """
         return self._checks.max_pairs
 
@@ -165,15 +164,14 @@ class Scene(NamedObjects):
 
     @property
     def region(self) -> Region | None:
-        """The region whose pairs are found, None for all; may be set.
+        """The region whose pairs are found, None for all pairs; may be set.
 
-        Several scenes with the same objects, and regions that hold all of space, find each pair
-        once together, and all else that effects compute: a pair belongs to the region that has
-        the larger, on each axis, of the lower ends of both bounds; one that is near or will
-        collide, of the bounds in which the effect looks for others; the points of an object to
-        that with the lower corner of its bounds. Objects farther from the region than its halo
-        take no part and cost little. Raises ValueError for a halo smaller than what an effect
-        that is not off looks beyond objects.
+        Scenes with the same objects, and regions that together fill space, find each pair and each
+        row of effects once. A pair belongs to the region of a point: on each axis the larger of the
+        lower ends of both bounds. For pairs that are near or will collide, these are the bounds in
+        which the effect searches; the points of an object belong to the lower corner of its bounds.
+        Objects farther from the region than its halo take no part and cost little. The halo must be
+        as large as the distances at which effects that are not off look from objects.
         """
         return self._checks.region
 
@@ -188,14 +186,13 @@ class Scene(NamedObjects):
 
     @property
     def time_budget(self) -> float | None:
-        """Seconds for a check with the effects asked for, None for no limit; may be set.
+        """Seconds for a check with the requested effects, None for no limit; may be set.
 
         Pairs above "obb" are then decided nearest first until the time is up. The others stay on
-        "obb", which loses no collision: ``Report.accuracies`` says which, ``Report.behind`` whether
-        there are any. Later checks go on with those. So it is with effects, whose
-        ``Report.accuracies_of`` says it. A single pair, or the tree of a new shape, may take longer
-        than there is left; see ``prepare``. A ``Budget`` may be set,
-        too, which has a clock of its own. More than a second is warned about.
+        "obb", which misses no collision, as ``Report.behind`` and ``Report.accuracies`` say. Later
+        checks go on with them. So it is with rows of effects, see ``Report.accuracies_of``. A
+        single pair, or the tree of a new shape, may exceed the time; see ``objects.prepare``. A
+        ``Budget`` with a clock of its own may be set, too. More than a second makes a warning.
         """
         return None if self._checks.budget is None else self._checks.budget.seconds
 
@@ -222,20 +219,16 @@ class Scene(NamedObjects):
     ) -> None:
         """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
 
-        first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
-        one counts. Rules are also for objects to come, and for links of robots, so a name that no
-        object has is no error, unless ``known`` says so.
+        Of several rules for a pair the last one counts. Rules also apply to later objects and to
+        links of robots, so an unknown name is no error, unless ``known`` says so.
 
         Parameters
         ----------
-        first : str or iterable of str
-            Names or patterns.
-        second : str or iterable of str
-            Names or patterns.
+        first, second : str or iterable of str
+            Names or patterns such as ``gripper/*``.
         allowed : bool
         known : bool
-            Whether each name or pattern must be that of an object that is there, against typing
-            errors.
+            Whether each name or pattern must match an object, as a guard against typing errors.
 
         Examples
         --------
@@ -260,18 +253,17 @@ class Scene(NamedObjects):
                 raise ValueError(f"{argument} must fit objects, got {shown(pattern)}{hint}")
 
     def check_only(self, sides: Iterable[Sides], *, known: bool = False) -> None:
-        """Let nothing count but some pairs, in place of those before; [] lets all count again.
+        """Set the only pairs that count, as ``rules.check_only = sides``; [] for all pairs.
 
-        As ``rules.check_only = sides``. Pairs are also for objects to come, and for links of
-        robots, so a name that no object has is no error, unless ``known`` says so. A check warns
-        of one.
+        They also apply to later objects and to links of robots, so an unknown name is no error,
+        unless ``known`` says so. A check warns of it.
 
         Parameters
         ----------
         sides : iterable of (first, second)
             Names or patterns such as ``gripper/*``, one or several each.
         known : bool
-            Whether each name or pattern must be that of an object that is there.
+            Whether each name or pattern must match an object.
 
         Examples
         --------
@@ -295,18 +287,17 @@ class Scene(NamedObjects):
         objects: Iterable[str] | str | None = None,
         **options: float | str,
     ) -> None:
-        """Set an effect; what is not given stays.
-
-        mode: "off", "on" (at every check), or "auto" (when ``check`` is asked for it, or its result
-        is read). objects: names or patterns; only pairs of which one object or both match get it.
-        options: those of the effect. Raises ValueError naming what can't be used.
+        """Set an effect; None keeps a setting.
 
         Parameters
         ----------
         name : str
         mode : str, optional
+            "off", "on" (at every check), or "auto" (on request, or when its result is read).
         objects : str or iterable of str, optional
+            Names or patterns; it is computed for pairs with at least one such object.
         **options : float or str
+            Those of the effect.
 
         Examples
         --------
@@ -323,9 +314,9 @@ class Scene(NamedObjects):
 
     @property
     def obstacle_points(self) -> NDArray[Any] | None:
-        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; None for none.
+        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; may be set.
 
-        The array is taken as it is, not copied. Rows that are not finite are ignored and counted.
+        The array is not copied. Rows that are not finite are ignored and counted.
         """
         return self._checks.obstacle_points
 
@@ -338,7 +329,7 @@ class Scene(NamedObjects):
     def check(self, effects: Iterable[str] | str = ()) -> Report:
         """Return all colliding pairs, with the effects asked for by name, or the one.
 
-        Only what changed since the last check is computed anew. ValueError for an unknown effect.
+        Only changes since the last check are computed anew.
 
         Parameters
         ----------
@@ -394,7 +385,7 @@ class Scene(NamedObjects):
     ) -> list[str]:
         """Return the objects that a body would collide with, without adding it.
 
-        The trees and hulls of the last bodies are retained: the same mesh costs one tree.
+        Trees and hulls of the last bodies are retained: the same mesh costs one tree.
 
         Parameters
         ----------
@@ -412,13 +403,8 @@ class Scene(NamedObjects):
         Returns
         -------
         list of str
-            Names, in the order of ``indices``. Objects that are not enabled, or not near to the
+            Names, in the order of ``indices``. Objects that are not enabled, or not near the
             region, do not count.
-
-        Raises
-        ------
-        TypeError
-            For another kind of shape.
 
         Examples
         --------
@@ -434,8 +420,8 @@ class Scene(NamedObjects):
         patterns = as_patterns(ignore, "ignore")
         self._checks.checker.settle_region()
         store, body = self._objects.store, (shape, where, padding, level)
-        found = colliding_with(store, self._objects.cache, *body, self._checks.exact)
-        names = [str(store.names[row]) for row in found]
+        slots = colliding_with(store, self._objects.cache, *body, self._checks.exact)
+        names = [str(store.names[slot]) for slot in slots]
         return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
 
     def cast_rays(
@@ -447,7 +433,7 @@ class Scene(NamedObjects):
         accuracy: Accuracy | str | None = None,
         objects: Iterable[str] | str = "*",
     ) -> RayHits:
-        """Return what each ray hits first: for lines of sight, and for simulated sensors.
+        """Return the first object on each ray: for lines of sight, and for simulated sensors.
 
         Parameters
         ----------
@@ -461,7 +447,7 @@ class Scene(NamedObjects):
             Of all objects, by default that of each: below "hull" its box, else its hull or its
             triangles. Round shapes are exact, and so is padding; padded meshes are their hulls.
         objects : str or iterable of str
-            Names and patterns of what rays can hit.
+            Names or patterns of the objects that rays can hit.
 
         Returns
         -------
@@ -472,8 +458,8 @@ class Scene(NamedObjects):
         --------
         >>> scene = oc.Scene()
         >>> _ = scene.add("wall", oc.shapes.Box([1, 5, 5]), [4, 0, 0, 0, 0, 0, 1])
-        >>> found = scene.cast_rays([[0, 0, 0]], [[1, 0, 0]])
-        >>> scene.name(found.boxes[0]), found.distances.tolist()
+        >>> hits = scene.cast_rays([[0, 0, 0]], [[1, 0, 0]])
+        >>> scene.name(hits.boxes[0]), hits.distances.tolist()
         ('wall', [3.5])
         """
         level = None if accuracy is None else as_accuracy(accuracy)
@@ -484,7 +470,7 @@ class Scene(NamedObjects):
 
 
 def check_halo(halo: float, reach: float) -> None:
-    """Raise ValueError for a halo (m) of a region that is smaller than what effects look beyond."""
+    """Raise ValueError for a halo (m) that is smaller than the reach of effects beyond objects."""
     if halo < reach:
         raise ValueError(
             f"halo of the region must be at least {reach:g}, as far as effects look beyond "

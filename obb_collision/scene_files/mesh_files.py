@@ -31,8 +31,8 @@ from obb_collision.geometry.shapes.files import (
     source_folder,
 )
 from obb_collision.geometry.shapes.primitives import Triple
+from obb_collision.scene.building.builder import Limits, WorkerProcess
 from obb_collision.scene.building.jobs import MeshFile
-from obb_collision.scene.building.process import Limits, WorkerProcess
 from obb_collision.scene_files.yaml_values import Value
 from obb_collision.shapes import Mesh
 from obb_collision.words import MAX_PATH

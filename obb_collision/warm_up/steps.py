@@ -44,9 +44,8 @@ from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
 from obb_collision.queries.verdict.verdict import Separations
-from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, find_candidates
+from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, KeptTree, find_candidates
 from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
-from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.warm_up.samples import (

@@ -58,7 +58,7 @@ from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME, FixedFrameOnly
 from obb_collision.node.status import reporting
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
-from obb_collision.scene.building.process import WorkerProcess
+from obb_collision.scene.building.builder import WorkerProcess
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 DOMAIN = 1 + os.getpid() % 100

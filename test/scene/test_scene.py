@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation
 from support import refused, stored
 
 import obb_collision as oc
-from obb_collision.scene import questions
+from obb_collision.scene import checks
 from obb_collision.shapes import Box, Cone, Cylinder, Hull, Mesh, Shape, Sphere
 
 IDENTITY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
@@ -306,7 +306,7 @@ def test_any_collision_is_what_a_check_finds(accuracy: str) -> None:
 
 
 def test_the_first_pair_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    tested = counted(monkeypatch, questions, "colliding_pairs", 1)
+    tested = counted(monkeypatch, checks, "colliding_pairs", 1)
     crowd = oc.Scene()
     for k in range(300):
         crowd.add(f"{k}", Box([1, 1, 1]))

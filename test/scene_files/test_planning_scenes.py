@@ -33,7 +33,7 @@ from processes import SharedWorker
 import obb_collision as oc
 from obb_collision.geometry.shapes import NO_FOLDERS
 from obb_collision.robots.description import description_text
-from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.builder import Limits
 from obb_collision.scene_files import (
     SceneDescription,
     SceneFileError,

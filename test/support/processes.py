@@ -29,8 +29,8 @@ from typing import Any, TypeAlias
 
 from obb_collision.commands import SUBCOMMANDS
 from obb_collision.scene.building import builder
+from obb_collision.scene.building.builder import Limits, WorkerProcess
 from obb_collision.scene.building.jobs import Task
-from obb_collision.scene.building.process import Limits, WorkerProcess
 from obb_collision.scene_files import mesh_files
 
 Process: TypeAlias = "subprocess.Popen[str]"

@@ -176,7 +176,7 @@ class HullFaces(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """What a search needs of a hull: normals (f, 3), edges (e, 4) of corners and triangles."""
+    """A hull as searches need it: normals (f, 3), edges (e, 4) of corners and triangles."""
 
     hull: HullFaces
     normals: Floats
@@ -206,7 +206,7 @@ def face_frames(hull: HullFaces, floor: float) -> tuple[Floats, Floats]:
 
 @njit
 def refined_frames(hull: HullFaces, starts: Floats, floor: float) -> Floats:
-    """Return (k, 3, 3) each start turned about its own axes while that makes the box smaller."""
+    """Return the starts (k, 3, 3), each turned about its axes while that makes the box smaller."""
     surface = _surface(hull, floor)
     frames = np.empty(starts.shape)
     for k in range(len(frames)):
@@ -236,7 +236,7 @@ def _surface(hull: HullFaces, floor: float) -> Surface:
         n = cross(minus(b, a), minus(c, a))
         size = np.sqrt(dot(n, n))
         sign = -1.0 if dot(n, minus(a, inner)) < 0.0 else 1.0
-        n = scaled(n, sign / size if size > 0.0 else 0.0)  # slivers have none
+        n = scaled(n, sign / size if size > 0.0 else 0.0)  # slivers have no normal
         normals[f, 0], normals[f, 1], normals[f, 2] = n
         for k in range(3):
             if neighbors[f, k] > f:
@@ -307,7 +307,7 @@ def _rectangle(surface: Surface, w: Vector) -> tuple[float, Vector]:
 
 @njit
 def _across(v: Vector, w: Vector) -> Vector:
-    """Return the unit vector along what v has orthogonal to w; zero where that is rounding."""
+    """Return the direction of the part of v orthogonal to w; zero where it is mere rounding."""
     u = minus(v, scaled(w, dot(v, w)))
     square = dot(u, u)
     return scaled(u, 1.0 / np.sqrt(square) if square > DEPENDENT**2 * dot(v, v) else 0.0)

@@ -50,7 +50,7 @@ def hull_volume(points: Floats) -> float:
     hull = convex_hull(points)
     if hull is None:
         return 0.0
-    # From the triangles: what Qhull reports is that of the scaled points.
+    # From the triangles: Qhull reports the volume of the scaled points.
     return float(np.abs(np.linalg.det(points[hull.simplices] - points.mean(axis=0))).sum() / 6.0)
 
 

@@ -60,7 +60,7 @@ EXACT_POINTS = 64
 def round_up(numerator: int, denominator: int) -> float:
     """Return the smallest double that is not below numerator / denominator, both positive or 0 / n.
 
-    Raises OverflowError where there is none.
+    Raises OverflowError beyond the largest double.
     """
     nearest = numerator / denominator  # correctly rounded, for integers of any size
     over, under = nearest.as_integer_ratio()
@@ -119,7 +119,10 @@ def enclose_points(points: Floats, rotation: Floats) -> tuple[Floats, Floats]:
             half_extents[axis] = _exact_reach(points[doubtful], center, frame, axis)
         else:
             outer = math.nextafter(float(reach[axis] + bound[axis]), math.inf)
-            half_extents[axis] = _unscale_up(outer, exponent)
+            size = math.ldexp(outer, exponent)
+            if math.ldexp(size, -exponent) < outer:  # it is subnormal
+                size = math.nextafter(size, math.inf)
+            half_extents[axis] = size
     return center, half_extents
 
 
@@ -143,10 +146,10 @@ def _coordinate_bounds(rotation: Floats, largest: Floats, reach: Floats, exponen
     # R^-1 = (I + E)^-1 R^T with E = R^T R - I, and abs((I + E)^-1 - I) <= sum of abs(E)^k,
     # which is below abs(E) + 2 abs(E)^2 for E this small. E itself is rounded: see the factor.
     axes, power = exact_axes(rotation)
-    one = 1 << 2 * power
+    unit = 1 << 2 * power
     gram = [[dot(a, b) for b in axes] for a in axes]
     defect = np.array(
-        [[abs(gram[i][j] - one * (i == j)) / one for j in range(3)] for i in range(3)]
+        [[abs(gram[i][j] - unit * (i == j)) / unit for j in range(3)] for i in range(3)]
     )
     skew = defect + 2.0 * defect @ defect
     return rounding + (1.0 + 16.0 * ROUNDOFF) * (skew @ (reach + rounding))
@@ -160,14 +163,6 @@ def _exact_reach(points: Floats, center: Floats, frame: ExactFrame, axis: int) -
         for k in range(3, len(numbers), 3)
     ]
     return frame.lift(max(abs(dot(frame.normals[axis], offset)) for offset in offsets), power)
-
-
-def _unscale_up(value: float, exponent: int) -> float:
-    """Return value * 2**exponent, rounded up where the result is subnormal."""
-    result = math.ldexp(value, exponent)
-    if math.ldexp(result, -exponent) < value:
-        result = math.nextafter(result, math.inf)
-    return result
 
 
 #: Axes that changed by no more than this, the error of the product and its normalisation, have not
@@ -185,8 +180,8 @@ def transform_box(
     """Return (center, rotation, half_extents) of a box that contains the box moved by ``matrix``.
 
     center (3,), rotation (3, 3) orthonormal to rounding, half_extents (3,) >= 0 are trusted;
-    ``matrix`` (4, 4) acts on columns. Containment is exact, for the exact products of the doubles
-    given: each half extent is the smallest double that suffices. Raises ValueError for a matrix
+    ``matrix`` (4, 4) acts on columns. Containment is exact, for the exact products of these
+    doubles: each half extent is the smallest double that suffices. Raises ValueError for a matrix
     with numbers that are not finite, a last row other than 0 0 0 1, or no inverse, and for
     results beyond 1e300.
     """
@@ -223,7 +218,7 @@ def _scaled(array: Floats) -> Floats:
 def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Floats]:
     """Yield frames for the skewed box whose edges are ``sides``, parallel to ``axes``."""
     longest = np.abs(axes).max(axis=0)
-    if not longest.all():  # it was too short, beside the others, to be scaled with them
+    if not longest.all():  # an axis is too short, beside the others, to be scaled with them
         return
     units = axes / longest
     units = units / np.sqrt((units * units).sum(axis=0))
@@ -231,37 +226,24 @@ def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Float
     turned = np.minimum(same.max(axis=0), reversed_.max(axis=0))
     if (turned <= UNTURNED).all():
         yield rotation
-    straight = _straight(axes)
-    if straight is not None:
-        yield straight
+    for exponent in (0, 1):  # a matrix that is rigid but for a power of two
+        frame = np.ldexp(axes, exponent)
+        if abs(orthonormal_defect(frame[None])[0]) <= ORTHONORMAL_ROUNDING:
+            yield _right_handed(frame)
+            break
     if abs(orthonormal_defect(units[None])[0]) <= SQUARE:
         yield complete_frame(units[:, 0], units[:, 1])
         return  # still a box: no other frame gives a smaller one
     for i, j, k in permutations(range(3)):  # a side of the box flush with a face and an edge
-        made = complete_frame(units[:, i], units[:, j])
-        yield _placed(made, (i, j, k))
+        turned_frame = np.empty((3, 3))
+        turned_frame[:, [i, j, k]] = complete_frame(units[:, i], units[:, j])
+        yield _right_handed(turned_frame)
     for k in range(3):  # flush with a face, and with the projection onto it of the edge across
         normal = np.cross(units[:, (k + 1) % 3], units[:, (k + 2) % 3])
         if normal.any():
             yield complete_frame(normal, units[:, k])
     spread, _, _ = np.linalg.svd(sides)
     yield complete_frame(spread[:, 0], spread[:, 1])
-
-
-def _straight(axes: Floats) -> Floats | None:
-    """Return the axes themselves where the matrix is rigid but for a power of two."""
-    for exponent in (0, 1):
-        frame = np.ldexp(axes, exponent)
-        if abs(orthonormal_defect(frame[None])[0]) <= ORTHONORMAL_ROUNDING:
-            return _right_handed(frame)
-    return None
-
-
-def _placed(frame: Floats, order: tuple[int, int, int]) -> Floats:
-    """Return the frame with its columns in the given order."""
-    placed = np.empty((3, 3))
-    placed[:, list(order)] = frame
-    return _right_handed(placed)
 
 
 def _right_handed(frame: Floats) -> Floats:

@@ -63,9 +63,9 @@ DIRECTIONS = 256
 
 @dataclass(frozen=True)
 class Corners:
-    """At most a few thousand points (n, 3) for choosing axes: the corners of the hull, or some.
+    """Up to a few thousand points (n, 3) by which axes are chosen: corners of the hull.
 
-    hull: theirs, None where they are flat; complete: whether their box is that of all points.
+    hull: of these points, None where they are flat; complete: whether all points have their box.
     """
 
     points: Floats
@@ -105,9 +105,9 @@ def _extreme_rows(points: Floats, directions: Floats, block: int = 16384) -> NDA
             (lowest, heights.argmin(axis=1), rows[0], 1.0),
             (highest, heights.argmax(axis=1), rows[1], -1.0),
         ):
-            found = np.take_along_axis(heights, pick[:, None], axis=1)[:, 0]
-            better = sign * found < sign * extreme
-            extreme[better] = found[better]
+            reached = np.take_along_axis(heights, pick[:, None], axis=1)[:, 0]
+            better = sign * reached < sign * extreme
+            extreme[better] = reached[better]
             row[better] = start + pick[better]
     return np.unique(rows)
 
@@ -187,7 +187,7 @@ def _fitted(array: Floats, fit: str) -> tuple[Floats, Floats, Floats]:
 
 
 def check_fit(fit: str) -> str:
-    """Return the name of a fit; ValueError listing the choices for any other."""
+    """Return a valid name of a fit; else ValueError with the choices."""
     if not isinstance(fit, str) or fit not in FITS:
         choices = ", ".join(repr(name) for name in FITS)
         raise ValueError(f"fit must be one of {choices}, got {shown(fit)}")
@@ -199,8 +199,16 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     flat: NDArray[np.bool_] = low == high
     if fit == "aabb" or flat.sum() >= 2:
         return np.eye(3)
-    scaled, noise = _normalized(points, low, high)
-    rank, frame, floor = _rank(scaled, noise)
+    offsets = points - (low + 0.5 * (high - low))
+    exponent = int(np.frexp(np.abs(offsets).max())[1])
+    scaled = np.ldexp(offsets, -exponent)  # of size about 1
+    magnitude = max(np.abs(low).max(), np.abs(high).max())
+    noise = FLAT_ROUNDOFFS * float(np.ldexp(np.spacing(magnitude), -exponent))
+    scaled -= scaled.mean(axis=0)
+    frame = covariance_frame(scaled)
+    widths = np.ptp(scaled @ frame, axis=0)
+    floor = FLAT * float(widths.max()) + noise
+    rank = max(1, int((widths > floor).sum()))  # the dimension of the span
     if fit == "covariance":
         return keep_flat(frame, flat)
     corners = few_corners(scaled, frame, rank)
@@ -210,24 +218,6 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     sizes = box_sizes(corners.points if corners.complete else scaled, frames, floor)
     best = frames[int((sizes <= (1.0 + VOLUME_TIE) * sizes.min()).argmax())]
     return keep_flat(complete_frame(best[:, 0], best[:, 1]), flat)
-
-
-def _normalized(points: Floats, low: Floats, high: Floats) -> tuple[Floats, float]:
-    """Return the points about the centroid, size about 1, and the rounding noise in them."""
-    offsets = points - (low + 0.5 * (high - low))
-    exponent = int(np.frexp(np.abs(offsets).max())[1])
-    scaled = np.ldexp(offsets, -exponent)
-    magnitude = max(np.abs(low).max(), np.abs(high).max())
-    noise = FLAT_ROUNDOFFS * float(np.ldexp(np.spacing(magnitude), -exponent))
-    return scaled - scaled.mean(axis=0), noise
-
-
-def _rank(points: Floats, noise: float) -> tuple[int, Floats, float]:
-    """Return the dimension of the points' span, their principal axes, and the limit of flatness."""
-    frame = covariance_frame(points)
-    widths = np.ptp(points @ frame, axis=0)
-    floor = FLAT * float(widths.max()) + noise
-    return max(1, int((widths > floor).sum())), frame, floor
 
 
 def _candidates(corners: Corners, fit: str, frame: Floats, rank: int, floor: float) -> Floats:
@@ -255,7 +245,7 @@ def _candidates(corners: Corners, fit: str, frame: Floats, rank: int, floor: flo
 
 
 def _best_faces(faces: HullFaces, floor: float) -> Floats:
-    """Return (k, 3, 3) the smallest boxes with a side on a face, once where many triangles do."""
+    """Return axes (k, 3, 3) of the smallest boxes with a side on a face, equal boxes once."""
     frames, volumes = face_frames(faces, floor)
     order = np.argsort(volumes)
     ordered = volumes[order]

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mesh files by format: what a file declares is all read, or the file is refused."""
+"""Mesh files by format: all that a file declares is read, or the file is refused."""

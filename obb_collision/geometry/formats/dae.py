@@ -28,32 +28,33 @@ import numpy as np
 
 from obb_collision.geometry.fitting.convex_hull import convex_hull
 from obb_collision.geometry.formats.parts import (
-    MOST_LEVELS,
-    MOST_NODES,
+    NO_CORNERS,
     NO_FACES,
     MeshError,
     Parts,
     Triangles,
     check_complete,
+    check_corners,
+    check_nodes,
     fan_faces,
+    first_fault,
     floats_of,
     integers_of,
     strip_faces,
     text_of,
 )
 from obb_collision.geometry.formats.polygons import triangulated, with_holes
-from obb_collision.geometry.formats.xml_faults import first_fault
 from obb_collision.typing import Floats
 
-#: What has no surface, in a mesh.
+#: Elements of a mesh without a surface.
 NO_SURFACE = {"lines", "linestrips", "source", "vertices", "extra", "asset"}
-#: What places something that has one, in a node.
+#: Elements of a node that place a surface.
 PLACING = ("instance_geometry", "instance_controller", "instance_node")
 
 
 def read(data: bytes, parts: Parts) -> float:
-    """Add the triangles of a file; return its unit in metres. ValueError as the others."""
-    from lxml import etree  # here, as what reads no DAE need not load it
+    """Add the triangles of a file; return its unit in metres. MeshError for a bad file."""
+    from lxml import etree  # here: other formats need not load it
 
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True,
@@ -104,7 +105,7 @@ def _words(node: Any) -> list[bytes]:
 
 
 class _Document:
-    """Elements by their ids, and what is read of them."""
+    """Elements by their ids, and the meshes read from them."""
 
     def __init__(self, root: Any, parts: Parts) -> None:
         self._root, self._parts = root, parts
@@ -115,32 +116,32 @@ class _Document:
             if name is not None and self._ids.setdefault(name, node) is not node:
                 self._twice.add(name)
         self._geometries: dict[Any, list[tuple[Floats, Triangles]]] = {}
-        self._found: dict[tuple[Any, ...], Any] = {}
+        self._references: dict[tuple[Any, ...], Any] = {}
 
     def _named(self, node: Any, key: str, *tags: str, within: Any = None) -> Any:
-        """Return the element that an attribute refers to; first what is within an element."""
-        known = node.get(key), tags, within
-        if known not in self._found:
-            self._found[known] = self._search(node, key, *tags, within=within)
-        return self._found[known]
+        """Return the element that an attribute refers to; of equal ids the one within another."""
+        reference = node.get(key), tags, within
+        if reference not in self._references:
+            self._references[reference] = self._search(node, key, *tags, within=within)
+        return self._references[reference]
 
     def _search(self, node: Any, key: str, *tags: str, within: Any) -> Any:
         name = node.get(key, "")
         if not name.startswith("#"):
             what = "it refers to" if name else f"a {_tag(node)} does not say its {key}:"
             raise MeshError(f"{what} {text_of(name)}: other files are not read")
-        found = self._ids.get(name[1:])
+        element = self._ids.get(name[1:])
         if name[1:] in self._twice:
             around = self._root if within is None else within
-            some = [one for one in around.iter() if one.get("id") == name[1:] and _tag(one) in tags]
-            if len(some) > 1:
-                raise MeshError(f"{len(some)} elements {tags[0]} have the id {text_of(name[1:])}")
-            found = some[0] if some else found
-        if found is None or _tag(found) not in tags:
+            inner = [e for e in around.iter() if e.get("id") == name[1:] and _tag(e) in tags]
+            if len(inner) > 1:
+                raise MeshError(f"{len(inner)} elements {tags[0]} have the id {text_of(name[1:])}")
+            element = inner[0] if inner else element
+        if element is None or _tag(element) not in tags:
             raise MeshError(
                 f"there is no {tags[0]} {text_of(name[1:])}, which {_label(node)} names"
             )
-        return found
+        return element
 
     def read(self) -> None:
         """Add all that the scene places."""
@@ -149,18 +150,15 @@ class _Document:
             for scene in _children(self._root, "scene")
             for instance in _children(scene, "instance_visual_scene")
         ]
-        geometries = [one for one in self._root.iter() if _tag(one) == "geometry"]
+        geometries = [node for node in self._root.iter() if _tag(node) == "geometry"]
         waiting = [(root, np.eye(4), 0) for root in roots]
         inner: dict[Any, tuple[Floats, list[Any]]] = {}
         visited = placed = 0
         while waiting:
             node, matrix, level = waiting.pop()
             visited += 1
-            if visited > MOST_NODES or level > MOST_LEVELS:
-                raise MeshError(
-                    f"it has more than {MOST_NODES} nodes or {MOST_LEVELS} levels of them"
-                )
-            if node not in inner:  # one that others place is visited often
+            check_nodes(visited, level)
+            if node not in inner:  # a node that others place is visited often
                 inner[node] = _matrix(node), _children(node, "node", *PLACING)
             turn, children = inner[node]
             matrix = matrix @ turn
@@ -218,28 +216,28 @@ class _Document:
             source, offset, step = self._source_of(primitive, mesh)
             if source not in vertices:
                 vertices[source] = self._source(source)
-            found = READERS[kind](primitive, vertices[source], offset, step)
-            faces.setdefault(source, []).append(found)
+            triangles = READERS[kind](primitive, vertices[source], offset, step)
+            faces.setdefault(source, []).append(triangles)
         return [(points, np.concatenate(faces[source])) for source, points in vertices.items()]
 
     def _source_of(self, primitive: Any, mesh: Any) -> tuple[Any, int, int]:
-        """Return the source of positions, where a corner names its own, and a corner's numbers."""
+        """Return the source of positions, their offset in a corner, and numbers per corner."""
         inputs = _children(primitive, "input")
-        offsets = [int(integers_of([one.get("offset", "0").encode()])[0]) for one in inputs]
-        at = [row for row, one in enumerate(inputs) if one.get("semantic") == "VERTEX"]
+        offsets = [int(integers_of([item.get("offset", "0").encode()])[0]) for item in inputs]
+        at = [row for row, item in enumerate(inputs) if item.get("semantic") == "VERTEX"]
         if len(at) != 1 or min(offsets) < 0:
             if primitive.get("count") == "0" and not inputs:
                 return None, 0, 1
             raise MeshError(f"its {_tag(primitive)} have no vertices")
         vertices = self._named(inputs[at[0]], "source", "vertices", within=mesh)
-        for one in _children(vertices, "input"):
-            if one.get("semantic") == "POSITION":
-                source = self._named(one, "source", "source", within=mesh)
+        for item in _children(vertices, "input"):
+            if item.get("semantic") == "POSITION":
+                source = self._named(item, "source", "source", within=mesh)
                 return source, offsets[at[0]], max(offsets) + 1
         raise MeshError("its vertices have no positions")
 
     def _source(self, source: Any) -> Floats:
-        """Return the positions (n, 3) of a source; None: of nothing."""
+        """Return the positions (n, 3) of a source, none for None."""
         if source is None:
             return np.empty((0, 3))
         accessors = [
@@ -292,7 +290,7 @@ def _lists(primitive: Any, offset: int, step: int) -> list[Triangles]:
 
 
 def _triangles(primitive: Any, points: Floats, offset: int, step: int) -> Triangles:
-    corners = np.concatenate([NO_FACES[0:0].reshape(-1), *_lists(primitive, offset, step)])
+    corners = np.concatenate([NO_CORNERS, *_lists(primitive, offset, step)])
     if len(corners) % 3:
         raise MeshError(f"{len(corners)} corners do not form triangles")
     check_complete(_whole(primitive, "count", len(corners) // 3), len(corners) // 3, "triangles")
@@ -300,7 +298,7 @@ def _triangles(primitive: Any, points: Floats, offset: int, step: int) -> Triang
 
 
 def _polylist(primitive: Any, points: Floats, offset: int, step: int) -> Triangles:
-    corners = np.concatenate([NO_FACES[0:0].reshape(-1), *_lists(primitive, offset, step)])
+    corners = np.concatenate([NO_CORNERS, *_lists(primitive, offset, step)])
     counts = integers_of([word for node in _children(primitive, "vcount") for word in _words(node)])
     check_complete(_whole(primitive, "count", len(counts)), len(counts), "polygons")
     if (counts < 0).any():
@@ -313,13 +311,12 @@ def _polygons(primitive: Any, points: Floats, offset: int, step: int) -> Triangl
     loops = _lists(primitive, offset, step)
     for holed in _children(primitive, "ph"):
         around = [_corners(node, offset, step) for node in _children(holed, "p", "h")]
-        named = np.concatenate([NO_FACES[0:0].reshape(-1), *around])
-        if len(named) and not 0 <= named.min() <= named.max() < len(points):
-            raise MeshError(f"a face names vertex {named.max()}, there are 0 to {len(points) - 1}")
+        named = np.concatenate([NO_CORNERS, *around])
+        check_corners(named, len(points))
         loops.append(with_holes(points, around))
     check_complete(_whole(primitive, "count", len(loops)), len(loops), "polygons")
     counts = np.fromiter(map(len, loops), np.int64, len(loops))
-    return triangulated(points, np.concatenate([NO_FACES[0:0].reshape(-1), *loops]), counts)
+    return triangulated(points, np.concatenate([NO_CORNERS, *loops]), counts)
 
 
 def _strips(make: Callable[[Triangles], Triangles]) -> Callable[..., Triangles]:
@@ -341,7 +338,7 @@ READERS = {
 
 
 def _matrix(node: Any) -> Floats:
-    """Return the place (4, 4) of a node in the one above it: its transforms in their order."""
+    """Return the matrix (4, 4) from a node to its parent: its transforms in their order."""
     matrix = np.eye(4)
     for child in node:
         kind = _tag(child)
@@ -353,7 +350,7 @@ def _matrix(node: Any) -> Floats:
             raise MeshError(f"the {kind} of its {_label(node)} has not {size} numbers")
         if make is not None:
             matrix = matrix @ make(numbers)
-        elif any(_tag(one) in PLACING for one in node.iter()):
+        elif any(_tag(inner) in PLACING for inner in node.iter()):
             raise MeshError(f"its {_label(node)} is placed by {kind}: export it with a matrix")
     return matrix
 
@@ -376,7 +373,7 @@ def _turned(numbers: Floats) -> Floats:
     return matrix
 
 
-#: The numbers of each transform, and its matrix; None: it is not read.
+#: How many numbers a transform has, and what makes its matrix; None: it is not read.
 TRANSFORMS: dict[str, tuple[int, Callable[[Floats], Floats] | None]] = {
     "matrix": (16, lambda numbers: numbers.reshape(4, 4)),
     "translate": (3, _moved),

@@ -14,7 +14,7 @@
 
 """glTF 2.0, as GLB and as JSON with its buffers inside.
 
-By its specification (Khronos, 2.0.1), coordinates as written: up is what the file has up.
+By its specification (Khronos, 2.0.1). Coordinates stay as written, whichever axis is up.
 """
 
 from __future__ import annotations
@@ -29,12 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.formats.parts import (
-    MOST_LEVELS,
-    MOST_NODES,
     NO_FACES,
     MeshError,
     Parts,
     Triangles,
+    check_nodes,
     fan_faces,
     strip_faces,
     text_of,
@@ -44,13 +43,13 @@ from obb_collision.typing import Floats
 
 MAGIC, HEADER, VERSION = b"glTF", 12, 2
 JSON, BIN = b"JSON", b"BIN\0"
-#: Extensions that do not matter here, or of which all is read.
+#: Extensions that do not change geometry, or are read.
 KNOWN = re.compile(
     r"KHR_(mesh_quantization|materials_\w+|texture_\w+|lights_\w+|xmp\w*|animation_pointer"
     r"|techniques?_webgl|node_hoverability|node_selectability|audio\w*|interactivity)"
     r"|EXT_(texture_\w+|lights_\w+)|MSFT_(texture_dds|packing_\w+)|ADOBE_materials_\w+"
 )
-#: Those that place or hold geometry, which what does not know them would leave out.
+#: Extensions that place geometry, which a reader that ignores them would leave out.
 OF_NODES = ("EXT_mesh_gpu_instancing",)
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -61,7 +60,7 @@ Object = dict[str, Any]
 
 
 def read_glb(data: bytes, parts: Parts) -> None:
-    """Add the triangles of a GLB. ValueError for what is damaged or can't be read."""
+    """Add the triangles of a GLB. MeshError for a bad file."""
     if data[:4] != MAGIC:
         raise MeshError("it is not a GLB file: it must begin with glTF")
     version, length = (int.from_bytes(data[at : at + 4], "little") for at in (4, 8))
@@ -83,32 +82,32 @@ def read_glb(data: bytes, parts: Parts) -> None:
 
 
 def read_json(data: bytes, parts: Parts) -> None:
-    """Add the triangles of a glTF. ValueError for what is damaged or can't be read."""
+    """Add the triangles of a glTF. MeshError for a bad file."""
     _Document(data, None, parts).read()
 
 
 class _Document:
-    """The objects of a file by kind, and what is read of them."""
+    """The objects of a file by kind, and the meshes read from them."""
 
     def __init__(self, text: bytes, binary: bytes | None, parts: Parts) -> None:
         self._parts, self._binary = parts, binary
         self._buffers: dict[int, bytes] = {}
         self._meshes: dict[tuple[int, str], list[tuple[Floats, Triangles]]] = {}
         try:
-            found = json.loads(text.decode("utf-8-sig"))
+            content = json.loads(text.decode("utf-8-sig"))
         except (ValueError, RecursionError):
             raise MeshError("it is not valid JSON: it is cut or damaged") from None
-        if not isinstance(found, dict):
+        if not isinstance(content, dict):
             raise MeshError("its JSON is not an object")
-        self._all: Object = found
-        version = str(found.get("asset", {}).get("version", "none"))
+        self._all: Object = content
+        version = str(content.get("asset", {}).get("version", "none"))
         if version.partition(".")[0] != str(VERSION):
             raise MeshError(f"it is glTF {version}: export it as glTF 2.0")
-        for name in found.get("extensionsRequired", []):
+        for name in content.get("extensionsRequired", []):
             if KNOWN.fullmatch(str(name)) is None:
                 raise MeshError(f"it requires the extension {name}: export it without")
 
-    def _one(self, kind: str, index: Any) -> Object:
+    def _object(self, kind: str, index: Any) -> Object:
         rows = self._all.get(kind, [])
         if not (isinstance(index, int) and 0 <= index < len(rows)):
             raise MeshError(f"it names {kind} {index}, there are {len(rows)}")
@@ -121,21 +120,18 @@ class _Document:
         while waiting:
             index, matrix, level = waiting.pop()
             visited += 1
-            if visited > MOST_NODES or level > MOST_LEVELS:
-                raise MeshError(
-                    f"it has more than {MOST_NODES} nodes or {MOST_LEVELS} levels of them"
-                )
-            node = self._one("nodes", index)
+            check_nodes(visited, level)
+            node = self._object("nodes", index)
             matrix = matrix @ _matrix(node)
             if "mesh" in node:
                 self._place(node, matrix)
             waiting += [(child, matrix, level + 1) for child in node.get("children", [])]
 
     def _roots(self) -> list[int]:
-        """Return the nodes of the scene; of a file without one those that are below no other."""
+        """Return the nodes of the scene; in a file without scenes those without a parent."""
         scenes, nodes = self._all.get("scenes", []), self._all.get("nodes", [])
         if "scene" in self._all or len(scenes) == 1:
-            return list(self._one("scenes", self._all.get("scene", 0)).get("nodes", []))
+            return list(self._object("scenes", self._all.get("scene", 0)).get("nodes", []))
         if scenes:
             raise MeshError(f"it has {len(scenes)} scenes and does not say which is shown")
         below = {child for node in nodes for child in node.get("children", [])}
@@ -148,16 +144,16 @@ class _Document:
         for extension in OF_NODES:
             if extension in node.get("extensions", {}):
                 raise MeshError(f"its node {name} has {extension}: export it without")
-        mesh = self._one("meshes", node["mesh"])
+        mesh = self._object("meshes", node["mesh"])
         weights = node.get("weights", mesh.get("weights", []))
         key = node["mesh"], str(weights)
         if key not in self._meshes:
-            found, triangles, vertices = [], 0, 0
-            for one in mesh.get("primitives", []):
-                found.append(self._primitive(one, weights))
-                vertices, triangles = vertices + len(found[-1][0]), triangles + len(found[-1][1])
+            meshes, triangles, vertices = [], 0, 0
+            for primitive in mesh.get("primitives", []):
+                meshes.append(self._primitive(primitive, weights))
+                vertices, triangles = vertices + len(meshes[-1][0]), triangles + len(meshes[-1][1])
                 self._parts.check_room(triangles, vertices)
-            self._meshes[key] = found
+            self._meshes[key] = meshes
         for part in self._meshes[key]:
             self._parts.add(*part, matrix)
 
@@ -186,8 +182,8 @@ class _Document:
         raise MeshError(f"{len(corners)} corners do not form triangles of mode {mode}")
 
     def _accessor(self, index: int) -> NDArray[Any]:
-        """Return the values (count, width) of an accessor, normalised and with its exceptions."""
-        accessor = self._one("accessors", index)
+        """Return the values (count, width) of an accessor, with sparse ones, normalised."""
+        accessor = self._object("accessors", index)
         kind, count = accessor.get("componentType"), accessor["count"]
         if kind not in TYPES or accessor.get("type") not in WIDTHS:
             raise MeshError(f"accessor {index} is of type {kind} {accessor.get('type')}")
@@ -210,16 +206,16 @@ class _Document:
             return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
         return values
 
-    def _view(self, given: Object, code: str, count: int, width: int) -> NDArray[Any]:
-        """Return rows (count, width) of the view that an object names."""
-        view = self._one("bufferViews", given.get("bufferView"))
+    def _view(self, reference: Object, code: str, count: int, width: int) -> NDArray[Any]:
+        """Return rows (count, width) of the view that an object refers to."""
+        view = self._object("bufferViews", reference.get("bufferView"))
         data = self._buffer(view.get("buffer"))
         start, size = view.get("byteOffset", 0), view.get("byteLength", 0)
         if not 0 <= start <= start + size <= len(data):
             raise MeshError("a part of a buffer reaches beyond its end: it is cut or damaged")
         kind = np.dtype(code)
         step = view.get("byteStride", width * kind.itemsize)
-        offset = given.get("byteOffset", 0)
+        offset = reference.get("byteOffset", 0)
         last = offset + (count - 1) * step + width * kind.itemsize
         if count < 0 or offset < 0 or step < 0 or (count and last > size):
             raise MeshError("an accessor reaches beyond its part of a buffer: it is damaged")
@@ -227,21 +223,21 @@ class _Document:
 
     def _buffer(self, index: Any) -> bytes:
         """Return the bytes of a buffer, which must be within the file."""
-        buffer = self._one("buffers", index)
+        buffer = self._object("buffers", index)
         if index not in self._buffers:
             uri = buffer.get("uri")
             if uri is None:
-                found = self._binary if index == 0 else None
-                if found is None:
+                data = self._binary if index == 0 else None
+                if data is None:
                     raise MeshError(f"buffer {index} has no data: it may be compressed")
             elif not uri.startswith("data:"):
                 raise MeshError(f"it refers to {text_of(uri)}: other files are not read")
             else:
-                found = _data_of(uri)
-            if len(found) < buffer.get("byteLength", 0):
+                data = _data_of(uri)
+            if len(data) < buffer.get("byteLength", 0):
                 declared = buffer["byteLength"]
-                raise MeshError(f"buffer {index} declares {declared} bytes, it has {len(found)}")
-            self._buffers[index] = found
+                raise MeshError(f"buffer {index} declares {declared} bytes, it has {len(data)}")
+            self._buffers[index] = data
         return self._buffers[index]
 
 
@@ -256,12 +252,12 @@ def _data_of(uri: str) -> bytes:
 
 
 def _matrix(node: Object) -> Floats:
-    """Return the place (4, 4) of a node in the one above it."""
+    """Return the matrix (4, 4) from a node to its parent."""
     if "matrix" in node:
-        given = np.array(node["matrix"], np.float64)
-        if given.shape != (16,):
+        numbers = np.array(node["matrix"], np.float64)
+        if numbers.shape != (16,):
             raise MeshError("the matrix of a node has not 16 numbers")
-        return given.reshape(4, 4).T
+        return numbers.reshape(4, 4).T
     matrix = np.eye(4)
     turn = np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), np.float64)
     length = np.linalg.norm(turn)

@@ -33,27 +33,27 @@ from obb_collision.geometry.formats.parts import (
 from obb_collision.geometry.formats.polygons import triangulated
 from obb_collision.typing import Floats
 
-#: How texts begin that say how they are encoded.
+#: Byte order marks, and the encodings that they stand for.
 BOMS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 CONTINUED, COMMENT = re.compile(rb"\\[ \t]*\n"), re.compile(rb"#[^\n]*")
-#: How a line begins that is a vertex, a face, or one of the many that do not matter.
+#: Beginnings of lines: vertices, faces, and frequent others that do not matter.
 VERTEX, FACE, NORMALS = b"v ", b"f ", (b"vn ", b"vt ")
 OFTEN = VERTEX, FACE
-#: What follows the vertex in a corner: texture coordinates and normal.
+#: Texture coordinates and normal, after the vertex of a corner.
 REST = re.compile(rb"/\S*")
-#: What has no surface: appearance, names, groups, points, lines and curves.
+#: First words of lines without surface: appearance, names, groups, points, lines and curves.
 NO_SURFACE = frozenset(
     b"vt vn vp g o s mtllib usemtl maplib usemap bevel c_interp d_interp lod shadow_obj trace_obj "
     b"l p curv curv2 sp mg cstype deg bmat step parm trim hole scrv end con ctech stech mtl".split()
 )
-#: What has one that is not read.
+#: First words of surfaces that are not read.
 SURFACES = frozenset(b"surf bzp bsp cdc cdp res".split())
-#: What stands for the content of another file.
+#: First words of lines that stand for the content of another file.
 ELSEWHERE = frozenset(b"call csh".split())
 
 
 def read(data: bytes, parts: Parts) -> None:
-    """Add the polygons of a file. ValueError for what is damaged or can't be read."""
+    """Add the polygons of a file. MeshError for a bad file."""
     for start, encoding in BOMS.items():
         if data.startswith(start):
             data = data.decode(encoding, "replace").lstrip("\ufeff").encode()
@@ -77,7 +77,7 @@ def read(data: bytes, parts: Parts) -> None:
 
 
 def _first_words(lines: list[bytes]) -> set[bytes]:
-    """Return the first words of lines, but for those that come often."""
+    """Return the first words of lines that are no vertices, faces or normals."""
     others = [line for line in lines if line[:2] not in OFTEN and line[:3] not in NORMALS]
     return {line.split(None, 1)[0] for line in others if line.strip()}
 
@@ -109,7 +109,7 @@ def _positions(lines: list[bytes]) -> Floats:
 
 
 def _corners(faces: list[bytes], lines: list[bytes]) -> tuple[Triangles, Triangles]:
-    """Return rows of vertices, face after face, and how many each has; the last vertex is -1."""
+    """Return rows of vertices, face after face, and how many each face has."""
     joined = REST.sub(b"", b" ".join(faces))
     numbers = integers_in(joined.replace(b"f", b"0"))  # no vertex is 0
     if numbers is None:
@@ -121,11 +121,11 @@ def _corners(faces: list[bytes], lines: list[bytes]) -> tuple[Triangles, Triangl
     counts = np.diff(starts, append=len(numbers)) - 1
     numbers = numbers[numbers != 0]
     back = numbers < 0
-    if back.any():  # from the vertices that there are where the face stands
+    if back.any():  # counted back from the vertices that stand before the face
         kinds = [line[:2] for line in lines if line[:2] in OFTEN]
         is_face = np.array(kinds) == FACE
-        known = np.cumsum(~is_face)[is_face]
-        numbers = numbers + np.where(back, np.repeat(known + 1, counts), 0)
+        before = np.cumsum(~is_face)[is_face]
+        numbers = numbers + np.where(back, np.repeat(before + 1, counts), 0)
         if (numbers[back] < 1).any():
             raise MeshError("a face counts back to a vertex before the first one")
     return numbers - 1, counts

@@ -19,8 +19,6 @@ from __future__ import annotations
 import re
 from itertools import chain
 
-import numpy as np
-
 from obb_collision.geometry.formats.parts import (
     MeshError,
     Parts,
@@ -28,6 +26,7 @@ from obb_collision.geometry.formats.parts import (
     check_complete,
     floats_of,
     integers_of,
+    joined_lists,
     lists_in,
     text_of,
 )
@@ -70,12 +69,12 @@ def read(data: bytes, parts: Parts) -> None:
         numbers = floats_of(_first_words(words, vertices, width, extra)).reshape(-1, width)
         corners, counts = _corner_words(words[vertices * (width + extra) :], faces)
     if width == 4:
-        numbers = numbers[:, :3] / numbers[:, 3:]  # at infinity it is refused
+        numbers = numbers[:, :3] / numbers[:, 3:]  # infinite ones are refused later
     parts.add(numbers, triangulated(numbers, corners, counts))
 
 
 def _first(lines: list[bytes], width: int) -> list[bytes]:
-    """Return the first words of lines; a normal or a colour may follow."""
+    """Return the first ``width`` words of lines; a normal or a colour may follow."""
     words = b" ".join(lines).split()
     if len(words) == width * len(lines):
         return words
@@ -87,14 +86,14 @@ def _first(lines: list[bytes], width: int) -> list[bytes]:
 
 
 def _corners(lines: list[bytes]) -> tuple[Triangles, Triangles]:
-    """Return the corners of faces, and how many each has; colours may follow."""
+    """Return the corners of faces, and how many each has, line by line; colours may follow."""
     faces = []
     for line in lines:
         words = line.split()
         count = _count(words[0])
         check_complete(count, min(count, len(words) - 1), "corners of a face")
         faces.append(words[1 : count + 1])
-    return integers_of([*chain(*faces)]), np.fromiter(map(len, faces), np.int64, len(faces))
+    return joined_lists(faces)
 
 
 def _first_words(words: list[bytes], vertices: int, width: int, extra: int) -> list[bytes]:
@@ -107,20 +106,20 @@ def _first_words(words: list[bytes], vertices: int, width: int, extra: int) -> l
 
 
 def _corner_words(words: list[bytes], faces: int) -> tuple[Triangles, Triangles]:
-    """Return the same of faces, which have no colours there."""
-    found: list[list[bytes]] = []
+    """Return the corners of faces, and how many each has, in a file without lines or colours."""
+    lists: list[list[bytes]] = []
     at = 0
-    while len(found) < faces:
+    while len(lists) < faces:
         end = at + 1 + _count(words[at]) if at < len(words) else len(words) + 1
         if end > len(words):
-            check_complete(faces, len(found), "faces")
-        found.append(words[at + 1 : end])
+            check_complete(faces, len(lists), "faces")
+        lists.append(words[at + 1 : end])
         at = end
     if at < len(words):
         raise MeshError(
             "its lines do not match its vertices and faces: write one vertex or face per line"
         )
-    return integers_of([*chain(*found)]), np.fromiter(map(len, found), np.int64, faces)
+    return joined_lists(lists)
 
 
 def _count(word: bytes) -> int:

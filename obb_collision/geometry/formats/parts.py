@@ -12,11 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a mesh file holds: its parts, within limits, and the words for what is missing."""
+"""What readers of mesh files share: parts within limits, numbers of tokens, and errors."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,21 +30,22 @@ Triangles = NDArray[np.int64]
 
 #: Maximum number of characters of a path or message in an error.
 SHOWN = 200
-#: Maximum number of vertices per triangle that there may be: more of them are unused.
+#: Maximum number of vertices per triangle of the limit: more are unused.
 MOST_VERTICES = 3
 #: Maximum number of nodes of a scene that are visited: one that places others counts each time.
 MOST_NODES = 100_000
 #: Maximum levels of nodes below one another.
 MOST_LEVELS = 200
-#: Why a file is refused that is whole, but shows nothing.
+#: Why a whole file without triangles and points is refused.
 NOTHING = "it has no triangles"
-#: Characters of numbers, with the one between them.
+#: Characters of numbers and between them.
 PLAIN, DIGITS = b"0123456789+-.eE,", b"0123456789 \t\n"
 NO_FACES: Triangles = np.empty((0, 3), np.int64)
+NO_CORNERS: Triangles = np.empty(0, np.int64)
 
 
 class MeshError(ValueError):
-    """A mesh file can't be read whole; says why in the words of who made it."""
+    """A mesh file can't be read whole; the text says why, in the words of its format."""
 
 
 class TooManyError(MeshError):
@@ -58,14 +61,21 @@ def is_empty(error: ValueError) -> bool:
     return isinstance(error, EmptyMeshError) or str(error).endswith(NOTHING)
 
 
-def check_triangles(count: int, most: int) -> None:
-    """Raise TooManyError for more triangles than there may be."""
-    if count > most:
-        raise TooManyError(f"it has {count} triangles, {most} is the limit")
+def check_nodes(visited: int, level: int) -> None:
+    """Raise MeshError for too many nodes of a scene, or too many levels of them."""
+    if visited > MOST_NODES or level > MOST_LEVELS:
+        raise MeshError(f"it has more than {MOST_NODES} nodes or {MOST_LEVELS} levels of them")
+
+
+def check_corners(corners: Triangles, vertices: int) -> None:
+    """Raise MeshError for corners of faces that are no rows of so many vertices."""
+    if len(corners) and not (corners.min() >= 0 and corners.max() < vertices):
+        bad = corners[(corners < 0) | (corners >= vertices)].flat[0]
+        raise MeshError(f"a face names vertex {bad}, there are 0 to {vertices - 1}")
 
 
 def shortened(text: str) -> str:
-    """Return a text with its middle left out where it is too long to be shown."""
+    """Return a text, its middle left out where it is too long to be shown."""
     half = SHOWN // 2
     return text if len(text) <= SHOWN else f"{text[:half]}...{text[-half:]}"
 
@@ -83,39 +93,38 @@ def check_complete(declared: int, held: int, what: str) -> None:
         raise MeshError(f"it declares {declared} {what} and holds {held}{cut}")
 
 
-def floats_of(given: list[bytes]) -> Floats:
-    """Return tokens as numbers (n,). ValueError for one that is none, such as ``0,5``."""
-    joined = b",".join(given)
+def floats_of(tokens: list[bytes]) -> Floats:
+    """Return tokens as numbers (n,). ValueError for a token such as ``0,5``."""
+    joined = b",".join(tokens)
     if not joined.translate(None, PLAIN):  # a parser of JSON takes two thirds of the time
         try:
             numbers = json.loads(b"[%b]" % joined)
-            if len(numbers) == len(given):
-                return np.fromiter(numbers, np.float64, len(given))
+            if len(numbers) == len(tokens):
+                return np.fromiter(numbers, np.float64, len(tokens))
         except (ValueError, OverflowError):  # such as 1. or +1
             pass
-    return np.asarray(_numbers(given, float, "number"))
+    return np.asarray(_numbers(tokens, float, "number"))
 
 
-def integers_of(given: list[bytes]) -> Triangles:
-    """Return tokens as whole numbers (n,). ValueError for one that is none."""
-    found = integers_in(b" ".join(given))
-    if found is not None and len(found) == len(given):
-        return found
-    return np.asarray(_numbers(given, int, "whole number"))
+def integers_of(tokens: list[bytes]) -> Triangles:
+    """Return tokens as whole numbers (n,). ValueError for any other token."""
+    numbers = integers_in(b" ".join(tokens))
+    if numbers is not None and len(numbers) == len(tokens):
+        return numbers
+    return np.asarray(_numbers(tokens, int, "whole number"))
 
 
 def integers_in(text: bytes) -> Triangles | None:
-    """Return the whole numbers of a text, None where it has a character that they have not."""
+    """Return the whole numbers (n,) of a text, None where it has other characters."""
     if text.translate(None, DIGITS):
         return None
     return np.fromstring(text, np.int64, sep=" ") if text.strip() else np.empty(0, np.int64)
 
 
 def lists_in(lines: list[bytes]) -> tuple[Triangles, Triangles] | None:
-    """Return the numbers of lines, one after another, and how many each line has.
+    """Return all numbers of lines, and how many each line has: its first number says so.
 
-    A line begins with how many follow. None where these are not the same in all lines, or where
-    there is something else: that is for whoever reads line by line.
+    None where lines differ in that, or hold anything else: then they are read line by line.
     """
     numbers = integers_in(b" ".join(lines)) if lines else None
     count = 0 if numbers is None else int(numbers[0])
@@ -127,11 +136,18 @@ def lists_in(lines: list[bytes]) -> tuple[Triangles, Triangles] | None:
     return rows[:, 1:].reshape(-1), np.full(len(rows), count)
 
 
-def _numbers(given: list[bytes], kind: Any, what: str) -> NDArray[Any]:
+def joined_lists(lists: Sequence[Sequence[bytes]]) -> tuple[Triangles, Triangles]:
+    """Return all whole numbers of lists of tokens, and how many each list has."""
+    counts = np.fromiter(map(len, lists), np.int64, len(lists))
+    return integers_of([*chain(*lists)]), counts
+
+
+def _numbers(tokens: list[bytes], kind: Any, what: str) -> NDArray[Any]:
     try:
-        return np.fromiter(map(kind, given), np.float64 if kind is float else np.int64, len(given))
+        numbers = map(kind, tokens)
+        return np.fromiter(numbers, np.float64 if kind is float else np.int64, len(tokens))
     except (ValueError, OverflowError):
-        bad = next(token for token in given if not _is_number(token, kind))
+        bad = next(token for token in tokens if not _is_number(token, kind))
         raise MeshError(f"{text_of(bad)} stands where a {what} is expected") from None
 
 
@@ -144,7 +160,7 @@ def _is_number(token: bytes, kind: Any) -> bool:
 
 
 class Parts:
-    """Vertices and triangles of a file, part after part. most: triangles that there may be."""
+    """Vertices and triangles of a file, part after part. most: limit of triangles."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -153,20 +169,21 @@ class Parts:
         self._triangles = self._count = 0
 
     def check_room(self, triangles: int = 0, vertices: int = 0) -> None:
-        """Raise TooManyError where so many more would be too many."""
-        check_triangles(self._triangles + triangles, self._most)
+        """Raise TooManyError where so many more would exceed the limits."""
+        if self._triangles + triangles > self._most:
+            count = self._triangles + triangles
+            raise TooManyError(f"it has {count} triangles, {self._most} is the limit")
         if self._count + vertices > MOST_VERTICES * self._most:
             limit = MOST_VERTICES * self._most
             raise TooManyError(f"it has {self._count + vertices} vertices, {limit} is the limit")
 
     def add(self, vertices: Floats, faces: Triangles, matrix: Floats | None = None) -> None:
-        """Add a part: vertices (n, 3), faces (m, 3) that name them, and (4, 4) its place.
+        """Add a part: vertices (n, 3), faces (m, 3) that name them, moved by a matrix (4, 4).
 
-        A place that mirrors also turns the faces round, so that they face as before.
+        A matrix that mirrors also reverses the faces, so that they face as before.
         """
         self.check_room(len(faces), len(vertices))
-        if len(faces):
-            self._check(faces, len(vertices))
+        check_corners(faces, len(vertices))
         if matrix is not None:
             vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
             if np.linalg.det(matrix[:3, :3]) < 0.0:
@@ -176,13 +193,6 @@ class Parts:
         self._count += len(vertices)
         self._triangles += len(faces)
 
-    @staticmethod
-    def _check(faces: Triangles, count: int) -> None:
-        if faces.min() >= 0 and faces.max() < count:
-            return
-        bad = faces[(faces < 0) | (faces >= count)][0]
-        raise MeshError(f"a face names vertex {bad}, there are 0 to {count - 1}")
-
     def joined(self, unit: float = 1.0) -> tuple[Floats, Triangles]:
         """Return all vertices (n, 3), times a unit, and all faces (m, 3)."""
         vertices = np.concatenate([np.empty((0, 3)), *self._vertices])
@@ -191,7 +201,7 @@ class Parts:
 
 
 def strip_faces(corners: Triangles) -> Triangles:
-    """Return the triangles (n - 2, 3) of a strip of corners (n,): every other one is turned."""
+    """Return the triangles (n - 2, 3) of a strip of corners (n,); every second is reversed."""
     if len(corners) < 3:
         return NO_FACES
     faces = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
@@ -200,7 +210,21 @@ def strip_faces(corners: Triangles) -> Triangles:
 
 
 def fan_faces(corners: Triangles) -> Triangles:
-    """Return the triangles (n - 2, 3) of corners (n,), all with the first one."""
+    """Return the triangles (n - 2, 3) of a fan of corners (n,) about the first."""
     if len(corners) < 3:
         return NO_FACES
     return np.stack([np.full(len(corners) - 2, corners[0]), corners[1:-1], corners[2:]], axis=1)
+
+
+#: Faults that parsers of ROS ignore, by their names in lxml.
+HARMLESS = {
+    "NS_ERR_UNDEFINED_NAMESPACE": "a prefix is not declared",
+    "ERR_UNKNOWN_VERSION": "its version of XML is unknown",
+    "WAR_UNKNOWN_VERSION": "its version of XML is unknown",
+    "ERR_RESERVED_XML_NAME": "its declaration is not at the start",
+}
+
+
+def first_fault(log: Any) -> Any:
+    """Return the first entry of a parser's log that is not harmless, None without one."""
+    return next((entry for entry in log if entry.type_name not in HARMLESS), None)

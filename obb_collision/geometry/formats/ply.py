@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from obb_collision.geometry.formats.parts import (
+    NO_CORNERS,
     NO_FACES,
     MeshError,
     Parts,
@@ -33,6 +34,7 @@ from obb_collision.geometry.formats.parts import (
     check_complete,
     floats_of,
     integers_of,
+    joined_lists,
     lists_in,
     strip_faces,
     text_of,
@@ -70,27 +72,20 @@ class Property:
 
 @dataclass
 class Element:
-    """What the header says of rows of one kind."""
+    """Rows of one kind, as the header declares them."""
 
     name: str
     count: int
     properties: list[Property] = field(default_factory=list)
 
-    @property
-    def list_of_vertices(self) -> str | None:
-        """The name of the list that names vertices, if there is one."""
-        lists = (one.name for one in self.properties if one.length and one.name in INDICES)
-        return next(lists, None)
-
 
 def read(data: bytes, parts: Parts) -> None:
     """Add the polygons and strips of a file. ValueError where it is cut or damaged."""
     order, elements, body = _header(data)
-    source: Any = (
-        _Words(body, sum(one.count for one in elements)) if not order else _Bytes(body, order)
-    )
+    rows = sum(element.count for element in elements)
+    source: Any = _Bytes(body, order) if order else _Words(body, rows)
     points: Floats = np.empty((0, 3))
-    found: list[tuple[str, list[Triangles] | tuple[Triangles, Triangles]]] = []
+    lists: list[tuple[str, tuple[Triangles, Triangles]]] = []
     for element in elements:
         source.check(element)
         parts.check_room(element.count if element.name == "face" else 0)
@@ -98,18 +93,19 @@ def read(data: bytes, parts: Parts) -> None:
             parts.check_room(0, element.count)
             points = source.numbers(element, POSITION)
             continue
-        name = element.list_of_vertices
+        of_vertices = (p.name for p in element.properties if p.length and p.name in INDICES)
+        name = next(of_vertices, None)
         if element.name in ("face", "tristrips"):
             if name is None and element.count:
                 raise MeshError(f"its {element.name} has no list of vertices")
         elif name is not None or element.name in ("range_grid", "trips", "polygon"):
             raise MeshError(f"it has {element.name!r}, which is not read: export it as faces")
-        found.append((element.name, source.lists(element, name)))
+        lists.append((element.name, source.lists(element, name)))
     source.check_end()
     if not any(element.name == "vertex" for element in elements):
         raise MeshError("it declares no vertices")
     faces = [NO_FACES]
-    for kind, (corners, counts) in found:
+    for kind, (corners, counts) in lists:
         if kind == "face":
             faces.append(triangulated(points, corners, counts))
         elif kind == "tristrips":
@@ -156,15 +152,15 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
 
 
 def _columns(element: Element, names: tuple[str, ...]) -> list[int]:
-    given = [one.name for one in element.properties]
-    missing = [name for name in names if name not in given]
+    present = [prop.name for prop in element.properties]
+    missing = [name for name in names if name not in present]
     if missing and element.count:
         raise MeshError(f"its {element.name} has no {missing[0]}")
-    return [given.index(name) for name in names if name in given]
+    return [present.index(name) for name in names if name in present]
 
 
 class _Words:
-    """The body of a text: a row a line, or, where lines are not rows, word after word."""
+    """The body of a text file, read by lines if each is a row, else word after word."""
 
     def __init__(self, body: bytes, rows: int) -> None:
         lines = [line for line in body.replace(b"\r", b"\n").split(b"\n") if line.strip()]
@@ -180,58 +176,52 @@ class _Words:
     def numbers(self, element: Element, names: tuple[str, ...]) -> Floats:
         """Return columns (count, k) of an element."""
         columns, width = _columns(element, names), len(element.properties)
-        if self._lines and not any(one.length for one in element.properties):
+        if self._lines and not any(prop.length for prop in element.properties):
             lines = self._lines[self._at : self._at + element.count]
             words = b" ".join(lines).split()
             if len(words) == width * len(lines):  # nothing else follows in the lines
                 self._at += len(lines)
-                found = [floats_of(words[column::width]) for column in columns]
-                return np.stack(found, axis=1) if found else np.empty((0, len(names)))
+                arrays = [floats_of(words[column::width]) for column in columns]
+                return np.stack(arrays, axis=1) if arrays else np.empty((0, len(names)))
         values = [row[at][0] for row in self._rows(element) for at in columns]
         return floats_of(values).reshape(-1, len(names))
 
     def lists(self, element: Element, name: str | None) -> tuple[Triangles, Triangles]:
-        """Return the numbers of lists, row after row, and how many each has."""
+        """Return all numbers of a list property, and how many each row has."""
         column = -1 if name is None else _columns(element, (name,))[0]
         if self._lines and column == 0 and len(element.properties) == 1:
-            found = lists_in(self._lines[self._at : self._at + element.count])
-            if found is not None:
+            numbers = lists_in(self._lines[self._at : self._at + element.count])
+            if numbers is not None:
                 self._at += element.count
-                return found
+                return numbers
         lists = [row[column] for row in self._rows(element)] if element.properties else []
         if column < 0:
-            return np.empty(0, np.int64), np.empty(0, np.int64)
-        counts = np.fromiter(map(len, lists), np.int64, len(lists))
-        return integers_of([*chain(*lists)]), counts
+            return NO_CORNERS, NO_CORNERS
+        return joined_lists(lists)
 
     def _rows(self, element: Element) -> Iterator[list[list[bytes]]]:
         """Yield the words of rows, by property."""
         words, at = self._words, self._at
         line = at
-        kinds = [one.length for one in element.properties]
+        kinds = [prop.length for prop in element.properties]
         for number in range(element.count):
-            if self._lines:  # what a line has beyond its row does not matter
+            if self._lines:  # words after the row are ignored
                 words, at = self._lines[line + number].split(), 0
             row = []
             for kind in kinds:
                 first = at
                 if kind is not None:
                     first += 1
-                    at += self._length(words[at : at + 1])
+                    (count,) = integers_of(words[at : at + 1]).tolist() or (0,)
+                    if count < 0:
+                        raise MeshError(f"a list has {count} numbers")
+                    at += count  # beyond the end if it is too long
                 at += 1
                 row.append(words[first:at])
             if at > len(words):
                 check_complete(element.count, number, f"rows of {element.name!r}")
             yield row
         self._at = line + element.count if self._lines else at
-
-    @staticmethod
-    def _length(word: list[bytes]) -> int:
-        """Return the length of a list; too long a one is seen later."""
-        (count,) = integers_of(word).tolist() or (0,)
-        if count < 0:
-            raise MeshError(f"a list has {count} numbers")
-        return int(count)
 
     def check_end(self) -> None:
         """Raise ValueError where there is more than was declared."""
@@ -247,25 +237,25 @@ class _Bytes:
 
     def check(self, element: Element) -> None:
         """Raise ValueError where there can't be so many rows."""
-        size = sum(int((one.length or one.code)[1]) for one in element.properties)
+        size = sum(int((prop.length or prop.code)[1]) for prop in element.properties)
         left = len(self._body) - self._at
         if element.count * size > left:
             check_complete(element.count, left // size, f"rows of {element.name!r}")
 
     def _take(self, element: Element, lengths: list[int]) -> Any:
-        """Return the rows of an element, lists of these lengths; None where there are others."""
+        """Return the rows of an element with lists of these lengths; None if lengths differ."""
         layout: list[tuple[Any, ...]] = []
-        for number, (one, length) in enumerate(zip(element.properties, lengths, strict=True)):
-            if one.length:
-                layout.append((f"n{number}", self._order + one.length))
-            layout.append((f"p{number}", self._order + one.code, (length,)))
+        for number, (prop, length) in enumerate(zip(element.properties, lengths, strict=True)):
+            if prop.length:
+                layout.append((f"n{number}", self._order + prop.length))
+            layout.append((f"p{number}", self._order + prop.code, (length,)))
         kind = np.dtype(layout)
         end = self._at + element.count * kind.itemsize
         if end > len(self._body):
             return None
         rows = np.frombuffer(self._body, kind, element.count, self._at)
-        for number, (one, length) in enumerate(zip(element.properties, lengths, strict=True)):
-            if one.length and not (rows[f"n{number}"] == length).all():
+        for number, (prop, length) in enumerate(zip(element.properties, lengths, strict=True)):
+            if prop.length and not (rows[f"n{number}"] == length).all():
                 return None
         self._at = end
         return rows
@@ -273,7 +263,7 @@ class _Bytes:
     def numbers(self, element: Element, names: tuple[str, ...]) -> Floats:
         """Return columns (count, k) of an element."""
         columns = _columns(element, names)
-        if any(one.length for one in element.properties):
+        if any(prop.length for prop in element.properties):
             values = [[row[column][0] for column in columns] for row in self._rows(element)]
             return np.array(values, np.float64).reshape(-1, len(names))
         rows = self._take(element, [1] * len(element.properties)) if element.count else None
@@ -282,10 +272,9 @@ class _Bytes:
         return np.hstack([rows[f"p{column}"] for column in columns]).astype(np.float64)
 
     def lists(self, element: Element, name: str | None) -> tuple[Triangles, Triangles]:
-        """Return the numbers of lists, row after row, and how many each has."""
-        none = np.empty(0, np.int64)
+        """Return all numbers of a list property, and how many each row has."""
         if not element.count or not element.properties:
-            return none, none
+            return NO_CORNERS, NO_CORNERS
         column = -1 if name is None else _columns(element, (name,))[0]
         start = self._at
         first = next(self._rows(element, 1), [])
@@ -296,7 +285,7 @@ class _Bytes:
             return values.astype(np.int64).reshape(-1), np.full(len(values), values.shape[1])
         lists = [row[column] for row in self._rows(element)]
         if column < 0:
-            return none, none
+            return NO_CORNERS, NO_CORNERS
         counts = np.fromiter(map(len, lists), np.int64, len(lists))
         return np.fromiter(map(int, chain(*lists)), np.int64, int(counts.sum())), counts
 
@@ -304,9 +293,9 @@ class _Bytes:
         """Yield the numbers of rows, by property."""
         body, order, at = self._body, self._order, self._at
         kinds = [
-            (one.length and struct.Struct(order + LETTERS[one.length]), LETTERS[one.code],
-             int(one.code[1]))
-            for one in element.properties
+            (prop.length and struct.Struct(order + LETTERS[prop.length]), LETTERS[prop.code],
+             int(prop.code[1]))
+            for prop in element.properties
         ]  # fmt: skip
         number = 0
         try:

@@ -27,15 +27,15 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.formats.parts import NO_FACES, MeshError, Triangles
+from obb_collision.geometry.formats.parts import NO_FACES, MeshError, Triangles, check_corners
 from obb_collision.typing import Floats, Mask
 
 #: Corners of polygons that are cut at once.
 TOGETHER = 1 << 18
-#: Most corners that are looked at, in all tests of ears, half a minute of them; and what a test of
-#: few corners costs in corners.
+#: Limit of corners looked at in all tests of ears, half a minute; and the price of a test of few
+#: corners, in corners.
 MOST_LOOKS, FEWEST_LOOKS = 1_000_000_000, 1000
-#: Most pairs of corners between which a hole is joined to an outline, and of those that are tried.
+#: Limits of pairs of corners between which a hole may be joined to an outline, and of those tried.
 MOST_PAIRS, MOST_TRIES = 10_000_000, 1000
 
 
@@ -43,20 +43,18 @@ def triangulated(points: Floats, corners: Triangles, counts: Triangles) -> Trian
     """Return triangles (m, 3) of polygons, in no order.
 
     points: (n, 3); corners: (sum of counts,) rows of points, polygon after polygon; counts: of the
-    corners of each. Those of fewer than three are no polygons. ValueError for a row that is none,
-    and where cutting would take too long.
+    corners of each. Polygons of fewer than three are left out. ValueError for other rows, and
+    where cutting would take too long.
     """
-    if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):
-        bad = corners[(corners < 0) | (corners >= len(points))][0]
-        raise MeshError(f"a face names vertex {bad}, there are 0 to {len(points) - 1}")
+    check_corners(corners, len(points))
     firsts = np.cumsum(counts) - counts
     cutter, made = _Cutter(), [NO_FACES]
     order = np.argsort(counts, kind="stable")
     sizes, starts = np.unique(counts[order], return_index=True)
-    for count, some in zip(sizes.tolist(), np.split(order, starts[1:]), strict=False):
+    for count, polygons in zip(sizes.tolist(), np.split(order, starts[1:]), strict=False):
         if count < 3:
             continue
-        rows = firsts[some]
+        rows = firsts[polygons]
         step = max(1, TOGETHER // count)
         for start in range(0, len(rows), step):
             ring = corners[rows[start : start + step, None] + np.arange(count)]
@@ -123,37 +121,37 @@ class _Cutter:
                 flat, ears = flat[~crossing], ears[~crossing]
             if len(rows) == 0:
                 break
-            each = np.arange(len(rows))
+            polygon = np.arange(len(rows))[:, None]
             around = np.stack([ears - 1, ears, ears + 1], axis=1) % length
-            made[rows, count - length] = left[each[:, None], around]
+            made[rows, count - length] = left[polygon, around]
             keep = np.arange(length) != ears[:, None]
             left = left[keep].reshape(-1, length - 1)
             flat = flat[keep].reshape(-1, length - 1, 2)
         return made
 
     def _find_ears(self, flat: Floats, start: int) -> Triangles:
-        """Return an ear of each polygon (k, n, 2); else a corner on a line, else -1.
+        """Return an ear of each polygon (k, n, 2), else a corner on a line, else -1.
 
-        The triangle of an ear with its neighbours holds no other corner.
+        The triangle of an ear and its neighbours holds no other corner.
         """
         count = flat.shape[1]
-        found, on_line = np.full((2, len(flat)), -1)
+        ears, on_line = np.full((2, len(flat)), -1)
         waiting = np.arange(len(flat))
         for at in (start + np.arange(count)) % count:
             a, b, c = (flat[waiting, (at + step) % count] for step in (-1, 0, 1))
             turn = _turn(a, b, c)
             on_line[waiting[turn == 0.0]] = at
             bulges = turn > 0.0
-            some = waiting[bulges]
-            self._count(len(some) * count)
-            if len(some):
+            convex = waiting[bulges]
+            self._count(len(convex) * count)
+            if len(convex):
                 ear = np.stack([a, b, c])[:, bulges, None]
-                free = count == 3 or ~_holds(ear[0], ear[1], ear[2], flat[some])
-                found[some[free]] = at
-            waiting = waiting[found[waiting] < 0]
+                free = count == 3 or ~_holds(ear[0], ear[1], ear[2], flat[convex])
+                ears[convex[free]] = at
+            waiting = waiting[ears[waiting] < 0]
             if len(waiting) == 0:
                 break
-        return np.where(found < 0, on_line, found)
+        return np.where(ears < 0, on_line, ears)
 
     def _count(self, looks: int) -> None:
         self._looks += looks + FEWEST_LOOKS
@@ -168,7 +166,7 @@ def _fan(count: int, first: int) -> Triangles:
 
 
 def _is_fan(flat: Floats, first: int) -> Mask:
-    """Return whether the fan about a corner covers polygons (k, n, 2) and is nowhere double."""
+    """Return whether the fan about a corner covers polygons (k, n, 2) once everywhere."""
     around = np.roll(flat, -first, axis=1)
     root, rest = around[:, :1], around[:, 1:]
     turns = _turn(root, rest[:, :-1], rest[:, 1:])
@@ -185,7 +183,7 @@ def _turn(a: Floats, b: Floats, c: Floats) -> Any:
 
 
 def _holds(a: Floats, b: Floats, c: Floats, points: Floats) -> Any:
-    """Return whether triangles hold any points (k, n, 2) that are none of their corners."""
+    """Return whether triangles hold any points (k, n, 2) besides their corners."""
     inside = (_turn(a, b, points) >= 0.0) & (_turn(b, c, points) >= 0.0)
     inside &= _turn(c, a, points) >= 0.0
     for corner in (a, b, c):
@@ -200,7 +198,7 @@ def _normals(around: Floats) -> Floats:
 
 
 def _axes(around: Floats) -> Triangles:
-    """Return (k, 2) the axes of coordinates that polygons are seen in, anticlockwise."""
+    """Return the two axes (k, 2) of coordinates in which polygons look anticlockwise."""
     normals = _normals(around)
     along = np.abs(normals).argmax(axis=1)
     back = normals[np.arange(len(along)), along] < 0.0
@@ -238,8 +236,8 @@ def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tupl
         meets = (_turn(p, q, starts) * _turn(p, q, ends) <= 0.0) & (
             _turn(starts, ends, p) * _turn(starts, ends, q) <= 0.0
         )
-        for one in (p, q):
-            meets &= (starts != one).any(axis=1) & (ends != one).any(axis=1)
+        for end in (p, q):
+            meets &= (starts != end).any(axis=1) & (ends != end).any(axis=1)
         if not meets.any():
             return at, of
     raise MeshError("a hole of a face crosses its outline: export it as triangles")

@@ -33,7 +33,7 @@ from obb_collision.typing import Floats
 #: Bytes before the first record of a binary file: text, and the number of records.
 HEADER = 84
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: Numbers of records that programs write which do not know it yet.
+#: Counts of records written by programs that do not know the count yet.
 UNKNOWN = (0, 0xFFFFFFFF)
 #: How far the length of a normal may be from 1.
 SKEW = 0.01
@@ -76,8 +76,8 @@ def _from_text(text: bytes, parts: Parts) -> Floats:
     parts.check_room(count, 3 * count)
     for column, word in enumerate(FACET):
         if word is not None and words[column :: len(FACET)].count(word) != count + (column < rest):
-            found = next(one for one in words[column :: len(FACET)] if one != word)
-            raise MeshError(f"{text_of(found)} stands where {text_of(word)} is expected")
+            other = next(other for other in words[column :: len(FACET)] if other != word)
+            raise MeshError(f"{text_of(other)} stands where {text_of(word)} is expected")
     if rest:
         raise MeshError("its last facet has no end: it is cut or damaged")
     columns = [column for column, word in enumerate(FACET[7:], 7) if word is None]
@@ -86,16 +86,16 @@ def _from_text(text: bytes, parts: Parts) -> Floats:
 
 
 def _without_names(text: bytes) -> tuple[int, int, bytes]:
-    """Return how many solids begin and end, and the text without the lines that say so."""
+    """Return how many solids begin and end, and the text without these lines."""
     solids = ends = at = 0
     pieces = []
-    for found in SOLID.finditer(text):
-        start = text.rfind(b"\n", 0, found.start()) + 1
-        before = text[start : found.start()].strip()
+    for match in SOLID.finditer(text):
+        start = text.rfind(b"\n", 0, match.start()) + 1
+        before = text[start : match.start()].strip()
         if before in (b"", b"end"):
             solids, ends = solids + (not before), ends + bool(before)
             pieces.append(text[at:start])
-            at = found.end()
+            at = match.end()
     return solids, ends, b"".join([*pieces, text[at:]])
 
 
@@ -106,7 +106,7 @@ def _from_records(data: bytes, count: int, parts: Parts) -> Floats:
         check_complete(count, whole, "triangles")
     records = np.frombuffer(data, RECORD, whole, HEADER)
     if count not in UNKNOWN and (rest or not _are_records(records[count:])):
-        records = records[:count]  # what follows is something else
+        records = records[:count]  # other bytes follow
     elif rest:
         raise MeshError("the number of triangles is missing, and the file ends within a triangle")
     parts.check_room(len(records), 3 * len(records))
@@ -114,7 +114,7 @@ def _from_records(data: bytes, count: int, parts: Parts) -> Floats:
 
 
 def _are_records(records: np.ndarray) -> bool:
-    """Return whether bytes are triangles: with normals of length 1, or none."""
+    """Return whether bytes are triangles: with normals of length 1 or 0."""
     corners, normals = records["corners"], records["normal"].astype(np.float64)
     length = np.sqrt(np.square(normals).sum(axis=1))
     fits = (np.abs(length - 1.0) < SKEW) | (length == 0.0)

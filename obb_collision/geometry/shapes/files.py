@@ -19,7 +19,7 @@ could be anything, even a pipe that never ends. Archives and compressed formats 
 bytes of them can become any number.
 
 Where somebody else names a file, it must be in an allowed folder: the share folders of installed
-packages and the folders chosen. A path counts as where it leads: symbolic links and ``..`` are
+packages and the folders chosen. Symbolic links and ``..`` are
 resolved first. ``colcon build --symlink-install`` fills share folders with links to the sources, so
 a link may lead to the sources of the same package.
 """
@@ -60,7 +60,7 @@ PACKAGE = "package://"
 LARGEST_FILE = 1 << 30
 #: Bytes per read.
 PORTION = 1 << 24
-#: What reads the types, by the suffix of the name; returns the unit in metres where a file has one.
+#: Readers by the suffix of a name; they return the unit in metres, None where a file has none.
 READERS: dict[str, Callable[[bytes, Parts], float | None]] = {
     **dict.fromkeys(("stl", "stl_ascii"), stl.read),
     "obj": obj.read,
@@ -80,14 +80,17 @@ DECLARED = re.compile(r"""<\?xml[^>]*?encoding\s*=\s*["']([^"']*)""")
 
 
 def resolve_path(path: str | Path) -> Path:
-    """Return the path that a path, file:// or package:// URI names; ValueError otherwise."""
+    """Return the path of a file:// or package:// URI, or a path itself; else ValueError."""
     text = str(path)
     scheme, _, rest = text.partition("://")
     if not rest or isinstance(path, Path):
         return Path(path)
     try:
         if scheme == "file":
-            return _local_path(text)
+            parts = urlparse(text)
+            if parts.netloc not in ("", "localhost"):
+                raise ValueError("a file:// URI has three slashes: file:///folder/name")
+            return Path(unquote(parts.path))
         if scheme == "package":
             package, _, inside = rest.partition("/")
             return _package_share(package) / unquote(inside)
@@ -96,13 +99,6 @@ def resolve_path(path: str | Path) -> Path:
     raise ValueError(
         f"mesh file {shortened(text)}: only paths, file:// and package:// URIs can be read"
     )
-
-
-def _local_path(uri: str) -> Path:
-    parts = urlparse(uri)
-    if parts.netloc not in ("", "localhost"):
-        raise ValueError("a file:// URI has three slashes: file:///folder/name")
-    return Path(unquote(parts.path))
 
 
 def _package_share(package: str) -> Path:
@@ -117,7 +113,7 @@ def _package_share(package: str) -> Path:
 
 
 def file_version(path: Path) -> Version:
-    """Return the version of a regular file; ValueError where there is none."""
+    """Return the version of a regular file; ValueError for anything else."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
@@ -181,7 +177,7 @@ def read_mesh(
         _check_xml(data)
     parts = Parts(most_triangles)
     try:
-        with np.errstate(all="ignore"):  # what is not finite is refused later
+        with np.errstate(all="ignore"):  # infinite and NaN coordinates are refused later
             unit = READERS[kind](data, parts)
             vertices, faces = parts.joined(1.0 if unit is None else unit)
         if not len(vertices):
@@ -202,7 +198,7 @@ def _check_xml(data: bytes) -> None:
     if b"\0\0" in start:
         raise ValueError("it is XML in UTF-32")
     text = data.decode("latin-1")
-    if wide:  # without its zero bytes, text in UTF-16 is what its ASCII characters say
+    if wide:  # UTF-16 without zero bytes is its ASCII characters
         text = text.replace("\0", "")
     declared = DECLARED.search(text[:SHOWN])
     if declared is not None and declared[1].lower() not in ENCODINGS:
@@ -211,8 +207,8 @@ def _check_xml(data: bytes) -> None:
         raise ValueError(f"it has a {DOCUMENT_TYPE}, which may refer to other files")
 
 
-#: Files of the kernel and of devices: none of them is ever read.
-NEVER = tuple(map(Path, ("/dev", "/proc", "/sys")))
+#: Folders of the kernel and of devices, from which no file is read.
+SYSTEM_FOLDERS = tuple(map(Path, ("/dev", "/proc", "/sys")))
 MANIFEST = "package.xml"
 #: Maximum size of a manifest, bytes.
 LARGEST_MANIFEST = 1 << 20
@@ -220,9 +216,9 @@ LARGEST_MANIFEST = 1 << 20
 
 @dataclass(frozen=True)
 class MeshFolders:
-    """The folders chosen: mesh files may be in them, and packages that are not installed.
+    """Folders chosen by a user for mesh files, and for packages that are not installed.
 
-    folders: those in which packages are, or that are one; packages: folders by name of the package.
+    folders: they hold packages, or are packages; packages: folders by the name of the package.
     """
 
     folders: tuple[str | Path, ...] = ()
@@ -230,16 +226,16 @@ class MeshFolders:
 
     @property
     def chosen(self) -> tuple[str | Path, ...]:
-        """All of them."""
+        """All chosen folders."""
         return *self.folders, *self.packages.values()
 
     def resolve(self, path: str | Path) -> Path:
         """`resolve_path`, which also looks for packages in these folders."""
         if isinstance(path, str) and path.startswith(PACKAGE):
             name, _, inside = path.removeprefix(PACKAGE).lstrip("/").partition("/")
-            found = self._package(name)
-            if found is not None:
-                return found / unquote(inside)
+            package = self._package(name)
+            if package is not None:
+                return package / unquote(inside)
         return resolve_path(path)
 
     def _package(self, name: str) -> Path | None:
@@ -253,21 +249,20 @@ class MeshFolders:
         return None
 
 
-#: None chosen.
 NO_FOLDERS = MeshFolders()
 
 
 def allowed_path(path: Path, chosen: Iterable[str | Path], option: str = "mesh_folders") -> Path:
-    """Return where a path leads; ValueError unless that is in an allowed folder.
+    """Return the real path of a path; ValueError unless it is in an allowed folder.
 
-    chosen: the folders that are allowed besides the share folders of installed packages; option:
-    what these are called where they are given.
+    chosen: allowed folders besides the shares of installed packages; option: the name of the
+    setting that holds them.
     """
     try:
         real = Path(os.path.realpath(path))
     except (OSError, ValueError) as error:  # a zero byte, or a name that is too long
         raise ValueError(str(error)) from error
-    if not any(real.is_relative_to(folder) for folder in NEVER):
+    if not any(real.is_relative_to(folder) for folder in SYSTEM_FOLDERS):
         if any(_is_within(real, folder) for folder in chosen):
             return real
         for name, share in package_shares():
@@ -276,8 +271,7 @@ def allowed_path(path: Path, chosen: Iterable[str | Path], option: str = "mesh_f
     leads = "" if real == path else f" leads to {shortened(str(real))}, which"
     raise ValueError(
         f"it{leads} is not in a folder from which meshes are read: the shares of installed "
-        f"packages "
-        f"and {option}"
+        f"packages and {option}"
     )
 
 
@@ -295,12 +289,12 @@ def package_shares() -> Iterator[tuple[str, Path]]:
 
 
 def source_folder(path: Path) -> Path | None:
-    """Return the nearest folder above a path that has a package's manifest, None without one."""
+    """Return the nearest folder above a path with the manifest of a package, else None."""
     return next((folder for folder in path.parents if (folder / MANIFEST).is_file()), None)
 
 
 def _is_installed(path: Path, share: Path, real: Path, name: str) -> bool:
-    """Return whether a path in a share leads, by links, into the source folder of its package."""
+    """Return whether links in a share lead from a path to the sources of the same package."""
     if ".." in path.parts or not path.is_relative_to(share):
         return False
     source = source_folder(real)

@@ -29,11 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.fitting.fit import check_fit, fit_points
 from obb_collision.geometry.formats.parts import Triangles, shortened
-from obb_collision.geometry.shapes.files import (
-    read_file,
-    read_mesh,
-    resolve_path,
-)
+from obb_collision.geometry.shapes.files import read_file, read_mesh, resolve_path
 from obb_collision.geometry.shapes.primitives import (
     NO_SCALE,
     LocalBox,
@@ -74,8 +70,8 @@ class _Cloud(Shape):
         return self is other or all(map(np.array_equal, self._value(), other._value()))
 
     def _value(self) -> Iterator[Any]:
-        stored = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
-        return chain(stored, self.local_box)
+        values = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        return chain(values, self.local_box)
 
     def __hash__(self) -> int:
         return self._hash
@@ -94,19 +90,15 @@ class _Cloud(Shape):
             scaled = points * scale
         check_magnitude(scaled, "points times scale", by_row=True)
         center, rotation, half_extents = fit_points(scaled, self.fit)
-        error = _rounding(points, scale, scaled)
-        if error.any():
+        inexact = ~_exact_products(points, scale, scaled)
+        if inexact.any():
+            error = np.where(inexact, np.abs(scaled), 0.0).max(axis=0) * ROUNDOFF
+            smallest = np.finfo(float).smallest_subnormal
+            error = np.where(inexact.any(axis=0), np.maximum(error, smallest), 0.0)
             # |R^-1 e| exceeds |R|^T |e| by roundoffs of it at most, which the factor covers.
             wider = half_extents + (np.abs(rotation).T @ error) * (1.0 + 64.0 * ROUNDOFF)
             half_extents = np.nextafter(wider, np.inf)
         return read_only(center, rotation, half_extents)
-
-
-def _rounding(points: Floats, scale: Floats, scaled: Floats) -> Floats:
-    """Return (3,) bounds on abs(scaled - points * scale) per coordinate; zero where exact."""
-    inexact = ~_exact_products(points, scale, scaled)
-    error: Floats = np.where(inexact, np.abs(scaled), 0.0).max(axis=0) * ROUNDOFF
-    return np.where(inexact.any(axis=0), np.maximum(error, np.finfo(float).smallest_subnormal), 0.0)
 
 
 def _exact_products(a: Floats, b: Floats, product: Floats) -> NDArray[np.bool_]:
@@ -130,7 +122,6 @@ class Hull(_Cloud):
     points : (n, 3) array_like
         Metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
     fit : str
         As in ``OBB.from_points``.
 
@@ -153,7 +144,7 @@ class Hull(_Cloud):
 
     @classmethod
     def fitted(cls, points: Floats, local_box: LocalBox) -> Hull:
-        """Return the hull of points with a given local box, all of it checked."""
+        """Return the hull of points whose local box is known; both are checked."""
         hull = cls(points)
         hull._store(local_box=_checked_box(*local_box))
         return hull
@@ -187,14 +178,8 @@ class Mesh(_Cloud):
     faces : (m, 3) array_like of int, optional
         Rows of vertices; left out with a mesh.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
     fit : str
         As in ``OBB.from_points``.
-
-    Raises
-    ------
-    TypeError
-        Without faces, for vertices that are no mesh.
 
     Examples
     --------
@@ -216,7 +201,13 @@ class Mesh(_Cloud):
         fit: str = "best",
     ) -> None:
         if faces is None:
-            vertices, faces = _vertices_and_faces(vertices)
+            mesh: Any = vertices
+            try:
+                vertices, faces = mesh.vertices, mesh.faces
+            except AttributeError:
+                raise TypeError(
+                    "faces must be given, unless vertices is a mesh such as trimesh's"
+                ) from None
         points = _owned_points(vertices, "vertices")
         self._store(
             vertices=points,
@@ -227,7 +218,7 @@ class Mesh(_Cloud):
 
     @classmethod
     def fitted(cls, vertices: Floats, faces: Triangles, scale: Floats, local_box: LocalBox) -> Mesh:
-        """Return the mesh with a given local box, all of it checked."""
+        """Return a mesh whose local box is known; all of it is checked."""
         mesh = cls(vertices, faces, scale)
         mesh._store(local_box=_checked_box(*local_box))
         return mesh
@@ -236,25 +227,19 @@ class Mesh(_Cloud):
     def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:
         """Return the mesh of a file: STL, OBJ, PLY, OFF, DAE, GLB or glTF.
 
-        All that it declares is read, or it is refused. The parts of a scene are joined, each where
-        the scene places it. Lengths are metres; a file that names another unit (DAE) is converted.
-        Polygons become triangles that cover them. Only the file itself is read: no materials,
-        textures or buffers in other files.
+        All that it declares is read, or ValueError names the file and what is wrong with it; it has
+        at most a gigabyte. The parts of a scene are joined, each where the scene places it. Lengths
+        are metres; a file that names another unit (DAE) is converted. Polygons become triangles
+        that cover them. Only the file itself is read: no materials, textures or buffers in other
+        files.
 
         Parameters
         ----------
         path : str or path
             A path, a file:// or a package:// URI (the latter needs ROS).
         scale : (3,) array_like
-            By which it is stretched along its axes, positive.
         fit : str
             As in ``OBB.from_points``.
-
-        Raises
-        ------
-        ValueError
-            Naming the file, which is missing, no regular file, larger than a gigabyte, cut,
-            damaged or without vertices, or has a part that is not read, such as a compressed one.
 
         Examples
         --------
@@ -275,15 +260,6 @@ class Mesh(_Cloud):
 
     def _points(self) -> Floats:
         return self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
-
-
-def _vertices_and_faces(mesh: ArrayLike | Triangulation) -> tuple[ArrayLike, ArrayLike]:
-    try:
-        return mesh.vertices, mesh.faces  # type: ignore[union-attr]
-    except AttributeError:
-        raise TypeError(
-            "faces must be given, unless vertices is a mesh such as trimesh's"
-        ) from None
 
 
 def _owned_points(value: Any, name: str) -> Floats:

@@ -38,9 +38,8 @@ from obb_collision.typing import Floats
 Triple = tuple[float, float, float]
 #: Centre (3,), rotation (3, 3) and half extents (3,) of a box in the frame of its shape.
 LocalBox = tuple[Floats, Floats, Floats]
-#: Half extents before scaling, exactly.
+#: Half extents before scaling, exactly: doubles, or fractions where these are not exact.
 Reach = tuple[float | Fraction, float | Fraction, float | Fraction]
-"""Exact, as numbers of one kind or the other."""
 
 Kind = TypeVar("Kind", bound="Shape")
 
@@ -69,7 +68,7 @@ def positive_number(value: ArrayLike, name: str) -> float:
 
 
 class Shape(ABC, SetOnce):
-    """A body in its own frame, metres, scaled by ``scale`` (3,) along the axes of that frame.
+    """A body in its own frame, metres; ``scale`` (3,) stretches it along the axes of that frame.
 
     Examples
     --------
@@ -86,17 +85,17 @@ class Shape(ABC, SetOnce):
 
     @classmethod
     def trusted(cls: type[Kind], **values: object) -> Kind:
-        """Return a shape of valid values by name, neither checked nor copied."""
+        """Return a shape of valid attributes by name, neither checked nor copied."""
         shape = object.__new__(cls)
         shape._store(**{"scale": NO_SCALE} | values)
         return shape
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but a hash, which is another one in another process."""
+        """Leave out the hash, which differs in another process."""
         return {name: value for name, value in vars(self).items() if name != "_hash"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what was pickled; its arrays are read-only again."""
+        """Restore the attributes, with read-only arrays."""
         for value in state.values():
             for array in value if isinstance(value, tuple) else (value,):
                 if isinstance(array, np.ndarray):
@@ -119,7 +118,8 @@ class Primitive(Shape):
         factors = zip(self.scale, self._reach(), strict=True)
         scaled = (reach if s == 1.0 else Fraction(s) * Fraction(reach) for s, reach in factors)
         try:
-            half_extents = np.array([_rounded_up(x) for x in scaled])
+            sizes = [x if isinstance(x, float) else round_up(*x.as_integer_ratio()) for x in scaled]
+            half_extents = np.array(sizes)
         except OverflowError:
             half_extents = np.full(3, np.inf)
         if half_extents.max() > MAX_MAGNITUDE:
@@ -132,12 +132,8 @@ def _half(length: float) -> float | Fraction:
     return half if 2.0 * half == length else Fraction(length) / 2  # of the smallest doubles
 
 
-def _rounded_up(number: float | Fraction) -> float:
-    return number if isinstance(number, float) else round_up(number.numerator, number.denominator)
-
-
 def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBox:
-    """Return the three arrays, made read-only: the box is shared."""
+    """Make three arrays read-only and return them: a local box is shared."""
     for array in (center, rotation, half_extents):
         array.setflags(write=False)
     return center, rotation, half_extents
@@ -152,14 +148,8 @@ class Box(Primitive):
     size : (3,) array_like
         Full edge lengths, metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
     half_extents : (3,) array_like
         Half the edge lengths, metres, instead of ``size``.
-
-    Raises
-    ------
-    TypeError
-        With both ``size`` and ``half_extents``, or neither.
 
     Examples
     --------
@@ -200,7 +190,6 @@ class Sphere(Primitive):
     radius : float
         Metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
 
     Examples
     --------
@@ -227,7 +216,6 @@ class Ellipsoid(Primitive):
     radii : (3,) array_like
         Metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
 
     Examples
     --------
@@ -274,7 +262,6 @@ class Cylinder(_Turned):
     length : float
         Metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
 
     Examples
     --------
@@ -296,7 +283,6 @@ class Cone(_Turned):
     length : float
         Metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
 
     Examples
     --------
@@ -318,7 +304,6 @@ class Capsule(_Turned):
     length : float
         Metres.
     scale : (3,) array_like
-        By which it is stretched along its axes, positive.
 
     Examples
     --------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees of boxes over triangles, and convex bodies that enclose shapes."""
+"""Trees over triangles and over bounds, and convex bodies that enclose shapes."""
 
 from obb_collision.geometry.trees.build import WIDENING
 from obb_collision.geometry.trees.pool import (

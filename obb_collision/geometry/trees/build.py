@@ -79,21 +79,17 @@ def _moments(triangles: Floats, first: int, last: int, covariance: Floats) -> in
         ax, ay, az = triangles[n, 0] - ox, triangles[n, 1] - oy, triangles[n, 2] - oz
         bx, by, bz = triangles[n, 3] - ox, triangles[n, 4] - oy, triangles[n, 5] - oz
         cx, cy, cz = triangles[n, 6] - ox, triangles[n, 7] - oy, triangles[n, 8] - oz
-        ux, uy, uz = bx - ax, by - ay, bz - az
-        vx, vy, vz = cx - ax, cy - ay, cz - az
+        ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
         wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         area = math.sqrt(wx * wx + wy * wy + wz * wz)
         if area > largest_area:
             largest, largest_area = n, area
         # slivers and points have a small weight, for nodes that contain nothing else
-        area += (
-            EDGE_WEIGHT * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) + UNDERFLOW
-        )
+        square = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
+        area += EDGE_WEIGHT * square + UNDERFLOW
         mx, my, mz = ax + bx + cx, ay + by + cy, az + bz + cz
         total += area
-        sx += area * mx
-        sy += area * my
-        sz += area * mz
+        sx, sy, sz = sx + area * mx, sy + area * my, sz + area * mz
         covariance[0, 0] += area * (ax * ax + bx * bx + cx * cx + mx * mx)
         covariance[1, 1] += area * (ay * ay + by * by + cy * cy + my * my)
         covariance[2, 2] += area * (az * az + bz * bz + cz * cz + mz * mz)

@@ -23,6 +23,8 @@ curvature needs them. Points that are flat, on a line or all one are made thicke
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +32,14 @@ import numpy as np
 from obb_collision.geometry.fitting.convex_hull import convex_hull
 from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
-from obb_collision.geometry.shapes.primitives import Shape
-from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
+from obb_collision.geometry.shapes.primitives import (
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Shape,
+    Sphere,
+)
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats, Integers
@@ -60,8 +68,7 @@ class Directions(NamedTuple):
 def outer_corners(inner: Floats, faces: Integers, points: Floats, most: int) -> Floats | None:
     """Return approximate corners (k, 3), k <= most, of a polytope about points; None if flat.
 
-    inner: (n, 3) points, the corners of whose hull are those of its faces (m, 3); cuts are chosen
-    by them.
+    inner: (n, 3) points; faces: (m, 3) of their hull, whose corners choose the cuts.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.5 * (high - low)
@@ -74,15 +81,15 @@ def outer_corners(inner: Floats, faces: Integers, points: Floats, most: int) -> 
     reach = farthest_reach(corners, normals)
     chosen = _chosen_cuts(Directions(normals, reach), half, most)
     reach = farthest_reach(points - middle, normals[chosen])
-    found = _corners(normals[chosen], reach, half)
-    while found is not None and len(found) > most:  # where they touch others than those of inner
-        chosen = chosen[: -(len(found) - most)]
-        found = _corners(normals[chosen], reach[: len(chosen)], half)
-    return None if found is None else middle + found
+    outer = _corners(normals[chosen], reach, half)
+    while outer is not None and len(outer) > most:  # where cuts touch points that inner lacks
+        chosen = chosen[: -(len(outer) - most)]
+        outer = _corners(normals[chosen], reach[: len(chosen)], half)
+    return None if outer is None else middle + outer
 
 
 def _chosen_cuts(cuts: Directions, half: Floats, most: int) -> Integers:
-    """Return the rows of the directions to cut in, so that there are at most so many corners."""
+    """Return the rows of directions to cut in, for at most ``most`` corners."""
     chosen = np.arange(6)
     for _ in range(ROUNDS):
         corners = _corners(cuts.normals[chosen], cuts.reach[chosen], half)
@@ -106,7 +113,7 @@ def _chosen_cuts(cuts: Directions, half: Floats, most: int) -> Integers:
 
 
 def _corners(normals: Floats, reach: Floats, half: Floats) -> Floats | None:
-    """Return the corners (k, 3) of what planes leave, which have the origin inside.
+    """Return the corners (k, 3) of the polytope inside planes, which has the origin inside.
 
     Polar duality: the plane n.x = d maps to the point n / d, so the corners are the planes of the
     hull of those points; in a frame in which the box of the points is a cube.
@@ -116,7 +123,7 @@ def _corners(normals: Floats, reach: Floats, half: Floats) -> Floats | None:
     planes = convex_hull(normals * half / reach[:, None])
     if planes is None:
         return None
-    # Of the triangles: Qhull's equations are those of points that it has scaled.
+    # From the triangles: the equations of Qhull are those of scaled points.
     triangles = planes.points[planes.simplices]
     outward = _normals(triangles)
     offsets = np.einsum("ij,ij->i", outward, triangles[:, 0])
@@ -126,9 +133,10 @@ def _corners(normals: Floats, reach: Floats, half: Floats) -> Floats | None:
 
 
 def _middle_and_normals(corners: Floats, faces: Integers, half: Floats) -> tuple[Floats, Floats]:
-    """Return the centroid (3,) of a hull and directions (n, 3) to cut in: those of its box first.
+    """Return the centroid (3,) of a hull and directions (n, 3) of cuts.
 
-    Then some all around, normals of faces, and the means of normals around corners.
+    First those of its box, then directions all around, normals of faces, and means of the normals
+    around corners.
     """
     start = corners.mean(axis=0)
     triangles = (corners - start)[faces]
@@ -220,7 +228,7 @@ def hull_mesh(shape: Shape) -> Polytope:
     # Scaled by a power of two, exactly, so that products neither over- nor underflow.
     power = int(np.frexp(largest)[1])
     points, margin = np.ldexp(points, -power), float(np.ldexp(margin, -power))
-    for limit in GROWTHS if margin > 0.0 else ():  # else all of it is the origin
+    for limit in GROWTHS if margin > 0.0 else ():  # else all points are the origin
         grown = _bounded_hull(points, np.full(3, margin), limit)
         grown = grown or _thick_hull(points, margin, limit)
         if grown is not None:
@@ -238,7 +246,7 @@ def box_corners(half_extents: Floats) -> Floats:
 def _bounded_hull(points: Floats, margin: Floats, limit: float) -> Polytope | None:
     # Each corner once: files of single triangles repeat them, Qhull makes facets of copies.
     points = np.unique(points, axis=0)
-    inner = points if len(points) <= MAX_HULL_POINTS else _outer_ones(points)
+    inner = points if len(points) <= MAX_HULL_POINTS else _outer_points(points)
     hull = convex_hull(inner)
     if hull is None:
         return None
@@ -251,7 +259,7 @@ def _bounded_hull(points: Floats, margin: Floats, limit: float) -> Polytope | No
 
 
 def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
-    """Return the hull of ``_bounded_hull`` for points that may be flat, on a line, or one.
+    """`_bounded_hull` of points that may be flat, on a line, or equal.
 
     In the frame of their box, made thicker where that is thin, and stretched to a cube.
     """
@@ -265,14 +273,14 @@ def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
     thicker = BOX_CORNERS * np.where(thin, margin + 2.0 * step, 0.0)
     stretch = np.exp2(np.frexp(half_extents + thicker.max(axis=0))[1])
     thick = (local[:, None] + thicker).reshape(-1, 3) / stretch
-    found = _bounded_hull(thick, np.where(thin, HULL_MARGIN, margin / stretch), limit)
-    return None if found is None else (center + (found[0] * stretch) @ rotation.T, found[1])
+    hull = _bounded_hull(thick, np.where(thin, HULL_MARGIN, margin / stretch), limit)
+    return None if hull is None else (center + (hull[0] * stretch) @ rotation.T, hull[1])
 
 
-def _outer_ones(points: Floats) -> Floats:
-    """Return points (k, 3) without those within the hull of a few, which are no corners of theirs.
+def _outer_points(points: Floats) -> Floats:
+    """Return points (k, 3) without those inside the hull of some, which are no corners.
 
-    At most some MAX_HULL_POINTS: of more the extreme ones and as many of the others.
+    About MAX_HULL_POINTS at most: of more the extreme points, and as many of the others.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     stretched = geodesic_sphere(EXTREMES) / np.maximum(high - low, THINNEST * (high - low).max())
@@ -307,20 +315,16 @@ def _grown_hull(corners: Floats, points: Floats, margin: Floats, limit: float) -
         grown = _grown(corners, faces, points, margin, limit)
         if grown is not None:
             return grown
-        needless = _needless(corners[faces], faces)
+        # vertices that nearly lie on the opposite, longest side of a face
+        sides = corners[faces][:, [2, 0, 1]] - corners[faces][:, [1, 2, 0]]
+        lengths = np.linalg.norm(sides, axis=2)
+        doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        thin = doubled <= SLIVER * lengths.max(axis=1) ** 2
+        needless = faces[thin, lengths[thin].argmax(axis=1)]
         if len(needless) == 0:
             return None
         corners = np.delete(corners, needless, axis=0)
     return None
-
-
-def _needless(corners: Floats, faces: Integers) -> Integers:
-    """Return the vertices that nearly lie on the opposite, longest side of a face (m, 3, 3)."""
-    sides = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]  # each opposite its corner
-    lengths = np.linalg.norm(sides, axis=2)
-    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    thin = doubled <= SLIVER * lengths.max(axis=1) ** 2
-    return faces[thin, lengths[thin].argmax(axis=1)]
 
 
 def _grown(
@@ -351,3 +355,100 @@ def _grown(
     if not growth <= limit:
         return None
     return middle + (vertices - middle) * (1.0 + growth), faces
+
+
+# Points whose hull contains a shape with curved faces: prisms, pyramids, geodesic spheres. They are
+# those of the shape before scaling, which is linear and so preserves containment.
+
+#: Sides of the polygon about a circle; its corners are 1.9 % farther out.
+SIDES = 16
+#: Relative excess of all coordinates: far above rounding, far below anything visible.
+CIRCUMSCRIBED_SLACK = 8192 * ROUNDOFF
+
+
+def outer_points(shape: Shape) -> Floats:
+    """Return points (n, 3) whose hull contains a sphere, ellipsoid, cylinder, capsule or cone.
+
+    ValueError for other shapes.
+    """
+    if isinstance(shape, Sphere):
+        points = shape.radius * _outer_sphere()
+    elif isinstance(shape, Ellipsoid):
+        points = np.array(shape.radii) * _outer_sphere()
+    elif isinstance(shape, Capsule):
+        ends = np.array([[0.0, 0.0, 0.5 * shape.length], [0.0, 0.0, -0.5 * shape.length]])
+        points = (shape.radius * _outer_sphere() + ends[:, None]).reshape(-1, 3)
+    elif isinstance(shape, (Cylinder, Cone)):
+        base = _outer_ring(shape.radius, -0.5 * shape.length)
+        top = _outer_ring(0.0 if isinstance(shape, Cone) else shape.radius, 0.5 * shape.length)
+        points = np.concatenate([base, top])
+    else:
+        raise ValueError(f"there is no hull about a {type(shape).__name__}")
+    return points * np.array(shape.scale) * (1.0 + CIRCUMSCRIBED_SLACK)
+
+
+def excess(shape: object, corners: Floats) -> float:
+    """Return a bound on how far the hull of corners (k, 3) reaches beyond a curved shape, else 0.
+
+    Each corner is compared with a point of the shape.
+    """
+    if not isinstance(shape, (Sphere, Ellipsoid, Capsule, Cylinder, Cone)):
+        return 0.0
+    scale = np.array(shape.scale)
+    points = corners / scale
+    if isinstance(shape, (Sphere, Ellipsoid)):
+        radii = np.array(shape.radii if isinstance(shape, Ellipsoid) else shape.radius)
+        lengths = np.linalg.norm(points / radii, axis=1)
+        inner = points / np.maximum(lengths, 1.0)[:, None]
+    else:
+        inner, half = np.zeros_like(points), 0.5 * shape.length
+        inner[:, 2] = np.clip(points[:, 2], -half, half)
+        across = points - inner
+        radii = np.full(len(points), shape.radius)
+        if not isinstance(shape, Capsule):
+            across[:, 2] = 0.0
+        if isinstance(shape, Cone):
+            radii *= (half - inner[:, 2]) / shape.length
+        lengths = np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)
+        inner += across * np.minimum(radii / lengths, 1.0)[:, None]
+    return float(np.linalg.norm((points - inner) * scale, axis=1).max()) * (1.0 + 64 * ROUNDOFF)
+
+
+def geodesic_sphere(rounds: int) -> Floats:
+    """Return points (n, 3) on the unit sphere: an icosahedron, its edges halved in each round.
+
+    After 0, 1, 2, ... rounds 12, 42, 162, ... points.
+    """
+    a, b = 1.0, 0.5 * (1.0 + math.sqrt(5.0))
+    signs = [(p, q) for p in (-1.0, 1.0) for q in (-1.0, 1.0)]
+    points = np.array([np.roll((0.0, p * a, q * b), k) for p, q in signs for k in range(3)])
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    for _ in range(rounds):
+        faces = _faces(points)
+        edges = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1)
+        middles = points[np.unique(edges, axis=0)].sum(axis=1)
+        points = np.concatenate([points, middles / np.linalg.norm(middles, axis=1)[:, None]])
+    return points
+
+
+@cache
+def _outer_sphere() -> Floats:
+    """Return points whose hull contains the unit sphere; they are 3.6 % farther out."""
+    points = geodesic_sphere(2)
+    a, b, c = points[_faces(points)].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    depths = np.abs(np.einsum("ij,ij->i", normals, a)) / np.linalg.norm(normals, axis=1)
+    return points / depths.min()
+
+
+def _outer_ring(radius: float, height: float) -> Floats:
+    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    reach = radius / math.cos(math.pi / SIDES)
+    heights = np.full(SIDES, height)
+    return np.stack([reach * np.cos(angles), reach * np.sin(angles), heights], axis=1)
+
+
+def _faces(points: Floats) -> Integers:
+    hull = convex_hull(points)
+    assert hull is not None
+    return hull.simplices.astype(np.int64)

@@ -33,12 +33,6 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.geometry.trees.build import HALF, NODE, build_tree
-from obb_collision.geometry.trees.topology import (
-    boundary_faces,
-    is_oriented,
-    merged_faces,
-    piece_corners,
-)
 from obb_collision.geometry.validation import (
     as_any_array,
     as_array,
@@ -56,12 +50,12 @@ Arrays = Mapping[str, NDArray[Any]]
 MAX_LEVELS = 100
 
 
-def checked_arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return copies of the arrays of ``MeshTrees`` by name; ValueError naming what is wrong.
+def checked_arrays(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return checked copies of the arrays of ``MeshTrees`` by name; else ValueError.
 
-    Copies, for what is checked must not change behind our back.
+    Copies, as checked arrays must not change later.
     """
-    arrays = {name: np.array(given[name], order="C") for name in KINDS}
+    arrays = {name: np.array(values[name], order="C") for name in KINDS}
     sizes: dict[str, int] = {}
     for name, (kind, shape) in KINDS.items():
         array = arrays[name]
@@ -148,7 +142,7 @@ class MeshTrees(ForKernels):
     """OBB trees of k meshes, metres, each in the frame of its mesh.
 
     triangles (f, 9): the three corners, those of a node in consecutive rows; faces (f,): the face
-    of its mesh; counted (f,): whether it counts for inside and outside (see ``topology``).
+    of its mesh; counted (f,): whether it counts for inside and outside (see ``boundary_faces``).
     nodes (m, 16): centre 3, rotation 9 row by row, half extents 3, size; children (m,): the first
     of two adjacent rows, -1 for a leaf; starts (m, 2): the first of its triangles and the one
     after the last; levels (m,): 0 for the root. Per mesh: roots; solid; winding (inside is where
@@ -177,11 +171,11 @@ class MeshTrees(ForKernels):
     pieces: Floats = field(metadata=_of(np.float64, "p", 6, 3))
     piece_starts: Integers = field(metadata=_of(np.int64, "s"))
     arrays: TreeArrays = field(init=False, repr=False)
-    """All of it, for kernels."""
+    """The arrays, for kernels."""
 
     def __post_init__(self) -> None:
         arrays = TreeArrays(**checked_arrays(vars(self)))
-        vars(self).clear()  # of what was given
+        vars(self).clear()  # of the arguments
         vars(self)["arrays"] = arrays
 
     @classmethod
@@ -209,17 +203,12 @@ class MeshTrees(ForKernels):
         faces : (m, 3) array_like of int
             Rows of vertices, at least one.
         solid : bool, optional
-            Whether it is a body or a surface; by default a body if it is watertight.
+            Whether it is a body, which must be watertight; by default whether it is watertight.
         leaf : int
             Maximum number of triangles per leaf.
         root : tuple, optional
             A box that certainly contains all triangles, for the first node: centre, rotation, half
             extents.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row; for a solid mesh that is not watertight.
 
         References
         ----------
@@ -253,7 +242,7 @@ class MeshTrees(ForKernels):
     ) -> MeshTrees:
         """Return the tree of valid arrays, as ``build``.
 
-        They may exceed MAX_MAGNITUDE, as a hull about accepted points can.
+        They may exceed MAX_MAGNITUDE, as a hull about valid points can.
         """
         if len(faces) == 0:
             raise ValueError("faces must not be empty")
@@ -299,24 +288,20 @@ class MeshTrees(ForKernels):
         >>> len(oc.MeshTrees.from_half_extents([[1, 1, 1], [1, 2, 3]]))
         2
         """
-        given = as_any_array(half_extents, "half_extents", "numbers of shape (k, 3)")
-        rows = as_half_extents(given[None] if given.ndim == 1 else given, "half_extents", (None, 3))
+        sizes = as_any_array(half_extents, "half_extents", "numbers of shape (k, 3)")
+        rows = as_half_extents(sizes[None] if sizes.ndim == 1 else sizes, "half_extents", (None, 3))
         if not len(rows):
             raise ValueError("half_extents must not be empty")
         return cls.join([cls.of(BOX_CORNERS * row, BOX_FACES) for row in rows])
 
     @classmethod
     def join(cls, trees: Sequence[MeshTrees]) -> MeshTrees:
-        """Return all trees of several in one, in order.
+        """Join trees, in order.
 
         Parameters
         ----------
         trees : sequence of MeshTrees
-
-        Raises
-        ------
-        ValueError
-            For none.
+            At least one.
 
         Examples
         --------
@@ -343,17 +328,14 @@ class MeshTrees(ForKernels):
     def boxes(self, index: int, depth: int) -> Boxes:
         """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame.
 
+        ``oc.Boxes(*boxes.arrays)[k]`` is box k as an ``OBB``.
+
         Parameters
         ----------
         index : int
             Of the mesh.
         depth : int
             0 is one box.
-
-        Raises
-        ------
-        ValueError
-            For an index or depth out of range.
 
         Examples
         --------
@@ -379,12 +361,12 @@ class MeshTrees(ForKernels):
 
 #: Kind and shape of each array.
 KINDS: Mapping[str, tuple[type, tuple[str | int, ...]]] = {
-    one.name: one.metadata["kind"] for one in fields(MeshTrees) if one.metadata
+    f.name: f.metadata["kind"] for f in fields(MeshTrees) if f.metadata
 }
 
 
 def shifted(arrays: Arrays, nodes: int, triangles: int, pieces: int) -> dict[str, NDArray[Any]]:
-    """Return the arrays that refer to rows, for trees after others with as many rows."""
+    """Return the arrays of rows, shifted past trees with so many nodes, triangles and pieces."""
     children = arrays["children"]
     return {
         "children": np.where(children < 0, -1, children + nodes),
@@ -404,3 +386,110 @@ def _radius(triangles: Floats, nodes: Floats) -> float:
     """Return a bound on the distance of every triangle and node box from the origin, metres."""
     sizes = np.abs(nodes[:, :3]).sum(axis=1) + nodes[:, HALF : HALF + 3].sum(axis=1)
     return float(max(np.abs(triangles).max() * 2.0, sizes.max()))
+
+
+# The topology of a mesh: whether it is closed and oriented, and its connected pieces.
+
+#: Bits of a vertex number, three of which fit into one number.
+VERTEX_BITS = 21
+
+
+def merged_faces(vertices: Floats, faces: Integers) -> Integers:
+    """Return faces (m, 3) with equal vertices (n, 3) merged, in the same order.
+
+    Files often store corners per triangle (STL always does).
+    """
+    # adding zero makes -0.0 equal to 0.0 bit for bit
+    keys = np.ascontiguousarray(vertices + 0.0).view([("", vertices.dtype)] * 3).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return first[inverse.ravel()][faces]
+
+
+def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
+    """Return (k,) the faces that may bound a solid, and whether they do (see ``is_closed``).
+
+    Faces with a repeated corner never do; of copies of a face one does. Copies of opposite
+    orientation count as copies, as in a double-sided mesh; where that leaves the surface open,
+    they may be walls between two solids, and both count.
+    """
+    corners = np.sort(faces, axis=1)
+    whole = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
+    rows = np.flatnonzero(whole)
+    first = _first_of_each(corners[rows])
+    single = np.sort(rows[first])
+    if is_closed(faces[single]):
+        return single, True
+    turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    first = _first_of_each(turned[rows])
+    double = np.sort(rows[first])
+    return (double, True) if is_closed(faces[double]) else (single, False)
+
+
+def _first_of_each(rows: Integers) -> Integers:
+    """Return the first row of each group of equal rows (m, 3), none of them negative."""
+    if len(rows) == 0 or rows.max() >= 1 << VERTEX_BITS:
+        return np.asarray(np.unique(rows, axis=0, return_index=True)[1])
+    # one number per row sorts ten times as fast
+    keys = (rows[:, 0] << 2 * VERTEX_BITS) | (rows[:, 1] << VERTEX_BITS) | rows[:, 2]
+    return np.asarray(np.unique(keys, return_index=True)[1])
+
+
+def is_oriented(faces: Integers) -> bool:
+    """Return whether faces use every edge as often in one direction as in the other.
+
+    Then the surface winds about each point a whole number of times, and inside is where that is
+    not zero, also where several solids overlap.
+    """
+    edges = _edges(faces)
+    forward = edges[:, 0] < edges[:, 1]
+    keys = _edge_keys(edges)
+    order = np.argsort(keys, kind="stable")
+    starts = _starts(keys[order])
+    return bool((np.add.reduceat(np.where(forward, 1, -1)[order], starts) == 0).all())
+
+
+def is_closed(faces: Integers) -> bool:
+    """Return whether every edge of faces (m, 3) borders an even number of them, and some exist.
+
+    Inside and outside by counting crossings require it. A manifold has two faces at every
+    edge; solids that share an edge have four.
+    """
+    if len(faces) == 0:
+        return False
+    keys = np.sort(_edge_keys(_edges(faces)))
+    return bool((np.diff(np.r_[_starts(keys), len(keys)]) % 2 == 0).all())
+
+
+def _edges(faces: Integers) -> Integers:
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def _edge_keys(edges: Integers) -> Integers:
+    """Return one number (k,) for the two ends (k, 2) of an edge, independent of direction."""
+    return (edges.min(axis=1) << 32) | edges.max(axis=1)
+
+
+def _starts(keys: Integers) -> Integers:
+    """Return where runs of equal numbers start."""
+    return np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
+
+
+def piece_corners(vertices: Floats, faces: Integers) -> Integers:
+    """Return (k, 6) vertices of each connected piece of the surface: the extremes along x, y, z.
+
+    Several, so that some are far from any surface that a piece rests on.
+    """
+    from scipy.sparse import coo_matrix  # here, as it takes 0.1 s
+    from scipy.sparse.csgraph import connected_components
+
+    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
+    size = int(faces.max()) + 1
+    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
+    _, labels = connected_components(graph, directed=False)
+    used = np.unique(faces)
+    extremes = []
+    for k in range(3):
+        order = used[np.lexsort((vertices[used, k], labels[used]))]
+        change = np.flatnonzero(np.diff(labels[order])) + 1
+        extremes += [order[np.r_[0, change]], order[np.r_[change, len(order)] - 1]]
+    return np.stack(extremes, axis=1)

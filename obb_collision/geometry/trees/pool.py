@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees and hulls in arrays that grow by doubling: appending takes time for the new item only."""
+"""Pools of trees and hulls: arrays that grow by doubling, so an append costs the new item only."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def segment_tree(half: float) -> MeshTrees:
 
 
 def segment_trees(halves: Floats) -> tuple[MeshTrees, Rows]:
-    """Return ``segment_tree`` of half lengths (n,), each once, and the row (n,) of each."""
-    each, rows = np.unique(halves, return_inverse=True)
-    return MeshTrees.join([segment_tree(half) for half in each.tolist()]), rows.ravel()
+    """Return trees of segments of half lengths (n,), equal ones once, and the row (n,) of each."""
+    lengths, rows = np.unique(halves, return_inverse=True)
+    return MeshTrees.join([segment_tree(half) for half in lengths.tolist()]), rows.ravel()
 
 
 def hull_tree(shape: Shape) -> MeshTrees:
@@ -77,9 +77,9 @@ Body = Shape | Floats
 
 
 class Hulls(NamedTuple):
-    """The corners of k hulls in ``blocks[starts[i]:starts[i + 1]]``, and radii (k,) about 0.
+    """k hulls: corners in ``blocks[starts[i]:starts[i + 1]]``, and radii (k,) about the origin.
 
-    blocks: (m, 3, LANES), see ``numerics.intrinsics``; corners may be there several times.
+    blocks: (m, 3, LANES), see ``numerics.intrinsics``; corners may be repeated.
     """
 
     blocks: Floats
@@ -88,14 +88,14 @@ class Hulls(NamedTuple):
 
     @classmethod
     def of(cls, corners: Floats) -> Hulls:
-        """Return one hull."""
+        """Return the hull of corners (n, 3)."""
         radius = np.abs(corners).sum(axis=1).max()
         blocks = in_blocks(corners)
         return cls(blocks, np.array([0, len(blocks)]), np.array([radius]))
 
 
 class Pool(Generic[Item]):
-    """Items in arrays, one after another.
+    """Items in arrays, one after another: trees, or hulls.
 
     Threads append under ``lock``. ``all`` may be read at any time: it contains every item whose
     ``append`` has returned, and later ones do not change it.
@@ -106,7 +106,7 @@ class Pool(Generic[Item]):
     measure: ClassVar[str]
     """Name of the array whose length is the size of an item."""
     made: ClassVar[Callable[..., Any]]
-    """Makes items of their arrays by name."""
+    """Makes an item from its arrays by name."""
 
     def __init__(self) -> None:
         self.lock = Lock()
@@ -137,7 +137,7 @@ class Pool(Generic[Item]):
 
     @classmethod
     def received(cls, arrays: Sequence[NDArray[Any]]) -> Item:
-        """Return an item of its arrays as another process has built it; ValueError for others."""
+        """Return an item from arrays of another process; ValueError for invalid ones."""
         raise NotImplementedError
 
     def append(self, item: Item) -> int:
@@ -174,7 +174,10 @@ class Pool(Generic[Item]):
 
 
 class TreePool(Pool[MeshTrees]):
-    """What ``MeshTrees.join`` makes, tree by tree."""
+    """Trees, appended one by one as ``MeshTrees.join`` joins them.
+
+    Of a mesh that of its triangles, of another shape that of its hull.
+    """
 
     names = TreeArrays._fields
     measure = "triangles"
@@ -182,14 +185,14 @@ class TreePool(Pool[MeshTrees]):
 
     @staticmethod
     def built(body: Body) -> MeshTrees:
-        """Return the tree of a mesh's triangles, of a box, or of the hull of another shape."""
+        """Return the tree of a body."""
         if isinstance(body, np.ndarray):
             return box_tree(body)
         return mesh_tree(body) if isinstance(body, Mesh) else hull_tree(body)
 
     @classmethod
     def received(cls, arrays: Sequence[NDArray[Any]]) -> MeshTrees:
-        """Return a tree of its arrays, all of them checked."""
+        """Return a checked tree."""
         return MeshTrees(**dict(zip(cls.names, arrays, strict=True)))
 
     def _moved(self, arrays: Arrays) -> Arrays:
@@ -197,11 +200,11 @@ class TreePool(Pool[MeshTrees]):
 
 
 class HullTreePool(TreePool):
-    """Trees of convex meshes about shapes: what ``HULL`` is for questions that need surfaces."""
+    """Trees of the hulls of shapes, for questions on ``HULL`` that need surfaces."""
 
     @staticmethod
     def built(body: Body) -> MeshTrees:
-        """Return the tree of a box, or of the hull of another shape."""
+        """Return the tree of a hull."""
         return box_tree(body) if isinstance(body, np.ndarray) else hull_tree(body)
 
 
@@ -220,11 +223,11 @@ class HullPool(Pool[Hulls]):
 
     @classmethod
     def received(cls, arrays: Sequence[NDArray[Any]]) -> Hulls:
-        """Return a hull of its arrays, all of them checked."""
-        given = Hulls(*arrays)
-        blocks = as_array(given.blocks, "blocks", (None, 3, LANES))
-        radii, starts = as_array(given.radii, "radii", (1,)), np.array([0, len(blocks)])
-        if len(blocks) == 0 or not np.array_equal(given.starts, starts):
+        """Return a checked hull."""
+        sent = Hulls(*arrays)
+        blocks = as_array(sent.blocks, "blocks", (None, 3, LANES))
+        radii, starts = as_array(sent.radii, "radii", (1,)), np.array([0, len(blocks)])
+        if len(blocks) == 0 or not np.array_equal(sent.starts, starts):
             raise ValueError("starts must be those of one hull")
         return Hulls(blocks, starts, radii)
 

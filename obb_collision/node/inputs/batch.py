@@ -30,7 +30,7 @@ import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
 from obb_collision.node.messages.box_markers import FREE, Markers
 from obb_collision.node.messages.cdr import Items, markers_from_bytes
 from obb_collision.node.messages.conversions import (

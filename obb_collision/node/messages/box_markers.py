@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
 from obb_collision.geometry.poses import IDENTITY
 from obb_collision.node.messages.cdr import ENCAPSULATION, padded, written_text
 from obb_collision.node.messages.conversions import NANOSECONDS, Key

@@ -35,8 +35,7 @@ from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.states import Staleness, States
 from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.builder import Builder, Limits
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides

@@ -26,7 +26,7 @@ from obb_collision.node.objects.shape_requests import ShapeLimits
 from obb_collision.node.objects.states import BY_STAMP, AgeLimits
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.builder import Limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.store.allowed import Rule

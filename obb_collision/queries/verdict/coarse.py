@@ -29,8 +29,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.aabb import world_bounds_of
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import Boxes, world_bounds_of
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import lengths, minus, norm, rows_at, sum_abs, vector_at
 from obb_collision.typing import Columns, Floats, Integers, Mask, Vector

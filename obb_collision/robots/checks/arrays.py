@@ -35,11 +35,11 @@ from obb_collision.geometry.poses import (
     rotate_vectors,
     rotation_of,
 )
+from obb_collision.geometry.trees.bounds_tree import STACK
 from obb_collision.numerics.constants import MAX_MAGNITUDE, MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree, place_links
-from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask, Rows, Vector
 
 if TYPE_CHECKING:

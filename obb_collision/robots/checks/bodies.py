@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.poses import as_poses, compose_poses
-from obb_collision.geometry.trees.circumscribed import excess
-from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, box_corners, hull_mesh
+from obb_collision.geometry.trees.bounds_tree import BoundsTree
+from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, box_corners, excess, hull_mesh
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, MeshTrees
 from obb_collision.geometry.trees.pool import TreePool, segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
@@ -40,11 +40,10 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.robots.checks.arrays import LinkBodies
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses
-from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
+from obb_collision.scene.building.shape_cache import BOX, BOXED, ROUND, kind_of
 from obb_collision.scene.objects import local_box
-from obb_collision.scene.refinement.bodies import places_of, trees_of
+from obb_collision.scene.refinement.mesh_pairs import places_of, trees_of
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, kind_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats, Integers, Rows
@@ -280,7 +279,7 @@ class World(NamedTuple):
     scene: Scene
     origin: Floats
     slots: Rows  #: (w,)
-    kinds: Rows  #: (w,) as in ``scene.store.kinds``
+    kinds: Rows  #: (w,) as in ``scene.building.shape_cache``
     names: list[str]
     bodies: LinkBodies
     tree: BoundsTree

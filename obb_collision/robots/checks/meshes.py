@@ -33,7 +33,7 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.robots.checks.arrays import LINK_PLACING
 from obb_collision.robots.checks.model import Prepared
-from obb_collision.scene.store.kinds import BOXED, ROUND, TRIANGLES
+from obb_collision.scene.building.shape_cache import BOXED, ROUND, TRIANGLES
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 

@@ -58,8 +58,8 @@ from obb_collision.robots.checks.bodies import (
 )
 from obb_collision.robots.checks.chains import NO_CHAINS, chains_of
 from obb_collision.robots.kinematics.kinematics import FLOATING, PRISMATIC, Tree, link_poses
+from obb_collision.scene.building.shape_cache import TRIANGLES, kind_of
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.kinds import TRIANGLES, kind_of
 from obb_collision.shapes import Shape, Sphere
 from obb_collision.typing import Floats, Integers, Mask, Rows
 from obb_collision.words import shown

@@ -23,8 +23,9 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
+from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
 from obb_collision.numerics.constants import MESH_UNDERFLOW
-from obb_collision.numerics.intrinsics import farthest
+from obb_collision.numerics.intrinsics import LANES, farthest
 from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     axes_of,
@@ -68,7 +69,6 @@ from obb_collision.robots.checks.motion_room import (
     slot_of,
 )
 from obb_collision.robots.checks.states import HULL, SPHERE, may_collide, square_distance
-from obb_collision.scene.broad_phase.bounds_tree import LANES, lowest, overlaps
 from obb_collision.typing import Vector
 
 

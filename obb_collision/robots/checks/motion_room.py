@@ -25,10 +25,10 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.trees.bounds_tree import STACK
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.robots.checks.arrays import Checked, Placed, place_state
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
-from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask
 
 #: Relative growth of bounds: more than the roundings of all that goes into them.

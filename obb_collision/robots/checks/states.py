@@ -32,6 +32,8 @@ from obb_collision._jit import Held, njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
+from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import components, dot, minus, negated, plus, rows_at, vector_at
 from obb_collision.queries.meshes.convex import HullCorners, apart
 from obb_collision.queries.meshes.placed import place_at, relative_pose
@@ -51,7 +53,6 @@ from obb_collision.robots.checks.arrays import (
 from obb_collision.robots.checks.meshes import mesh_collisions_of
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StatePairs, StateReport
-from obb_collision.scene.broad_phase.bounds_tree import LANES, lowest, overlaps
 from obb_collision.typing import Floats, Integers, Rows, Vector
 
 SPHERE, AABB, HULL = (int(level) for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.HULL))

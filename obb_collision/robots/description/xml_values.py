@@ -27,8 +27,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from obb_collision.geometry.formats.parts import shortened
-from obb_collision.geometry.formats.xml_faults import HARMLESS, first_fault
+from obb_collision.geometry.formats.parts import HARMLESS, first_fault, shortened
 from obb_collision.geometry.shapes.files import read_file
 from obb_collision.geometry.validation import number_of
 from obb_collision.numerics.constants import MAX_MAGNITUDE

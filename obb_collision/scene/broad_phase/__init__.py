@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Candidate pairs: world boxes whose bounds overlap, without testing all pairs."""
+"""Candidates, pairs of boxes whose bounds overlap, and which of them collide."""

@@ -17,12 +17,12 @@
 By a tree of blocks of eight bounds (see ``bounds_tree``): every leaf looks for the leaves from it
 on that it overlaps. Bounds are never rounded, so no overlapping pair can be missed. Cost is
 O(n log n) for boxes of similar size spread in space; where everything overlaps everything there are
-n^2 / 2 pairs to report, unless there is a limit (see ``crowds``).
+n^2 / 2 pairs to report, unless there is a limit (see ``ordered_candidates``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -31,67 +31,68 @@ from numpy.typing import NDArray
 
 from obb_collision import _threads
 from obb_collision._jit import njit
-from obb_collision.numerics.intrinsics import fetch
-from obb_collision.numerics.vec3 import vector_at
-from obb_collision.scene.broad_phase.bounds_tree import (
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.trees.bounds_tree import (
     LANE_BITS,
-    LANES,
     STACK,
     BoundsTree,
     lowest,
+    move_kernel,
     overlapping,
     overlaps,
 )
-from obb_collision.typing import Columns, Floats, Rows
+from obb_collision.numerics.intrinsics import LANES, fetch
+from obb_collision.numerics.sorting import bits_of, sort_numbers
+from obb_collision.numerics.vec3 import vector_at
+from obb_collision.queries.verdict.coarse import bounds_kernel
+from obb_collision.typing import Columns, Floats, Mask, Rows
 
 Pairs = NDArray[np.int64]
-#: Writes pairs of rows from one to another as long as there is room; returns how many there are,
-#: and the first row that is not done.
+#: Writes the pairs of rows ``start`` to ``stop`` while there is room; returns their number and the
+#: first row not done.
 Search = Callable[[Pairs, int, int], tuple[int, int]]
-#: What becomes of some of the pairs, in the thread that has found them: an array of a row for each
-#: pair that is kept.
-Each = Callable[[Pairs], NDArray[np.int64]]
+#: Turns pairs, in the thread that has found them, into an array with a row for each pair kept.
+Convert = Callable[[Pairs], NDArray[np.int64]]
 
 #: More pairs than there can be.
 UNLIMITED = 2**62
 NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
-#: Rows of a search, here and of leaves, below which a second thread does not pay: with 1,000 boxes,
-#: 125 leaves, it gains a tenth at best.
+#: Rows, and leaves, of a search below which a second thread does not pay: with 1,000 boxes, 125
+#: leaves, it gains a tenth at best.
 FEWEST_ROWS, FEWEST_LEAVES = 256, 96
-#: Room for pairs: for each row at first, and at most, but for a row with more (16 MB).
+#: Room for pairs: at first for each row, and at most (16 MB), unless a row needs more.
 ROOM_PER_ROW, ROOM = 4, 1 << 20
-#: Leaves near one, and rows, that are looked at together.
+#: Leaves, and rows, that are searched together.
 NEAR, TOGETHER = 64, 64
-#: Doubles in what memory gives at once.
+#: Doubles in a cache line.
 LINE = 8
 
 
-def find_candidates(minimum: Floats, maximum: Floats, each: Each | None = None) -> Pairs:
+def find_candidates(minimum: Floats, maximum: Floats, convert: Convert | None = None) -> Pairs:
     """Return (m, 2) all i < j whose closed bounds (n, 3) to (n, 3) overlap, in no special order.
 
-    each: what is returned of them instead.
+    convert: applied to the pairs found.
     """
     if len(minimum) < 2:
-        return NO_PAIRS if each is None else each(NO_PAIRS)
-    pairs = find_some_candidates(BoundsTree.build(minimum, maximum), UNLIMITED, each)
+        return NO_PAIRS if convert is None else convert(NO_PAIRS)
+    pairs = find_some_candidates(BoundsTree.build(minimum, maximum), UNLIMITED, convert)
     assert pairs is not None
     return pairs
 
 
-def find_some_candidates(tree: BoundsTree, most: int, each: Each | None = None) -> Pairs | None:
-    """Return the pairs of `find_candidates`, or None if there are more than ``most``.
-
-    Whatever there are, memory and time are those of ``most`` pairs at the most.
-    """
+def find_some_candidates(
+    tree: BoundsTree, most: int, convert: Convert | None = None
+) -> Pairs | None:
+    """`find_candidates`, or None for more than ``most`` pairs, in the time and memory of these."""
     search = partial(_self_overlaps, tuple(tree), most)
-    return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, each)
+    return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, convert)
 
 
 def find_candidates_of(minimum: Floats, maximum: Floats, row: int) -> Pairs:
     """Return (m, 2) all pairs of one row with another whose bounds overlap, the lower one first."""
-    found = ((minimum <= maximum[row]) & (minimum[row] <= maximum)).all(axis=1)
-    found[row] = False
-    others = np.flatnonzero(found)
+    overlap = ((minimum <= maximum[row]) & (minimum[row] <= maximum)).all(axis=1)
+    overlap[row] = False
+    others = np.flatnonzero(overlap)
     return np.column_stack([np.minimum(others, row), np.maximum(others, row)])
 
 
@@ -123,7 +124,12 @@ def find_candidates_between(
 
 
 def _collect(
-    search: Search, count: int, least: int, room_per_row: int, most: int, each: Each | None = None
+    search: Search,
+    count: int,
+    least: int,
+    room_per_row: int,
+    most: int,
+    convert: Convert | None = None,
 ) -> Pairs | None:
     """Return the pairs of a search of ``count`` rows, None for more than ``most``."""
     parts = _threads.ranges(count, least)
@@ -131,7 +137,7 @@ def _collect(
 
     def collect(part: int) -> list[Pairs]:
         start, stop = parts[part]
-        found: list[Pairs] = []
+        arrays: list[Pairs] = []
         room = min(room_per_row * (stop - start), ROOM) + LANES**2
         while start < stop and sum(totals) <= most:
             pairs = np.empty((room, 2), np.int64)
@@ -139,18 +145,18 @@ def _collect(
             if reached == start:  # the pairs of one row are too many
                 room *= 4
                 continue
-            found.append(pairs[:number] if each is None else each(pairs[:number]))
+            arrays.append(pairs[:number] if convert is None else convert(pairs[:number]))
             totals[part] += number
             start = reached
-        return found
+        return arrays
 
     if len(parts) == 1:
         chunks = collect(0)
     else:
         search(NO_PAIRS, 0, 0)  # see ``_threads.run``
-        if each is not None:
-            each(NO_PAIRS)
-        chunks = [pairs for found in _threads.run_parts(collect, len(parts)) for pairs in found]
+        if convert is not None:
+            convert(NO_PAIRS)
+        chunks = [chunk for part in _threads.run_parts(collect, len(parts)) for chunk in part]
     if sum(totals) > most:
         return None
     return chunks[0] if len(chunks) == 1 else np.concatenate(chunks or [NO_PAIRS])
@@ -161,38 +167,38 @@ class Room(NamedTuple):
 
     levels: Rows  #: (STACK,) of the blocks to visit ...
     waiting: Rows  #: (STACK,) ... and their numbers
-    near: Rows  #: (NEAR, 3) a leaf, which boxes of the searched one overlap it, which of it that
+    near: Rows  #: (NEAR, 3) a leaf, which boxes of the searched leaf overlap it, and vice versa
     hits: Rows  #: (NEAR * LANES, 3) a box of the searched leaf, a leaf, which boxes of it
 
 
 @njit
 def _self_overlaps(
-    given: Columns, most: int, pairs: np.ndarray, start: int, stop: int
+    columns: Columns, most: int, pairs: np.ndarray, start: int, stop: int
 ) -> tuple[int, int]:
     """Write the overlapping pairs of leaves ``start`` to ``stop``, each with those from it on.
 
-    Ends soon after ``most`` are found. See ``Search``.
+    Ends soon after ``most`` are written. See ``Search``.
     """
-    tree = BoundsTree(*given)
+    tree = BoundsTree(*columns)
     levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     near, hits = np.empty((NEAR, 3), np.int64), np.empty((NEAR * LANES, 3), np.int64)
-    room, found = Room(levels, waiting, near, hits), 0
+    room, written = Room(levels, waiting, near, hits), 0
     for leaf in range(start, stop):
-        more = _leaf_overlaps(tree, leaf, room, pairs, found)
+        more = _leaf_overlaps(tree, leaf, room, pairs, written)
         if more < 0:
-            return found, leaf
-        found = more
-        if found > most:
-            return found, leaf + 1
-    return found, stop
+            return written, leaf
+        written = more
+        if written > most:
+            return written, leaf + 1
+    return written, stop
 
 
 @njit(refcount=False)
-def _leaf_overlaps(tree: BoundsTree, leaf: int, room: Room, pairs: np.ndarray, found: int) -> int:
-    """Append the pairs of a leaf with those from it on; return the new number, -1 for no room.
+def _leaf_overlaps(tree: BoundsTree, leaf: int, room: Room, pairs: np.ndarray, written: int) -> int:
+    """Append the pairs of a leaf and those after it; return the new number, -1 for no room.
 
-    Leaves that overlap it are found first, then boxes, then pairs, all of a kind
-    together: so a processor guesses well what comes next, and memory is asked for in time.
+    First it finds leaves that overlap, then boxes, then pairs, each kind together: so branches are
+    predicted well, and memory is fetched in time.
     """
     nodes, starts = tree.nodes, tree.starts
     levels, waiting, near = room.levels, room.waiting, room.near
@@ -207,14 +213,14 @@ def _leaf_overlaps(tree: BoundsTree, leaf: int, room: Room, pairs: np.ndarray, f
                 child = near[k, 0]
                 near[k, 1] = overlaps(nodes, leaf, *_leaf_bounds(nodes, starts, child))
                 near[k, 2] = overlaps(nodes, child, x0, y0, z0, x1, y1, z1)
-            found = _box_overlaps(tree, leaf, room, count, pairs, found)
+            written = _box_overlaps(tree, leaf, room, count, pairs, written)
             count = 0
-            if depth == 0 or found < 0:
-                return found
+            if depth == 0 or written < 0:
+                return written
         depth -= 1
         level, block = levels[depth], waiting[depth]
         mask = overlaps(nodes, starts[level] + block, x0, y0, z0, x1, y1, z1)
-        # nodes that are all before the leaf have found it, or will
+        # leaves before this one find the pairs with it
         first = max((leaf >> (LANE_BITS * (level - 1))) - LANES * block, 0)
         mask = (mask >> first) << first
         while mask != 0:
@@ -234,7 +240,7 @@ def _leaf_overlaps(tree: BoundsTree, leaf: int, room: Room, pairs: np.ndarray, f
 def _leaf_bounds(
     nodes: Floats, starts: np.ndarray, leaf: int
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the bounds of a leaf; anything where it is the root."""
+    """Return the bounds of a leaf, infinite ones of the root."""
     node, lane = starts[1] + (leaf >> LANE_BITS), leaf & (LANES - 1)
     if node == len(nodes):
         return -np.inf, -np.inf, -np.inf, np.inf, np.inf, np.inf
@@ -250,9 +256,9 @@ def _leaf_bounds(
 
 @njit(refcount=False)
 def _box_overlaps(
-    tree: BoundsTree, leaf: int, room: Room, count: int, pairs: np.ndarray, found: int
+    tree: BoundsTree, leaf: int, room: Room, count: int, pairs: np.ndarray, written: int
 ) -> int:
-    """Append the pairs of a leaf with ``count`` near ones; return as ``_leaf_overlaps``."""
+    """Append the pairs of a leaf with ``count`` near leaves; return as ``_leaf_overlaps``."""
     order, nodes, near, hits = tree.order, tree.nodes, room.near, room.hits
     number = 0
     for k in range(count):
@@ -271,14 +277,14 @@ def _box_overlaps(
             number += mask != 0
     for n in range(number):
         row, other, mask = order[LANES * leaf + hits[n, 0]], LANES * hits[n, 1], hits[n, 2]
-        if found + LANES > len(pairs):
+        if written + LANES > len(pairs):
             return -1
         while mask != 0:
             partner = order[other + lowest(mask)]
             mask &= mask - 1
-            pairs[found, 0], pairs[found, 1] = min(row, partner), max(row, partner)
-            found += 1
-    return found
+            pairs[written, 0], pairs[written, 1] = min(row, partner), max(row, partner)
+            written += 1
+    return written
 
 
 @njit
@@ -286,17 +292,15 @@ def row_overlaps(
     tree: BoundsTree, rows: np.ndarray, wanted: np.ndarray, most: int, pairs: np.ndarray,
     start: int, stop: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Write the pairs of wanted rows with all others; between two wanted ones only once.
+    """Write the pairs of wanted rows with all others, each once. See ``Search``.
 
-    Ends soon after ``most`` are found. See ``Search``. Many rows go down the tree together, level
-    by level: so memory is asked for in time.
+    Ends soon after ``most`` are written. Many rows go down the tree together, level by level, so
+    that memory is fetched in time.
     """
     order = tree.order
-    here = np.empty(
-        (tree.starts[1] + NEAR * LANES, 2), np.int64
-    )  # of one row there is room for all
+    here = np.empty((tree.starts[1] + NEAR * LANES, 2), np.int64)  # room for all of one row
     there = np.empty_like(here)
-    found, first, batch = 0, start, TOGETHER
+    written, first, batch = 0, start, TOGETHER
     while first < stop:
         last = min(first + batch, stop)
         count = _leaves_of(tree, rows, first, last, here, there)
@@ -304,36 +308,36 @@ def row_overlaps(
             batch = 1
             continue
         batch = TOGETHER
-        done, row_found = first, found
+        done, row_written = first, written
         for k in range(count):
             number, leaf = here[k, 0], here[k, 1]
             if number > done:
-                if found > most:
-                    return found, number
-                done, row_found = number, found
-            if found + LANES > len(pairs):
-                return row_found, number
+                if written > most:
+                    return written, number
+                done, row_written = number, written
+            if written + LANES > len(pairs):
+                return row_written, number
             i = rows[number]
             mask = _overlaps_row(tree, leaf, i)
             while mask != 0:
                 j = order[LANES * leaf + lowest(mask)]
                 mask &= mask - 1
                 if j != i and not (wanted[j] and j < i):
-                    pairs[found, 0], pairs[found, 1] = min(i, j), max(i, j)
-                    found += 1
-        if found > most:
-            return found, last
+                    pairs[written, 0], pairs[written, 1] = min(i, j), max(i, j)
+                    written += 1
+        if written > most:
+            return written, last
         first = last
-    return found, stop
+    return written, stop
 
 
 @njit(refcount=False)
 def _leaves_of(
     tree: BoundsTree, rows: np.ndarray, first: int, last: int, here: np.ndarray, there: np.ndarray
 ) -> int:
-    """Write the leaves that may hold what overlaps ``rows[first:last]``: number of row, and leaf.
+    """Write the leaves that may overlap ``rows[first:last]``: number of the row, and leaf.
 
-    In the order of the rows; returns how many, -1 for no room. there: as large.
+    In the order of the rows; returns how many, -1 for no room. there: scratch of the same size.
     """
     nodes, starts = tree.nodes, tree.starts
     count = last - first
@@ -373,13 +377,144 @@ def _overlaps_between(
 ) -> tuple[int, int]:
     """Write the pairs of ``find_candidates_between`` of rows of the first set. See ``Search``."""
     column = np.empty(len(tree.order), np.int64)
-    found = 0
+    written = 0
     for row in range(start, stop):
         low, high = vector_at(minimum, row), vector_at(maximum, row)
         reached = overlapping(tree, low, high, 0, column)
-        if found + reached > len(pairs):
-            return found, row
+        if written + reached > len(pairs):
+            return written, row
         for k in range(reached):
-            pairs[found + k, 0], pairs[found + k, 1] = row, column[k]
-        found += reached
-    return found, stop
+            pairs[written + k, 0], pairs[written + k, 1] = row, column[k]
+        written += reached
+    return written, stop
+
+
+# Candidates in lexicographic order, piece by piece: where all objects are in one place, there are
+# too many to hold.
+
+#: Candidates of the first piece where one that collides is enough, and growth of later ones.
+FIRST_PIECE, GROWTH = 16, 4
+Bounds = tuple[Floats, Floats]
+
+
+def ordered_candidates(
+    tree: BoundsTree, room: int, own: Bounds | None = None, first: int | None = None
+) -> Iterator[tuple[Pairs, int]]:
+    """Yield all i < j whose bounds overlap, in lexicographic order, and the first row not done.
+
+    Each piece has all pairs of its rows i, at most max(room, n). own: bounds (m, 3), (m, 3) of
+    another set, to which i then belongs. first: pairs that are enough for the first piece; each
+    later piece has GROWTH times as many.
+    """
+    count, bounds = len(tree.order), own or (tree.minimum, tree.maximum)
+    pairs = np.empty((max(room, count), 2), np.int64)
+    column, spare = np.empty((2, count), np.int64)
+    row, enough = 0, first or len(pairs)
+    while row < len(bounds[0]):
+        written, row = _rows_kernel(tree, *bounds, own is None, row, enough, column, spare, pairs)
+        enough = min(enough * GROWTH, len(pairs))
+        yield pairs[:written].copy(), row
+
+
+def growing_candidates(tree: BoundsTree, own: Bounds | None = None) -> Iterator[Pairs]:
+    """Yield ``ordered_candidates`` in growing pieces, for a caller who stops at the first hit."""
+    size = FIRST_PIECE
+    for pairs, _ in ordered_candidates(tree, len(tree.order), own, FIRST_PIECE):
+        while len(pairs):
+            yield pairs[:size]
+            pairs, size = pairs[size:], size * GROWTH
+
+
+@njit
+def _rows_kernel(
+    tree: BoundsTree, minimum: Floats, maximum: Floats, same: bool, row: int, enough: int,
+    column: np.ndarray, spare: np.ndarray, pairs: np.ndarray,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the pairs of rows from ``row`` on while they fit; return their number and the next."""
+    written, bits = 0, bits_of(len(tree.order))
+    while row < len(minimum) and written < enough:
+        low, high = vector_at(minimum, row), vector_at(maximum, row)
+        more = overlapping(tree, low, high, row + 1 if same else 0, column)
+        if written + more > len(pairs):
+            return written, row
+        sort_numbers(column[:more], spare[:more], 0, bits)
+        for k in range(more):
+            pairs[written + k, 0], pairs[written + k, 1] = row, column[k]
+        written += more
+        row += 1
+    return written, row
+
+
+#: A kept tree is built anew once this part of its rows has moved: by then its blocks have grown.
+LIFETIME = 0.5
+
+
+class KeptTree:
+    """A tree kept while few boxes move: only their blocks and those above change.
+
+    Over bounds (n, 3) to (n, 3), which may be empty and which the caller changes.
+    """
+
+    def __init__(self, minimum: Floats, maximum: Floats) -> None:
+        self._tree = BoundsTree.build(minimum, maximum)
+        self._places = np.empty(len(minimum), np.int64)
+        self._places[self._tree.order] = np.arange(len(minimum))
+        self._left = LIFETIME * len(minimum)
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self._places)
+
+    def update(self, rows: Rows) -> bool:
+        """Take over the changed bounds of rows (m,); False where a new tree is better."""
+        self._left -= len(rows)
+        if self._left < 0.0:
+            return False
+        move_kernel(self._tree, self._places[rows])
+        return True
+
+    def pairs_of(self, rows: Rows, most: int) -> Pairs | None:
+        """Return (k, 2) all i < j with i or j in rows whose bounds overlap, None above ``most``."""
+        return find_some_candidates_of(self._tree, rows, most)
+
+    def pairs_of_changes(
+        self, slots: Rows, changed: Mask, active: Mask, boxes: Boxes
+    ) -> Pairs | None:
+        """Bound few changed slots (m,), `update` the tree and return their pairs, in one call.
+
+        changed, active (n,): all changed and all active slots. None where a new tree is better.
+        """
+        self._left -= len(slots)
+        if self._left < 0.0:
+            return None
+        pairs = np.empty((4 * ROOM_PER_ROW * len(slots) + LANES**2, 2), np.int64)
+        slot_columns = slots, changed, active, tuple(boxes.arrays)
+        count = _changes_kernel(*slot_columns, self._tree, self._places, pairs)
+        if count < 0:  # no room
+            return find_some_candidates_of(self._tree, slots[active[slots]], UNLIMITED)
+        return pairs[:count]
+
+
+@njit
+def _changes_kernel(
+    slots: np.ndarray, changed: np.ndarray, active: np.ndarray, boxes: Columns,
+    tree: BoundsTree, places: np.ndarray, pairs: np.ndarray,
+) -> int:  # fmt: skip
+    """Bound slots, update the tree, and write their pairs; return how many, -1 for no room."""
+    rows = np.empty_like(slots)
+    moved = np.empty_like(slots)
+    count = 0
+    for n in range(len(slots)):
+        slot = slots[n]
+        moved[n] = places[slot]
+        if active[slot]:
+            rows[count] = slot
+            count += 1
+        else:
+            for k in range(3):
+                tree.minimum[slot, k], tree.maximum[slot, k] = np.inf, -np.inf
+    bounds_kernel(boxes, rows, tree.minimum, tree.maximum, 0, count)
+    move_kernel(tree, moved)
+    written, reached = row_overlaps(tree, rows, changed, UNLIMITED, pairs, 0, count)
+    return written if reached == count else -1

@@ -26,6 +26,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.trees.bounds_tree import BoundsTree
 from obb_collision.geometry.validation import as_array, as_flag, check_kind, check_lengths
 from obb_collision.numerics.intrinsics import fetch_pairs
 from obb_collision.numerics.sorting import (
@@ -37,26 +38,32 @@ from obb_collision.numerics.sorting import (
     sort_numbers,
 )
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS
-from obb_collision.queries.verdict.coarse import bounds_of, meeting_bounds, spheres_may_collide
+from obb_collision.queries.verdict.coarse import (
+    bounds_kernel,
+    bounds_of,
+    meeting_bounds,
+    spheres_may_collide,
+)
 from obb_collision.queries.verdict.overlap import iou
 from obb_collision.queries.verdict.pair_rows import RowPairs, one_set
+from obb_collision.queries.verdict.sat import box_at
 from obb_collision.queries.verdict.verdict import (
     FEWEST_VERDICTS,
     SEPARATE,
     TOUCHING,
     Verdicts,
+    box_verdict,
     decide_block,
     decide_exactly,
 )
-from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
     Pairs,
     find_candidates,
     find_candidates_between,
+    growing_candidates,
 )
-from obb_collision.scene.broad_phase.crowds import growing_candidates
-from obb_collision.typing import Columns, Rows
+from obb_collision.typing import Columns, Floats, Rows
 from obb_collision.words import shown
 
 #: Bits of a pair's key, below those of its rows, that are its verdict.
@@ -87,13 +94,6 @@ def find_pairs(
         Every pair that ``verdicts`` does not call SEPARATE, in lexicographic order. Of one set:
         rows i < j; of two: rows into a and b.
 
-    Raises
-    ------
-    ValueError
-        For another accuracy.
-    TypeError
-        For anything but boxes.
-
     References
     ----------
     Karras, Maximizing Parallelism in the Construction of BVHs (HPG 2012); Ericson 2005, 7.
@@ -107,10 +107,19 @@ def find_pairs(
     [[2, 0]]
     """
     check_kind(a, Boxes, "a")
+    if b is not None:
+        check_kind(b, Boxes, "b")
+    exactly, level = as_flag(exact, "exact"), as_box_accuracy(accuracy)
+    bounds = bounds_of(a, level == Accuracy.SPHERE)
+    if b is None and level == Accuracy.OBB:
+        keys = find_candidates(*bounds, lambda pairs: colliding_keys(a, pairs))
+        return pairs_of_keys(a, keys, exactly)[0]
     if b is None:
-        return find_pairs_and_verdicts(a, as_flag(exact, "exact"), accuracy)[0]
-    check_kind(b, Boxes, "b")
-    return _find_between(a, b, as_flag(exact, "exact"), as_box_accuracy(accuracy))
+        return _decided(a, find_candidates(*bounds), exactly, level)
+    candidates = find_candidates_between(*bounds, *bounds_of(b, level == Accuracy.SPHERE))
+    # a copy, as ``one_set`` goes by identity: a box of b that is one of a is still another box
+    both, candidates = one_set(a, Boxes.trusted(*b.arrays), candidates)
+    return _decided(both, candidates, exactly, level) - np.array([0, len(a)])
 
 
 def any_collision(a: Boxes, b: Boxes | None = None, *, exact: bool = False) -> bool:
@@ -129,11 +138,6 @@ def any_collision(a: Boxes, b: Boxes | None = None, *, exact: bool = False) -> b
     bool
         Whether ``find_pairs`` with the same arguments finds a pair.
 
-    Raises
-    ------
-    TypeError
-        For anything but boxes.
-
     Examples
     --------
     >>> boxes = oc.Boxes([[0, 0, 0], [1, 0, 0], [9, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
@@ -143,50 +147,26 @@ def any_collision(a: Boxes, b: Boxes | None = None, *, exact: bool = False) -> b
     check_kind(a, Boxes, "a")
     if b is not None:
         check_kind(b, Boxes, "b")
-    certain, others = as_flag(exact, "exact"), a if b is None else b
+    exactly, others = as_flag(exact, "exact"), a if b is None else b
     if len(a) == 0 or len(others) == 0:
         return False
     tree = BoundsTree.build(*meeting_bounds(others))
     for pairs in growing_candidates(tree, None if b is None else meeting_bounds(a)):
         both, candidates = (a, pairs) if b is None else one_set(a, b, pairs)
-        if len(colliding_pairs(both, candidates, certain)[0]):
+        if len(colliding_pairs(both, candidates, exactly)[0]):
             return True
     return False
 
 
-def find_pairs_and_verdicts(
-    boxes: Boxes, exact: bool = False, accuracy: Accuracy | str = "obb"
-) -> tuple[Pairs, Verdicts]:
-    """Return the pairs of ``find_pairs`` and the verdict (m,) int8 of each.
-
-    Below "obb" that is TOUCHING, for pairs not proven separate.
-    """
-    level = as_box_accuracy(accuracy)
-    bounds = bounds_of(boxes, level == Accuracy.SPHERE)
+def _decided(boxes: Boxes, candidates: Pairs, exact: bool, level: Accuracy) -> Pairs:
+    """Return the candidates (m, 2) that collide on a level, sorted."""
     if level == Accuracy.OBB:
-        keys = find_candidates(*bounds, lambda pairs: colliding_keys(boxes, pairs))
-        return pairs_of_keys(boxes, keys, exact)
-    return _decided(boxes, find_candidates(*bounds), exact, level)
-
-
-def _find_between(a: Boxes, b: Boxes, exact: bool, level: Accuracy) -> Pairs:
-    spheres = level == Accuracy.SPHERE
-    candidates = find_candidates_between(*bounds_of(a, spheres), *bounds_of(b, spheres))
-    # of two sets in any case: a box of b that is one of a is still another box
-    both, candidates = one_set(a, Boxes.trusted(*b.arrays), candidates)
-    return _decided(both, candidates, exact, level)[0] - np.array([0, len(a)])
-
-
-def _decided(
-    boxes: Boxes, candidates: Pairs, exact: bool, level: Accuracy
-) -> tuple[Pairs, Verdicts]:
-    """Return the candidates (m, 2) that collide on a level, sorted, and their verdicts."""
-    if level == Accuracy.OBB:
-        return colliding_pairs(boxes, candidates, exact)
+        return colliding_pairs(boxes, candidates, exact)[0]
     bits, (first, second) = bits_of(len(boxes)), columns(candidates)
     if level == Accuracy.SPHERE:
         first, second = columns(candidates[spheres_may_collide(boxes, first, second)])
-    return pairs_of_keys(boxes, (((first << bits) | second) << VERDICT_BITS) | TOUCHING, False)
+    keys = (((first << bits) | second) << VERDICT_BITS) | TOUCHING
+    return pairs_of_keys(boxes, keys, False)[0]
 
 
 def columns(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -210,20 +190,20 @@ def all_colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
 
 
 def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
-    """Return a number for each of the candidates (m, 2) that is not SEPARATE: pair and verdict."""
+    """Return a key for each of the candidates (m, 2) that is not SEPARATE: pair and verdict."""
     keys = np.empty(len(candidates), np.int64)
     return keys[: _keys_kernel(tuple(boxes.arrays), candidates, keys)]
 
 
 def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[Pairs, Verdicts]:
-    """Return the pairs of all ``colliding_keys``, sorted, and their verdicts; keys are changed."""
+    """Return the pairs and verdicts of ``colliding_keys``, sorted; overwrites the keys."""
     pairs, verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
     spare = np.empty_like(keys)
     if is_dealt(len(keys)):
         bits = bits_of(len(boxes))
         starts = deal(keys, spare, VERDICT_BITS + 2 * bits)
-        given = bits, spare, keys, pairs, verdicts, starts
-        run_buckets(lambda first, last: _bucket_kernel(*given, first, last), starts)
+        arrays = bits, spare, keys, pairs, verdicts, starts
+        run_buckets(lambda first, last: _bucket_kernel(*arrays, first, last), starts)
     else:
         pairs_kernel(len(boxes), keys, spare, pairs, verdicts)
     if exact:
@@ -234,7 +214,7 @@ def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[P
 
 @njit
 def _keys_kernel(columns: Columns, pairs: np.ndarray, keys: np.ndarray) -> int:
-    """Write the keys of pairs (m, 2) of rows that are not SEPARATE; return how many there are."""
+    """Write the keys of pairs (m, 2) of rows that are not SEPARATE; return their number."""
     boxes = BoxArrays(*columns)
     bits = bits_of(len(boxes.centers))
     block = np.empty((ROWS, BLOCK))
@@ -258,15 +238,14 @@ def _keys_kernel(columns: Columns, pairs: np.ndarray, keys: np.ndarray) -> int:
 def pairs_kernel(
     count: int, keys: np.ndarray, spare: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray
 ) -> None:
-    """Sort the keys of pairs of ``count`` rows; write what they stand for. spare (m,): room."""
+    """Sort the keys of pairs of ``count`` rows; write pairs and verdicts. spare (m,): scratch."""
     bits = bits_of(count)
     sort_numbers(keys, spare, VERDICT_BITS, VERDICT_BITS + 2 * bits)
-    _part_keys(bits, keys, pairs, verdicts)
+    _split_keys(bits, keys, pairs, verdicts)
 
 
 @njit
-def _part_keys(bits: int, keys: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray) -> None:
-    """Write what keys stand for."""
+def _split_keys(bits: int, keys: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray) -> None:
     for n in range(len(keys)):
         pair = keys[n] >> VERDICT_BITS
         pairs[n, 0], pairs[n, 1] = pair >> bits, pair & ((1 << bits) - 1)
@@ -278,12 +257,12 @@ def _bucket_kernel(
     bits: int, keys: np.ndarray, spare: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray,
     starts: np.ndarray, first: int, last: int,
 ) -> None:  # fmt: skip
-    """Sort buckets ``first`` to ``last`` of keys, and write what they stand for."""
+    """Sort buckets ``first`` to ``last`` of keys; write pairs and verdicts."""
     for bucket in range(first, last):
         start, stop = starts[bucket], starts[bucket + 1]
         part = keys[start:stop]
         sort_numbers(part, spare[start:stop], VERDICT_BITS, VERDICT_BITS + 2 * bits - BUCKET_BITS)
-        _part_keys(bits, part, pairs[start:stop], verdicts[start:stop])
+        _split_keys(bits, part, pairs[start:stop], verdicts[start:stop])
 
 
 def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
@@ -296,7 +275,7 @@ def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
     ----------
     boxes : Boxes
     scores : (n,) array_like
-        Of equal ones the first row is the better one.
+        Of equal scores the first row is the better one.
     threshold : float
         From 0, which keeps no two boxes that share volume, to 1, which keeps all.
 
@@ -304,13 +283,6 @@ def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
     -------
     (m,) array of int64
         Their rows, best first.
-
-    Raises
-    ------
-    ValueError
-        For scores that are not finite, or not one per box, and for another threshold.
-    TypeError
-        For anything but boxes.
 
     Examples
     --------
@@ -334,6 +306,122 @@ def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
     ends = np.cumsum(counts)
     kept = np.ones(len(order), np.bool_)
     for rank in np.flatnonzero(counts):
-        if kept[rank]:  # all that are better have been asked
+        if kept[rank]:  # all better boxes have been asked
             kept[worse[ends[rank] - counts[rank] : ends[rank]]] = False
     return order[kept]
+
+
+# Kernels of a check: pairs of a few boxes, and new pairs merged with those that stayed.
+
+#: Up to so many boxes all pairs of bounds are compared: 2,016 take 3 us, a tree and its calls 40.
+FEW_BOXES = 64
+
+
+@njit
+def few_pairs(
+    columns: Columns, slots: np.ndarray, changed: np.ndarray, last: np.ndarray,
+    pairs: np.ndarray, verdicts: np.ndarray, old: np.ndarray,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the colliding pairs of slots (n,), ascending, their verdicts, and their old rows.
+
+    last (k, 2): the pairs before, sorted. old: the row there of each pair without a changed slot,
+    -1 for the others. All outputs have room for all pairs; returns the number of pairs, and of
+    those that were there before.
+    """
+    size, boxes = len(slots), BoxArrays(*columns)
+    minimum, maximum = np.empty_like(boxes.centers), np.empty_like(boxes.centers)
+    bounds_kernel(columns, slots, minimum, maximum, 0, size)
+    count, kept, before = 0, 0, 0
+    for n in range(size):
+        i = slots[n]
+        for m in range(n + 1, size):
+            j = slots[m]
+            if not _overlap(minimum, maximum, i, j):
+                continue
+            verdict = box_verdict(box_at(boxes, i), box_at(boxes, j))
+            if verdict == SEPARATE:
+                continue
+            pairs[count, 0], pairs[count, 1], verdicts[count] = i, j, verdict
+            old[count] = -1
+            if not (changed[i] or changed[j]):
+                while before < len(last) and (
+                    last[before, 0] < i or (last[before, 0] == i and last[before, 1] < j)
+                ):
+                    before += 1
+                if before < len(last) and last[before, 0] == i and last[before, 1] == j:
+                    old[count] = before
+                    kept += 1
+            count += 1
+    return count, kept
+
+
+@njit
+def _overlap(minimum: Floats, maximum: Floats, i: int, j: int) -> bool:
+    """Return whether bounds i and j have a common point."""
+    return (
+        (minimum[i, 0] <= maximum[j, 0])
+        & (minimum[j, 0] <= maximum[i, 0])
+        & (minimum[i, 1] <= maximum[j, 1])
+        & (minimum[j, 1] <= maximum[i, 1])
+        & (minimum[i, 2] <= maximum[j, 2])
+        & (minimum[j, 2] <= maximum[i, 2])
+    )
+
+
+#: The level of pairs that come as keys.
+OBB = int(Accuracy.OBB)
+#: A pair as one number, in the order of pairs: bits of a row, and a number above all pairs.
+ROW_BITS, ABOVE_ALL_PAIRS = 31, 2**62
+
+
+@njit
+def merge_keys(
+    pairs: np.ndarray, verdicts: np.ndarray, levels: np.ndarray, changed: np.ndarray,
+    keys: np.ndarray, out_pairs: np.ndarray, out_verdicts: np.ndarray, out_levels: np.ndarray,
+    old: np.ndarray,
+) -> int:  # fmt: skip
+    """`merge_pairs` with new pairs from ``colliding_keys``; overwrites the keys."""
+    new_pairs, new_verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
+    pairs_kernel(len(changed), keys, np.empty_like(keys), new_pairs, new_verdicts)
+    new_levels, again = np.full(len(keys), OBB, np.int8), np.empty(0, np.bool_)
+    return merge_pairs(
+        pairs, verdicts, levels, changed, again, new_pairs, new_verdicts, new_levels,
+        out_pairs, out_verdicts, out_levels, old,
+    )  # fmt: skip
+
+
+@njit
+def merge_pairs(
+    pairs: np.ndarray, verdicts: np.ndarray, levels: np.ndarray, changed: np.ndarray,
+    again: np.ndarray, new_pairs: np.ndarray, new_verdicts: np.ndarray, new_levels: np.ndarray,
+    out_pairs: np.ndarray, out_verdicts: np.ndarray, out_levels: np.ndarray, old: np.ndarray,
+) -> int:  # fmt: skip
+    """Merge the pairs that stay with new ones, both sorted; return their number.
+
+    A pair stays if neither slot is changed and it is not decided again: again (m,), or empty for
+    none. old: the row each pair had, -1 for a new one.
+    """
+    before, count = np.uint64(0), np.uint64(0)  # unsigned: without a test for a negative index
+    last = np.uint64(len(pairs))
+    for new in range(len(new_pairs) + 1):
+        limit = ABOVE_ALL_PAIRS
+        if new < len(new_pairs):
+            limit = (new_pairs[new, 0] << ROW_BITS) | new_pairs[new, 1]
+        while before < last:
+            i, j = pairs[before, 0], pairs[before, 1]
+            if ((i << ROW_BITS) | j) >= limit:
+                break
+            # written in any case, and overwritten if it goes: a branch would be predicted badly
+            out_pairs[count, 0], out_pairs[count, 1] = i, j
+            out_verdicts[count], out_levels[count] = verdicts[before], levels[before]
+            old[count] = before
+            goes = changed[np.uint64(i)] | changed[np.uint64(j)]
+            goes |= len(again) > 0 and again[before]
+            count += np.uint64(not goes)
+            before += np.uint64(1)
+        if new < len(new_pairs):
+            out_pairs[count, 0], out_pairs[count, 1] = new_pairs[new, 0], new_pairs[new, 1]
+            out_verdicts[count], out_levels[count] = new_verdicts[new], new_levels[new]
+            old[count] = -1
+            count += np.uint64(1)
+    return int(count)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shapes, trees and hulls built in a separate process, so that no caller waits."""
+"""Shapes, trees and hulls, built in a child process so that no caller waits."""

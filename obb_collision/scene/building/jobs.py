@@ -12,19 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Jobs of building: a task that another process does, and what is made of its result here.
+"""Jobs: each has a task for the child process, and finishes its result in this process.
 
-A task is a function and its arguments; ``perform`` runs it in that process. ``task`` and ``finish``
-run in the thread that talks to it. What both sides have already is not sent back. Results are plain
-arrays (see ``_child``), which ``finish`` checks: kernels follow the indices in them.
+A task is a function and its arguments; the child runs it by ``perform``. ``task`` and ``finish``
+run in the thread that talks to the child. Results are plain arrays (see ``_child``) without what
+this side has already. ``finish`` checks them: kernels use the indices in them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,6 @@ from obb_collision.geometry.shapes.primitives import LocalBox, Shape
 from obb_collision.geometry.trees.pool import Pool
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
-
-if TYPE_CHECKING:  # the process that builds needs none of these
-    from obb_collision.scene.building.shape_cache import Entry, Packed, PerShape
 
 BAD_SHAPE = "bad shape"
 BAD_POINTS = "bad points"
@@ -59,7 +56,7 @@ Task: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
 class BuildError(ValueError):
-    """``reason`` is a short fixed phrase, one of the above or another; ``detail`` says more."""
+    """An error with a ``reason``, a short fixed phrase such as those above, and a ``detail``."""
 
     def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(reason, detail)
@@ -76,16 +73,19 @@ class Job(Protocol):
     @property
     def size(self) -> int:
         """Bytes that the job holds while it waits."""
+        return 0
 
     def task(self) -> Task | None:
-        """Return what the other process does; None: nothing."""
+        """Return the task of the child, None for no task."""
+        return None
 
     def finish(self, result: Any) -> Any:
-        """Return what was built; result: of the task."""
+        """Return the product of the job from the result of its task."""
+        raise NotImplementedError
 
 
 def perform(task: Task | None) -> Any:
-    """Return the result of a task; BuildError with the reason where there is none."""
+    """Return the result of a task; BuildError where it fails."""
     if task is None:
         return None
     function, arguments = task
@@ -98,82 +98,43 @@ def perform(task: Task | None) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class BuildJob:
-    """The tree or hull of a shape, which is there anyway."""
-
-    shape: Shape
-    per_shape: PerShape[Any]
-    size: int = 0
-
-    def task(self) -> Task:
-        """Return what builds it."""
-        return _arrays_of, (type(self.per_shape.pool), self.shape)
-
-    def finish(self, result: Sequence[NDArray[Any]]) -> tuple[Pool[Any], Any, int]:
-        """Return the pool that what was built is in, itself, and its row."""
-        pool = self.per_shape.pool
-        item = pool.received(result)
-        with pool.lock:
-            return pool, item, pool.append(item)
-
-
-@dataclass(frozen=True, eq=False)
-class PackJob:
-    """A new pool of the items in use, which are there anyway."""
-
-    built: dict[Entry[Any], Any]
-    per_shape: PerShape[Any]
-    size: int = 0
-
-    def task(self) -> None:
-        """Return None: it is done by ``finish``."""
-
-    def finish(self, result: Any) -> Packed[Any]:
-        """Return the new pool."""
-        return self.per_shape.packed(self.built)
-
-
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """A mesh of points (3n, 3) metres, three of them a triangle."""
-
+class _PointsJob(Job):
     points: Floats
-    scale: Floats
 
     @property
     def size(self) -> int:
-        """Bytes that the job holds while it waits."""
         return self.points.nbytes
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles(_PointsJob):
+    """A mesh of triangles, by their corners (3n, 3), metres."""
+
+    scale: Floats
 
     @property
     def _faces(self) -> Faces:
         return np.arange(len(self.points)).reshape(-1, 3)
 
     def task(self) -> Task:
-        """Return what fits its box."""
+        """Return the task that fits its box."""
         return _box_of, (Mesh, self.points, self._faces, self.scale)
 
     def finish(self, result: LocalBox) -> Mesh:
         """Return the mesh."""
-        points = np.array(self.points, np.float64)  # what is given may be a view on a message
+        points = np.array(self.points, np.float64)  # a copy: it may be a view of a message
         return Mesh.fitted(points, self._faces, self.scale, result)
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class Bodies(_PointsJob):
     """The hull of equal bodies of edge lengths ``widths`` (3,) at points (n, 3), metres."""
 
-    points: Floats
     widths: Floats
 
-    @property
-    def size(self) -> int:
-        """Bytes that the job holds while it waits."""
-        return self.points.nbytes
-
     def task(self) -> Task:
-        """Return what fits its box."""
-        return _box_of_bodies, (self.points, self.widths)
+        """Return the task that fits its box."""
+        return _box_of, (_hull_of_bodies, self.points, self.widths)
 
     def finish(self, result: LocalBox) -> Hull:
         """Return the hull."""
@@ -181,12 +142,12 @@ class Bodies:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshFile:
-    """A mesh file by its path or URI, or what one holds (``data``, its type by the suffix of name).
+class MeshFile(Job):
+    """A mesh file by its path or URI, or by its content ``data``, of the type of the name's suffix.
 
-    largest, triangles: the most that it may have, in bytes and in triangles; folders: where it may
-    be, besides the shares of installed packages, None: anywhere; known: the version that is built
-    already; the result is None if the file still has it.
+    largest, triangles: limits of bytes and triangles; folders: allowed besides the shares of
+    installed packages, None for anywhere; known: a version that is built already, for which the
+    result is None.
     """
 
     name: str
@@ -203,13 +164,13 @@ class MeshFile:
         return len(self.data or b"") + len(self.name)
 
     def task(self) -> Task:
-        """Return what reads it."""
+        """Return the task that reads it."""
         return MeshFile._read, (self,)
 
     def finish(
         self, result: tuple[Floats, Faces, LocalBox, files.Version | None] | None
     ) -> tuple[Mesh, files.Version | None] | None:
-        """Return the mesh and, of a file, its version; None if it is the known one."""
+        """Return the mesh and the version of the file; None for the known version."""
         if result is None:
             return None
         vertices, faces, box, version = result
@@ -217,7 +178,7 @@ class MeshFile:
 
     def _read(self) -> tuple[Floats, Faces, LocalBox, files.Version | None] | None:
         data, name, version = self.data, self.name, None
-        with _refused(self.name):
+        with _errors_of(self.name):
             if data is None:
                 folders = self.folders
                 if folders is None:
@@ -231,7 +192,8 @@ class MeshFile:
             return mesh.vertices, mesh.faces, mesh.local_box, version
 
 
-def _arrays_of(pool: type[Pool[Any]], shape: Shape) -> tuple[NDArray[Any], ...]:
+def arrays_of(pool: type[Pool[Any]], shape: Shape) -> tuple[NDArray[Any], ...]:
+    """Return the arrays of a shape's tree or hull, as a kind of pool has it."""
     return tuple(pool.arrays(pool.built(shape)).values())
 
 
@@ -246,17 +208,17 @@ def _box_of(kind: Callable[..., Shape], points: Floats, *more: Any) -> LocalBox:
     return kind(points, *more).local_box
 
 
-def _box_of_bodies(points: Floats, widths: Floats) -> LocalBox:
-    return _box_of(lambda centers: Hull(body_corners(centers, widths)), points)
+def _hull_of_bodies(points: Floats, widths: Floats) -> Hull:
+    return Hull(body_corners(points, widths))
 
 
 @contextmanager
-def _refused(name: str) -> Iterator[None]:
-    """Turn the errors of a mesh file into refusals that name it."""
+def _errors_of(name: str) -> Iterator[None]:
+    """Turn the errors of a mesh file into BuildErrors that name it."""
     try:
         yield
     except ValueError as error:
         text = str(error)
-        known = text.startswith("mesh file ")  # it names the file
+        is_named = text.startswith("mesh file ")
         reason = TOO_MANY_TRIANGLES if isinstance(error, TooManyError) else UNREADABLE
-        raise BuildError(reason, text if known else f"{shortened(name)}: {text}") from error
+        raise BuildError(reason, text if is_named else f"{shortened(name)}: {text}") from error

@@ -12,38 +12,40 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees and hulls of large shapes: built in another process, so that no check waits for them.
+"""Trees and hulls of large shapes, built in a child process so that no check waits for them.
 
-Until they are there their pairs stay on "obb", which misses nothing.
+Meanwhile their pairs stay on "obb", which misses nothing.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.primitives import Shape
-from obb_collision.geometry.trees.pool import Body
+from obb_collision.geometry.trees.pool import Body, Pool
 from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.jobs import BuildError, BuildJob, PackJob
-from obb_collision.scene.building.shape_cache import Entry, PerShape, TimeLeft
+from obb_collision.scene.building.jobs import BuildError, Job, Task, arrays_of
+from obb_collision.scene.building.shape_cache import Entry, Packed, PerShape, TimeLeft
 from obb_collision.typing import Rows
 
-#: Triangles of a mesh, or points of a hull, that are built at once: 2 ms for a tree.
-FEW = 100
-#: Seconds of a check for building small ones; the next checks build the rest of them.
+#: Triangles of a mesh, or points of a hull, up to which it is built at once: 2 ms for a tree.
+MOST_AT_ONCE = 100
+#: Seconds of a check for building small shapes; the next checks build the rest.
 AT_ONCE = 0.01
-#: How much is put into a new pool at once: triangles or corners, 10 ms.
+#: Size of a pool that is packed at once, triangles or corners: 10 ms.
 SMALL_POOL = 10_000
 
 
-class Allowance:
-    """The time of a check for what is built at once."""
+class BuildTime:
+    """The seconds that a check has for building small trees and hulls."""
 
     def __init__(self, budget: TimeLeft | None) -> None:
         self._budget, self._end = budget, perf_counter() + AT_ONCE
@@ -57,12 +59,43 @@ class Allowance:
 def is_large(shape: Shape | None) -> TypeGuard[Mesh | Hull]:
     """Return whether the tree of a shape takes long to build."""
     if isinstance(shape, Mesh):
-        return len(shape.faces) > FEW
-    return isinstance(shape, Hull) and len(shape.points) > FEW
+        return len(shape.faces) > MOST_AT_ONCE
+    return isinstance(shape, Hull) and len(shape.points) > MOST_AT_ONCE
+
+
+@dataclass(frozen=True, eq=False)
+class BuildJob(Job):
+    """The tree or hull of a shape; it holds no memory of its own."""
+
+    shape: Shape
+    per_shape: PerShape[Any]
+
+    def task(self) -> Task:
+        """Return the task that builds it."""
+        return arrays_of, (type(self.per_shape.pool), self.shape)
+
+    def finish(self, result: Sequence[NDArray[Any]]) -> tuple[Pool[Any], Any, int]:
+        """Return the pool, the new item, and its row in the pool."""
+        pool = self.per_shape.pool
+        item = pool.received(result)
+        with pool.lock:
+            return pool, item, pool.append(item)
+
+
+@dataclass(frozen=True, eq=False)
+class PackJob(Job):
+    """A new pool of the items in use; it holds no memory of its own."""
+
+    built: dict[Entry[Any], Any]
+    per_shape: PerShape[Any]
+
+    def finish(self, result: Any) -> Packed[Any]:
+        """Return the new pool."""
+        return self.per_shape.packed(self.built)
 
 
 class OutsideTrees:
-    """What is being built for the shapes of a scene, by a builder of its own."""
+    """The trees and hulls being built for a scene, by a builder of its own."""
 
     def __init__(self, builder: Builder) -> None:
         self._builder = builder
@@ -73,17 +106,17 @@ class OutsideTrees:
 
     @property
     def waiting(self) -> int:
-        """How many trees and hulls are being built."""
+        """Number of trees and hulls being built."""
         return len(self._waiting)
 
     @property
     def slots_waiting(self) -> list[int]:
-        """The slots of which something is being built."""
+        """The slots whose trees or hulls are being built."""
         return [slot for entry in self._waiting for slot in entry.slots]
 
     @property
     def failed(self) -> Counter[str]:
-        """How many can't be built, by reason; their pairs stay on "obb"."""
+        """Number that can't be built, by reason; their pairs stay on "obb"."""
         return Counter(error.reason for error in self._failed.values())
 
     def build(
@@ -94,41 +127,37 @@ class OutsideTrees:
         body_of: Callable[[int], Body],
         budget: TimeLeft | None,
     ) -> None:
-        """Request what is large, and build the rest while there is time."""
+        """Request large shapes, and build the others while there is time."""
         rest = []
         for slot in slots[per_shape.rows(slots) < 0].tolist():
             shape = shapes.get(slot)
             if is_large(shape):
                 entry = per_shape.entry(slot, shape)
                 if entry.row < 0 and entry not in self._waiting and entry not in self._failed:
-                    self._request(entry, BuildJob(shape, per_shape))
+                    try:
+                        self._builder.request(entry, entry, BuildJob(shape, per_shape))
+                        self._waiting.add(entry)
+                    except BuildError as error:
+                        self._failed[entry] = error
             else:
                 rest.append(slot)
-        per_shape.build(np.array(rest, np.int64), body_of, Allowance(budget))
-
-    def _request(self, entry: Entry[Any], job: BuildJob) -> None:
-        try:
-            self._builder.request(entry, entry, job)
-        except BuildError as error:
-            self._failed[entry] = error
-        else:
-            self._waiting.add(entry)
+        per_shape.build(np.array(rest, np.int64), body_of, BuildTime(budget))
 
     def drop(self, entry: Entry[Any]) -> None:
         """Handle that a slot has left an entry."""
         self._is_wasteful = True
-        self._failed.pop(entry, None)  # who has it still asks again
+        self._failed.pop(entry, None)  # other slots request it again
         if not entry.slots and entry in self._waiting:
             self._waiting.discard(entry)
             self._builder.cancel(entry)
 
     def take(self, caches: Iterable[PerShape[Any]]) -> None:
-        """Take what was built since the last time; make the pools smaller that are half empty."""
+        """Take trees and hulls built since the last call; pack pools that are half empty."""
         for outcome in self._builder.poll():
             job: Any = outcome.job
             if isinstance(job, PackJob):
                 self._packing.discard(job.per_shape)
-                self._is_wasteful = True  # if something was dropped meanwhile
+                self._is_wasteful = True  # items may have been dropped meanwhile
                 if outcome.error is None and job.per_shape.lacks(outcome.result) <= SMALL_POOL:
                     job.per_shape.exchange(outcome.result)
                 continue
@@ -138,7 +167,7 @@ class OutsideTrees:
                 self._failed[entry] = outcome.error
                 continue
             pool, item, row = outcome.result
-            if pool is job.per_shape.pool:  # else it is built again when it is asked for
+            if pool is job.per_shape.pool:  # else it is built again when needed
                 job.per_shape.put(entry, item, row)
         if self._is_wasteful:
             self._is_wasteful = False

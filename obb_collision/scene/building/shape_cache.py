@@ -12,23 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees and hulls of a scene's shapes: built once per shape, when first asked for.
+"""Trees and hulls of a scene's shapes: built once per shape, when first needed.
 
-One thread asks for them and drops them; another may add to the pools meanwhile (see ``outside``).
+One thread requests and drops them; another may add to the pools meanwhile (see ``outside``).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol
+from typing import Any, Generic, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.shapes.primitives import Box, Shape
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.shapes.primitives import Box, Capsule, Shape, Sphere
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import (
     Body,
@@ -41,28 +42,38 @@ from obb_collision.geometry.trees.pool import (
 )
 from obb_collision.obb import OBB
 from obb_collision.queries.convex.support import NO_HULLS, core_of
-from obb_collision.scene.store.kinds import kind_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
 
-if TYPE_CHECKING:
-    from obb_collision.scene.building.outside import OutsideTrees
+#: Kinds of shapes: decided by their boxes only, boxes, spheres and capsules, other convex shapes,
+#: triangles.
+BOXED, BOX, ROUND, CONVEX, TRIANGLES = range(5)
+
+
+def kind_of(shape: Shape | OBB) -> int:
+    """Return the kind of a shape; a Mesh without faces has no triangles."""
+    if isinstance(shape, (Box, OBB)):
+        return BOX
+    if isinstance(shape, Mesh):
+        return TRIANGLES if len(shape.faces) else BOXED
+    is_round = isinstance(shape, (Sphere, Capsule)) and len(set(shape.scale)) == 1
+    return ROUND if is_round else CONVEX
 
 
 class TimeLeft(Protocol):
-    """What says how much time is left, such as a budget."""
+    """A budget, or another limit of time."""
 
     def left(self) -> float:
         """Return the seconds that are left."""
 
 
-#: How many bodies of questions have their trees and hulls retained.
+#: Queried bodies whose trees and hulls are retained.
 RETAINED = 16
 
 
 @dataclass(eq=False)
 class Entry(Generic[Item]):
-    """What is built of a shape, for slots; row: in the pool, -1 until it is there."""
+    """The tree or hull of a shape, shared by slots; row: in the pool, -1 until it is built."""
 
     key: Hashable
     slots: set[int] = field(default_factory=set)
@@ -71,11 +82,11 @@ class Entry(Generic[Item]):
 
 
 class PerShape(Generic[Item]):
-    """Trees, or hulls, in one pool: slots whose shapes are equal have an entry in common."""
+    """Trees, or hulls, in one pool: slots with equal shapes share an entry."""
 
     def __init__(self, kind: type[Pool[Item]]) -> None:
         self.pool = kind()
-        self.known: dict[Hashable, Item] = {}  # that need not be built
+        self.ready: dict[Hashable, Item] = {}  # by key, from another cache
         self._entries: dict[Hashable, Entry[Item]] = {}
         self.by_slot: dict[int, Entry[Item]] = {}
         self._rows = np.full(0, -1)  # by slot
@@ -85,19 +96,19 @@ class PerShape(Generic[Item]):
         return len(self._entries)
 
     def rows(self, slots: Rows) -> Rows:
-        """Return the row (k,) of each slot's item in the pool, -1 for none yet."""
+        """Return the row (k,) of each slot's item in the pool, -1 until it is built."""
         result = np.full(len(slots), -1)
-        known = slots < len(self._rows)
-        result[known] = self._rows[slots[known]]
+        inside = slots < len(self._rows)
+        result[inside] = self._rows[slots[inside]]
         return result
 
     def entry(self, slot: int, key: Hashable) -> Entry[Item]:
-        """Return the entry that a slot has with all slots of the same key."""
+        """Return the entry of a slot, which it shares with all slots of the same key."""
         short = max(0, slot + 1 - len(self._rows))
         if short:
             self._rows = np.append(self._rows, np.full(max(short, len(self._rows)), -1))
         entry = self.by_slot.get(slot) or self._entries.setdefault(key, Entry(key))
-        self.by_slot[slot] = entry  # first: by it the slot can be dropped
+        self.by_slot[slot] = entry  # first, so that the slot can be dropped
         entry.slots.add(slot)
         self._rows[slot] = entry.row
         return entry
@@ -121,7 +132,7 @@ class PerShape(Generic[Item]):
                 self._forget(self._retained.popleft())
 
     def clear(self, pool: Pool[Item]) -> None:
-        """Take an empty pool, where no slot has anything left, and drop what is retained."""
+        """Start with an empty pool, once no slot has an entry; drop the retained ones."""
         self._retained.clear()
         self._entries.clear()
         self.pool = pool
@@ -131,13 +142,12 @@ class PerShape(Generic[Item]):
             self._entries.pop(entry.key, None)
 
     def put(self, entry: Entry[Item], item: Item, row: int) -> None:
-        """Give the slots of an entry an item, which is in the pool."""
-        slots = list(entry.slots)
+        """Give an entry its item, which is in the pool."""
         entry.item, entry.row = item, row
-        self._rows[slots] = row
+        self._rows[list(entry.slots)] = row
 
     def build(self, slots: Rows, body_of: Callable[[int], Body], timer: TimeLeft | None) -> bool:
-        """Build what slots lack, while there is time; return whether they lacked anything.
+        """Build missing items of slots, while there is time; return whether any were missing.
 
         With a timer nothing is built while another thread adds an item.
         """
@@ -151,19 +161,19 @@ class PerShape(Generic[Item]):
                 body = body_of(slot)
                 entry = self.entry(slot, body.tobytes() if isinstance(body, np.ndarray) else body)
                 if entry.row < 0:
-                    item = self.known.get(entry.key) or self.pool.built(body)
+                    item = self.ready.get(entry.key) or self.pool.built(body)
                     self.put(entry, item, self.pool.append(item))
         return True
 
     @property
     def built(self) -> dict[Entry[Item], Item]:
-        """The items of now, by entry."""
+        """The items in use, by entry."""
         entries = self._entries.values()
         return {entry: entry.item for entry in entries if entry.item is not None}
 
     @property
     def size(self) -> int:
-        """How much the items of now take."""
+        """Total size of the items in use."""
         return sum(map(self.pool.size_of, self.built.values()))
 
     @property
@@ -172,16 +182,16 @@ class PerShape(Generic[Item]):
         return 2 * self.size < self.pool.size
 
     def packed(self, built: dict[Entry[Item], Item]) -> Packed[Item]:
-        """Return a new pool of items, in whatever thread."""
+        """Return a new pool of items; from any thread."""
         pool = type(self.pool)()
         return pool, {entry: pool.append(item) for entry, item in built.items()}
 
     def lacks(self, packed: Packed[Item]) -> int:
-        """Return how much those items of now take that a new pool lacks."""
+        """Return the size of the items in use that a new pool lacks."""
         return sum(self.pool.size_of(item) for e, item in self.built.items() if e not in packed[1])
 
     def exchange(self, packed: Packed[Item] | None = None) -> None:
-        """Take a new pool, as made before or made now; what it lacks is added to it."""
+        """Take a packed pool, by default a new one, and add the items that it lacks."""
         built = self.built
         pool, rows = self.packed({}) if packed is None or not built else packed
         rows = {e: rows[e] if e in rows else pool.append(item) for e, item in built.items()}
@@ -206,32 +216,45 @@ Packed = tuple[Pool[Item], dict[Entry[Item], int]]
 Lent = tuple[dict[int, Any], NDArray[np.float64]]
 
 
-class ShapeCache:
-    """Shapes by slot, and the trees and hulls of those that were asked for.
+class Outside(Protocol):
+    """Builds trees and hulls in a child process."""
 
-    Equal shapes have one tree and one hull; the shape is the key, of a box its half extents.
+    def build(
+        self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape],
+        body_of: Callable[[int], Body], budget: TimeLeft | None,
+    ) -> None:  # fmt: skip
+        """Request large shapes, and build the others while there is time."""
+
+    def drop(self, entry: Entry[Any]) -> None:
+        """Handle that a slot has left an entry."""
+
+    def take(self, caches: Iterable[PerShape[Any]]) -> None:
+        """Take the trees and hulls built since the last call."""
+
+
+class ShapeCache:
+    """Shapes by slot, with trees and hulls where these were needed.
+
+    Equal shapes share one tree and one hull; the key is the shape, of a box its half extents.
     """
 
     def __init__(self) -> None:
-        self._shapes: dict[int, Any] = {}  # a Shape; None: there is room for one
+        self._shapes: dict[int, Any] = {}  # a Shape; None: reserved for one
         self._lent = False  # whether the shapes are copied before they change
         self._numbers = np.zeros((0, 6))  # by slot, see ``SlotShape``
         self.version = 0  # changes with shapes, and with the sizes of boxes
         self._trees, self._hulls = PerShape(TreePool), PerShape(HullPool)
         self._hull_trees = PerShape(HullTreePool)
-        self.outside: OutsideTrees | None = None
-        """What builds the trees and hulls of large shapes, so that a check does not wait."""
+        self._per_shape: tuple[PerShape[Any], ...] = (self._trees, self._hulls, self._hull_trees)
+        self.outside: Outside | None = None
+        """Builds the trees and hulls of large shapes, so that a check does not wait."""
 
     def at_once(self) -> ShapeCache:
-        """Return a cache that shares all with this one, and waits for nothing built outside."""
+        """Return a cache that shares all with this one, but builds everything itself."""
         here = copy(self)
         here.lend_shapes()
         here.outside = None
         return here
-
-    @property
-    def _all(self) -> tuple[PerShape[Any], PerShape[Any]]:
-        return self._trees, self._hulls
 
     def __len__(self) -> int:
         return len(self._trees) + len(self._hulls) + len(self._hull_trees)
@@ -268,66 +291,68 @@ class ShapeCache:
             del self._own_shapes()[slot]
 
     def lend_shapes(self) -> Lent:
-        """Return the shapes by slot and their numbers, which stay as they are."""
+        """Return shapes by slot and their numbers; the cache copies them before a change."""
         self._lent = True
         return self._shapes, self._numbers
 
     def own(self, slots: Sequence[int]) -> None:
-        """Have the shapes of slots to be dropped: that does not fail then."""
+        """Copy lent shapes now, so that dropping those of slots does not fail later."""
         if self._shapes and not self._shapes.keys().isdisjoint(slots):
             self._own_shapes()
 
     def _own_shapes(self) -> dict[int, Any]:
-        """Return the shapes by slot, to be changed."""
+        """Return the shapes by slot for a change."""
         if self._lent:
             self._shapes, self._numbers = dict(self._shapes), self._numbers.copy()
             self._lent = False
         return self._shapes
 
     def with_shapes(self, lent: Lent) -> ShapeCache:
-        """Return another cache, of other shapes; what is built of equal ones is not built again."""
+        """Return another cache, of lent shapes, that reuses trees and hulls of equal ones."""
         other = ShapeCache()
         (other._shapes, other._numbers), other._lent = lent, True
-        for here, there in zip(self._all, other._all, strict=True):
-            there.known = {entry.key: item for entry, item in here.built.items()}
+        other._trees.ready = {entry.key: item for entry, item in self._trees.built.items()}
+        other._hulls.ready = {entry.key: item for entry, item in self._hulls.built.items()}
         return other
 
     def leave(self, slot: int) -> None:
-        """Drop what was built of the shape of a slot."""
-        for per_shape in (*self._all, self._hull_trees):
+        """Drop the trees and hulls of a slot."""
+        for per_shape in self._per_shape:
             entry = per_shape.drop(slot)
             if entry is not None and self.outside is not None:
                 self.outside.drop(entry)
 
     def drop_many(self, slots: Sequence[int]) -> None:
-        """Drop the shapes of slots, of which boxes typically have nothing here."""
+        """Drop the shapes of slots; those of boxes typically have none here."""
         self.version += 1
-        for held in (self._shapes, *(each.by_slot for each in (*self._all, self._hull_trees))):
-            for slot in slots if held else ():
-                if slot in held:
+        for by_slot in (self._shapes, *(per_shape.by_slot for per_shape in self._per_shape)):
+            for slot in slots if by_slot else ():
+                if slot in by_slot:
                     self.drop(slot)
 
     def clear(self) -> None:
         """Drop all shapes."""
-        all_of = (*self._all, self._hull_trees)
-        slots = [*self._shapes, *(slot for each in all_of for slot in each.by_slot)]
-        pools = [type(each.pool)() for each in all_of]
+        slots = [
+            *self._shapes,
+            *(slot for per_shape in self._per_shape for slot in per_shape.by_slot),
+        ]
+        pools = [type(per_shape.pool)() for per_shape in self._per_shape]
         self.own(slots)
         self.drop_many(slots)
-        for per_shape, pool in zip(all_of, pools, strict=True):
+        for per_shape, pool in zip(self._per_shape, pools, strict=True):
             per_shape.clear(pool)
 
     def retain(self, slot: int) -> None:
-        """Retain what was built of the shape of a slot for a later one that is equal."""
-        for per_shape in self._all:
-            per_shape.retain(slot)
+        """Retain the tree and hull of a slot for later shapes that are equal."""
+        self._trees.retain(slot)
+        self._hulls.retain(slot)
 
     def trees(self, slots: Rows) -> tuple[MeshTrees, Rows]:
-        """Return trees, and the row (k,) of each slot's among them, -1 for none yet."""
+        """Return all trees, and the row (k,) of each slot's tree, -1 until it is built."""
         return self._trees.pool.all, self._trees.rows(slots)
 
     def hulls(self, slots: Rows) -> tuple[Hulls, Rows]:
-        """Return hulls, and the row (k,) of each slot's among them, -1 for none yet."""
+        """Return all hulls, and the row (k,) of each slot's hull, -1 until it is built."""
         pool = self._hulls.pool
         return pool.all if pool.size else NO_HULLS, self._hulls.rows(slots)
 
@@ -336,7 +361,7 @@ class ShapeCache:
         return self._numbers[slots]
 
     def build(self, store: ObjectStore, slots: Rows, hull: bool, budget: TimeLeft | None) -> Mask:
-        """Build hulls or trees that slots lack, while there is time; return (k,) which have one."""
+        """Build missing hulls or trees, while there is time; return which slots (k,) have one."""
         per_shape: PerShape[Any] = self._hulls if hull else self._trees
 
         def body_of(slot: int) -> Body:
@@ -350,9 +375,9 @@ class ShapeCache:
         return per_shape.rows(slots) >= 0
 
     def surfaces(self, slots: Rows, hull: bool) -> tuple[MeshTrees, Rows]:
-        """Return trees of triangles, or of hulls, and the row (k,) of each slot's; built now.
+        """Build trees of triangles, or of hulls; return all and the row (k,) of each slot's.
 
-        Slots of shapes that are no boxes.
+        Not for slots of boxes.
         """
         per_shape = self._hull_trees if hull else self._trees
         if per_shape.build(slots, self._shapes.__getitem__, None) and per_shape.is_wasteful:
@@ -360,6 +385,6 @@ class ShapeCache:
         return per_shape.pool.all, per_shape.rows(slots)
 
     def take_built(self) -> None:
-        """Take the trees and hulls that were built outside since the last time."""
+        """Take the trees and hulls built outside since the last call."""
         if self.outside is not None:
-            self.outside.take(self._all)
+            self.outside.take((self._trees, self._hulls))

@@ -26,9 +26,8 @@ from obb_collision.scene.effects.base import Effect
 
 
 def _modules() -> Iterator[ModuleType]:
-    """Yield the modules of this folder that have an effect."""
-    for found in iter_modules(__path__):
-        module = import_module(f"{__name__}.{found.name}")
+    for info in iter_modules(__path__):
+        module = import_module(f"{__name__}.{info.name}")
         if hasattr(module, "EFFECT"):
             yield module
 
@@ -37,4 +36,4 @@ EFFECTS: dict[str, Effect] = {module.EFFECT.name: module.EFFECT for module in _m
 LEVELS: dict[str, tuple[Accuracy, ...]] = {
     module.EFFECT.name: tuple(getattr(module, "BY_LEVEL", ())) for module in _modules()
 }
-"""Above OBB, which each effect can be computed on."""
+"""By effect: the levels above OBB on which it can be computed."""

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The interface of effects: results computed beside the pairs, only where they are asked for.
+"""The interface of effects: results computed beside the pairs, only on request.
 
-An effect sees one check of a scene (``Cycle``) and its ``Setting``, and gives a result: arrays with
-a row per pair or per object, of the type that the query returns. It depends neither on other
-effects nor on who asks. One that looks at pairs one by one uses ``pair_rows``, which computes only
-what changed and survives a pair that fails.
+An effect sees one check of a scene (``Cycle``) and its ``Setting``, and returns a result: arrays
+with a row per pair or per object, of the type that the query returns. It does not depend on other
+effects. An effect with a row per pair uses ``pair_rows``, which computes only changed pairs and
+survives a pair that fails.
 """
 
 from __future__ import annotations
@@ -31,15 +31,22 @@ from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.trees.bounds_tree import BoundsTree
 from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.coarse import bounds_of
-from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.broad_phase.broad_phase import (
+    NO_PAIRS,
+    UNLIMITED,
+    Pairs,
+    find_some_candidates,
+    find_some_candidates_of,
+    ordered_candidates,
+)
 from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, CHOICES, PlacedShapes
 from obb_collision.scene.store.allowed import PairFilter
 from obb_collision.scene.store.region import Region, owns, owns_pairs
-from obb_collision.scene.store.snapshot import Snapshot
-from obb_collision.scene.store.store import ObjectStore
+from obb_collision.scene.store.store import ObjectStore, Snapshot
 from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.words import shown
 
@@ -50,15 +57,12 @@ ByLevel: TypeAlias = "Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Pairs, Se
 #: The level of boxes, as arrays of levels have it.
 OBB = np.int8(Accuracy.OBB)
 
-#: Pairs that fail at one check which are looked for one by one: enough to see what they share.
+#: Failing pairs that are found one by one in a check: enough to see what they have in common.
 MOST_FAILURES = 16
 
 
 class Option(NamedTuple):
-    """A number an effect can be set by: what it means, in which unit, from where to where.
-
-    Or a word: one of the choices.
-    """
+    """An option of an effect: a number with its unit and range, or a word of the choices."""
 
     default: float | str
     low: float
@@ -66,10 +70,10 @@ class Option(NamedTuple):
     description: str
     choices: tuple[float, ...] | tuple[str, ...] = ()
     reaches: bool = False
-    """True for a distance (m) beyond objects at which others matter."""
+    """True for a distance (m) from objects within which others matter."""
 
     def checked(self, name: str, value: Any) -> float | str:
-        """Return the value if it can be used; ValueError naming it otherwise."""
+        """Return a valid value; else ValueError, which names it."""
         if isinstance(self.default, str):
             if not (isinstance(value, str) and value in self.choices):
                 choices = ", ".join(map(str, self.choices))
@@ -84,7 +88,7 @@ class Option(NamedTuple):
         return number
 
 
-#: The name of the option that says what an effect on pairs is computed on, and the option.
+#: The option for the geometry on which an effect is computed, and its name.
 ACCURACY = "accuracy"
 ACCURACY_OPTION = Option(
     *(AS_PAIRS, 0.0, 0.0),
@@ -104,7 +108,7 @@ class Setting:
     """(slots,) the objects selected for it, None for all."""
 
     def reach(self, options: Mapping[str, Option]) -> float:
-        """Return how far beyond objects it looks (m)."""
+        """Return how far from objects others matter to it (m)."""
         far = [self.values[key] for key, option in options.items() if option.reaches]
         return max(far, default=0.0) if self.mode != "off" else 0.0
 
@@ -116,13 +120,13 @@ class Setting:
 
 
 class Before(NamedTuple):
-    """Where the objects were at the check before; rows of slots."""
+    """Where the objects were at the check before, by slot."""
 
     snapshot: Snapshot
     enabled: Mask
     born: Rows
     pairs: Pairs
-    """Pairs that collided, in a region the pairs that it owned."""
+    """Pairs that collided; in a region, those that it owned."""
     poses: Floats | None
     """Of the objects; None unless a region has effects above OBB."""
 
@@ -134,15 +138,15 @@ class Before(NamedTuple):
 
 @dataclass(eq=False)
 class Cycle:
-    """One check of a scene as effects see it; the arrays stay as they are.
+    """One check of a scene as effects see it; the arrays do not change.
 
-    snapshot: the boxes of all slots; active (slots,): which take part; pairs (m, 2): what collides;
-    pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,): the row that each
-    pair had in the check before, -1 if it is to be computed anew, None if all are; last: outcomes
-    of the check before by effect; obstacle_points (k, 3): None for none.
+    snapshot: the boxes of all slots; active (slots,): which take part; pairs (m, 2): which collide;
+    pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,): the row of each pair
+    in the check before, -1 if it is to be computed anew, None if all are; last: outcomes of the
+    check before, by effect.
 
-    For effects that are not lazy only: store, whose poses and twists may change after the check,
-    and before, None where nobody asked at the check before.
+    Only for effects that are not lazy: store, whose poses and twists may change after the check,
+    and before, None unless one was computed at the check before.
     """
 
     snapshot: Snapshot
@@ -157,22 +161,22 @@ class Cycle:
     enabled: Mask
     """(slots,) which objects take part in this region or elsewhere; ``active`` without a region."""
     region: Region | None = None
-    """Whose pairs, and objects, count; None for all."""
+    """The region whose pairs and objects count; None for all."""
     spheres: bool = False
     """True if bounds hold spheres, too, wherever their overlap matters."""
     limit: int | None = None
-    """The most pairs that an effect with pairs of its own looks at, None for all."""
+    """Limit of pairs for an effect with pairs of its own, None for all."""
     notes: list[str] = field(default_factory=list)
-    """Tasks that an effect could not do at all; each becomes one of its failures."""
+    """Reasons why an effect is incomplete; they join its failures."""
     names: Sequence[str | None] = ()
     """Of the objects, by slot."""
     shapes: PlacedShapes | None = None
     """Shapes that stand for objects above OBB; None where every effect speaks of boxes."""
 
     def levels(self, pairs: Pairs, setting: Setting, highest: Accuracy) -> Levels | None:
-        """Return the level (m,) that an effect on pairs (m, 2) is computed on; None: all on OBB.
+        """Return the level (m,) on which an effect computes pairs (m, 2); None for all on OBB.
 
-        highest: that it has. Pairs that it has found no time for are on OBB.
+        highest: its highest level. Pairs that the budget had no time for are on OBB.
         """
         if self.shapes is None or len(pairs) == 0 or highest <= Accuracy.OBB:
             return None
@@ -190,10 +194,10 @@ class Cycle:
         return self.snapshot.boxes
 
     def counted(self, slots: Rows, minimum: Floats, rows: Pairs) -> Pairs:
-        """Return pairs of slots, of rows (k, 2) of slots (n,): those that count.
+        """Return the pairs of slots that count, from rows (k, 2) of slots (n,).
 
-        That is: they may not touch, and belong to the region. A pair apart belongs where what the
-        effect looks at does, of whose bounds ``minimum`` (n, 3) are the lower corners.
+        These may not touch, and belong to the region. A pair whose boxes are apart belongs by the
+        bounds in which the effect looks for pairs; ``minimum`` (n, 3) are their lower corners.
         """
         pairs = slots[rows]
         counts = np.ones(len(pairs), np.bool_)
@@ -209,24 +213,24 @@ class Cycle:
         return pairs if counts.all() else pairs[counts]
 
     def owned(self, pairs: Pairs) -> Mask:
-        """Return (m,) which pairs (m, 2) of slots belong to the region where they collide."""
+        """Return which pairs (m, 2) of slots belong to the region where they collide."""
         if self.region is None:
             return np.ones(len(pairs), np.bool_)
         low = [self.bounds(column)[0] for column in pairs.T]
         return owns(self.region, np.maximum(*low))
 
     def own(self, slots: Rows) -> Rows:
-        """Return those of slots (n,) whose objects belong to the region, each to one."""
+        """Return the slots, of (n,), whose objects belong to the region."""
         if self.region is None:
             return slots
         return slots[owns(self.region, self.bounds(slots)[0])]
 
     def bounds(self, slots: Rows) -> tuple[Floats, Floats]:
-        """Return the bounds (n, 3), (n, 3) of slots whose overlap decides where a pair belongs."""
+        """Return the bounds (n, 3), (n, 3) of slots by which pairs belong to a region."""
         return bounds_of(self.boxes[slots], self.spheres)
 
     def as_before(self) -> Before:
-        """Return the state that the next check compares with."""
+        """Return the state with which the next check compares."""
         needed = self.region is not None and self.shapes is not None
         poses = self.store.poses.copy() if needed else None
         return Before(self.snapshot, self.enabled, self.store.born.copy(), self.pairs, poses)
@@ -234,10 +238,10 @@ class Cycle:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Outcome of an effect: its result, how many pairs (or points) it ran on, and what failed.
+    """Outcome of an effect: its result, how many pairs (or points) it ran on, and its failures.
 
-    rows (k,): which rows of ``Report.pairs`` the rows of the result are, None where they are
-    others; values: the options they were computed with.
+    rows (k,): the row in ``Report.pairs`` of each row of the result, None for an effect with pairs
+    of its own; values: its options.
     """
 
     result: Any
@@ -246,42 +250,42 @@ class Outcome:
     rows: Rows | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
     accuracies: Levels | None = None
-    """(k,) the level that each row was computed on; None: all on OBB or below."""
+    """(k,) the level of each row; None: all on OBB or below."""
 
     def __post_init__(self) -> None:
-        freeze(self.result)  # the next check copies what has not changed
+        freeze(self.result)  # the next check copies unchanged rows
 
 
 def freeze(table: Any) -> None:
-    """Make the arrays of a dataclass, and of those in it, read-only."""
+    """Make the arrays of a dataclass read-only, also those of dataclasses in it."""
     for value in getattr(table, "__dict__", {}).values():
-        if isinstance(value, np.ndarray) and value.size:  # empty ones may be of everybody
+        if isinstance(value, np.ndarray) and value.size:  # empty arrays may be shared
             value.setflags(write=False)
         elif is_dataclass(value):
             freeze(value)
 
 
 class Effect(Protocol):
-    """One effect; a value without state, so that one serves all scenes."""
+    """An effect; it has no state, so all scenes share it."""
 
     name: str
     description: str
-    """Its result, as the beginning of a sentence."""
+    """What it computes, as the beginning of a sentence."""
     options: Mapping[str, Option]
     lazy: bool = True
-    """True if it can still be computed after the check, when the scene may have moved on."""
+    """True if it can be computed after the check, when the scene may have changed."""
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute it for one check."""
 
 
 def take_rows(table: R, rows: Rows | Mask) -> R:
-    """Return some rows of a dataclass of arrays."""
+    """Return rows of a dataclass of arrays."""
     return type(table)(*(column[rows] for column in vars(table).values()))
 
 
 def join_rows(tables: Sequence[R]) -> R:
-    """Return the rows of dataclasses of arrays, all of a type, one after the other."""
+    """Join the rows of dataclasses of arrays, all of one type."""
     columns = zip(*(vars(table).values() for table in tables), strict=True)
     return type(tables[0])(*map(np.concatenate, columns))
 
@@ -293,16 +297,16 @@ def write_rows(table: R, rows: Rows, new: R) -> None:
 
 
 def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | None) -> R:
-    """Return a table of pairs of boxes, in which rows of shapes above OBB have been written."""
+    """Replace rows of a table, computed on boxes, by those of shapes above OBB."""
     if not by_level:
         return table
     pairs = vars(table)["pairs"]
     levels = cycle.levels(pairs, setting, max(by_level))
     if levels is None or cycle.shapes is None:
         return table
-    for some in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
+    for portion in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
         for level, compute in by_level.items():
-            rows = some[levels[some] == level]
+            rows = portion[levels[portion] == level]
             if len(rows):
                 write_rows(table, rows, compute(cycle.boxes, cycle.shapes, pairs[rows], setting))
     return table
@@ -318,9 +322,9 @@ def pair_rows(
 ) -> Outcome:
     """Compute an effect's rows for the colliding pairs that it is selected for.
 
-    compute(boxes, pairs) returns one row per pair; blank: the same without a row; by_level: what
-    takes their place above OBB. Rows of pairs that are as they were in the check before are copied.
-    Pairs for which ``compute`` raises are left out, and where there are none it is not called.
+    compute(boxes, pairs) returns one row per pair; blank: a result without rows; by_level: replaces
+    rows above OBB. Rows of unchanged pairs are copied from the check before. Pairs for which
+    ``compute`` raises are left out.
     """
     rows = setting.select(cycle.pairs)
     if len(rows) == 0:
@@ -328,51 +332,49 @@ def pair_rows(
     highest = max(by_level) if by_level else Accuracy.OBB
     pairs = cycle.pairs.copy() if len(rows) == len(cycle.pairs) else cycle.pairs[rows]
 
-    def compute_some(some: Pairs) -> R:
-        return refined(compute(cycle.boxes, some), cycle, setting, by_level)
+    def compute_all(selected: Pairs) -> R:
+        return refined(compute(cycle.boxes, selected), cycle, setting, by_level)
 
     levels = cycle.levels(pairs, setting, highest)
     last = cycle.last.get(name)
-    known = None if last is None else _known_rows(cycle, rows, setting, last, levels)
-    if last is None or known is None:
-        good, result, failures = isolated(compute_some, pairs, blank, cycle.name)
+    old = None if last is None else _old_rows(cycle, rows, setting, last, levels)
+    if last is None or old is None:
+        good, result, failures = isolated(compute_all, pairs, blank, cycle.name)
         rows = rows if len(good) == len(rows) else rows[good]
-        levels = None if levels is None else _reached(cycle, pairs[good], levels[good])
+        if levels is not None and cycle.shapes is not None:
+            levels = cycle.shapes.reached(pairs[good], levels[good])
         return Outcome(result, len(pairs), failures, rows, setting.values, levels)
-    anew = np.flatnonzero(known < 0)
-    good, result, failures = isolated(compute_some, pairs[anew], blank, cycle.name)
+    anew = np.flatnonzero(old < 0)
+    good, result, failures = isolated(compute_all, pairs[anew], blank, cycle.name)
     done = np.delete(np.arange(len(rows)), np.delete(anew, good))
     new = np.searchsorted(done, anew[good])
-    result = _merged(last.result, known[done], new, result)
-    levels = None if levels is None else _reached(cycle, pairs[done], levels[done])
+    result = _merged(last.result, old[done], new, result)
+    if levels is not None and cycle.shapes is not None:
+        levels = cycle.shapes.reached(pairs[done], levels[done])
     return Outcome(result, len(anew), failures, rows[done], setting.values, levels)
 
 
-def _reached(cycle: Cycle, pairs: Pairs, levels: Levels) -> Levels:
-    return levels if cycle.shapes is None else cycle.shapes.reached(pairs, levels)
-
-
-def _known_rows(
+def _old_rows(
     cycle: Cycle, rows: Rows, setting: Setting, last: Outcome, levels: Levels | None
 ) -> Rows | None:
-    """Return (k,) the row of each pair in the last result, -1 where it must be computed.
+    """Return the row (k,) of each pair in the last result, -1 where it must be computed.
 
-    None where that is everywhere. levels (k,): they are to be computed on.
+    None if all must be. levels (k,): on which the pairs are to be computed.
     """
     if cycle.old is None or last.rows is None or last.values != setting.values:
         return None
     where = np.full(max(int(cycle.old.max(initial=-1)), int(last.rows.max(initial=-1))) + 2, -1)
     where[last.rows] = np.arange(len(last.rows))
-    known = where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
+    old = where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
     if levels is not None or last.accuracies is not None:
         before = np.full(len(last.rows), OBB) if last.accuracies is None else last.accuracies
-        known[np.append(before, OBB)[known] != (OBB if levels is None else levels)] = -1
-    return known if known.max() >= 0 else None
+        old[np.append(before, OBB)[old] != (OBB if levels is None else levels)] = -1
+    return old if old.max() >= 0 else None
 
 
-def _merged(last: R, known: Rows, places: Rows, new: R) -> R:
-    """Return rows of the last table, known (m,), but rows of a new one in places, where -1 is."""
-    source = np.maximum(known, 0)
+def _merged(last: R, old: Rows, places: Rows, new: R) -> R:
+    """Return rows ``old`` (m,) of the last table, and rows of a new one in places, where -1 is."""
+    source = np.maximum(old, 0)
     columns = []
     for before, here in zip(vars(last).values(), vars(new).values(), strict=True):
         column = before.take(source, axis=0)
@@ -384,13 +386,13 @@ def _merged(last: R, known: Rows, places: Rows, new: R) -> R:
 def isolated(
     compute: Callable[[Pairs], R], pairs: Pairs, blank: R, name: Callable[[int], str] = str
 ) -> tuple[Rows, R, tuple[str, ...]]:
-    """Return the rows of pairs (m, 2) that ``compute`` can do, their results, and its failures.
+    """Return the rows of pairs (m, 2) for which ``compute`` works, their results, and failures.
 
-    compute(pairs) returns a row for some or all pairs; blank: the same without one. In place of
-    pairs there may be single objects (m,); name: that of an object. Without pairs
-    it is not called; where it raises, halves are tried, down to the pairs that fail. After
-    MOST_FAILURES of these what raises is left out as it is, so that an effect that always fails is
-    called some 2 (MOST_FAILURES + log2 m) times, not 2 m.
+    compute(pairs) returns a row for some or all pairs; blank: a result without rows. Instead of
+    pairs there may be single objects (m,); name: of an object. ``compute`` is not called without
+    pairs. Where it raises, halves are tried, down to the pairs that fail. After MOST_FAILURES whole
+    parts that raise are left out, so an effect that always fails is called some
+    2 (MOST_FAILURES + log2 m) times, not 2 m.
     """
     rows, tables, failures = [np.arange(0)], [blank], list[str]()
     waiting = [np.arange(len(pairs))] if len(pairs) else []
@@ -398,7 +400,7 @@ def isolated(
         part = waiting.pop()
         try:
             table = compute(pairs if len(part) == len(pairs) else pairs[part])
-        except Exception as error:  # whatever it is, other pairs go on
+        except Exception as error:  # of any kind: other pairs go on
             if len(part) > 1 and len(failures) < MOST_FAILURES:
                 half = len(part) // 2
                 waiting += [part[half:], part[:half]]  # the first half is next
@@ -416,3 +418,50 @@ def _failure(pairs: Pairs, error: Exception, name: Callable[[int], str]) -> str:
     what = ("pair " if pairs.ndim > 1 else "") + ", ".join(map(name, np.ravel(pairs[0]).tolist()))
     more = f" and {len(pairs) - 1} more, not tried alone" if len(pairs) > 1 else ""
     return f"{what}{more}: {type(error).__name__}: {error}"
+
+
+#: If fewer than one object in this many is selected, only pairs of selected objects are searched.
+SELECTED_SHARE = 32
+#: Pairs of a piece, where there are too many.
+PIECE = 1 << 17
+
+
+def meeting_pairs(
+    cycle: Cycle, slots: Rows, minimum: Floats, maximum: Floats, selected: Mask | None
+) -> Pairs:
+    """Return pairs (k, 2) of slots, sorted, that may collide and whose bounds overlap.
+
+    At most ``cycle.limit``. slots (n,) ascending, with bounds minimum and maximum (n, 3); selected
+    (n,): each pair has at least one selected object, None for all.
+    """
+    most = UNLIMITED if cycle.limit is None else cycle.limit
+    if len(slots) < 2:
+        return NO_PAIRS
+    few = selected is not None and np.count_nonzero(selected) * SELECTED_SHARE < len(slots)
+    tree = BoundsTree.build(minimum, maximum)
+    if selected is not None and few:
+        pairs = find_some_candidates_of(tree, np.flatnonzero(selected), most)
+    else:
+        pairs = find_some_candidates(tree, most)
+    if pairs is None:
+        return _first_pairs(cycle, slots, minimum, tree, selected, most)
+    if selected is not None and not few:
+        pairs = pairs[selected[pairs].any(axis=1)]
+    pairs = cycle.counted(slots, minimum, pairs)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+def _first_pairs(
+    cycle: Cycle, slots: Rows, minimum: Floats, tree: BoundsTree, selected: Mask | None, most: int
+) -> Pairs:
+    """Return the first ``most`` pairs in lexicographic order, and note that there are more."""
+    parts, count = [NO_PAIRS], 0
+    for pairs, _ in ordered_candidates(tree, min(most, PIECE)):
+        if selected is not None:
+            pairs = pairs[selected[pairs].any(axis=1)]
+        parts.append(cycle.counted(slots, minimum, pairs))
+        count += len(parts[-1])
+        if count > most:
+            cycle.notes.append(f"more than {most} pairs come near each other: the first are done")
+            break
+    return np.concatenate(parts)[:most]

@@ -40,10 +40,10 @@ from obb_collision.scene.effects.base import (
     Outcome,
     Setting,
     isolated,
+    meeting_pairs,
     refined,
     take_rows,
 )
-from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
@@ -52,8 +52,8 @@ BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 class ClearanceEffect(Effect):
     """The ``Clearances`` of all pairs at most ``max_distance`` apart, sorted.
 
-    Colliding pairs are among them. Above OBB distances are certified lower bounds, and the points
-    as far apart as the upper one.
+    These include colliding pairs. Above OBB distances are certified lower bounds; the points are as
+    far apart as the upper bounds.
     """
 
     name = "clearance"
@@ -79,11 +79,11 @@ class ClearanceEffect(Effect):
         low, high = np.nextafter(minimum - half, -np.inf), np.nextafter(maximum + half, np.inf)
         pairs = meeting_pairs(cycle, slots, low, high, selected)
 
-        def compute(some: Pairs) -> Clearances:
-            found = near_pairs(cycle.boxes, some, max_distance)[0]
-            found = refined(found, cycle, setting, BY_LEVEL)
-            beyond = found.distances > max_distance
-            return take_rows(found, ~beyond) if beyond.any() else found
+        def compute(candidates: Pairs) -> Clearances:
+            table = near_pairs(cycle.boxes, candidates, max_distance)[0]
+            table = refined(table, cycle, setting, BY_LEVEL)
+            beyond = table.distances > max_distance
+            return take_rows(table, ~beyond) if beyond.any() else table
 
         _, result, failures = isolated(compute, pairs, BLANK, cycle.name)
         levels = cycle.levels(result.pairs, setting, max(BY_LEVEL))
@@ -93,11 +93,11 @@ class ClearanceEffect(Effect):
 def hull_clearances(
     boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
 ) -> Clearances:
-    """Return the clearances of pairs on HULL; of those beyond the limit, only that they are."""
+    """Return the clearances of pairs on HULL; beyond the limit distances are only lower bounds."""
     bodies, i, j = shapes.bodies(boxes, pairs)
-    found, _ = convex_distances(bodies, bodies, i, j, setting.values["max_distance"])
-    lower = shapes.parted(found.lower, pairs, Accuracy.HULL)
-    return Clearances(pairs, lower, found.positions_a, found.positions_b, found.normals)
+    table, _ = convex_distances(bodies, bodies, i, j, setting.values["max_distance"])
+    lower = shapes.parted(table.lower, pairs, Accuracy.HULL)
+    return Clearances(pairs, lower, table.positions_a, table.positions_b, table.normals)
 
 
 def triangle_clearances(
@@ -109,17 +109,17 @@ def triangle_clearances(
     """
     table = Clearances(pairs, np.full(len(pairs), np.inf), *np.zeros((3, len(pairs), 3)))
     limit = setting.values["max_distance"]
-    for some in shapes.exact_sides(boxes, pairs):
-        a, b, each = (some.a, some.radii_a), (some.b, some.radii_b), np.arange(len(some.rows))
-        found: MeshClearances | ConvexDistances
-        if some.radii_b is None:
-            found, near = mesh_body_distances(*a, some.b, each, each, limit)
-            distances = found.lower
+    for sides in shapes.exact_sides(boxes, pairs):
+        a, b, rows = (sides.a, sides.radii_a), (sides.b, sides.radii_b), np.arange(len(sides.rows))
+        exact: MeshClearances | ConvexDistances
+        if sides.radii_b is None:
+            exact, near = mesh_body_distances(*a, sides.b, rows, rows, limit)
+            distances = exact.lower
         else:
-            found, near = clearances_of(*a, *b, each, each, limit)
-            distances = found.distances
-        rows, back = some.rows[near], some.turned[near, None]
-        x, y, n = (v[near] for v in (found.positions_a, found.positions_b, found.normals))
+            exact, near = clearances_of(*a, *b, rows, rows, limit)
+            distances = exact.distances
+        rows, back = sides.rows[near], sides.turned[near, None]
+        x, y, n = (v[near] for v in (exact.positions_a, exact.positions_b, exact.normals))
         table.distances[rows], table.normals[rows] = distances[near], np.where(back, -n, n)
         table.positions_a[rows] = np.where(back, y, x)
         table.positions_b[rows] = np.where(back, x, y)

@@ -35,7 +35,7 @@ from obb_collision.scene.effects.base import (
     Setting,
     pair_rows,
 )
-from obb_collision.scene.effects.surfaces import triangle_contacts
+from obb_collision.scene.effects.separations import triangle_contacts
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 
@@ -62,9 +62,10 @@ class ContactsEffect(Effect):
 
 def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting) -> Contacts:
     """Return the contacts of pairs on HULL; hulls that are apart have none."""
-    bodies, i, j, found = shapes.distances(boxes, pairs)
-    found = replace(found, lower=shapes.parted(found.lower, pairs, Accuracy.HULL))
-    return convex_contacts(bodies, bodies, pairs, i, j, int(setting.values["max_points"]), found)
+    bodies, i, j, distances = shapes.distances(boxes, pairs)
+    lower = shapes.parted(distances.lower, pairs, Accuracy.HULL)
+    distances, max_points = replace(distances, lower=lower), int(setting.values["max_points"])
+    return convex_contacts(bodies, bodies, pairs, i, j, max_points, distances)
 
 
 BY_LEVEL: ByLevel[Contacts] = {Accuracy.HULL: hull_contacts, Accuracy.MESH: triangle_contacts}

@@ -44,8 +44,8 @@ from obb_collision.typing import Floats, Integers, Rows
 
 
 @dataclass
-class _Held:
-    """The columns of ``PointsInside`` with a row per object."""
+class _PointRows:
+    """The columns of ``PointsInside`` that have a row per object."""
 
     indices: Rows
     counts: Integers
@@ -56,13 +56,13 @@ class _Held:
 
 Shapes: TypeAlias = "ConvexBodies | PlacedMeshes"
 NONE = np.empty(0, np.int64)
-BLANK = _Held(NONE, NONE, NONE, NONE, np.empty(0))
+BLANK = _PointRows(NONE, NONE, NONE, NONE, np.empty(0))
 
 
 class PointsEffect(Effect):
     """The ``PointsInside`` of ``Scene.obstacle_points``, in objects or within ``margin`` of them.
 
-    Each object is its box, or its shape above OBB. Nothing to do without a cloud.
+    Above OBB an object is its shape, else its box.
     """
 
     name = "points"
@@ -90,38 +90,38 @@ class PointsEffect(Effect):
         if cycle.shapes is not None:
             levels[slots] = cycle.shapes.object_levels(slots, setting.values[ACCURACY])
 
-        def compute(some: Rows) -> _Held:
-            counts, first, nearest = np.zeros((3, len(some)), np.int64)
-            held = _Held(some, counts, first, nearest, np.zeros(len(some)))
-            for rows in _by_level(cycle, levels, some):
-                level = levels[some[rows[0]]]
-                boxes = cycle.boxes[some[rows]]
+        def compute(objects: Rows) -> _PointRows:
+            counts, first, nearest = np.zeros((3, len(objects)), np.int64)
+            table = _PointRows(objects, counts, first, nearest, np.zeros(len(objects)))
+            for rows in _by_level(cycle, levels, objects):
+                level = levels[objects[rows[0]]]
+                boxes = cycle.boxes[objects[rows]]
                 bodies: Shapes | None = None
                 radii: Floats | None = None
                 if level > OBB and cycle.shapes is not None:
-                    bodies, radii = BY_LEVEL[level](cycle.boxes, cycle.shapes, some[rows])
+                    bodies, radii = BY_LEVEL[level](cycle.boxes, cycle.shapes, objects[rows])
                 margin = setting.values["margin"]
-                found = points_in_bodies(boxes, bodies, cloud, margin, radii)
-                ignored[0] = found.ignored
+                inside = points_in_bodies(boxes, bodies, cloud, margin, radii)
+                ignored[0] = inside.ignored
                 for name in ("counts", "first", "nearest", "distances"):
-                    vars(held)[name][rows] = vars(found)[name]
-            return held
+                    vars(table)[name][rows] = vars(inside)[name]
+            return table
 
-        _, held, failures = isolated(compute, slots, BLANK, cycle.name)
-        high = levels[held.indices]
+        _, table, failures = isolated(compute, slots, BLANK, cycle.name)
+        high = levels[table.indices]
         return Outcome(
-            *(PointsInside(**vars(held), ignored=ignored[0]), len(cloud), failures),
+            *(PointsInside(**vars(table), ignored=ignored[0]), len(cloud), failures),
             accuracies=high if (high > OBB).any() else None,
         )
 
 
 def _by_level(cycle: Cycle, levels: Levels, slots: Rows) -> Iterator[Rows]:
-    """Yield the rows of slots by levels, which are lowered where there is no time for them."""
+    """Yield the rows of slots by level; lowers levels that the budget has no time for."""
     rows, done = np.flatnonzero(levels[slots] > OBB), 0
     for portion in () if cycle.shapes is None else cycle.shapes.portions(len(rows)):
-        some, done = rows[portion], portion.stop
-        for level in np.unique(levels[slots[some]]):
-            yield some[levels[slots[some]] == level]
+        high, done = rows[portion], portion.stop
+        for level in np.unique(levels[slots[high]]):
+            yield high[levels[slots[high]] == level]
     levels[slots[rows[done:]]] = OBB
     rest = np.flatnonzero(levels[slots] == OBB)
     if len(rest):
@@ -129,8 +129,8 @@ def _by_level(cycle: Cycle, levels: Levels, slots: Rows) -> Iterator[Rows]:
 
 
 def _nothing(slots: Rows) -> PointsInside:
-    none, count = np.full(len(slots), -1), np.zeros(len(slots), np.int64)
-    return PointsInside(slots, count, none, none.copy(), np.full(len(slots), np.inf), 0)
+    first, count = np.full(len(slots), -1), np.zeros(len(slots), np.int64)
+    return PointsInside(slots, count, first, first.copy(), np.full(len(slots), np.inf), 0)
 
 
 def _hulls(boxes: Boxes, shapes: PlacedShapes, slots: Rows) -> tuple[ConvexBodies, None]:
@@ -146,5 +146,5 @@ BY_LEVEL: Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Rows], tuple[Shapes, 
     Accuracy.HULL: _hulls,
     Accuracy.MESH: _meshes,
 }
-"""Shapes that stand for objects above OBB, and radii about it."""
+"""Functions that return shapes for objects above OBB, and radii about these."""
 EFFECT: Effect = PointsEffect()

@@ -18,9 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.contacts.contacts import NO_AXIS, Contacts
+from obb_collision.queries.mesh_contacts.body_depths import within_bodies
+from obb_collision.queries.mesh_contacts.surfaces import patches_of, within
 from obb_collision.queries.verdict.verdict import Separations, pair_separations
-from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,
     ACCURACY_OPTION,
@@ -31,14 +37,17 @@ from obb_collision.scene.effects.base import (
     Outcome,
     Setting,
     pair_rows,
+    take_rows,
+    write_rows,
 )
-from obb_collision.scene.effects.surfaces import hull_separations, triangle_separations
+from obb_collision.scene.refinement.placed_shapes import PairSides, PlacedShapes
+from obb_collision.typing import Floats
 
 BLANK = Separations.blank(NO_PAIRS)
 
 
 class SeparationsEffect(Effect):
-    """The ``Separations`` of the colliding pairs, as far as they are selected for it."""
+    """The ``Separations`` of the colliding pairs that are selected for it."""
 
     name = "separations"
     description = (
@@ -47,8 +56,76 @@ class SeparationsEffect(Effect):
     options: Mapping[str, Option] = {ACCURACY: ACCURACY_OPTION}
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Compute what ``Report.separations``, ``normals`` and ``positions`` are read from."""
+        """Compute the table of ``Report.separations``, ``normals`` and ``positions``."""
         return pair_rows(self.name, cycle, setting, pair_separations, BLANK, BY_LEVEL)
+
+
+def hull_separations(
+    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
+) -> Separations:
+    """Return the separations of pairs on HULL: minus a depth that certainly parts them."""
+    distances = shapes.distances(boxes, pairs).distances
+    middles = 0.5 * (distances.positions_a + distances.positions_b)
+    lower = shapes.parted(distances.lower, pairs, Accuracy.HULL)
+    return Separations(pairs, lower, distances.normals.copy(), middles)
+
+
+def triangle_separations(
+    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
+) -> Separations:
+    """Return the separations of pairs on MESH, with a mesh on at least one side.
+
+    Minus a depth that certainly parts them, also round shapes; no push along the normal is shorter.
+    Cylinders, cones and ellipsoids are pushed along directions of meshes around them.
+    """
+    if shapes.depths is not None and np.array_equal(shapes.depths[0], pairs):
+        return take_rows(shapes.depths[1], np.arange(len(pairs)))
+    table = hull_separations(boxes, shapes, pairs, setting)
+    for sides in shapes.mesh_sides(boxes, pairs):
+        deeper = within(_rows_of(table, sides), sides.a, sides.radii_a, sides.b, sides.radii_b)
+        _write(table, sides, deeper)
+    for sides in shapes.curved_sides(boxes, pairs, shapes.curved(pairs)):
+        deeper = within_bodies(_rows_of(table, sides), sides.a, sides.radii_a, sides.b)
+        _write(table, sides, deeper)
+    table.separations[:] = shapes.parted(table.separations, pairs, Accuracy.MESH)
+    shapes.depths = pairs, take_rows(table, np.arange(len(pairs)))
+    return table
+
+
+def triangle_contacts(
+    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
+) -> Contacts:
+    """Return the contacts of pairs on MESH, with a mesh on at least one side.
+
+    Of several points those on cylinders, cones and ellipsoids are on meshes around them.
+    """
+    max_points = int(setting.values["max_points"])
+    table = triangle_separations(boxes, shapes, pairs, setting)
+    result = Contacts.blank(pairs.copy(), max_points)  # a copy: shapes keep ``pairs`` as a key
+    for sides in shapes.mesh_sides(boxes, pairs):
+        seen = _rows_of(table, sides)
+        rows = np.ascontiguousarray(seen.pairs[:, 0])
+        patches = patches_of(seen, sides.a, sides.b, rows, rows, max_points)
+        write_rows(result, sides.rows, patches)
+    result.pairs[:], result.normals[:], result.axes[:] = pairs, table.normals, NO_AXIS
+    return result
+
+
+def _write(table: Separations, sides: PairSides, new: Separations) -> None:
+    """Write the rows of the pairs of ``sides``, whose normals point from a to b."""
+    table.separations[sides.rows], table.positions[sides.rows] = new.separations, new.positions
+    table.normals[sides.rows] = _sign(sides) * new.normals
+
+
+def _sign(sides: PairSides) -> Floats:
+    return np.where(sides.turned, -1.0, 1.0)[:, None]
+
+
+def _rows_of(table: Separations, sides: PairSides) -> Separations:
+    """Return the rows of the pairs of ``sides``, with normals from a to b."""
+    pairs = np.repeat(np.arange(len(sides.rows)), 2).reshape(-1, 2)
+    normals = _sign(sides) * table.normals[sides.rows]
+    return Separations(pairs, table.separations[sides.rows], normals, table.positions[sides.rows])
 
 
 BY_LEVEL: ByLevel[Separations] = {

@@ -33,7 +33,7 @@ OFF, AUTO, ON = MODES = ("off", "auto", "on")
 
 
 class EffectSettings(SetOnce):
-    """One ``Setting`` per effect, by name."""
+    """The ``Setting`` of each effect, by name."""
 
     def __init__(
         self, effects: Mapping[str, Effect], settings: Mapping[str, Setting] | None = None
@@ -47,23 +47,23 @@ class EffectSettings(SetOnce):
         modes = {name: setting.mode for name, setting in self._settings.items()}
         self._always = tuple(name for name, mode in modes.items() if mode == ON)
         self.any_possible = any(mode != OFF for mode in modes.values())
-        """Whether one is not off."""
+        """Whether any effect is not off."""
         self.above_obb = any(
             setting.mode != OFF and setting.values.get(ACCURACY, AS_PAIRS) in ("hull", "mesh")
             for setting in self._settings.values()
         )
-        """Whether one that is not off is computed above OBB, whatever decides pairs."""
+        """Whether the accuracy of any effect that is not off is above OBB."""
 
     @property
     def settings(self) -> dict[str, Setting]:
-        """All of them by the names of effects."""
+        """All settings, by the names of effects."""
         return dict(self._settings)
 
     def __getitem__(self, name: str) -> Setting:
         return self._settings[self.check_name(name)]
 
     def check_name(self, name: str) -> str:
-        """Return the name of an effect; ValueError with the choices otherwise."""
+        """Return a valid name of an effect; else ValueError with the choices."""
         if not isinstance(name, str) or name not in self._settings:
             choices = ", ".join(self._settings)
             raise ValueError(f"effect must be one of {choices}, got {shown(name)}")
@@ -76,45 +76,42 @@ class EffectSettings(SetOnce):
         objects: Iterable[str] | str | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> EffectSettings:
-        """Return settings in which what is given of one effect is changed."""
+        """Return settings in which one effect has other values; None keeps a value."""
         setting = self[name]
-        known = self._effects[name].options
+        available = self._effects[name].options
         if mode is not None and not (isinstance(mode, str) and mode in MODES):
             raise ValueError(f"mode of {name} must be off, auto or on, got {shown(mode)}")
         values = dict(setting.values)
         for key, value in (options or {}).items():
-            if key not in known:
-                choices = f"has {', '.join(known)}" if known else "has no options"
+            if key not in available:
+                choices = f"has {', '.join(available)}" if available else "has no options"
                 raise ValueError(f"effect {name} {choices}; got {key!r}")
-            values[key] = known[key].checked(f"{name} {key}", value)
+            values[key] = available[key].checked(f"{name} {key}", value)
         patterns = setting.objects if objects is None else as_patterns(objects, f"{name} objects")
-        one = replace(setting, mode=mode or setting.mode, objects=patterns, values=values)
-        return EffectSettings(self._effects, {**self._settings, name: one})
+        new = replace(setting, mode=mode or setting.mode, objects=patterns, values=values)
+        return EffectSettings(self._effects, {**self._settings, name: new})
 
     def reach(self) -> float:
-        """Return how far beyond objects the effects that are not off look (m)."""
+        """Return how far from objects others matter to effects that are not off (m)."""
         return max(
             self._settings[name].reach(effect.options) for name, effect in self._effects.items()
         )
 
     def wanted(self, asked: Iterable[str] | str) -> Sequence[str]:
-        """Return the effects to compute: those that are on, and those asked for that are not off.
-
-        Raises ValueError for an unknown name.
-        """
+        """Return the effects to compute: those that are on, and requested ones that are not off."""
         if isinstance(asked, tuple) and not asked:
             return self._always
         if isinstance(asked, np.ndarray) or not isinstance(asked, Iterable):
             raise TypeError(f"effects must be names of effects, got {shown(asked)}")
-        several = (asked,) if isinstance(asked, str) else asked
-        names = {self.check_name(name) for name in several}
+        requested = (asked,) if isinstance(asked, str) else asked
+        names = {self.check_name(name) for name in requested}
         modes = ((name, setting.mode) for name, setting in self._settings.items())
         return [name for name, mode in modes if mode == ON or (mode == AUTO and name in names)]
 
     def resolved(self, names: Sequence[str | None], version: int) -> Mapping[str, Setting]:
-        """Return the settings with the masks of the objects selected for each effect.
+        """Return the settings with masks of the objects selected for each effect.
 
-        names: by slot; version: a number that changes with them, so that masks can be reused.
+        names: by slot; version: changes with the names, so that masks can be reused.
         """
         if self._resolved is None or self._resolved[0] != version:
             self._resolved = (

@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The effect ``sweep``: what objects pass through between checks, and what they run into next.
+"""The effect ``sweep``: collisions between two checks, and collisions ahead.
 
-Between the check before and this one every box moves from its pose then to its pose now; pairs
-that are apart at both and were not in between are *passed*. From now on objects with a twist keep
-it over the horizon, the others stay; pairs that meet by then are *predicted*. What collides already
-is in the report itself. Between checks the centre of a box goes straight; ahead it goes round the
-origin of its pose, as the twist says. Pairs of which it is not known whether they meet are
-*undecided*: whoever must not miss a collision treats them as colliding from then on.
+Between the check before and this one every box moves from its pose then to its pose now. Pairs that
+are apart at both, but not in between, are *passed*. From now on objects with a twist keep it over
+the horizon, the others stand still; pairs that meet by then are *predicted*. Pairs that collide now
+are in the report itself. Between checks the centre of a box moves straight; ahead it turns about
+the origin of its pose, as the twist says. Pairs that may or may not meet are *undecided*: a caller
+who must not miss a collision treats them as colliding from then on.
 
-Above OBB it is the shapes that meet, fixed to boxes that move like that, from where the sweeps of
-the boxes end: no impact at a finer level is before that at a coarser one. Thin shapes are in thick
-boxes, so there every motion is swept, however short.
+Above OBB the shapes are swept, fixed to these boxes, from the time at which the boxes meet: no
+impact on a finer level is before that on a coarser one. Thin shapes may be in thick boxes, so there
+every motion is swept, however short.
 """
 
 from __future__ import annotations
@@ -64,94 +64,104 @@ from obb_collision.scene.effects.base import (
     Outcome,
     Setting,
     isolated,
+    meeting_pairs,
     take_rows,
     write_rows,
 )
-from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 from obb_collision.scene.store.region import balls_near
 from obb_collision.typing import Floats, Mask, Rows
 
 
-class Ride(NamedTuple):
-    """Motion of the boxes of slots (n,), and what is fixed to them with them."""
+class BoxMotions(NamedTuple):
+    """Motions of the boxes of slots (n,), and of the shapes fixed to these boxes."""
 
     slots: Rows  #: sorted
     moving: MovingBoxes
-    now: Boxes  #: of the slots; their bodies are where they are at a check
-    pivots: Floats  #: (n, 3) at the beginning: points fixed to the boxes that move straight
+    now: Boxes  #: of the slots, at this check
+    pivots: Floats  #: (n, 3) start of the points of the boxes that move straight
 
 
-Swept: TypeAlias = "Callable[[PlacedShapes, Cycle, Ride, Pairs, Floats, float], Sweeps]"
+Swept: TypeAlias = "Callable[[PlacedShapes, Cycle, BoxMotions, Pairs, Floats, float], Sweeps]"
 
 
 def refined_sweeps(
-    found: Sweeps, cycle: Cycle, ride: Ride, pairs: Pairs, setting: Setting
+    sweeps: Sweeps, cycle: Cycle, motions: BoxMotions, pairs: Pairs, setting: Setting
 ) -> Sweeps:
-    """Return the sweeps of pairs (m, 2) of slots with those of shapes; found: of their boxes."""
-    touching = np.flatnonzero(found.hits | found.undecided)
-    some = cycle.levels(pairs[touching], setting, max(BY_LEVEL))
-    if some is None or cycle.shapes is None:
-        return found
+    """Replace sweeps of the boxes of pairs (m, 2) of slots by those of their shapes."""
+    touching = np.flatnonzero(sweeps.hits | sweeps.undecided)
+    high = cycle.levels(pairs[touching], setting, max(BY_LEVEL))
+    if high is None or cycle.shapes is None:
+        return sweeps
     levels = np.full(len(pairs), np.int8(Accuracy.OBB))
-    levels[touching] = some
-    found = take_rows(found, np.arange(len(pairs)))  # to be written to
-    duration = ride.moving.duration
+    levels[touching] = high
+    sweeps = take_rows(sweeps, np.arange(len(pairs)))  # a copy, to write to
+    duration = motions.moving.duration
     tolerance = setting.values["tolerance"]
     for part in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
         for level, compute in BY_LEVEL.items():
-            rows = part[(levels[part] >= level) & (found.hits[part] | found.undecided[part])]
+            rows = part[(levels[part] >= level) & (sweeps.hits[part] | sweeps.undecided[part])]
             if len(rows) == 0:
                 continue
-            begin = found.free_until[rows] / duration * (1.0 - 4.0 * ROUNDOFF)
-            new = compute(cycle.shapes, cycle, ride, pairs[rows], begin, tolerance)
-            free = np.maximum(new.free_until * duration, found.free_until[rows])
+            begin = sweeps.free_until[rows] / duration * (1.0 - 4.0 * ROUNDOFF)
+            new = compute(cycle.shapes, cycle, motions, pairs[rows], begin, tolerance)
+            free = np.maximum(new.free_until * duration, sweeps.free_until[rows])
             times = np.where(new.undecided, np.nan, free)
-            new = replace(new, pairs=found.pairs[rows], free_until=free, times=times)
-            write_rows(found, rows, new)
-    return found
+            new = replace(new, pairs=sweeps.pairs[rows], free_until=free, times=times)
+            write_rows(sweeps, rows, new)
+    return sweeps
 
 
-def motion_of(bodies: PlacedMeshes | ConvexBodies, slots: Rows, ride: Ride) -> BodyMotion:
-    """Return the motion of bodies fixed to the boxes of slots, where they are at a check."""
-    rows, motion = np.searchsorted(ride.slots, slots), ride.moving.arrays
-    arms = bodies.centers - ride.now.centers[rows]
+def motion_of(bodies: PlacedMeshes | ConvexBodies, slots: Rows, motions: BoxMotions) -> BodyMotion:
+    """Return the motion of bodies at a check, fixed to the boxes of slots."""
+    rows, motion = np.searchsorted(motions.slots, slots), motions.moving.arrays
+    arms = bodies.centers - motions.now.centers[rows]
     rotations = bodies.arrays.rotations
     if motion.seconds == 0.0:  # the check is the end of the motion
-        back = motion.rotations[rows] @ ride.now.rotations[rows].transpose(0, 2, 1)
+        back = motion.rotations[rows] @ motions.now.rotations[rows].transpose(0, 2, 1)
         arms, rotations = np.einsum("nij,nj->ni", back, arms), back @ rotations
-    boxes = motion.starts[rows] - ride.pivots[rows]
+    boxes = motion.starts[rows] - motions.pivots[rows]
     reaches = motion.radii[rows] + bounding_radii(boxes)
     return BodyMotion(
-        ride.pivots[rows], motion.ends[rows], motion.seconds, rotations, motion.turns[rows],
+        motions.pivots[rows], motion.ends[rows], motion.seconds, rotations, motion.turns[rows],
         arms + boxes, motion.radii[rows], reaches * OUTWARD,
     )  # fmt: skip
 
 
 def hull_sweeps(
-    shapes: PlacedShapes, cycle: Cycle, ride: Ride, pairs: Pairs, begin: Floats, tolerance: float
-) -> Sweeps:
+    shapes: PlacedShapes,
+    cycle: Cycle,
+    motions: BoxMotions,
+    pairs: Pairs,
+    begin: Floats,
+    tolerance: float,
+) -> Sweeps:  # fmt: skip
     """Return the sweeps of pairs on HULL."""
     bodies, i, j = shapes.bodies(cycle.boxes, pairs)
-    motion = motion_of(bodies, np.unique(pairs), ride)
+    motion = motion_of(bodies, np.unique(pairs), motions)
     return convex_sweeps(bodies, motion, np.column_stack([i, j]), begin, tolerance)
 
 
 def triangle_sweeps(
-    shapes: PlacedShapes, cycle: Cycle, ride: Ride, pairs: Pairs, begin: Floats, tolerance: float
-) -> Sweeps:
+    shapes: PlacedShapes,
+    cycle: Cycle,
+    motions: BoxMotions,
+    pairs: Pairs,
+    begin: Floats,
+    tolerance: float,
+) -> Sweeps:  # fmt: skip
     """Return the sweeps of pairs on MESH, with a mesh on at least one side.
 
     Round shapes are exact.
     """
     table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
-    for some in shapes.exact_sides(cycle.boxes, pairs):
-        first, second = some.ends.T
-        motion = joined(motion_of(some.a, first, ride), motion_of(some.b, second, ride))
-        bodies = some.a, some.radii_a, some.b, some.radii_b
-        found = swept_meshes(*bodies, motion, begin[some.rows], tolerance)
-        found.normals[some.turned] *= -1.0
-        write_rows(table, some.rows, found)
+    for sides in shapes.exact_sides(cycle.boxes, pairs):
+        first, second = sides.ends.T
+        motion = joined(motion_of(sides.a, first, motions), motion_of(sides.b, second, motions))
+        bodies = sides.a, sides.radii_a, sides.b, sides.radii_b
+        sweeps = swept_meshes(*bodies, motion, begin[sides.rows], tolerance)
+        sweeps.normals[sides.turned] *= -1.0
+        write_rows(table, sides.rows, sweeps)
     return table
 
 
@@ -169,8 +179,8 @@ NOTHING = Outcome(BLANK, 0)
 class SweptPairs:
     """The ``Sweeps`` of pairs that hit or are undecided, sorted.
 
-    passed: since the check before; times are shares of the step, 0 then, 1 now. predicted: times
-    are seconds from now.
+    passed: since the check before; times are fractions of the step, 0 then and 1 now. predicted:
+    times are seconds from now.
     """
 
     passed: Sweeps
@@ -225,25 +235,20 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
         return NOTHING
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
     pairs = pairs[~_among(pairs, cycle.pairs, len(cycle.enabled))]
-    ride = Ride(slots, MovingBoxes(start, end), end, start.centers)
-    found = _swept(cycle, ride, pairs, setting)
-    result = found.result
+    motions = BoxMotions(slots, MovingBoxes(start, end), end, start.centers)
+    outcome = _swept(cycle, motions, pairs, setting)
+    result = outcome.result
     begun = result.undecided | (result.times > 0.0)
     far = needed[np.searchsorted(slots, result.pairs)].any(axis=1)
     levels = cycle.levels(result.pairs, setting, max(BY_LEVEL))
     if levels is not None:  # shapes may have been near enough, but apart
         far |= levels > OBB
-        begun |= (levels > OBB) & ~_collided(cycle, before, result.pairs)
+        then = before.pairs  # colliding pairs, of any region
+        if before.poses is not None and cycle.shapes is not None:
+            then = cycle.shapes.colliding_at(before.boxes, before.poses, result.pairs)
+        begun |= (levels > OBB) & ~_among(result.pairs, then, len(cycle.enabled))
     # the others collided before, and were reported then
-    return replace(found, result=take_rows(result, begun & far))
-
-
-def _collided(cycle: Cycle, before: Before, pairs: Pairs) -> Mask:
-    """Return (k,) which pairs (k, 2) collided at the check before, in whatever region that was."""
-    found = before.pairs
-    if before.poses is not None and cycle.shapes is not None:
-        found = cycle.shapes.colliding_at(before.boxes, before.poses, pairs)
-    return _among(pairs, found, len(cycle.enabled))
+    return replace(outcome, result=take_rows(result, begun & far))
 
 
 def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
@@ -264,11 +269,11 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     pairs = meeting_pairs(cycle, slots, *bounds, selected[slots])
     pairs = pairs[~_among(pairs, cycle.pairs, len(cycle.enabled))]
     moved = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
-    return _swept(cycle, Ride(slots, moved, boxes, origins), pairs, setting)
+    return _swept(cycle, BoxMotions(slots, moved, boxes, origins), pairs, setting)
 
 
 def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
-    """Return those of slots (n,) that may have come near to the region on their way."""
+    """Return the slots, of (n,), that may have come near the region on their way."""
     if cycle.region is None:
         return slots
     extents, starts, ends = cycle.boxes.half_extents, before.boxes.centers, cycle.boxes.centers
@@ -282,7 +287,7 @@ def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
 
 
 def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
-    """Return (slots,) which of the moving objects elsewhere may come near to the region."""
+    """Return (slots,) which moving objects elsewhere may come near the region."""
     coming = np.zeros(len(moving), np.bool_)
     if cycle.region is not None:
         slots = np.flatnonzero(moving & ~cycle.active)
@@ -294,25 +299,26 @@ def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
 
 
 def _among(pairs: Pairs, others: Pairs, slots: int) -> Mask:
-    """Return (k,) which pairs (k, 2) are among others."""
-    keys, known = (p[:, 0] * slots + p[:, 1] for p in (pairs, others))
-    return np.isin(keys, known)
+    """Return which pairs (k, 2) are among others."""
+    keys, other_keys = (p[:, 0] * slots + p[:, 1] for p in (pairs, others))
+    return np.isin(keys, other_keys)
 
 
-def _swept(cycle: Cycle, ride: Ride, pairs: Pairs, setting: Setting) -> Outcome:
+def _swept(cycle: Cycle, motions: BoxMotions, pairs: Pairs, setting: Setting) -> Outcome:
     """Sweep pairs (k, 2) of slots."""
-    rows = np.searchsorted(ride.slots, pairs)
+    rows = np.searchsorted(motions.slots, pairs)
 
-    def query(some: Pairs) -> Sweeps:
-        found = box_sweeps(ride.moving, ride.moving, some, tolerance=setting.values["tolerance"])
-        return refined_sweeps(found, cycle, ride, ride.slots[some], setting)
+    def query(row_pairs: Pairs) -> Sweeps:
+        tolerance = setting.values["tolerance"]
+        sweeps = box_sweeps(motions.moving, motions.moving, row_pairs, tolerance=tolerance)
+        return refined_sweeps(sweeps, cycle, motions, motions.slots[row_pairs], setting)
 
     def name(row: int) -> str:
-        return cycle.name(int(ride.slots[row]))
+        return cycle.name(int(motions.slots[row]))
 
-    good, found, failures = isolated(query, rows, BLANK, name)
-    kept = found.hits | found.undecided
-    result = replace(take_rows(found, kept), pairs=pairs[good[kept]])
+    good, sweeps, failures = isolated(query, rows, BLANK, name)
+    kept = sweeps.hits | sweeps.undecided
+    result = replace(take_rows(sweeps, kept), pairs=pairs[good[kept]])
     return Outcome(result, len(rows), failures)
 
 

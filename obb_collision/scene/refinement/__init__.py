@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Deciding pairs above ``obb``: by trees, hulls or triangles, in a time budget."""
+"""Decides pairs above ``obb``, by trees, hulls or triangles, in a time budget."""
 
 from obb_collision.scene.refinement.budget import Budget, refine
 

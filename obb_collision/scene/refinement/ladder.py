@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Deciding pairs on the levels of ``Accuracy``: which level a pair gets, and its verdict.
+"""The level of ``Accuracy`` on which a pair is decided, and its verdict.
 
-A pair is decided on the lower level of its two objects' accuracies. The levels above OBB look only
-at what OBB reports. They need a shape that is no box, else the pair stays on OBB. With padding MESH
-is HULL for pairs without a mesh, except for spheres, capsules and boxes among themselves.
+That is the lower one of its two objects. Levels above OBB decide only pairs that OBB reports, and
+only those with a shape that is no box; others stay on OBB. With padding MESH is HULL for pairs
+without a mesh, except for spheres, capsules and boxes among themselves.
 """
 
 from __future__ import annotations
@@ -32,16 +32,14 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.coarse import bounds_may_collide, spheres_may_collide
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.broad_phase.find_pairs import columns
-from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.broad_phase.find_pairs import OBB, columns
+from obb_collision.scene.building.shape_cache import BOX, BOXED, ROUND, TRIANGLES, ShapeCache
 from obb_collision.scene.refinement.budget import Budget, Levels, refine
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
-from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
-#: The level of boxes, as kernels compare it.
-OBB = int(Accuracy.OBB)
+#: A level, as kernels compare it.
 HULL = int(Accuracy.HULL)
 
 
@@ -53,7 +51,7 @@ class Decided(NamedTuple):
     levels: Levels
 
     def take(self, rows: Rows | Mask | slice) -> Decided:
-        """Return some of them."""
+        """Return the pairs of some rows."""
         return Decided._make(column[rows] for column in self)
 
 
@@ -67,9 +65,9 @@ def is_plain(store: ObjectStore) -> bool:
 
 
 def needs_spheres(store: ObjectStore) -> bool:
-    """Return whether the broad phase must look for spheres, too, that overlap.
+    """Return whether bounds must hold the spheres around boxes, too.
 
-    Also for objects far from a region: all that share a scene find the same bounds.
+    By all objects, also those far from a region: so all regions have the same bounds.
     """
     return bool((store.accuracies[store.enabled] == Accuracy.SPHERE).any())
 
@@ -77,13 +75,13 @@ def needs_spheres(store: ObjectStore) -> bool:
 def pair_levels(
     store: ObjectStore, first: Rows, second: Rows, accuracies: Levels | None = None
 ) -> Levels:
-    """Return the level (m,) int8 that decides each pair of slots.
+    """Return the level (m,) int8 of each pair of slots.
 
-    accuracies: by slot, in place of the store's.
+    accuracies: by slot, by default those of the store.
     """
     levels = np.empty(len(first), np.int8)
-    given = store.accuracies if accuracies is None else accuracies
-    _levels_kernel(given, store.kinds, store.paddings, first, second, levels)
+    by_slot = store.accuracies if accuracies is None else accuracies
+    _levels_kernel(by_slot, store.kinds, store.paddings, first, second, levels)
     return levels
 
 
@@ -112,7 +110,7 @@ NONE = Decided(np.empty((0, 2), np.int64), *np.empty((2, 0), np.int8))
 
 
 def joined(parts: Sequence[Decided]) -> Decided:
-    """Return the pairs of parts, one after another."""
+    """Join the pairs of parts."""
     return Decided._make(map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -122,41 +120,41 @@ def decide_pairs(
 ) -> tuple[Decided, bool]:  # fmt: skip
     """Return the candidates (m, 2), pairs of slots whose bounds overlap, that are not SEPARATE.
 
-    waiting: pairs that haven't changed, decided on a lower level than they ask for; returned among
-    the others if they still collide. budget: its time goes to the nearest ones first. Also returns
-    whether any pair has been decided on a lower level than it asks for.
+    waiting: unchanged pairs that were decided below their level; returned, too, if they still
+    collide. budget: spent on the nearest pairs first. Also returns whether any pair was decided
+    below its level.
     """
     boxes = store.all_boxes()
     first, second = columns(candidates)
-    asked = pair_levels(store, first, second)
+    wanted = pair_levels(store, first, second)
     if needs_spheres(store):
-        kept = (asked == Accuracy.SPHERE) | bounds_may_collide(boxes, first, second)
-        first, second, asked = first[kept], second[kept], asked[kept]
-    verdicts = _box_verdicts(boxes, first, second, asked, exact)
+        kept = (wanted == Accuracy.SPHERE) | bounds_may_collide(boxes, first, second)
+        first, second, wanted = first[kept], second[kept], wanted[kept]
+    verdicts = _box_verdicts(boxes, first, second, wanted, exact)
     met = np.flatnonzero(verdicts != SEPARATE)
     pairs = np.column_stack([first[met], second[met]])
-    verdicts, asked = verdicts[met], asked[met]
-    levels = np.minimum(asked, np.int8(Accuracy.OBB))
+    verdicts, wanted = verdicts[met], wanted[met]
+    levels = np.minimum(wanted, np.int8(Accuracy.OBB))
     if len(waiting.pairs):
-        asked = np.append(asked, pair_levels(store, *columns(waiting.pairs)))
+        wanted = np.append(wanted, pair_levels(store, *columns(waiting.pairs)))
         pairs, verdicts, levels = joined([Decided(pairs, verdicts, levels), waiting])
-    high = np.flatnonzero(asked > Accuracy.OBB)
+    high = np.flatnonzero(wanted > Accuracy.OBB)
     if len(high):
         job = MeshPairs(store, cache, *columns(pairs[high]), exact)
         state = levels[high], verdicts[high]
         order = None if budget is None else nearest_first(boxes, pairs[high])
-        refine(job, asked[high], *state, budget, order)
+        refine(job, wanted[high], *state, budget, order)
         levels[high], verdicts[high] = state
-    found = np.flatnonzero(verdicts != SEPARATE)
-    found = found[np.lexsort((pairs[found, 1], pairs[found, 0]))]
-    behind = bool((levels[found] < asked[found]).any())
-    return Decided(pairs, verdicts, levels).take(found), behind
+    rows = np.flatnonzero(verdicts != SEPARATE)
+    rows = rows[np.lexsort((pairs[rows, 1], pairs[rows, 0]))]
+    behind = bool((levels[rows] < wanted[rows]).any())
+    return Decided(pairs, verdicts, levels).take(rows), behind
 
 
 def nearest_first(boxes: Boxes, pairs: Pairs) -> Rows:
-    """Return the rows of pairs (m, 2) in the order of how deep their bounds overlap, or how near.
+    """Return the rows of pairs (m, 2), those whose bounds overlap deepest first.
 
-    That costs little, and that of a small object on a large one is small.
+    That costs little. For a small object on a large one the depth is small.
     """
     (low_a, high_a), (low_b, high_b) = (boxes[slots].world_bounds() for slots in pairs.T)
     depths = (np.minimum(high_a, high_b) - np.maximum(low_a, low_b)).min(axis=1)
@@ -164,7 +162,7 @@ def nearest_first(boxes: Boxes, pairs: Pairs) -> Rows:
 
 
 def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, levels: Levels, exact: bool) -> Verdicts:
-    """Return verdicts (m,) on each pair's level, at most on OBB."""
+    """Return verdicts (m,) on the level of each pair, at most on OBB."""
     if len(levels) == 0 or levels.min() >= Accuracy.OBB:
         return pair_verdicts(boxes, first, boxes, second, exact)
     result = np.full(len(first), SEPARATE, np.int8)

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pairs of one check above OBB: what stands for them on a level, where it is, and the verdicts.
+"""Verdicts of pairs above OBB: the shapes of both objects on a level, and where they are.
 
-Spheres and capsules against each other and boxes are decided on their exact shapes, other pairs of
-convex shapes on these or their hulls, whatever the level; with a mesh on either side the level
-decides. On MESH spheres and capsules are segments with a radius, exactly, and cylinders, cones and
-ellipsoids their exact shapes. The hull of the mesh beside these is tried as well, so that rounding
-does not make MESH find what HULL does not.
+Spheres and capsules among each other and with boxes are decided on exact shapes, other pairs of
+convex shapes on exact shapes or hulls, whatever the level. With a mesh on either side the level
+matters. On MESH spheres and capsules are segments with a radius, and cylinders, cones and
+ellipsoids exact shapes. The hull of the mesh beside these is tried as well, so that rounding does
+not let MESH report pairs that HULL separates.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ from functools import cached_property
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
+from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide, mesh_body_distances
@@ -41,23 +44,28 @@ from obb_collision.queries.meshes.meshes import UNLIMITED, mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
-from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.refinement.bodies import convex_bodies
+from obb_collision.scene.building.shape_cache import (
+    BOX,
+    BOXED,
+    CONVEX,
+    ROUND,
+    TRIANGLES,
+    ShapeCache,
+)
 from obb_collision.scene.refinement.budget import ABOVE, Budget
-from obb_collision.scene.store.kinds import BOX, BOXED, CONVEX, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
-#: What is lost when a capsule is placed and padded, relative to its coordinates: 128 roundoffs,
-#: of which rotations that are orthonormal to 64 take the half.
+#: Error of placing and padding a capsule, relative to its coordinates: 128 roundoffs, half of them
+#: from rotations that are orthonormal to 64.
 PLACING = 128 * ROUNDOFF
 
-#: Pairs of nodes to look at, once triangles touch, for some that overlap: 0.3 ms face to face.
+#: Pairs of nodes searched for an overlap once triangles touch: 0.3 ms face to face.
 EFFORT = 256
 
 
 def prepare_shapes(store: ObjectStore, cache: ShapeCache) -> None:
-    """Build what the levels of all objects may need, and compile what looks at it."""
+    """Build the trees and hulls that all objects may need, and compile the kernels for them."""
     wanted = np.flatnonzero(store.active & (store.accuracies > Accuracy.OBB))
     wanted = wanted[store.kinds[wanted] != BOXED]
     if len(wanted) == 0:
@@ -89,20 +97,20 @@ class MeshPairs:
         self._solid = (np.maximum(a, b) < TRIANGLES) & ~self._simple
 
     def prepare(self, level: Accuracy, rows: Rows, budget: Budget | None) -> Mask:
-        """Build what pairs need while there is time; return (k,) which have it."""
+        """Build trees and hulls of pairs while there is time; return which (k,) are ready."""
         ready = self._simple[rows]
         hulls = self._by_hull(level, rows)
         both = ~hulls & ~ready & (level == Accuracy.MESH) & self._curved(rows)
         ready[:] = True
-        for hull, these in ((True, hulls | both), (False, ~hulls & ~self._simple[rows])):
-            if not these.any():
+        for hull, needy in ((True, hulls | both), (False, ~hulls & ~self._simple[rows])):
+            if not needy.any():
                 continue
-            i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
+            i, j = self._ends[0][rows[needy]], self._ends[1][rows[needy]]
             have = _marked(len(self._slots), i, j)
             bare = have & (self._store.kinds[self._slots] == ROUND) & (level == Accuracy.MESH)
             needed = np.flatnonzero(have & ~bare)  # segments take no time
             have[needed] = self._cache.build(self._store, self._slots[needed], hull, budget)
-            ready[these] &= have[i] & have[j]
+            ready[needy] &= have[i] & have[j]
         return ready
 
     def decide(self, level: Accuracy, rows: Rows) -> Verdicts:
@@ -121,18 +129,18 @@ class MeshPairs:
         return result
 
     def _curved(self, rows: Rows) -> Mask:
-        """Return (k,) which pairs have a shape whose hull or tree is larger than it is."""
+        """Return which pairs (k,) have a shape that its hull or tree exceeds."""
         kinds = self._placed.kinds
         curved = (kinds != CORNERS) & (kinds != BOX_CORE)
         return np.asarray(curved[self._ends[0][rows]] | curved[self._ends[1][rows]])
 
     def _may_collide(self, rows: Rows) -> Mask:
-        """Return (k,) which pairs of convex shapes, padded, are not certainly apart."""
+        """Return which pairs (k,) of padded convex shapes are not certainly apart."""
         i, j = self._ends[0][rows], self._ends[1][rows]
         return convex_may_collide(self._bodies, self._bodies, i, j)
 
     def _by_hull(self, level: Accuracy, rows: Rows) -> Mask:
-        """Return (k,) which pairs a level decides on their hulls."""
+        """Return which pairs (k,) a level decides on hulls."""
         return ~self._simple[rows] if level == Accuracy.HULL else self._solid[rows]
 
     def _hull_verdicts(self, rows: Rows) -> Verdicts:
@@ -140,24 +148,24 @@ class MeshPairs:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
         padded = self._store.paddings[self._slots] > 0.0
-        some = padded[i] | padded[j] | self._curved(rows)
+        inexact = padded[i] | padded[j] | self._curved(rows)
         met = np.empty(len(rows), np.bool_)
         places = self._placed.centers, self._placed.rotations
         bodies = PlacedHulls(*self._cache.hulls(self._slots), *places)
-        met[~some] = hulls_may_collide(bodies, bodies, i[~some], j[~some])
-        if some.any():
-            met[some] = self._may_collide(rows[some])
+        met[~inexact] = hulls_may_collide(bodies, bodies, i[~inexact], j[~inexact])
+        if inexact.any():
+            met[inexact] = self._may_collide(rows[inexact])
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
 
     @property
     def _bodies(self) -> ConvexBodies:
-        """All bodies, with the hulls that there are by now."""
+        """All bodies, with the hulls built by now."""
         hulls, rows = self._cache.hulls(self._slots)
         return replace(self._placed, hulls=hulls, rows=rows)
 
     @cached_property
     def _placed(self) -> ConvexBodies:
-        """All bodies, with the hulls that there were when they were asked for first."""
+        """All bodies, with the hulls built when this was first read."""
         return convex_bodies(self._store, self._cache, self._store.all_boxes(), self._slots)
 
     def _tree_verdicts(self, rows: Rows) -> Verdicts:
@@ -171,9 +179,9 @@ class MeshPairs:
         kinds, radii = self._store.kinds[self._slots], self._store.paddings[self._slots]
         thin = (kinds == ROUND)[pairs].any(axis=1)
         curved = np.isin(self._placed.kinds, CURVED)[pairs]
-        round_one = curved.any(axis=1)
-        bare = ~thin & ~round_one & (radii[pairs] == 0.0).all(axis=1)
-        padded = ~thin & ~round_one & ~bare
+        exact = curved.any(axis=1)
+        bare = ~thin & ~exact & (radii[pairs] == 0.0).all(axis=1)
+        padded = ~thin & ~exact & ~bare
         verdicts = np.empty(len(rows), np.int8)
         verdicts[bare] = mesh_verdicts(
             bodies, bodies, pairs[bare], exact=self._exact, effort=effort
@@ -183,16 +191,19 @@ class MeshPairs:
         if thin.any():
             turned = kinds[i[thin]] == ROUND
             mesh, other = np.where(turned, pairs[thin, ::-1].T, pairs[thin].T)
-            segments, reach = self._segments
+            # spheres and capsules as segments, with their radii and padding
+            placed, own = self._placed, self._round_slots
+            trees, places = segment_trees(placed.sizes[own, 3]), (placed.centers, placed.rotations)
+            segments = PlacedMeshes.trusted(*trees, *(column[own] for column in places))
             verdicts[thin] = _verdicts_within(
-                bodies, radii, segments, reach, mesh, self._capsule_rows[other]
+                bodies, radii, segments, placed.radii[own], mesh, self._capsule_rows[other]
             )
-        if round_one.any():
-            turned = curved[round_one, 0]
-            mesh, other = np.where(turned, pairs[round_one, ::-1].T, pairs[round_one].T)
+        if exact.any():
+            turned = curved[exact, 0]
+            mesh, other = np.where(turned, pairs[exact, ::-1].T, pairs[exact].T)
             _, near = mesh_body_distances(bodies, radii, self._bodies, mesh, other, 0.0)
-            verdicts[round_one] = np.where(near, np.int8(TOUCHING), np.int8(SEPARATE))
-        outer = (kinds == CONVEX)[pairs].any(axis=1)  # what stands for them is larger
+            verdicts[exact] = np.where(near, np.int8(TOUCHING), np.int8(SEPARATE))
+        outer = (kinds == CONVEX)[pairs].any(axis=1)  # their trees are larger than they are
         return np.where(outer, np.minimum(verdicts, np.int8(TOUCHING)), verdicts)
 
     def _round_verdicts(self, rows: Rows) -> Verdicts:
@@ -217,26 +228,18 @@ class MeshPairs:
         return np.where(inner == OVERLAP, inner, np.minimum(outer, np.int8(TOUCHING)))
 
     @cached_property
-    def _segments(self) -> tuple[PlacedMeshes, Floats]:
-        """Spheres and capsules as segments, and the radii about these with padding."""
-        bodies, rows = self._placed, self._round_slots
-        trees, places = segment_trees(bodies.sizes[rows, 3]), (bodies.centers, bodies.rotations)
-        segments = PlacedMeshes.trusted(*trees, *(each[rows] for each in places))
-        return segments, bodies.radii[rows]
-
-    @cached_property
     def _round_slots(self) -> Rows:
         return np.flatnonzero(self._store.kinds[self._slots] == ROUND)
 
     @cached_property
     def _capsule_rows(self) -> Rows:
-        """The row of each slot in ``_capsules``."""
+        """The row of each slot in the results of ``_capsules``."""
         rows = np.full(len(self._slots), -1)
         rows[self._round_slots] = np.arange(len(self._round_slots))
         return rows
 
     def _capsules(self, sign: float) -> Capsules:
-        """Return the spheres and capsules with padding, larger or smaller by all errors."""
+        """Return padded spheres and capsules, larger or smaller (sign) by all errors."""
         bodies, rows = self._placed, self._round_slots
         centers, halves, radii = bodies.centers[rows], bodies.sizes[rows, 3], bodies.radii[rows]
         axes = bodies.rotations[rows, :, 2] * halves[:, None]
@@ -248,14 +251,52 @@ class MeshPairs:
 def _verdicts_within(
     a: PlacedMeshes, radii_a: Floats, b: PlacedMeshes, radii_b: Floats, i: Rows, j: Rows
 ) -> Verdicts:
-    """Return verdicts (k,) of rows of two meshes, each with a radius about it."""
-    found, near = clearances_of(a, radii_a, b, radii_b, i, j, 0.0)
-    certain = np.where(found.upper == 0.0, np.int8(OVERLAP), np.int8(TOUCHING))
+    """Return verdicts (k,) of rows of two sets of meshes with radii about them."""
+    clearances, near = clearances_of(a, radii_a, b, radii_b, i, j, 0.0)
+    certain = np.where(clearances.upper == 0.0, np.int8(OVERLAP), np.int8(TOUCHING))
     return np.where(near, certain, np.int8(SEPARATE))
 
 
 def _marked(count: int, first: Rows, second: Rows) -> Mask:
-    """Return (count,) which numbers are named by either."""
+    """Return (count,) which numbers are in either array."""
     mask = np.zeros(count, np.bool_)
     mask[first] = mask[second] = True
     return mask
+
+
+def places_of(store: ObjectStore, boxes: Boxes, slots: Rows) -> tuple[Floats, Floats]:
+    """Return centres and rotations (k,) of slots: those of poses, of boxes those of the boxes.
+
+    boxes: of all slots, padded.
+    """
+    centers, rotations = boxes.centers[slots], boxes.rotations[slots]
+    shaped = np.flatnonzero(store.kinds[slots] > BOX)
+    centers[shaped], rotations[shaped] = as_poses(store.poses[slots[shaped]], warn=False)
+    return centers, rotations
+
+
+def trees_of(store: ObjectStore, cache: ShapeCache, slots: Rows) -> tuple[MeshTrees, Rows, Floats]:
+    """Return trees, the row (k,) of each slot's tree, and radii (k,) with padding.
+
+    Those of spheres and capsules are segments; all slots are such, or none.
+    """
+    radii = store.paddings[slots]
+    if (store.kinds[slots] == ROUND).any():
+        halves, own = cache.cores(slots)[:, 4:].T
+        return *segment_trees(halves), own + radii
+    return *cache.trees(slots), radii
+
+
+def convex_bodies(store: ObjectStore, cache: ShapeCache, boxes: Boxes, slots: Rows) -> ConvexBodies:
+    """Return the bodies of slots (k,) with padding, and the hulls built so far.
+
+    boxes: of all slots, padded.
+    """
+    shaped = np.flatnonzero(store.kinds[slots] > BOX)
+    cores = np.zeros((len(slots), 6))
+    cores[:, 0], cores[:, 1:4] = BOX_CORE, boxes.half_extents[slots]
+    cores[shaped] = cache.cores(slots[shaped])
+    cores[shaped, 5] += store.paddings[slots[shaped]]
+    kinds, sizes, radii = cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
+    hulls = cache.hulls(slots)
+    return ConvexBodies(kinds, sizes, radii, *hulls, *places_of(store, boxes, slots))

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shapes of one check, for effects above OBB: where they were, and what stands for them.
+"""The shapes of one check, for effects above OBB: their places, trees and hulls.
 
-An effect is computed on the level that decided its pair, or on the one that its own ``accuracy``
-says; on boxes where that is OBB or below, where nothing else stands for an object, until a hull is
-built that is being built elsewhere, and where a budget's time is up.
+An effect is computed on the level that decided its pair, or on its own ``accuracy``. It is computed
+on boxes where that is OBB or below, for objects that are boxes, while a hull is being built
+elsewhere, and where the time of a budget is up.
 """
 
 from __future__ import annotations
@@ -34,45 +34,44 @@ from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.refinement.bodies import convex_bodies, places_of, trees_of
+from obb_collision.scene.building.shape_cache import BOX, BOXED, ROUND, TRIANGLES, ShapeCache
 from obb_collision.scene.refinement.budget import Budget, Levels
 from obb_collision.scene.refinement.ladder import decide_pairs, nearest_first, pair_levels
-from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
+from obb_collision.scene.refinement.mesh_pairs import convex_bodies, places_of, trees_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
-#: The option of an effect that says on which level it is computed.
+#: Choices for the level of an effect; AS_PAIRS: the level that decided the pair.
 AS_PAIRS = "pairs"
 CHOICES = (AS_PAIRS, "obb", "hull", "mesh")
 
 
 class BodyDistances(NamedTuple):
-    """Bodies of pairs (m, 2), their rows (m,), (m,) in them, and how far they are apart."""
+    """Bodies of pairs (m, 2): the rows (m,), (m,) of each pair, and their distances."""
 
     bodies: ConvexBodies
     first: Rows
     second: Rows
-    found: ConvexDistances
+    distances: ConvexDistances
 
 
 class PairSides(NamedTuple):
-    """Bodies of some pairs: row k of a, meshes with radii about them, and row k of b."""
+    """The bodies a and b of k pairs; those of a are meshes with radii."""
 
     rows: Rows  #: (k,) of the pairs
-    turned: Mask  #: (k,) whether a is the second of the pair; round ones are b
+    turned: Mask  #: (k,) whether a is the second object of the pair; round objects are b
     ends: Pairs  #: (k, 2) slots of a and of b
     a: PlacedMeshes
     radii_a: Floats
-    b: Any  #: PlacedMeshes, or ConvexBodies that are cylinders, cones or ellipsoids
+    b: Any  #: PlacedMeshes, or ConvexBodies for cylinders, cones and ellipsoids
     radii_b: Any  #: (k,), None for ConvexBodies
 
 
 class PlacedShapes:
-    """Shapes as they were at a check; slots of objects that are boxes are not among them.
+    """The shapes of a scene as they were at a check, but for boxes.
 
-    pairs (m, 2), sorted, decided on levels (m,); exact: as for ``decide_pairs``; complete: whether
-    pairs are all that collide.
+    pairs (m, 2), sorted: the colliding pairs, decided on levels (m,); exact: as for
+    ``decide_pairs``; complete: whether no pair is left out.
     """
 
     def __init__(
@@ -91,20 +90,20 @@ class PlacedShapes:
         self._pairs, self._decided = pairs, levels
         self._exact = exact
         self.kinds, self.paddings = store.kinds, store.paddings
-        self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
+        self._distances: tuple[Pairs, BodyDistances] | None = None  # of the last call
         self.depths: tuple[Pairs, Separations] | None = None
-        """Depths that an effect found on MESH, for others of the same pairs."""
+        """Depths on MESH computed by an effect, for other effects on the same pairs."""
         self.begin(None)
 
     def begin(self, budget: Budget | None, name: str = "") -> None:
-        """Begin an effect, by its name, in the time that a budget has left."""
+        """Begin an effect, by its name; budget: limits its time."""
         self._name = name
         self._budget, self._late = budget, np.empty((0, 2), np.int64)
         self.is_late = False
-        """Whether the effect has left something on a lower level than it asks for."""
+        """Whether the effect has left rows below their level."""
 
     def portions(self, count: int) -> Iterator[slice]:
-        """Yield ``count`` rows in portions while there is time, all at once without a budget."""
+        """Yield ``count`` rows in portions while there is time; without a budget all at once."""
         done = 0
         portions = (
             [slice(0, count)] if self._budget is None else self._budget.portions(count, self._name)
@@ -115,7 +114,7 @@ class PlacedShapes:
         self.is_late |= done < count
 
     def nearest_first(self, boxes: Boxes, pairs: Pairs, levels: Levels) -> Iterator[Rows]:
-        """Yield the rows of pairs (m, 2) above OBB in portions; the rest is on boxes from now."""
+        """Yield the rows of pairs (m, 2) above OBB in portions; the rest stays on boxes."""
         rows, done = np.flatnonzero(levels > Accuracy.OBB), 0
         if self._budget is not None:
             rows = rows[nearest_first(boxes, pairs[rows])]
@@ -125,7 +124,7 @@ class PlacedShapes:
         self._late = np.concatenate([self._late, pairs[rows[done:]]])
 
     def reached(self, pairs: Pairs, levels: Levels) -> Levels:
-        """Return levels (m,) that pairs (m, 2) ask for, OBB for those there was no time for."""
+        """Return levels (m,) of pairs (m, 2), lowered to OBB where there was no time."""
         if len(self._late) == 0:
             return levels
         late = np.isin(self._keys(pairs), self._keys(self._late))
@@ -135,22 +134,22 @@ class PlacedShapes:
         return pairs[:, 0] * len(self.kinds) + pairs[:, 1]
 
     def _current_cache(self) -> ShapeCache:
-        """Return the cache of the scene, or one of its own once shapes have changed there."""
+        """Return the cache of the scene, or a copy once shapes have changed there."""
         if self._cache.version != self._version:
             self._cache = self._cache.with_shapes(self._shapes)
             self._version = self._cache.version
         return self._cache
 
     def levels(self, pairs: Pairs, choice: str, highest: Accuracy) -> Levels:
-        """Return the level (m,) that an effect on pairs (m, 2) is computed on: OBB, HULL or MESH.
+        """Return the level (m,) of an effect on pairs (m, 2): OBB, HULL or MESH.
 
-        choice: of ``CHOICES``; highest: that the effect has. Pairs without triangles get HULL.
+        choice: of ``CHOICES``; highest: of the effect. Pairs without triangles get HULL at most.
         """
         first, second = np.array(pairs.T, order="C")  # effects' arrays are read-only
-        levels = pair_levels(self._store, first, second, self._asked(choice))
+        levels = pair_levels(self._store, first, second, self._accuracies(choice))
         if choice == AS_PAIRS:
-            known, rows = self._found(pairs)
-            levels[known] = self._decided[rows]
+            collide, rows = self._rows(pairs)
+            levels[collide] = self._decided[rows]
         np.minimum(levels, np.int8(highest), out=levels)
         whole = self.kinds[pairs].max(axis=1) < TRIANGLES
         levels[whole & (levels > Accuracy.HULL)] = Accuracy.HULL
@@ -164,19 +163,19 @@ class PlacedShapes:
                 levels[rows[~have(pairs[rows])]] = lower
         return levels
 
-    def _asked(self, choice: str) -> Levels:
-        """Return (slots,) the accuracies of a choice."""
+    def _accuracies(self, choice: str) -> Levels:
+        """Return the accuracies (slots,) of a choice."""
         accuracies = self._store.accuracies
         if choice == AS_PAIRS:
             return accuracies
         return np.full_like(accuracies, Accuracy[choice.upper()])
 
     def object_levels(self, slots: Rows, choice: str) -> Levels:
-        """Return the level (k,) that stands for slots (k,) one by one: OBB, HULL or MESH.
+        """Return the level (k,) of the shape of each slot (k,): OBB, HULL or MESH.
 
-        choice: of ``CHOICES``, AS_PAIRS for the accuracy of each. Only triangles get MESH.
+        choice: of ``CHOICES``, AS_PAIRS for the accuracy of the object. Only meshes get MESH.
         """
-        levels, kinds = self._asked(choice)[slots], self.kinds[slots]
+        levels, kinds = self._accuracies(choice)[slots], self.kinds[slots]
         levels[(levels > Accuracy.HULL) & (kinds < TRIANGLES)] = Accuracy.HULL
         levels[(levels < Accuracy.HULL) | (kinds <= BOX)] = Accuracy.OBB
         for level, have, lower in (
@@ -189,13 +188,13 @@ class PlacedShapes:
         return levels
 
     def _have_trees(self, pairs: Pairs) -> Mask:
-        """Build the trees that pairs (k, 2) need; return (k,) which have them."""
+        """Build the trees that pairs (k, 2) need; return which (k,) have them."""
         slots = np.unique(pairs)
         have = self._have(slots[self.kinds[slots] != ROUND], False)
         return np.asarray(have[pairs].all(axis=1))
 
     def _have_hulls(self, pairs: Pairs) -> Mask:
-        """Build the hulls that pairs (k, 2) need; return (k,) which have them."""
+        """Build the hulls that pairs (k, 2) need; return which (k,) have them."""
         slots = np.unique(pairs)
         slots = slots[self.kinds[slots] > BOX]
         cornered = self._current_cache().cores(slots)[:, 0] == CORNERS
@@ -203,14 +202,14 @@ class PlacedShapes:
         return have[pairs].all(axis=1)
 
     def _have(self, slots: Rows, hull: bool) -> Mask:
-        """Build what slots lack; return (n,) of all slots which do not lack it then."""
+        """Build trees or hulls of slots; return which of all slots (n,) do not lack them."""
         have = np.ones(len(self.kinds), np.bool_)
         have[slots] = self._current_cache().build(self._store, slots, hull, self._budget)
         self.is_late |= self._budget is not None and not bool(have.all())
         return have
 
     def curved(self, pairs: Pairs) -> Mask:
-        """Return (m, 2) which slots of pairs are cylinders, cones or ellipsoids."""
+        """Return which slots of pairs (m, 2) are cylinders, cones or ellipsoids."""
         slots, ends = np.unique(pairs, return_inverse=True)
         mask, shaped = np.zeros(len(slots), np.bool_), self.kinds[slots] > BOX
         mask[shaped] = np.isin(self._current_cache().cores(slots[shaped])[:, 0], CURVED)
@@ -220,12 +219,12 @@ class PlacedShapes:
         """Yield the bodies of pairs (m, 2) of slots with a mesh on at least one side."""
         curved = self.curved(pairs)
         plain = np.flatnonzero(~curved.any(axis=1))
-        for some in self.mesh_sides(boxes, pairs[plain]):
-            yield some._replace(rows=plain[some.rows])
+        for sides in self.mesh_sides(boxes, pairs[plain]):
+            yield sides._replace(rows=plain[sides.rows])
         yield from self.curved_sides(boxes, pairs, curved)
 
     def curved_sides(self, boxes: Boxes, pairs: Pairs, curved: Mask) -> Iterator[PairSides]:
-        """Yield those of ``exact_sides`` with bodies that are curved (m, 2)."""
+        """Yield the bodies of pairs (m, 2) with a curved side; curved: (m, 2)."""
         rows = np.flatnonzero(curved.any(axis=1))
         if len(rows):
             turned = curved[rows, 0]
@@ -234,7 +233,7 @@ class PlacedShapes:
             yield PairSides(rows, turned, ends, *self.meshes(boxes, ends[:, 0]), bodies, None)
 
     def mesh_sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[PairSides]:
-        """Yield the same with meshes around what is curved."""
+        """Yield the bodies of pairs (m, 2), with meshes around curved ones."""
         turned = self.kinds[pairs[:, 0]] == ROUND
         ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
         is_round = self.kinds[ends[:, 1]] == ROUND
@@ -244,66 +243,61 @@ class PlacedShapes:
                 yield PairSides(rows, turned[rows], ends[rows], *a, *b)
 
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
-        """Return the trees of slots (k,) where they are, and their radii (k,).
-
-        The radii have the padding. Of spheres and capsules the trees are those of their segments;
-        either all of them are round or none.
-        """
+        """Return the placed trees of slots (k,), and radii (k,) with padding; see ``trees_of``."""
         trees, rows, radii = trees_of(self._store, self._current_cache(), slots)
         return PlacedMeshes.trusted(trees, rows, *places_of(self._store, boxes, slots)), radii
 
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
-        """Return distances (m,), at most zero for pairs (m, 2) that collide on a level or above.
+        """Clip distances (m,) to the verdicts of pairs (m, 2).
 
-        And more than zero for those apart. Both are certified, if not as closely: rounding must
-        not make them contradict.
+        At most zero where they collide on a level or above, more than zero where they are apart:
+        both are certified, but rounding could let them contradict.
         """
-        known, rows = self._found(pairs)
-        least = np.where(known | (not self._complete), -np.inf, np.finfo(float).tiny)
-        known[known] = self._decided[rows] >= level
-        return np.where(known, np.minimum(distances, 0.0), np.maximum(distances, least))
+        collide, rows = self._rows(pairs)
+        least = np.where(collide | (not self._complete), -np.inf, np.finfo(float).tiny)
+        collide[collide] = self._decided[rows] >= level
+        return np.where(collide, np.minimum(distances, 0.0), np.maximum(distances, least))
 
     def colliding_at(self, boxes: Boxes, poses: Floats, pairs: Pairs) -> Pairs:
-        """Return those of pairs (m, 2) of slots that collide at other places, on their own levels.
+        """Return the pairs, of (m, 2), that collided at an earlier time, on their own levels.
 
-        boxes, poses: of slots at that time, when the objects had the sizes that they have now. Only
-        during the check itself.
+        boxes, poses: of slots at that time, when sizes were those of now. Only during the check.
         """
         there = copy(self._store)
         there.centers, there.rotations, there.half_extents = boxes.arrays
         there.poses = poses
         return decide_pairs(there, self._cache, pairs, self._exact)[0].pairs
 
-    def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
-        """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
+    def _rows(self, pairs: Pairs) -> tuple[Mask, Rows]:
+        """Return which pairs (m, 2) collide, and their rows in the pairs of the check."""
         keys, wanted = self._keys(self._pairs), self._keys(pairs)
         rows = np.searchsorted(keys, wanted)
-        known = rows < len(keys)
-        known[known] = keys[rows[known]] == wanted[known]
-        return known, rows[known]
+        collide = rows < len(keys)
+        collide[collide] = keys[rows[collide]] == wanted[collide]
+        return collide, rows[collide]
 
     def bodies(self, boxes: Boxes, pairs: Pairs) -> tuple[ConvexBodies, Rows, Rows]:
-        """Return the bodies of pairs (m, 2) of slots, padded, and their rows (m,), (m,) in them.
+        """Return the padded bodies of pairs (m, 2) of slots, and the rows (m,), (m,) of each pair.
 
-        boxes: of all slots; objects that are boxes are where these are, with their padding.
+        boxes: of all slots, padded.
         """
         slots, ends = np.unique(pairs, return_inverse=True)
         first, second = np.ascontiguousarray(ends.reshape(-1, 2).T)
         return self.convex_bodies(boxes, slots), first, second
 
     def distances(self, boxes: Boxes, pairs: Pairs) -> BodyDistances:
-        """Return how far apart the bodies of pairs (m, 2) of slots are, without a limit.
+        """Return the distances of the bodies of pairs (m, 2) of slots, without a limit.
 
-        Boxes as in ``bodies``. Separations and contacts of the same pairs compute them once.
+        Separations and contacts of the same pairs share them.
         """
         if self._distances is None or not np.array_equal(self._distances[0], pairs):
             bodies, first, second = self.bodies(boxes, pairs)
-            found, _ = convex_distances(bodies, bodies, first, second)
-            self._distances = pairs, BodyDistances(bodies, first, second, found)
+            distances, _ = convex_distances(bodies, bodies, first, second)
+            self._distances = pairs, BodyDistances(bodies, first, second, distances)
         return self._distances[1]
 
     def convex_bodies(self, boxes: Boxes, slots: Rows) -> ConvexBodies:
-        """Return the bodies of slots (k,), padded, all of which have hulls if they need one."""
+        """Return the padded bodies of slots (k,), whose hulls must be built."""
         bodies = convex_bodies(self._store, self._current_cache(), boxes, slots)
         assert (bodies.rows[bodies.kinds == CORNERS] >= 0).all()
         return bodies

@@ -12,12 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Contents of a scene: names, poses, world boxes, rules about pairs by name."""
+"""Contents of a scene: names, poses, world boxes, and rules about pairs by name."""
 
-from obb_collision.scene.store.patterns import (
-    Overrides,
-    override_from_text,
-    padding_from_text,
-)
+from obb_collision.scene.store.patterns import Overrides, override_from_text, padding_from_text
 
 __all__ = ["Overrides", "override_from_text", "padding_from_text"]

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Allowed pairs: pairs of objects whose collision is none.
+"""Allowed pairs: pairs whose collisions are ignored.
 
-Filters say which pairs count, and a pair counts if each of them lets it: rules, of which the last
-one that fits a pair decides; an allowed collision matrix; the pairs that are the only ones to
-check, if any are given; and namespaces within which objects may touch.
+A pair counts if no filter excludes it: rules, of which the last that fits a pair decides; an
+allowed collision matrix; ``check_only``, the only pairs that count; and namespaces within which
+objects may touch.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ from obb_collision.words import shown
 Patterns = tuple[str, ...]
 #: Whether pairs of slots (m,), (m,) count, (m,).
 PairFilter = Callable[[Rows, Rows], NDArray[np.bool_]]
-#: Namespaces remembered that no object has any more, before all are looked up anew.
+#: Unused namespaces that are remembered before all are looked up anew.
 SPARE_NAMESPACES = 1000
-#: Most names that an unknown one is compared with: 20 ms.
+#: Limit of names with which an unknown name is compared: 20 ms.
 MOST_GUESSES = 2000
 
 
 class AllowedMatrix(NamedTuple):
-    """Which objects of some names may touch, whatever rules say; as thousands of rules, but fast.
+    """Pairs of names that may touch, whatever rules say; thousands of them are as fast as a rule.
 
-    rows: by name, several may have one; allowed (r, r): symmetric.
+    rows: by name, names may share a row; allowed (r, r): symmetric.
     """
 
     rows: dict[str, int]
@@ -55,7 +55,7 @@ class AllowedMatrix(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[AllowedMatrix]) -> AllowedMatrix:
-        """Return several as one; each says nothing of the names of another."""
+        """Join matrices; pairs of names in different ones may not touch."""
         ends = np.cumsum([0, *(len(part.allowed) for part in parts)]).tolist()
         rows: dict[str, int] = {}
         allowed = np.zeros((ends[-1], ends[-1]), np.bool_)
@@ -69,10 +69,10 @@ NO_MATRIX = AllowedMatrix({}, np.zeros((0, 0), np.bool_))
 
 
 class PairTable:
-    """Which pairs count, by rules, a matrix, the only pairs, and namespaces within which none do.
+    """Decides which pairs count, by rules, a matrix, the only pairs, and namespaces.
 
-    Objects that no rule tells apart are of one kind, so a pair is looked up in a small table of
-    kinds. When objects come or go, only their names are matched anew.
+    Objects that no rule distinguishes are of one kind, so a pair is looked up in a small table of
+    kinds. When objects are added or removed, only their names are matched anew.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class PairTable:
         pairs = (*((a, b) for a, b, _ in rules), *only)
         self._sides = list(dict.fromkeys(side for pair in pairs for side in pair))
         patterns = ((k, list(filter(is_pattern, side))) for k, side in enumerate(self._sides))
-        self._matched = {number: some for number, some in patterns if some}
+        self._matched = {number: wild for number, wild in patterns if wild}
         self._forget()
 
     def _forget(self) -> None:
@@ -98,7 +98,7 @@ class PairTable:
         self._numbers: dict[str, int] = {}
 
     def pair_filter(self, names: Sequence[str | None]) -> PairFilter:
-        """Return the filter of pairs of slots with these names."""
+        """Return a filter for pairs of slots with these names."""
         self._match(names)
         table, kinds = self._table()
         spaces = self._spaces if self._within else None
@@ -116,35 +116,35 @@ class PairTable:
         return pair_filter
 
     def _match(self, names: Sequence[str | None]) -> None:
-        """Match the names that are not as before with all sides and namespaces."""
+        """Match changed names with all sides and namespaces."""
         if len(names) < len(self._names) or len(self._numbers) > len(names) + SPARE_NAMESPACES:
             self._forget()
-        known = len(self._names)
+        before = len(self._names)
         both = enumerate(zip(self._names, names, strict=False))
-        new = [row for row, (old, name) in both if old is not name] + [*range(known, len(names))]
-        some = [names[row] for row in new]
-        grown = len(names) - known
+        new = [row for row, (old, name) in both if old is not name] + [*range(before, len(names))]
+        new_names = [names[row] for row in new]
+        grown = len(names) - before
         columns = np.pad(self._columns, ((0, grown), (0, 0)))
         spaces = np.pad(self._spaces, (0, grown))  # a copy: filters in use have the old one
         rows = np.pad(self._rows, (0, grown), constant_values=-1)
-        where = {name: row for row, name in enumerate(some) if name is not None}
+        where = {name: row for row, name in enumerate(new_names) if name is not None}
         places = np.array(new, np.int64)
         columns[places] = False
         for number, side in enumerate(self._sides):
-            found = [where[name] for name in side if name in where]
-            if found:  # of a thousand rules each names a few objects: no array per rule and object
-                columns[places[found], number] = True
+            listed = [where[name] for name in side if name in where]
+            if listed:  # a rule names few objects: no array of all objects per rule
+                columns[places[listed], number] = True
             if number in self._matched:
-                columns[places, number] |= matching(self._matched[number], some)
+                columns[places, number] |= matching(self._matched[number], new_names)
         if self._within:
-            spaces[new] = [self._space(name) for name in some]
+            spaces[new] = [self._space(name) for name in new_names]
         if self._numbered:
-            rows[new] = [self._numbered.get(name or "", -1) for name in some]
+            rows[new] = [self._numbered.get(name or "", -1) for name in new_names]
         self._columns, self._spaces, self._rows = columns, spaces, rows
         self._names = list(names)
 
     def _space(self, name: str | None) -> int:
-        """Return a number for the namespace of a name if objects may touch in it, else -1."""
+        """Return the number of a name's namespace if objects may touch within it, else -1."""
         namespace, slash, _ = (name or "").rpartition("/")
         number = self._numbers.get(namespace)
         if number is None:
@@ -158,8 +158,8 @@ class PairTable:
         numbers = {side: number for number, side in enumerate(self._sides)}
 
         def fill(table: NDArray[np.bool_], a: Patterns, b: Patterns, value: bool) -> None:
-            one, other = (np.flatnonzero(members[:, numbers[side]]) for side in (a, b))
-            table[np.ix_(one, other)] = table[np.ix_(other, one)] = value
+            first, second = (np.flatnonzero(members[:, numbers[side]]) for side in (a, b))
+            table[np.ix_(first, second)] = table[np.ix_(second, first)] = value
 
         table = np.ones((len(members), len(members)), np.bool_)
         for a, b, allowed in self._rules:
@@ -173,26 +173,26 @@ class PairTable:
 
 
 def _kinds(columns: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], Rows]:
-    """Return the distinct rows (k, c) of columns (n, c), and which of them each row is (n,)."""
+    """Return the distinct rows (k, c) of columns (n, c), and the number (n,) of each row."""
     if columns.shape[1] == 0 or len(columns) == 0:
         return columns[:1], np.zeros(len(columns), np.int64)
     packed = np.packbits(columns, axis=1)
-    rows = packed.view(f"S{packed.shape[1]}").reshape(-1)  # compared as one number each
+    rows = packed.view(f"S{packed.shape[1]}").reshape(-1)  # each compared as one number
     _, first, kinds = np.unique(rows, return_index=True, return_inverse=True)
     return columns[first], kinds.reshape(-1)  # numpy 2.0 gave it another shape
 
 
 Side: TypeAlias = str | tuple[str, ...]
-"""One side of a pair: a name or pattern, or several."""
+"""One side of a pair: names or patterns."""
 Rule: TypeAlias = tuple[Side, Side, bool]
 """Whether objects of two sides may touch."""
 Sides: TypeAlias = tuple[Side, Side]
 
 
 class PairRules:
-    """The filters, and the table they make for the names at hand.
+    """The rules about pairs, and their table for the names of a scene.
 
-    changing: called before any of them changes.
+    changing: called before a rule changes.
 
     Examples
     --------
@@ -218,47 +218,39 @@ class PairRules:
         self._matrix = NO_MATRIX
         self._table: PairTable | None = None
         self._made: tuple[int, PairFilter | None] | None = None
-        self._seen: set[str] = set()  # patterns of check_only that are known, or were warned of
+        self._seen: set[str] = set()  # patterns of check_only that match, or caused a warning
         self.warns = True
-        """Whether a check warns of patterns of ``check_only`` that nothing there matches."""
+        """Whether a check warns of patterns of ``check_only`` that match no object."""
 
     def add(self, first: Iterable[str], second: Iterable[str], allowed: bool) -> None:
-        """Let objects of two sides touch each other, or, with False, no longer.
-
-        Raises ValueError for what is no pattern.
-        """
+        """Let objects of two sides touch each other; with False, no longer."""
         a, b = _side(first, "first"), _side(second, "second")
         self._renew()
         self._add(tuple(sorted((a, b))), (a, b, bool(allowed)))
 
     def _add(self, key: tuple[Patterns, ...], rule: tuple[Patterns, Patterns, bool]) -> None:
-        if rule[2] or key not in self._rules or self._may_be_allowed(key, *rule[:2]):
+        a, b, allowed = rule
+        overruled = (  # pairs of it that other rules may allow
+            (_meet(a, p) and _meet(b, q)) or (_meet(a, q) and _meet(b, p))
+            for other, (p, q, may_touch) in self._rules.items()
+            if other != key and may_touch
+        )
+        if allowed or key not in self._rules or any(overruled):
             self._rules[key] = rule
             self._rules.move_to_end(key)  # the last rule comes last
         else:
             del self._rules[key]
 
     def _renew(self) -> None:
-        """Forget what the filters before made."""
+        """Forget the table and the filter, before a change."""
         self._changing()
         self._table = self._made = None
 
-    def _may_be_allowed(self, key: tuple[Patterns, ...], a: Patterns, b: Patterns) -> bool:
-        """Return whether a rule but that of a key may let objects touch that match two sides.
-
-        If none does, a rule that was taken back can be forgotten instead of overruled.
-        """
-        return any(
-            allowed and ((_meet(a, p) and _meet(b, q)) or (_meet(a, q) and _meet(b, p)))
-            for other, (p, q, allowed) in self._rules.items()
-            if other != key
-        )
-
     @property
     def allowed(self) -> list[Rule]:
-        """Which pairs may touch, (first, second, allowed), in the order in which they count.
+        """The rules (first, second, allowed), of which the last that fits a pair counts.
 
-        May be set, in place of all before; [] forgets them.
+        May be set, in place of all earlier ones.
         """
         return [(_shown(a), _shown(b), allowed) for a, b, allowed in self._rules.values()]
 
@@ -274,10 +266,10 @@ class PairRules:
 
     @property
     def check_only(self) -> list[Sides]:
-        """The only pairs that count, (first, second); [], the default, for all; may be set.
+        """The only pairs (first, second) that count, [] for all; may be set.
 
-        A pair that is allowed does not count here either. A check warns, once, of a name or pattern
-        that no object and no link of its robots matches; see ``Scene.check_only``.
+        Allowed pairs do not count here either. A check warns, once, of a name or pattern that
+        matches no object and no link of its robots; see ``Scene.check_only``.
         """
         return [(_shown(a), _shown(b)) for a, b in self._only]
 
@@ -286,17 +278,17 @@ class PairRules:
         self.set_only(pairs, "check_only")
 
     def set_only(self, pairs: Iterable[Sides], name: str) -> None:
-        """Set the only pairs that count; ValueError naming the argument."""
+        """Set the only pairs that count; name: of the argument, for errors."""
         only = [(_side(a, name), _side(b, name)) for a, b in as_tuples(pairs, name, 2)]
         self._renew()
         self._only, self._seen = only, set()
 
     @property
     def allowed_within(self) -> list[str]:
-        """Namespaces, or patterns of them, within which objects may touch; [] for none.
+        """Namespaces, or patterns of them, within which objects may touch; may be set.
 
-        May be set. The namespace of ``robot/arm/1`` is ``robot/arm``; ``*`` means each one: objects
-        of two namespaces count, those of one do not.
+        The namespace of ``robot/arm/1`` is ``robot/arm``. ``*`` means each namespace: pairs of
+        two namespaces count, those of one do not.
         """
         return list(self._within)
 
@@ -308,7 +300,7 @@ class PairRules:
 
     @property
     def matrix(self) -> AllowedMatrix:
-        """Which objects may touch besides, whatever the rules say; may be set."""
+        """Pairs that may touch, whatever the rules say; may be set."""
         return self._matrix
 
     @matrix.setter
@@ -319,7 +311,7 @@ class PairRules:
         self._matrix = matrix
 
     def warn_of_unknown(self, names: Sequence[str | None]) -> None:
-        """Warn of patterns of ``check_only`` that no name matches: misspelt, they check nothing."""
+        """Warn of patterns of ``check_only`` that match no name: probably typing errors."""
         patterns = {pattern for pair in self._only for side in pair for pattern in side}
         for pattern in sorted(patterns - self._seen if self.warns and any(names) else ()):
             self._seen.add(pattern)
@@ -328,7 +320,7 @@ class PairRules:
                 warn_caller(f"check_only names {shown(pattern)}, which matches no object{hint}")
 
     def filter_of(self, names: Sequence[str | None]) -> PairFilter | None:
-        """Return which pairs of names count, None for all."""
+        """Return the filter of pairs of names that count, None if all do."""
         if not (self._rules or self._only or self._within or self._matrix.rows):
             return None
         if self._table is None:
@@ -337,9 +329,9 @@ class PairRules:
         return self._table.pair_filter(names)
 
     def pair_filter(self, names: Sequence[str | None], version: int) -> PairFilter | None:
-        """Return which pairs count as collisions if they collide, None for all.
+        """Return the filter of pairs of slots that count, None if all do.
 
-        names: by slot; version: a number that changes with them, so that the table can be kept.
+        names: by slot; version: changes with the names, so that the filter can be kept.
         """
         if self._made is None or self._made[0] != version:
             self.warn_of_unknown(names)
@@ -348,7 +340,7 @@ class PairRules:
 
 
 def guess(pattern: str, names: Iterable[str]) -> str:
-    """Return a hint at the name or pattern that was probably meant, "" for none."""
+    """Return a hint at the name that the user probably meant, "" without one."""
     close = get_close_matches(pattern, list(names)[:MOST_GUESSES], 1)
     return f"; did you mean {close[0]}?" if close else ""
 
@@ -365,9 +357,9 @@ def _shown(patterns: Patterns) -> Side:
 
 
 def _meet(a: Patterns, b: Patterns) -> bool:
-    """Return whether a name may match two sides; True where that is not easily told."""
-    return any(_may_match(one, other) for one in a for other in b)
-
-
-def _may_match(a: str, b: str) -> bool:
-    return (is_pattern(a) and is_pattern(b)) or fnmatchcase(a, b) or fnmatchcase(b, a)
+    """Return whether a name may match two sides; True for two patterns."""
+    return any(
+        (is_pattern(p) and is_pattern(q)) or fnmatchcase(p, q) or fnmatchcase(q, p)
+        for p in a
+        for q in b
+    )

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Patterns for names of objects, and values by them: ``gripper/*``, a whole name; case counts."""
+"""Patterns for names of objects such as ``gripper/*``, case-sensitive, and values by pattern."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from obb_collision.words import MAX_PATTERN, shown, text_fault
 
 
 def as_patterns(value: Iterable[str] | str, name: str) -> tuple[str, ...]:
-    """Return patterns from one or several; ValueError naming the argument for anything else.
+    """Return one or several patterns as a tuple; else ValueError naming the argument.
 
-    They are as the names of objects are: text that can be printed, of at most 1000 characters.
+    A pattern is printable text of at most 1000 characters.
     """
-    several = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
-    one = isinstance(value, str) or not several
-    patterns: tuple[Any, ...] = (value,) if one else tuple(value)
+    many = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
+    single = isinstance(value, str) or not many
+    patterns: tuple[Any, ...] = (value,) if single else tuple(value)
     for pattern in patterns:
         if not isinstance(pattern, str) or text_fault(pattern, MAX_PATTERN):
             got = shown(pattern)
@@ -44,7 +44,7 @@ def as_patterns(value: Iterable[str] | str, name: str) -> tuple[str, ...]:
 
 
 def as_tuples(value: Iterable[Any], name: str, length: int) -> list[tuple[Any, ...]]:
-    """Return tuples of one length; ValueError naming the argument for anything else."""
+    """Return tuples of one length; else ValueError naming the argument."""
     try:
         rows = [() if isinstance(row, str) else tuple(row) for row in value]
     except TypeError:
@@ -60,17 +60,17 @@ def is_pattern(text: str) -> bool:
 
 
 def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[np.bool_]:
-    """Return (n,) whether each name, None for nothing, matches any of the patterns."""
+    """Return (n,) whether each name matches any of the patterns; None matches none."""
     whole = {pattern for pattern in patterns if not is_pattern(pattern)}
     matches = [re.compile(translate(p)).match for p in patterns if p not in whole]
-    found = (
+    fits = (
         name is not None and (name in whole or any(match(name) for match in matches))
         for name in names
     )
-    return np.fromiter(found, np.bool_, len(names))
+    return np.fromiter(fits, np.bool_, len(names))
 
 
-#: Most overrides: one for each object that a node takes unless told otherwise.
+#: Limit of overrides: one for each object of a node by default.
 MAX_OVERRIDES = 20000
 #: Largest padding by name, metres.
 MAX_PADDING = 1000.0
@@ -81,30 +81,24 @@ Override = tuple[str, Accuracy]
 
 
 def override_from_text(text: str) -> Override:
-    """Read ``PATTERN: LEVEL``, or ``NAMESPACE=LEVEL`` for all of a namespace.
-
-    ValueError with the reason.
-    """
+    """Read ``PATTERN: LEVEL``, or ``NAMESPACE=LEVEL`` for a whole namespace."""
     return read_override(text, "mesh", as_accuracy)
 
 
 def padding_from_text(text: str) -> tuple[str, float]:
-    """Read ``PATTERN: METRES``, or ``NAMESPACE=METRES`` for all of a namespace.
-
-    ValueError with the reason.
-    """
+    """Read ``PATTERN: METRES``, or ``NAMESPACE=METRES`` for a whole namespace."""
     return read_override(text, "0.02", _as_padding)
 
 
 def read_override(text: str, example: str, read: Callable[[str], Value]) -> tuple[str, Value]:
-    """Read ``PATTERN: VALUE``, or ``NAMESPACE=VALUE`` for all of a namespace.
+    """Read ``PATTERN: VALUE``, or ``NAMESPACE=VALUE`` for a whole namespace.
 
     example: of a value, for the ValueError.
     """
-    found = re.fullmatch(r"(.*?)\s*([:=])\s*([\w.+-]*)", text)
-    if found is None:
+    parts = re.fullmatch(r"(.*?)\s*([:=])\s*([\w.+-]*)", text)
+    if parts is None:
         raise ValueError(f"{text!r} is not like 'gripper/*: {example}' or 'gripper={example}'")
-    where, sign, value = found.groups()
+    where, sign, value = parts.groups()
     return where + ("/*" if sign == "=" else ""), read(value)
 
 
@@ -119,7 +113,7 @@ def _as_padding(text: str) -> float:
 
 
 class Overrides(Generic[Value]):
-    """Overrides, of which the last one that fits a name counts."""
+    """Values by pattern; the last one that matches a name counts."""
 
     def __init__(self, overrides: Sequence[tuple[str, Value]] = ()) -> None:
         self.overrides = tuple(overrides)
@@ -135,7 +129,7 @@ class Overrides(Generic[Value]):
         return bool(self.overrides)
 
     def value(self, name: str) -> Value | None:
-        """Return the value for an object by its name, None for the scene's."""
+        """Return the value for a name, None for that of the scene."""
         by_name = self._names.get(name, -1)
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
         last = next(by_pattern, by_name)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Places and sizes of boxes in slots: those of new ones, and kernels that write what differs."""
+"""Places and sizes of boxes in slots: columns of new boxes, and kernels that write new poses."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from obb_collision.geometry.poses import (
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Columns, Floats, Rows
 
-#: Squared lengths of quaternions that need no second look: well within ``UNIT_TOLERANCE``.
+#: Squared lengths of quaternions well within ``UNIT_TOLERANCE``.
 LEAST_SQUARE, MOST_SQUARE = 0.85, 1.15
-#: What ``find_moves`` returns for poses that need more than a kernel: an error, or a warning.
+#: Result of ``find_moves`` for poses that need an error or a warning.
 UNUSUAL = -1
 
 
@@ -51,12 +51,12 @@ LocalBoxes = tuple[Floats, Floats, Floats]
 def find_moves(
     rows: np.ndarray, new: Floats, used: np.ndarray, poses: Floats, which: np.ndarray
 ) -> tuple[int, bool]:
-    """Write which of new poses (m, 7) differ from those of their rows (m,); return how many.
+    """Write the numbers of new poses (m, 7) that differ from those of rows (m,); return how many.
 
-    UNUSUAL if a row is not used, or a pose not finite or its quaternion far from unit length. Also
-    returns whether the rows ascend, so that none occurs twice.
+    UNUSUAL for a row not in use, or a pose that is not finite or far from unit length. Also returns
+    whether the rows ascend, so that none occurs twice.
     """
-    found, ascending, before = 0, True, -1
+    count, ascending, before = 0, True, -1
     for n in range(len(rows)):
         row = rows[n]
         if row < 0 or row >= len(used) or not used[row]:
@@ -73,9 +73,9 @@ def find_moves(
         if not usual or (differs and not LEAST_SQUARE <= square <= MOST_SQUARE):
             return UNUSUAL, False
         if differs:
-            which[found] = n
-            found += 1
-    return found, ascending
+            which[count] = n
+            count += 1
+    return count, ascending
 
 
 @njit
@@ -90,7 +90,7 @@ def write_moves(
     start: int,
     stop: int,
 ) -> None:
-    """Give rows the new poses that ``which[start:stop]`` names, and place their boxes."""
+    """Write the new poses numbered ``which[start:stop]`` to their rows, and place the boxes."""
     own, out = FrameArrays(*local), FrameArrays(*placed)
     block = np.empty((ROWS, BLOCK))
     for first in range(start, stop, BLOCK):
@@ -111,13 +111,13 @@ def write_moves(
 
 
 def about_origins(half_extents: Floats) -> LocalBoxes:
-    """Return local boxes about the origins, along the axes."""
+    """Return local boxes about the origin, along the axes."""
     count = len(half_extents)
     return np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), half_extents
 
 
 def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[str, Floats]:
-    """Return the columns of places of n slots with local boxes, by poses (n, 7)."""
+    """Return the columns of n slots for their places, from local boxes and poses (n, 7)."""
     positions, matrices = as_poses(poses, name)
     local_centers, local_rotations, _ = local_boxes
     centers, rotations = np.empty_like(positions), np.empty_like(matrices)
@@ -133,7 +133,7 @@ def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[
 
 
 def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -> dict[str, Floats]:
-    """Return the columns of sizes of n slots."""
+    """Return the columns of n slots for their sizes."""
     paddings = add_outwards(own_paddings, growths)
     return {
         "local_half_extents": local_half_extents,
@@ -145,12 +145,12 @@ def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -
 
 
 def doubled(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return arrays with as many rows of zeros at their ends as they have."""
+    """Return arrays of twice as many rows, zeros at their ends."""
     return {name: np.concatenate((rows, np.zeros_like(rows))) for name, rows in columns.items()}
 
 
 def as_slice(rows: Rows) -> Rows | slice:
-    """Return rows (n,) as a slice if they follow one another: columns are written faster so."""
+    """Return consecutive rows (n,) as a slice, by which columns are written faster."""
     if len(rows) == 0:
         return rows
     first, last = int(rows[0]), int(rows[-1])
@@ -160,5 +160,5 @@ def as_slice(rows: Rows) -> Rows | slice:
 
 
 def suits(value: object, kind: type) -> bool:
-    """Return whether a kernel can take an array as it is."""
+    """Return whether a value is an array that kernels take without conversion."""
     return isinstance(value, np.ndarray) and value.dtype == kind and value.flags.carray

@@ -12,15 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The store of objects: names and slots, local boxes, poses, and the world boxes they make.
+"""The store of objects: names and slots, local boxes, poses and world boxes.
 
-A structure of arrays with one row (slot) per object. A slot keeps its number while the object
-lives; freed slots are used again, the lowest first. Arrays grow by doubling. A change of a store
-either happens or does not, should memory end: what takes memory comes before the first write.
+A structure of arrays with one row (slot) per object. An object keeps its slot; free slots are used
+again, the lowest first. Arrays grow by doubling. If memory ends, a change is made fully or not at
+all: memory is allocated before the first write.
 """
 
 from __future__ import annotations
 
+import threading
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
@@ -32,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import as_array
 from obb_collision.scene.store.placing import (
@@ -46,13 +47,82 @@ from obb_collision.scene.store.placing import (
     suits,
     write_moves,
 )
-from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.words import shown
 
+#: If fewer than one object in this many has moved, their old boxes are noted, else all are copied.
+NOTED_SHARE = 4
+
+
+class Snapshot:
+    """The world boxes of all slots at one time, over arrays that the store goes on writing to.
+
+    Before the store writes, the snapshot notes the rows, or the store leaves it the arrays: always
+    the latter while a thread reads it, in a block ``with snapshot:``.
+    """
+
+    __slots__ = ("__weakref__", "_boxes", "_lock", "_notes", "_readers", "_room", "attached")
+
+    def __init__(self, boxes: Boxes) -> None:
+        self._boxes = boxes
+        self._notes: list[tuple[Rows, Floats, Floats]] = []
+        self._room = len(boxes) // NOTED_SHARE
+        self._readers = 0
+        self._lock = threading.Lock()
+        self.attached = True
+        """Whether the arrays are still those of the store."""
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._readers += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._readers -= 1
+
+    @property
+    def is_current(self) -> bool:
+        """Whether nothing has changed since."""
+        return self.attached and not self._notes
+
+    @property
+    def boxes(self) -> Boxes:
+        """The boxes; use them within ``with snapshot:``."""
+        with self._lock:
+            if self._notes:
+                self._copy()
+            return self._boxes
+
+    def note(self, rows: Rows) -> bool:
+        """Note rows that are about to change; False where the arrays are needed instead."""
+        with self._lock:
+            if self._readers or len(rows) > self._room:
+                return False
+            self._room -= len(rows)
+            boxes = self._boxes
+            self._notes.append((rows.copy(), boxes.centers[rows], boxes.rotations[rows]))
+            return True
+
+    def detach(self) -> None:
+        """Detach from the store, which leaves its arrays to a current snapshot."""
+        with self._lock:
+            if self._notes:
+                self._copy()
+            self.attached = False
+
+    def _copy(self) -> None:
+        """Detach from the store by a copy, with the noted rows restored."""
+        centers, rotations = self._boxes.centers.copy(), self._boxes.rotations.copy()
+        for rows, old_centers, old_rotations in reversed(self._notes):
+            centers[rows], rotations[rows] = old_centers, old_rotations
+        self._boxes = Boxes.trusted(centers, rotations, self._boxes.arrays.half_extents)
+        self.attached = False
+        self._notes.clear()
+
+
 #: Rows below which a second thread doesn't pay: 30 us of moves.
 LEAST_MOVES = 1024
-#: Snapshots in use that have changes noted; older ones get a copy.
+#: Snapshots in use that note changes; older ones get a copy.
 MOST_LENT = 4
 FIRST_CAPACITY = 16
 NO_ROWS: Rows = np.empty(0, np.int64)
@@ -60,17 +130,17 @@ _versions = count(1)
 
 
 class ObjectStore:
-    """Named objects, each with a local box and a pose; ``changed`` marks what moved."""
+    """Named objects, each with a local box and a pose; ``changed`` marks those that moved."""
 
     def __init__(self) -> None:
         self.revision = 0  # changes with all but poses and twists
-        self.touched = False  # whether anything may be marked changed
+        self.touched = False  # whether any slot may be changed
         self.used = np.zeros(FIRST_CAPACITY, np.bool_)
         self.changed = np.zeros(FIRST_CAPACITY, np.bool_)  # since the last check
-        self.padded = np.zeros(FIRST_CAPACITY, np.bool_)  # by a padding of their own
-        self.paddings = np.zeros(FIRST_CAPACITY)  # with what they are grown by
-        self.own_paddings = np.zeros(FIRST_CAPACITY)  # without it
-        self.growths = np.zeros(FIRST_CAPACITY)
+        self.padded = np.zeros(FIRST_CAPACITY, np.bool_)  # with a padding of their own
+        self.paddings = np.zeros(FIRST_CAPACITY)  # own paddings and growths
+        self.own_paddings = np.zeros(FIRST_CAPACITY)
+        self.growths = np.zeros(FIRST_CAPACITY)  # see ``SceneObjects.grow``
         self.poses = np.zeros((FIRST_CAPACITY, 7))
         self.local_centers = np.zeros((FIRST_CAPACITY, 3))
         self.local_rotations = np.zeros((FIRST_CAPACITY, 3, 3))
@@ -85,23 +155,23 @@ class ObjectStore:
         self._name_tuple: tuple[int, tuple[str | None, ...]] = (0, ())
         self._lowest = 0  # all slots before it are in use
         self.names: list[str | None] = [None] * FIRST_CAPACITY
-        self.enabled = np.zeros(FIRST_CAPACITY, np.bool_)  # used, and to take part in collisions
-        self.near = np.zeros(FIRST_CAPACITY, np.bool_)  # to the region that is checked
+        self.enabled = np.zeros(FIRST_CAPACITY, np.bool_)  # included in checks
+        self.near = np.zeros(FIRST_CAPACITY, np.bool_)  # near the region that is checked
         self.active = np.zeros(FIRST_CAPACITY, np.bool_)  # enabled and near: takes part
         self.accuracies = np.zeros(FIRST_CAPACITY, np.int8)
         self.levelled = np.zeros(FIRST_CAPACITY, np.bool_)  # with an accuracy of their own
-        self.kinds = np.zeros(FIRST_CAPACITY, np.int8)  # see ``kinds``
+        self.kinds = np.zeros(FIRST_CAPACITY, np.int8)  # see ``kind_of``
         self.twists = np.zeros((FIRST_CAPACITY, 6))
-        self.born = np.zeros(FIRST_CAPACITY, np.int64)  # version in which the object came
+        self.born = np.zeros(FIRST_CAPACITY, np.int64)  # version in which the object was added
 
     def columns(self) -> dict[str, Any]:
-        """Return all that a store holds, to be pickled."""
+        """Return the columns for pickling."""
         own = {"_lent", "_shared", "version", "_name_tuple"}
         return {name: value for name, value in vars(self).items() if name not in own}
 
     @classmethod
     def of_columns(cls, columns: dict[str, Any]) -> ObjectStore:
-        """Return a store that holds what another one did, none of it checked yet."""
+        """Return a store of pickled columns, all slots changed."""
         store = cls()
         vars(store).update(columns)
         store.changed, store.touched = store.used.copy(), True
@@ -109,13 +179,13 @@ class ObjectStore:
         return store
 
     def _grow(self) -> None:
-        """Double the arrays: all are there before the first takes its place, in one step."""
+        """Double the arrays: all are allocated before one step replaces them."""
         columns = {k: value for k, value in vars(self).items() if isinstance(value, np.ndarray)}
         names = [*self.names, *[None] * len(self.names)]
         vars(self).update(doubled(columns), names=names, _lent=[], _shared=set())
 
     def free_rows(self, count: int) -> Rows:
-        """Return the lowest slots (count,) that are not in use; there is room for them now."""
+        """Return the lowest free slots (count,), after making room for them."""
         while len(self.slots) + count > len(self.used):
             self._grow()
         first = self._lowest + int(self.used[self._lowest :].argmin()) if count else 0
@@ -128,25 +198,25 @@ class ObjectStore:
         return len(self.slots)
 
     def slot(self, name: str) -> int:
-        """Return the slot of a name; KeyError naming it if there is none."""
+        """Return the slot of a name; KeyError for an unknown name."""
         slot = self.slots.get(name) if isinstance(name, str) else None
         if slot is None:
             raise KeyError(f"no object named {shown(name)}")
         return slot
 
     def name_tuple(self) -> tuple[str | None, ...]:
-        """Return the names by slot, None where there is no object."""
+        """Return the names by slot, None for free slots."""
         if self._name_tuple[0] != self.version:
             self._name_tuple = self.version, tuple(self.names)
         return self._name_tuple[1]
 
     def enable(self, rows: Rows | slice, enabled: ArrayLike) -> None:
-        """Let objects take part in collisions, or not."""
+        """Include objects in checks, or exclude them."""
         active = np.logical_and(self.near[rows], enabled)
         self.enabled[rows], self.active[rows] = enabled, active
 
     def set_near(self, rows: Rows, near: Mask) -> None:
-        """Set which objects are near to the region that is checked; the others take no part."""
+        """Set which objects are near the checked region; the others take no part."""
         active = self.enabled[rows] & near
         self.mark(rows[self.near[rows] != near])
         self.near[rows], self.active[rows] = near, active
@@ -156,21 +226,21 @@ class ObjectStore:
         return np.flatnonzero(self.used)
 
     def with_shapes(self) -> ObjectStore:
-        """Return a copy whose kinds, sizes, paddings and accuracies stay as they are."""
+        """Return a copy whose kinds, sizes, paddings and accuracies do not change."""
         self._shared.update(("kinds", "accuracies", "paddings", "local_half_extents"))
         return copy(self)
 
     def with_body(
         self, local_boxes: LocalBoxes, pose: Floats, padding: float, kind: int, level: Accuracy
     ) -> tuple[ObjectStore, int]:
-        """Return a copy with a body besides, in a slot that no object has, for a question.
+        """Return a copy with one more body, and its slot, for a question.
 
-        It shares the arrays, in which no object changes.
+        The copy shares the arrays, of which only that free slot is written.
         """
         columns: dict[str, Any] = {**placed(local_boxes, pose[None], "pose")}
         columns |= extents(local_boxes[2], np.array([padding]), np.zeros(1))
         rows = self.free_rows(1)
-        self._part(rows)  # a snapshot may know an object that was there
+        self._detach_columns(rows)  # a snapshot may show an earlier object of the slot
         body = copy(self)
         body._lent, body.enabled = [], self.enabled.copy()
         body.changed, body.active = self.changed.copy(), self.active.copy()
@@ -186,33 +256,34 @@ class ObjectStore:
         names: Sequence[str],
         gone: Sequence[str] = (),
     ) -> None:
-        """Write columns of slots, of which new ones get names; all are enabled.
+        """Write columns of slots, of which new slots get names; all are enabled.
 
-        names: of ``new``, which no other object has. gone: of the objects that had such slots.
-        All or, should memory end, none.
+        names: of ``new``, used by no other object. gone: names of earlier objects in such slots.
+        If memory ends, nothing changes.
         """
-        begun, some, numbers = as_slice(new), as_slice(rows), new.tolist()
-        self.near[begun] = True  # of slots that are not in use until the end
+        new_rows, all_rows, numbers = as_slice(new), as_slice(rows), new.tolist()
+        self.near[new_rows] = True  # these slots are not in use until the end
         prepared = self._prepared(rows, columns)
-        active = self.near[some]
+        active = self.near[all_rows]
         try:
             self.slots.update(zip(names, numbers, strict=True))
         except MemoryError:
             for name in names:
                 self.slots.pop(name, None)
             raise
-        self._assign(rows, some, prepared)
-        for before in gone:
-            self.slots.pop(before, None)
+        self._assign(rows, all_rows, prepared)
+        for name in gone:
+            self.slots.pop(name, None)
         for slot, name in zip(numbers, names, strict=True):
             self.names[slot] = name
         if len(new):
             self.version = next(_versions)
-            self.used[begun], self.born[begun], self.twists[begun] = True, self.version, 0.0
-        self.enabled[some], self.active[some] = True, active
+            self.used[new_rows], self.born[new_rows] = True, self.version
+            self.twists[new_rows] = 0.0
+        self.enabled[all_rows], self.active[all_rows] = True, active
 
     def rename(self, rows: Rows, names: Sequence[str], columns: Mapping[str, Any]) -> None:
-        """Give objects other names, all new and distinct, and columns that depend on them."""
+        """Set names of objects, all new and distinct, and columns that depend on them."""
         slots, by_slot = dict(self.slots), list(self.names)
         for slot, name in zip(rows.tolist(), names, strict=True):
             slots.pop(by_slot[slot], None)
@@ -221,7 +292,7 @@ class ObjectStore:
         self.version, self.slots, self.names = next(_versions), slots, by_slot
 
     def renew(self, rows: Rows) -> None:
-        """Make objects new ones, as if each had been removed and added again with its pose."""
+        """Treat objects as new, as if each were removed and added again with its pose."""
         self.version = next(_versions)
         self.mark(rows)
         self.born[rows], self.twists[rows] = self.version, 0.0
@@ -241,9 +312,9 @@ class ObjectStore:
         self.used[rows] = False
 
     def slots_of(self, names: Iterable[str]) -> Rows:
-        """Return the slots of names; KeyError naming the first unknown one."""
-        several = isinstance(names, Iterable) and getattr(names, "ndim", 1) > 0
-        if isinstance(names, str) or not several:
+        """Return the slots of names; KeyError for the first unknown name."""
+        many = isinstance(names, Iterable) and getattr(names, "ndim", 1) > 0
+        if isinstance(names, str) or not many:
             raise TypeError(f"names must be a sequence of names, got {shown(names)}")
         return np.array([self.slot(name) for name in names], np.int64)
 
@@ -256,12 +327,12 @@ class ObjectStore:
         self.revision += 1
 
     def settle(self) -> None:
-        """Mark nothing as changed: it has been checked."""
+        """Mark all slots as unchanged, after a check."""
         self.changed[:] = False
         self.touched = False
 
     def check_slots(self, slots: ArrayLike) -> Rows:
-        """Return slots as an index array; KeyError naming the first that is not in use."""
+        """Return slots as an index array; KeyError for the first that is not in use."""
         try:
             rows = np.atleast_1d(np.asarray(slots))
         except ValueError as error:  # ragged
@@ -270,17 +341,17 @@ class ObjectStore:
             got = f"{rows.dtype} of shape {rows.shape}"
             raise ValueError(f"index or indices must be integers of shape (n,), got {got}")
         rows = rows.astype(np.int64)
-        known = (rows >= 0) & (rows < len(self.used))
-        known[known] = self.used[rows[known]]
-        if not known.all():
-            raise KeyError(f"no object with index {int(rows[~known][0])}")
+        valid = (rows >= 0) & (rows < len(self.used))
+        valid[valid] = self.used[rows[valid]]
+        if not valid.all():
+            raise KeyError(f"no object with index {int(rows[~valid][0])}")
         return rows
 
     def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
-        """Give the objects of indices (m,) poses (m, 7); all or, on an error, none.
+        """Set poses (m, 7) of the objects of indices (m,); on an error none.
 
-        What has its pose already is not marked changed. KeyError naming the first index that is
-        not in use; ValueError for bad poses.
+        Objects that have their pose already are not marked changed. KeyError for the first index
+        that is not in use.
         """
         rows: Any = indices
         new: Any = poses
@@ -290,7 +361,7 @@ class ObjectStore:
                 got = f"{len(new)} for {len(rows)} objects"
                 raise ValueError(f"poses must have one row per object, got {got}")
         else:
-            rows = rows.copy()  # another thread must not change what is checked
+            rows = rows.copy()  # another thread must not change checked numbers
         which = np.empty(len(rows), np.int64)
         count, ascending = find_moves(rows, new, self.used, self.poses, which)
         if count == UNUSUAL:
@@ -301,7 +372,7 @@ class ObjectStore:
             self._write(rows, new, which[:count], ascending)
 
     def _move(self, rows: Rows, new: Floats) -> None:
-        """Do what ``move_indices`` does, with a word about whatever is wrong with poses (m, 7)."""
+        """`move_indices` for unusual poses (m, 7), with an error or a warning."""
         moved = (self.poses[rows] != new).any(axis=1)
         numbers = None
         if not moved.all() and len(np.unique(rows)) == len(rows):
@@ -310,21 +381,21 @@ class ObjectStore:
         self._write(rows, np.ascontiguousarray(new), np.arange(len(rows)), False)
 
     def place(self, rows: Rows, poses: Floats) -> None:
-        """Give slots (m,), all distinct, new poses (m, 7), finite, with quaternions not zero."""
+        """Set poses (m, 7) of distinct slots (m,): finite, with quaternions not zero."""
         moved = np.flatnonzero((self.poses[rows] != poses).any(axis=1))
         if len(moved):
             self._write(rows, np.ascontiguousarray(poses), moved, False)
 
     def _write(self, rows: Rows, new: Floats, which: Rows, ascending: bool) -> None:
-        """Give rows the poses new (m, 7) that ``which`` names; ascending: whether they are so."""
+        """Write the new poses numbered ``which`` to their rows; ascending: whether rows ascend."""
         self._forget_unused()
         if self._lent:
             everything = ascending and LEAST_MOVES <= len(which) == np.count_nonzero(self.used)
-            if everything:  # the kernel is loaded before what it is to write is there
+            if everything:  # load the kernel before the arrays for it are allocated
                 self._place(rows, new, which[:0], LEAST_MOVES)
             self._detach(rows if everything else rows[which], everything)
         self.touched = True
-        # a row that is there twice is written by one thread, so that its last pose counts
+        # one thread, unless rows are distinct: the last pose of a row counts
         self._place(rows, new, which, LEAST_MOVES if ascending else len(which))
 
     def _place(self, rows: Rows, new: Floats, which: Rows, least: int) -> None:
@@ -332,29 +403,28 @@ class ObjectStore:
         run(write_moves, len(which), least, rows, new, which, self.poses, local, out, self.changed)
 
     def write(self, rows: Rows, columns: Mapping[str, Any]) -> None:
-        """Write columns of slots, and mark these as changed; all or, should memory end, none."""
-        some = as_slice(rows)
-        self._assign(rows, some, self._prepared(rows, columns))
+        """Write columns of slots, and mark these changed; if memory ends, nothing changes."""
+        self._assign(rows, as_slice(rows), self._prepared(rows, columns))
 
     def _prepared(self, rows: Rows, columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-        """Return columns as they are written: with them, and room for them, no write fails."""
-        self._part(rows)
+        """Return columns as they are stored; after that no write of them fails."""
+        self._detach_columns(rows)
         return {k: np.asarray(values, getattr(self, k).dtype) for k, values in columns.items()}
 
-    def _part(self, rows: Rows) -> None:
-        """Leave to snapshots in use what slots are, which are about to change."""
+    def _detach_columns(self, rows: Rows) -> None:
+        """Let snapshots keep slots that are about to change, and copy shared columns."""
         self._detach(rows)
         if self._shared:
             copies = {name: getattr(self, name).copy() for name in self._shared}
             vars(self).update(copies, _shared=set())
 
-    def _assign(self, rows: Rows, some: Rows | slice, columns: Mapping[str, NDArray[Any]]) -> None:
+    def _assign(self, rows: Rows, index: Rows | slice, columns: Mapping[str, NDArray[Any]]) -> None:
         self.mark(rows)
         for name, values in columns.items():
-            getattr(self, name)[some] = values
+            getattr(self, name)[index] = values
 
     def pad(self, rows: Rows, padding: Floats, of_its_own: bool = False) -> None:
-        """Grow slots by (n,) metres, not negative, on every side beyond their local box."""
+        """Set paddings (n,) of slots, metres, not negative."""
         columns = extents(self.local_half_extents[rows], padding, self.growths[rows])
         self.write(rows, {"padded": of_its_own, **columns})
 
@@ -367,9 +437,9 @@ class ObjectStore:
         return Boxes.trusted(self.centers, self.rotations, self.half_extents)
 
     def snapshot(self) -> Snapshot:
-        """Return the world boxes of all slots; they stay as they are when the store changes.
+        """Return the world boxes of all slots, which do not change with the store.
 
-        Nothing is copied now: what changes is noted, or copied, if the snapshot is in use then.
+        Nothing is copied now: later changes are noted, or copied, while the snapshot is in use.
         """
         self._forget_unused()
         latest = self._lent[-1]() if self._lent else None
@@ -380,23 +450,23 @@ class ObjectStore:
         return latest
 
     def _forget_unused(self) -> None:
-        """Forget the latest snapshots where nobody has them any more."""
+        """Forget the latest snapshots that are no longer in use."""
         while self._lent and self._lent[-1]() is None:
             self._lent.pop()
 
     def _detach(self, rows: Rows, everything: bool = False) -> None:
-        """Copy on write: have the snapshots in use note rows, or leave the arrays to them.
+        """Copy on write: snapshots in use note rows, or keep the arrays.
 
         everything: whether all objects are about to be placed anew, so that nothing is copied.
         """
         if not self._lent:
             return
-        lent = [found for link in self._lent if (found := link()) is not None and found.attached]
-        kept = [found for found in lent[-MOST_LENT:] if found.note(rows)]
-        left = [found for found in lent if found not in kept]
-        if any(found.is_current for found in left):  # before it parts: should memory end, it stays
+        lent = [shot for link in self._lent if (shot := link()) is not None and shot.attached]
+        kept = [shot for shot in lent[-MOST_LENT:] if shot.note(rows)]
+        left = [shot for shot in lent if shot not in kept]
+        if any(shot.is_current for shot in left):  # first, in case memory ends
             anew = np.empty_like if everything else np.copy
             self.centers, self.rotations = anew(self.centers), anew(self.rotations)
-        for found in left:
-            found.detach()
-        self._lent = [weakref.ref(found) for found in kept]
+        for shot in left:
+            shot.detach()
+        self._lent = [weakref.ref(shot) for shot in kept]

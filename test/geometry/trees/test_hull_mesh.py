@@ -30,7 +30,7 @@ from hull_distances import squared_distance
 from mesh_zoo import TRIANGLE, ZOO, standing
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from support import refused, row_of
+from support import refused
 from sweep_motions import directions
 from trimesh import Trimesh, creation
 
@@ -182,9 +182,9 @@ def test_pools_hold_what_joining_gives() -> None:
 def test_trees_are_scaled_and_begin_with_the_box_of_the_mesh() -> None:
     for name in ("torus1", "star2", "triangle"):
         mesh = Mesh(*ZOO[name], scale=[1.0, 0.5, 2.0])
-        box = mesh_tree(mesh).boxes(0, 0)
-        for ours, theirs in zip(row_of(box, 0), mesh.local_box, strict=True):
-            assert (ours == theirs).all()
+        box = mesh_tree(mesh).boxes(0, 0).arrays
+        for ours, theirs in zip(box, mesh.local_box, strict=True):
+            assert (ours[0] == theirs).all()
     assert hull_tree(Sphere(1.0)).solid[0]
     vertices, faces = ZOO["torus1"]
     tree = mesh_tree(Mesh(vertices, faces, scale=[1.0, 2.0, 3.0]))

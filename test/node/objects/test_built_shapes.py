@@ -37,7 +37,7 @@ from obb_collision.geometry.shapes import meshes
 from obb_collision.geometry.trees import pool
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN, Reason
 from obb_collision.node.objects import shape_requests
-from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.builder import Limits
 
 
 @pytest.fixture

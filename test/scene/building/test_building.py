@@ -37,8 +37,7 @@ from obb_collision import _child
 from obb_collision.geometry.shapes import MeshFolders
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building import jobs
-from obb_collision.scene.building.builder import Builder, Outcome
-from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.builder import Builder, Limits, Outcome
 from obb_collision.shapes import Hull, Mesh
 
 ONE = np.ones(3)

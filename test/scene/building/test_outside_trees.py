@@ -33,9 +33,8 @@ from obb_collision import _kernel_cache
 from obb_collision.geometry.trees import TreePool, mesh_tree
 from obb_collision.geometry.trees import pool as pools
 from obb_collision.scene.building import outside, shape_cache
-from obb_collision.scene.building.builder import Builder
-from obb_collision.scene.building.jobs import BuildError, BuildJob, Task, perform
-from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.builder import Builder, Limits
+from obb_collision.scene.building.jobs import BuildError, Task, perform
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
 
@@ -221,7 +220,7 @@ def triangle(number: int) -> Mesh:
 
 def add_outside(trees: shape_cache.PerShape[oc.MeshTrees], number: int) -> tuple[Any, Any, int]:
     """Build a triangle, and add its tree as another thread does."""
-    job = BuildJob(triangle(number), trees)
+    job = outside.BuildJob(triangle(number), trees)
     pool, item, row = job.finish(perform(job.task()))
     return pool, item, row
 

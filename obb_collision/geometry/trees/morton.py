@@ -14,9 +14,9 @@
 
 """Bounds in the order of a Z-order curve (Morton 1966) through their centres: neighbours are near.
 
-Cells are cubes, as fine along the longest side as there are bits; so boxes on a line or in a plane
-get as many of them. Where more boxes than a leaf holds share a cell, it is divided in the same way:
-a far outlier, or tight clusters far from each other, take nothing from the others.
+Cells are cubes; a code has as many bits along an axis as fit, so boxes on a line or in a plane get
+as many cells as others. Where more boxes than a leaf holds share a cell, it is divided in the same
+way, so that a far outlier, or tight clusters far apart, do not make cells too coarse.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from obb_collision.typing import Floats
 
 #: Bits of a cell's number along an axis: three of them in a 64-bit number.
 AXIS_BITS = 21
-#: Code of what is empty: behind all others.
+#: Bits of a code.
 BITS = 3 * AXIS_BITS
-#: Bits of a code beyond those that number the boxes: what shares a cell is sorted once more.
+#: Bits of a code beyond those that number the boxes; boxes that share a cell are sorted again.
 SPARE_BITS = 2
 #: Most boxes of one cell.
 CELL = 8
-#: Sides shorter than this are taken as none: their reciprocals might overflow.
+#: Shorter sides count as zero: their reciprocals might overflow.
 SHORTEST = 1e-280
 #: The last cell along an axis.
 LAST = 2.0**AXIS_BITS - 1.0
@@ -58,7 +58,7 @@ Cells = tuple[float, float, float, float]
 def morton_order(minimum: Floats, maximum: Floats, order: np.ndarray, spare: np.ndarray) -> None:
     """Write the rows of bounds (n, 3) to (n, 3) along the curve to ``order``; empty ones are last.
 
-    order, spare (n,) int64; what is in ``spare`` afterwards means nothing.
+    order, spare (n,) int64; ``spare`` is scratch space.
     """
     count = len(minimum)
     full, empty = 0, count
@@ -110,8 +110,8 @@ def _sort_cells(
 ) -> bool:
     """Sort rows by the codes of their cells, which are written to ``spare``.
 
-    False, and nothing done, if they have one centre, or bounds that are no numbers: arrays that
-    were valid once may have been written since, and a code must be one whatever they hold.
+    False, with nothing done, for rows of one centre, or with bounds that are NaN: the caller may
+    have written to arrays since they were checked, and NaN has no code.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for row in rows:
@@ -150,7 +150,7 @@ def _code(minimum: Floats, maximum: Floats, row: int, cells: Cells) -> int:
 
 @njit
 def _part(numbers: np.ndarray, rows: np.ndarray, codes: np.ndarray, row_bits: int) -> None:
-    """Part numbers into rows and codes of their cells."""
+    """Split numbers into rows and codes of their cells."""
     for n in range(len(numbers)):
         number = numbers[n]
         codes[n] = number >> row_bits
@@ -170,7 +170,7 @@ def _spread_bits(x: int) -> int:
 def morton_order_shared(
     minimum: Floats, maximum: Floats, order: NDArray[np.int64], spare: NDArray[np.int64]
 ) -> None:
-    """Do what ``morton_order`` does, to the bit, by several threads where they pay."""
+    """`morton_order`, to the bit, by several threads where they pay."""
     count = len(minimum)
     if is_dealt(count):
         ends = np.array(run(_extent_kernel, count, FEWEST_NUMBERS, minimum, maximum))
@@ -180,8 +180,7 @@ def morton_order_shared(
             row_bits = int(count).bit_length()
             bits = int(code_bits(count, row_bits))
             where = (*low.tolist(), LAST / side)
-            given = minimum, maximum, where, bits, row_bits, order
-            run(_code_kernel, count, FEWEST_NUMBERS, *given)
+            run(_code_kernel, count, FEWEST_NUMBERS, minimum, maximum, where, bits, row_bits, order)
             starts = deal(order, spare, row_bits + bits)
             sort = minimum, maximum, order, spare, starts, bits, row_bits
             run_buckets(lambda first, last: _bucket_kernel(*sort, first, last), starts)
@@ -193,7 +192,7 @@ def morton_order_shared(
 def _extent_kernel(
     minimum: Floats, maximum: Floats, start: int, stop: int
 ) -> tuple[float, float, float, float, float, float, bool]:
-    """Return between which numbers the centres are, and whether no bounds are empty or none."""
+    """Return the extent of the centres, and whether no bounds are empty or NaN."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     usual = True
     for n in range(start, stop):
@@ -210,7 +209,7 @@ def _code_kernel(
     minimum: Floats, maximum: Floats, cells: Cells, bits: int, row_bits: int, numbers: np.ndarray,
     start: int, stop: int,
 ) -> None:  # fmt: skip
-    """Write rows ``start`` to ``stop``, each with its code before it."""
+    """Write the numbers of rows ``start`` to ``stop``: the code in the bits above the row."""
     for n in range(start, stop):
         code = _code(minimum, maximum, n, cells)
         numbers[n] = n | (code >> (BITS - bits) << row_bits)

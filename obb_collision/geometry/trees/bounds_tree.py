@@ -16,11 +16,11 @@
 
 As Karras 2012 without the pointers: eight neighbours are a leaf, eight leaves a block of the next
 level, and so on up to one block. Blocks hold their bounds number by number, so that a processor
-compares all eight at once. Bounds are only ever merged, never rounded.
+compares all eight at once. Bounds are merged, never rounded.
 
-numba makes eight comparisons one after another of a loop over a block, which takes eight times as
-long (15 and 1.8 ns a block): so LLVM is told. Every processor can do it, by several steps where its
-vectors are shorter.
+A loop over a block compares one number after another, 15 ns instead of 1.8: numba does not
+vectorise it. So the comparison is written for LLVM. Processors with shorter vectors take several
+steps.
 """
 
 from __future__ import annotations
@@ -37,15 +37,13 @@ from numpy.typing import NDArray
 
 from obb_collision import _threads
 from obb_collision._jit import njit
-from obb_collision.numerics.intrinsics import fetch_row
-from obb_collision.scene.broad_phase.morton import morton_order_shared
+from obb_collision.geometry.trees.morton import morton_order_shared
+from obb_collision.numerics.intrinsics import LANES, fetch_row
 from obb_collision.typing import Floats, Vector
 
 config: Any = _config  # its attributes are set at run time
 
-#: Bounds in a block: eight doubles are one vector of AVX-512, two of AVX.
-LANES = 8
-#: The same as a power of two.
+#: LANES, the bounds in a block, as a power of two.
 LANE_BITS = 3
 
 
@@ -65,17 +63,17 @@ def _overlaps_in_lanes(
     context: Any, nodes: Any, block: Any,
     x0: Any, y0: Any, z0: Any, x1: Any, y1: Any, z1: Any,
 ) -> Any:  # fmt: skip
-    """Return which of the bounds of ``nodes[block]`` (6, LANES) overlap others, a bit for each.
+    """Return which bounds in ``nodes[block]`` (6, LANES) overlap a box, a bit for each.
 
-    x0 to z0 and x1 to z1: minimum and maximum of the others.
+    x0 to z0 and x1 to z1: minimum and maximum of that box.
     """
     signature = types.int64(nodes, types.int64, *[types.float64] * 6)
     doubles = ir.VectorType(ir.DoubleType(), LANES)
     index = ir.IntType(64)
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        array = context.make_array(nodes)(context, builder, given[0])
-        first = builder.mul(given[1], ir.Constant(index, 6 * LANES))
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array = context.make_array(nodes)(context, builder, values[0])
+        first = builder.mul(values[1], ir.Constant(index, 6 * LANES))
 
         def bound(k: int) -> Any:
             place = builder.add(first, ir.Constant(index, k * LANES))
@@ -85,15 +83,15 @@ def _overlaps_in_lanes(
             return loaded
 
         def spread(number: Any) -> Any:
-            none = ir.Constant(doubles, ir.Undefined)
-            one = builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
+            empty = ir.Constant(doubles, ir.Undefined)
+            first_lane = builder.insert_element(empty, number, ir.Constant(ir.IntType(32), 0))
             lanes = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-            return builder.shuffle_vector(one, none, lanes)
+            return builder.shuffle_vector(first_lane, empty, lanes)
 
         mask = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] * LANES)
         for k in range(3):
-            low = builder.fcmp_ordered("<=", bound(k), spread(given[5 + k]))
-            high = builder.fcmp_ordered("<=", spread(given[2 + k]), bound(3 + k))
+            low = builder.fcmp_ordered("<=", bound(k), spread(values[5 + k]))
+            high = builder.fcmp_ordered("<=", spread(values[2 + k]), bound(3 + k))
             mask = builder.and_(mask, builder.and_(low, high))
         return builder.zext(builder.bitcast(mask, ir.IntType(LANES)), index)
 
@@ -107,8 +105,8 @@ def _lowest_in_python(mask: int) -> int:
 def _lowest_in_lanes(context: Any, mask: Any) -> Any:
     """Return the number of the lowest bit that is set; there must be one."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.cttz(given[0], ir.Constant(ir.IntType(1), 1))
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.cttz(values[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.int64), generate
 
@@ -122,11 +120,11 @@ lowest: Any = _lowest_in_python if interpreted else intrinsic(_lowest_in_lanes)
 LEVELS = 21
 #: Depth-first traversal leaves at most LANES - 1 blocks a level behind.
 STACK = LEVELS * LANES
-#: Bounds of lanes without a box: nothing overlaps them, not even bounds that are infinite.
+#: Bounds of lanes without a box: nothing overlaps them, not even infinite bounds.
 NOTHING = np.nan
 #: Blocks filled before a second thread pays.
 FEWEST_BLOCKS = 1024
-#: Boxes asked for before they are needed.
+#: Boxes ahead of the loop that are fetched from memory.
 AHEAD = 32
 
 
@@ -145,15 +143,15 @@ class BoundsTree(NamedTuple):
 
     @classmethod
     def build(cls, minimum: Floats, maximum: Floats) -> BoundsTree:
-        """Return the tree of bounds; they are not copied."""
+        """Return the tree over bounds, which are not copied."""
         order, spare = np.empty(len(minimum), np.int64), np.empty(len(minimum), np.int64)
         morton_order_shared(minimum, maximum, order, spare)
         starts = _level_starts(len(minimum))
         nodes = np.empty((starts[-1], 6, LANES))  # not in a kernel: numpy asks for large pages
         _threads.run(_fill_boxes, int(starts[1]), FEWEST_BLOCKS, minimum, maximum, order, nodes)
         if len(starts) > 2:
-            given = nodes, int(starts[0]), int(starts[1])
-            _threads.run(_fill_level, int(starts[2] - starts[1]), FEWEST_BLOCKS, *given)
+            first = nodes, int(starts[0]), int(starts[1])
+            _threads.run(_fill_level, int(starts[2] - starts[1]), FEWEST_BLOCKS, *first)
             _fill_levels(nodes, starts)
         return cls(minimum, maximum, order, nodes, starts)
 
@@ -194,7 +192,7 @@ def _fill_boxes(
 
 @njit
 def _fill_levels(nodes: Floats, starts: np.ndarray) -> None:
-    """Write all blocks above those above the boxes."""
+    """Write the blocks from the third level on."""
     for level in range(2, len(starts) - 1):
         _fill_level(nodes, starts[level - 1], starts[level], 0, starts[level + 1] - starts[level])
 
@@ -219,7 +217,7 @@ def _merge(nodes: Floats, block: int, parent: int, lane: int) -> None:
 
 @njit
 def move_kernel(tree: BoundsTree, places: np.ndarray) -> None:
-    """Write the bounds of places in the order anew, and what they make of the blocks above."""
+    """Update the bounds at places in the order, and all blocks above them."""
     minimum, maximum, order, nodes, starts = tree
     for place in places:
         block, lane = place >> LANE_BITS, place & (LANES - 1)
@@ -233,14 +231,14 @@ def move_kernel(tree: BoundsTree, places: np.ndarray) -> None:
 
 @njit(inline=True)
 def overlapping(tree: BoundsTree, low: Vector, high: Vector, least: int, out: np.ndarray) -> int:
-    """Write rows from ``least`` on whose bounds overlap low to high; return their number.
+    """Write the rows from ``least`` on whose bounds overlap a box; return their number.
 
-    In the order of the tree, as many as there is room for in ``out``.
+    In the order of the tree, until ``out`` is full.
     """
     order, nodes, starts = tree.order, tree.nodes, tree.starts
     levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     levels[0], waiting[0] = len(starts) - 2, 0
-    depth, found = 1, 0
+    depth, count = 1, 0
     while depth > 0:
         depth -= 1
         level, block = levels[depth], waiting[depth]
@@ -254,8 +252,8 @@ def overlapping(tree: BoundsTree, low: Vector, high: Vector, least: int, out: np
                 levels[depth], waiting[depth] = level - 1, child
                 depth += 1
             elif order[child] >= least:
-                if found == len(out):
-                    return found
-                out[found] = order[child]
-                found += 1
-    return found
+                if count == len(out):
+                    return count
+                out[count] = order[child]
+                count += 1
+    return count
