@@ -429,6 +429,8 @@ class CollisionNode(ManagedNode):
                 self.robots.stop()
         finally:
             self.status.close()
+            with self.transition:  # the context ends after it
+                pass
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""

@@ -20,6 +20,7 @@ possible in the present state ends the node (https://github.com/ros2/rclpy/issue
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from traceback import format_exception
 from typing import Any
@@ -39,7 +40,8 @@ class ManagedNode(LifecycleNode):
 
     Subclasses have ``configure``, ``activate``, ``deactivate``, ``release``, which undoes
     ``configure`` wherever that has ended, ``rest``, which reports that nothing is configured, and
-    ``finish``.
+    ``finish``. ``transition`` is held while one goes on that a service asked for: rclpy ends it by
+    publishing, which in a context that was shut down meanwhile may end the process (in Kilted).
     """
 
     configure: Callable[[], None]
@@ -51,6 +53,7 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
+        self.transition = threading.Lock()
         self._failure: Exception | None = None
         self._reason = ""
         self._starting = False
@@ -125,7 +128,8 @@ class ManagedNode(LifecycleNode):
 
         def change_state(request: ChangeState.Request, response: ChangeState.Response) -> Any:
             try:
-                return callback(request, response)
+                with self.transition:
+                    return callback(request, response)
             except Exception as error:
                 self.get_logger().warning(f"transition refused: {in_one_line(error)}")
                 response.success = False
