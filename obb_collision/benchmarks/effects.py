@@ -37,12 +37,13 @@ from numpy.typing import NDArray
 
 from obb_collision.benchmarks.corpora import Corpus
 from obb_collision.benchmarks.measuring import Show, Table, on_threads, take_turns
+from obb_collision.demo.motion import Motions, read_motions
 from obb_collision.geometry.poses import as_poses
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
-from obb_collision.scene_files import READY, SceneDescription, load_scene
+from obb_collision.scene_files import READY, SceneDescription, find_scene, load_scene
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
 
@@ -107,12 +108,13 @@ class PairsOnly(Variant):
         self.scene._checks.checker.find(exact=False)
 
 
-def frames_of(description: SceneDescription) -> list[Moment]:
+def frames_of(motions: Motions) -> list[Moment]:
     """Return the states of a scene that all variants go through."""
+    description = motions.description
     scene = description.build()
     frames = []
     for number in range(FRAMES):
-        poses, twists = description.states(number / RATE)
+        poses, twists = motions.states(number / RATE)
         points = None
         if description.lidar is not None:
             scene.move(description.names, poses)
@@ -131,7 +133,8 @@ def effects_of(description: SceneDescription) -> tuple[str, ...]:
 def run_scene(name: str, seconds: float) -> list[CostRow]:
     """Measure a scene file for about ``seconds``."""
     description = load_scene(name)
-    names, frames = effects_of(description), frames_of(description)
+    motions = read_motions(description, find_scene(name))
+    names, frames = effects_of(description), frames_of(motions)
     variants: dict[str, Variant] = {
         PAIRS: PairsOnly(description, ()),
         OFF: Variant(description, ()),

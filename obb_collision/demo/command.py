@@ -41,9 +41,9 @@ from obb_collision.words import printable, shown
 if TYPE_CHECKING:
     from rclpy.context import Context
 
+    from obb_collision.demo.motion import Motions
     from obb_collision.demo.run import Demo
     from obb_collision.demo.view import BrowserView
-    from obb_collision.scene_files import SceneDescription
     from obb_collision.scene_files.description import View as Viewpoint
 
 
@@ -106,21 +106,22 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def scene_file(text: str) -> tuple[SceneDescription, Path]:
-    """Convert for argparse: the description in a scene file, and its path."""
+def scene_file(text: str) -> tuple[Motions, Path]:
+    """Convert for argparse: the scene of a file, how it moves, and the path of the file."""
     if not os.path.exists(text) and text not in SCENES.split(", "):  # before seconds of imports
         reason = f"the file does not exist; the scenes of the package are {SCENES}"
         raise argparse.ArgumentTypeError(f"{shown(text)}: {reason}")
+    from obb_collision.demo.motion import read_motions
     from obb_collision.scene_files import SceneFileError, describe_scene, find_scene
 
     try:
         file = find_scene(text)
-        description = describe_scene(file)
+        motions = read_motions(describe_scene(file), file)
     except SceneFileError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-    if not description.objects:
+    if not motions.description.objects:
         raise argparse.ArgumentTypeError(f"{text}: it has no objects")
-    return description, file
+    return motions, file
 
 
 def _run(

@@ -110,7 +110,7 @@ class ScenePublisher(Node):
         """Publish the joints of the robots at a time; returns the stamp (ns), None if none."""
         stamp, header = self._header()
         for robot in self.scene.robots:
-            values, velocities = (part.tolist() for part in robot.joints(time))
+            values, velocities = (part.tolist() for part in self.scene.motions.joints(robot, time))
             names = list(robot.robot.joint_names)
             self._joints[robot.name].publish(
                 JointState(header=header, name=names, position=values, velocity=velocities)
@@ -119,7 +119,7 @@ class ScenePublisher(Node):
 
     def publish_objects(self, time: float) -> int | None:
         """Publish objects that move as they are at a time; returns the stamp (ns), or None."""
-        rows = self.scene.moving
+        rows = self.scene.motions.moving
         if not rows:
             return None
         return self._publish_states(rows, time) if self.scene.file else self._publish_poses(time)
@@ -146,7 +146,7 @@ class ScenePublisher(Node):
     def _publish_markers(self, time: float) -> int:
         stamp, header = self._header()
         markers = []
-        poses = self.scene.states(time)[0]
+        poses = self.scene.motions.states(time)[0]
         for key, shape, pose in zip(
             self.scene.keys, self.scene.shapes.values(), poses, strict=True
         ):
@@ -158,19 +158,19 @@ class ScenePublisher(Node):
         return stamp
 
     def _publish_states(self, rows: list[int], time: float) -> int:
-        poses, twists = self.scene.states(time)
+        poses, twists = self.scene.motions.states(time)
         stamp, header = self._header()
         names = [self.scene.names[row] for row in rows]
         self._motion.publish(states_to_ros(names, poses[rows], header, twists[rows]))
         return stamp
 
     def _publish_poses(self, time: float) -> int:
-        rows = self.scene.moving
+        rows = self.scene.motions.moving
         keys = [self.scene.keys[row] for row in rows]
         namespaces = np.array([namespace_number(namespace) for namespace, _ in keys])
         ids = np.array([number for _, number in keys])
         stamp, header = self._header()
-        poses = self.scene.states(time)[0][rows]
+        poses = self.scene.motions.states(time)[0][rows]
         self._motion.publish(poses_to_ros(ids, poses, namespaces, header))
         return stamp
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A scene description in motion: the poses, twists and lidar points of the demo at a time."""
+"""Scenes of the demo: names, shapes, zones and lidar points; and scenes made at random."""
 
 from __future__ import annotations
 
@@ -21,99 +21,93 @@ from pathlib import Path
 
 import numpy as np
 
+from obb_collision.demo.motion import Motions, Track, object_track
 from obb_collision.geometry.poses import Pose, quaternion_from_rpy
 from obb_collision.node.inputs.scene_file import keys_from_names
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.scene_files.description import Cloud, SceneDescription, SceneObject
-from obb_collision.scene_files.motion import Loop
 from obb_collision.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats
 
 
 class DemoScene:
-    """A scene whose objects move.
+    """A scene in motion, as it is on the topics.
 
-    file: where the description was read from, for the node to read it too; None where its objects
-    are to be published. keys and names are those on the topics, shapes by name. moving: rows of the
-    objects that move. robots: those of the file, whose links are among the shapes. zones: colour of
-    each region, that is of each object with an opacity below 1.
+    file: the scene file, which the node reads too; None where its objects are to be published.
+    keys and names are those on the topics, shapes by name. robots: those of the file, whose links
+    are among the shapes. zones: colour of each region, that is of each object with an opacity
+    below 1.
     """
 
-    def __init__(self, description: SceneDescription, file: Path | None = None) -> None:
-        self.description, self.file = description, file
+    def __init__(self, motions: Motions, file: Path | None = None) -> None:
+        self.motions, self.file = motions, file
+        self.description = description = motions.description
         self.keys = keys_from_names(description.names)
         self.names = [name_from_key(key) for key in self.keys]
         objects = dict(zip(self.names, description.objects, strict=True))
         self.robots = description.robots
-        self.shapes: dict[str, Shape] = {name: thing.shape for name, thing in objects.items()}
+        self.shapes: dict[str, Shape] = {name: obj.shape for name, obj in objects.items()}
         self.shapes |= {
-            f"{each.name}/{link}/{number}": shape
-            for each in self.robots
-            for link, placed in zip(each.robot.link_names, each.robot.shapes, strict=True)
+            f"{robot.name}/{link}/{number}": shape
+            for robot in self.robots
+            for link, placed in zip(robot.robot.link_names, robot.robot.shapes, strict=True)
             for number, (shape, _) in enumerate(placed)
         }
-        self.moving = description.moving()
         self.zones = {
-            name: thing.color[:3]
-            for name, thing in objects.items()
-            if thing.color is not None and thing.color[3] < 1.0
+            name: obj.color[:3]
+            for name, obj in objects.items()
+            if obj.color is not None and obj.color[3] < 1.0
         }
-        if description.lidar is None:
-            return
-        self._scene = description.build()
+        self._scene = None if description.lidar is None else description.build()
 
     @property
     def moving_count(self) -> int:
         """How many objects move, the links of robots that move included."""
-        return len(self.moving) + sum(
-            len(placed)
-            for each in self.robots
-            if each.motion is not None
-            for placed in each.robot.shapes
-        )
-
-    def states(self, time: float) -> tuple[Floats, Floats]:
-        """Return poses (n, 7) and twists (n, 6) at a time (s)."""
-        return self.description.states(time)
+        robots = [each.robot for each in self.robots if each.name in self.motions.robots]
+        return len(self.motions.moving) + sum(len(placed) for r in robots for placed in r.shapes)
 
     def points(self, time: float) -> Cloud | None:
         """Return the points (k, 3) that the lidar measures at a time, None without a lidar."""
-        if self.description.lidar is None:
+        if self._scene is None or self.description.lidar is None:
             return None
-        self._scene.move(self.description.names, self.states(time)[0])
+        self._scene.move(self.description.names, self.motions.states(time)[0])
         return self.description.lidar.scan(self._scene, time)
 
 
 #: Floor per object, m^2: some collide at any time, most don't.
 AREA = 4.0
-#: Waypoints of a way, and the range of seconds that it takes.
-WAYPOINTS, PERIODS = 4, (8.0, 16.0)
+#: Waypoints of a round trip, how far from its start they are along x and y at most (m), and the
+#: range of its period (s).
+WAYPOINTS, REACH, PERIODS = 4, 2.5, (8.0, 16.0)
 #: Lengths are multiples of this (m), exact in binary: what stands on something touches it exactly.
 GRID = 1.0 / 64.0
 STACKED = Box((0.5, 0.375, 0.25))
 
 
-def random_scene(objects: int, seed: int) -> SceneDescription:
-    """Return a scene of ``objects`` objects that follows from their number and the seed.
+def random_scene(objects: int, seed: int) -> Motions:
+    """Return a scene of so many objects, always the same one for a seed.
 
-    Every fifth object stands on the one before, every third one of the others moves along a loop.
+    Every fifth object stands on the one before, every third one of the others goes round.
     """
     random = np.random.default_rng(seed)
     reach = 0.5 * sqrt(AREA * objects)
     result: list[SceneObject] = []
+    tracks: dict[str, Track] = {}
     for k in range(objects):
         shape, kind, height = _random_shape(random)
         x, y = _on_grid(random.uniform(-reach, reach, 2))
-        if k % 5 == 4 and result[-1].motion is None:
+        if k % 5 == 4 and result[-1].name not in tracks:
             below = result[-1]
             x, y, z, *_ = below.pose
-            z += 0.5 * (_height(below.shape) + STACKED.size[2])
+            z += float(below.shape.local_box[2][2]) + 0.5 * STACKED.size[2]
             result.append(SceneObject(f"box/{k}", STACKED, (x, y, z, 0.0, 0.0, 0.0, 1.0)))
             continue
         pose = (x, y, 0.5 * height, *quaternion_from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0)))
-        motion = _random_way(random, pose, 2.5) if k % 3 == 0 else None
-        result.append(SceneObject(f"{kind}/{k}", shape, pose, motion=motion))
-    return SceneDescription("random", tuple(result), f"{objects} objects at random, seed {seed}")
+        result.append(SceneObject(f"{kind}/{k}", shape, pose))
+        if k % 3 == 0:
+            tracks[result[-1].name] = _random_track(random, pose)
+    text = f"{objects} objects at random, seed {seed}"
+    return Motions(SceneDescription("random", tuple(result), text), tracks)
 
 
 def _random_shape(random: np.random.Generator) -> tuple[Shape, str, float]:
@@ -127,19 +121,15 @@ def _random_shape(random: np.random.Generator) -> tuple[Shape, str, float]:
     return Box((length, width, height)), "box", height
 
 
-def _random_way(random: np.random.Generator, start: Pose, reach: float) -> Loop:
+def _random_track(random: np.random.Generator, start: Pose) -> Track:
     """Return a round trip from a pose, at its height."""
     poses = [start]
     for _ in range(WAYPOINTS - 1):
-        x, y = np.array(start[:2]) + random.uniform(-reach, reach, 2)
+        x, y = np.array(start[:2]) + random.uniform(-REACH, REACH, 2)
         turn = quaternion_from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0))
         poses.append((float(x), float(y), start[2], *turn))
     period = float(random.uniform(*PERIODS))
-    return Loop(tuple(poses), tuple(period * k / WAYPOINTS for k in range(WAYPOINTS)), period)
-
-
-def _height(shape: Shape) -> float:
-    return 2.0 * float(shape.local_box[2][2])
+    return object_track(np.array(poses), np.arange(WAYPOINTS) * period / WAYPOINTS, period)
 
 
 def _on_grid(values: Floats) -> tuple[float, ...]:

@@ -26,24 +26,18 @@ from obb_collision.scene_files.description import (
     SceneRobot,
 )
 from obb_collision.scene_files.load import READY, describe_scene, find_scene, load_scene
-from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady, states_at
 from obb_collision.scene_files.yaml_values import SceneFileError
 
 __all__ = [
     "READY",
     "AllowedRule",
     "EffectChoice",
-    "Follow",
     "Lidar",
-    "Loop",
-    "Motion",
     "SceneDescription",
     "SceneFileError",
     "SceneObject",
     "SceneRobot",
-    "Steady",
     "describe_scene",
     "find_scene",
     "load_scene",
-    "states_at",
 ]

@@ -39,10 +39,8 @@ from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
-from obb_collision.scene_files.motion import JointLoop, Motion, states_at
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
-from obb_collision.words import shown
 
 Cloud = NDArray[np.float32]
 
@@ -106,18 +104,15 @@ NODE_EFFECTS = (
     *("collisions", "text", "in_collision", "collision_status", "events"),
     *("markers", "diagnostics"),
 )
-#: Largest time (s): a century.
-MAX_TIME = 3.2e9
 Color = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One object: its name, its shape, its pose at the start (x y z qx qy qz qw).
+    """One object: its name, its shape, its pose (x y z qx qy qz qw).
 
     padding (m) and accuracy: None for the scene's; color: red, green, blue and opacity from 0 to 1,
-    for pictures, where an opacity below 1 makes it a zone; motion: for demos and measurements, None
-    for an object at rest.
+    for pictures, where an opacity below 1 makes it a zone.
     """
 
     name: str
@@ -126,15 +121,13 @@ class SceneObject:
     padding: float | None = None
     accuracy: Accuracy | None = None
     color: Color | None = None
-    motion: Motion | None = None
 
 
 @dataclass(frozen=True)
 class SceneRobot:
     """One robot: its name, the files of its URDF and SRDF, what is in them, and where it stands.
 
-    pose: of the root link (x y z qx qy qz qw); state: values of ``robot.joint_names`` at the start;
-    motion: for demos and measurements, None for a robot at rest.
+    pose: of the root link (x y z qx qy qz qw); state: values of ``robot.joint_names``.
     """
 
     name: str
@@ -143,13 +136,6 @@ class SceneRobot:
     robot: Robot
     pose: Pose
     state: tuple[float, ...]
-    motion: JointLoop | None = None
-
-    def joints(self, time: float) -> tuple[Floats, Floats]:
-        """Return values and velocities of the joints at a time (s)."""
-        if self.motion is None:
-            return np.array(self.state), np.zeros(len(self.state))
-        return self.motion.at(time)
 
 
 @dataclass(frozen=True)
@@ -180,7 +166,7 @@ class View:
 
 @dataclass(frozen=True)
 class SceneDescription:
-    """A scene file: everything that is needed to make the scene, drive it and draw it.
+    """A scene file: everything that is needed to make the scene and to draw it.
 
     groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
     counts; time_budget: seconds per check, None for no budget; robots: not in the scene that
@@ -213,7 +199,7 @@ class SceneDescription:
         return [thing.name for thing in self.objects]
 
     def build(self) -> Scene:
-        """Return the scene as it is at the start, with its rules and effects."""
+        """Return the scene, with its rules and effects."""
         budget: dict[str, Any] = {}
         if self.time_budget is not None:
             budget["time_budget"] = self.time_budget
@@ -243,32 +229,6 @@ class SceneDescription:
         for k, thing in enumerate(self.objects):
             result[k] = result[k] if thing.accuracy is None else thing.accuracy
         return result
-
-    def moving(self) -> list[int]:
-        """Return the rows of the objects that move."""
-        return [row for row, thing in enumerate(self.objects) if thing.motion is not None]
-
-    def states(self, time: float) -> tuple[Floats, Floats]:
-        """Return poses (n, 7) and twists (n, 6) of the objects' origins at a time (s).
-
-        Parameters
-        ----------
-        time : float
-            Seconds.
-
-        Examples
-        --------
-        >>> oc.SceneDescription("empty", ()).states(1.0)[0].shape
-        (0, 7)
-        """
-        if (
-            not isinstance(time, (int, float, np.integer, np.floating))
-            or not -MAX_TIME <= time <= MAX_TIME
-        ):
-            raise ValueError(f"time must be seconds up to {MAX_TIME:g}, got {shown(time)}")
-        starts = np.array([thing.pose for thing in self.objects], np.float64).reshape(-1, 7)
-        rows = {name: row for row, name in enumerate(self.names)}
-        return states_at(starts, [thing.motion for thing in self.objects], rows, float(time))
 
 
 def _is_plain(thing: SceneObject) -> bool:

@@ -43,15 +43,12 @@ from obb_collision.scene_files.description import (
     View,
 )
 from obb_collision.scene_files.mesh_files import MeshFiles
-from obb_collision.scene_files.motion import JointLoop
 from obb_collision.scene_files.objects import (
     ORIGIN,
     PATTERN_LETTERS,
     quaternion_of,
     read_accuracy,
     read_objects,
-    read_period,
-    read_times,
 )
 from obb_collision.scene_files.yaml_values import Problems, Reader, Value
 from obb_collision.words import printable
@@ -89,8 +86,7 @@ def _read_option(key: str, option: Option, value: Value) -> float | str:
     return checked
 
 
-ROBOT_KEYS = ("name", "urdf", "srdf", "position", "rpy", "quaternion", "joints", "motion")
-MOTION_KEYS = ("waypoints", "period")
+ROBOT_KEYS = ("name", "urdf", "srdf", "position", "rpy", "quaternion", "joints")
 #: What a robot may be called: a part of names of topics.
 ROBOT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -122,22 +118,14 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
         robot = Robot.from_urdf(urdf, srdf, reading.folders, read_mesh=reading.read)
     for doubt in robot.doubts:
         value.doubt(doubt)
-    start = _start_of(robot)
-    if "joints" in fields:
-        start = _read_state(fields["joints"], robot, start)
-    motion = _read_motion(fields["motion"], robot, start) if "motion" in fields else None
-    pose = (*place, *quaternion_of(fields))
-    state = start if motion is None else motion.states[0]
-    return SceneRobot(name, urdf, srdf, robot, pose, state, motion)
-
-
-def _start_of(robot: Robot) -> tuple[float, ...]:
-    """Return the state of zeros, or the nearest within the limits."""
     zeros = np.array([float(name.endswith("/rot_w")) for name in robot.joint_names])
-    return tuple(np.clip(zeros, robot.lower, robot.upper).tolist())
+    state = tuple(np.clip(zeros, robot.lower, robot.upper).tolist())
+    if "joints" in fields:
+        state = read_state(fields["joints"], robot, state)
+    return SceneRobot(name, urdf, srdf, robot, (*place, *quaternion_of(fields)), state)
 
 
-def _read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[float, ...]:
+def read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[float, ...]:
     """Return a state; joints that are not in it stay as before."""
     state = dict(zip(robot.joint_names, before, strict=True))
     limits = dict(zip(robot.joint_names, zip(robot.lower, robot.upper, strict=True), strict=True))
@@ -150,22 +138,6 @@ def _read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[
             lambda number, low=low, high=high: low <= number <= high,  # type: ignore[misc]
         )
     return tuple(state.values())
-
-
-def _read_motion(value: Value, robot: Robot, start: tuple[float, ...]) -> JointLoop:
-    fields = value.fields(MOTION_KEYS, MOTION_KEYS)
-    period = read_period(fields["period"])
-    state = start
-
-    def read_state(entry: Value) -> tuple[float, ...]:
-        nonlocal state
-        state = _read_state(entry, robot, state)
-        return state
-
-    points = fields["waypoints"].several("waypoints")
-    read = [point.read({"joints": read_state}, {"time": Value.not_negative}) for point in points]
-    times = read_times(fields["waypoints"], [point.get("time") for point in read], period)
-    return JointLoop(tuple(point["joints"] for point in read), times, period)
 
 
 KEYS = (

@@ -113,6 +113,8 @@ MAX_GUESSES, MAX_LISTED = 500, 20
 #: Maximum characters of a text for people.
 MAX_PROSE = 10_000
 NO_KEYS: Mapping[str, Any] = {}
+#: Keys of earlier versions, and what to do instead.
+MOVED = {"motion": "a scene does not move; the demo reads NAME.motion.yaml beside NAME.yaml"}
 
 
 class Node:
@@ -189,13 +191,6 @@ class Value:
             Value(node, f"{self.key}[{k}]", self.problems) for k, node in enumerate(self.node.value)
         ]
 
-    def several(self, what: str) -> list[Value]:
-        """Return the values of a list of at least two."""
-        found = self.items()
-        if len(found) < 2:
-            self.expected(f"at least 2 {what}")
-        return found
-
     def entries(self) -> dict[str, Value]:
         """Return the values of a mapping by key; duplicate keys are problems."""
         if not self.is_mapping:
@@ -237,7 +232,8 @@ class Value:
         found = self.entries()
         for name in [name for name in found if name not in known]:
             value = found.pop(name)
-            self.problems.found.append(value.problem(f"unknown key{self.guess(name, known)}"))
+            reason = MOVED.get(name) or f"unknown key{self.guess(name, known)}"
+            self.problems.found.append(value.problem(reason))
         given = {name: value for name, value in found.items() if not value.is_empty}
         missing = [name for name in required if name not in given]
         if missing:

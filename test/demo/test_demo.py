@@ -68,23 +68,23 @@ def test_a_random_scene_follows_from_objects_and_seed_and_has_all_states() -> No
     for time in (0.0, 1.25, 30.0):
         assert one.states(time)[0].tobytes() == two.states(time)[0].tobytes()
         assert not np.array_equal(one.states(time)[0], other.states(time)[0])
-    assert len(set(one.names)) == 80
+    assert len(set(one.description.names)) == 80
     scene = random_scene(OBJECTS, 4)
-    moving = scene.moving()
-    still = np.setdiff1d(np.arange(OBJECTS), moving)
-    assert 0.2 * OBJECTS < len(moving) < 0.4 * OBJECTS
+    still = np.setdiff1d(np.arange(OBJECTS), scene.moving)
+    assert 0.2 * OBJECTS < len(scene.moving) < 0.4 * OBJECTS
     assert np.array_equal(scene.states(3.3)[0][still], scene.states(0.0)[0][still])
-    report = scene.build().check()
+    report = scene.description.build().check()
     assert report.depths.min() < 1e-6
     assert report.depths.max() > 0.01
     assert len(report.names()) < OBJECTS  # most are free
-    assert len(random_scene(MIN_OBJECTS, 4).names) == MIN_OBJECTS
+    assert len(random_scene(MIN_OBJECTS, 4).description.names) == MIN_OBJECTS
 
 
 def brute_force(scene: DemoScene, time: float) -> set[tuple[str, ...]]:
     """All pairs of the scene as published, each judged for itself, names sorted in a pair."""
     made = oc.Scene()
-    for (name, shape), pose in zip(scene.shapes.items(), scene.states(time)[0], strict=True):
+    poses = scene.motions.states(time)[0]
+    for (name, shape), pose in zip(scene.shapes.items(), poses, strict=True):
         made.add(name, shape_from_ros(shape_to_ros(shape)), pose)
     pairs = np.stack(np.triu_indices(len(made), 1), axis=1)
     colliding = oc.verdicts(made.boxes, made.boxes, pairs) != oc.Verdict.SEPARATE
@@ -137,7 +137,9 @@ def test_a_run_ends_with_summary_and_picture(demo: Demo, lines: list[str], tmp_p
     assert len(begun) - len(ended) == count
     assert any("touching" in line for line in begun)
     ends = demo.summary()
-    assert ends[0].startswith(f"2.0 s, {OBJECTS} objects, {len(demo.scene.moving)} moving, ")
+    assert ends[0].startswith(
+        f"2.0 s, {OBJECTS} objects, {len(demo.scene.motions.moving)} moving, "
+    )
     assert "median" in ends[1]
     assert "pairs in all, at most " in ends[2]
     assert f"at the end {count}: " in ends[2]

@@ -44,6 +44,7 @@ from obb_collision.demo.listener import (
     PointsInsideNarrator,
     Predictions,
 )
+from obb_collision.demo.motion import read_motions
 from obb_collision.demo.run import Demo
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import OVERLAPPING, ROBOT
@@ -55,15 +56,14 @@ APART = 100 + os.getpid() % 40
 MOVEIT = Path(__file__).parents[1] / "data" / "moveit"
 
 
+def scene_of(file: Path) -> DemoScene:
+    return DemoScene(read_motions(load_scene(file), file), file)
+
+
 @each("name", READY)
-def test_ready_scenes_keep_names_poses_and_twists(name: str) -> None:
-    file = find_scene(name)
-    scene = DemoScene(load_scene(file), file)
+def test_ready_scenes_keep_their_names(name: str) -> None:
+    scene = scene_of(find_scene(name))
     assert scene.names == scene.description.names
-    poses, twists = scene.description.states(4.2)
-    np.testing.assert_array_equal(scene.states(4.2)[0], poses)
-    np.testing.assert_array_equal(scene.states(4.2)[1], twists)
-    assert scene.moving == scene.description.moving()
     assert (scene.points(4.2) is None) == (name != "lidar_zone")
     assert len(scene.zones) == (3 if name == "lidar_zone" else 0)
 
@@ -113,12 +113,9 @@ objects:
   - {name: box/3, shape: box, size: [1, 1, 1], position: [0, 2, 0.5]}
   - {name: zone/0, shape: box, size: [3, 3, 3], position: [0, 0, 1.75], color: [1, 0, 0, 0.2]}
   - {name: wall/0, shape: box, size: [0.01, 2, 2], position: [5, -3, 1]}
-  - name: fast/0
-    shape: capsule
-    radius: 0.125
-    length: 0.25
-    motion: {period: 2.0, waypoints: [[3, -3, 1], [8, -3, 1]]}
+  - {name: fast/0, shape: capsule, radius: 0.125, length: 0.25, position: [3, -3, 1]}
 """
+MOTION = "objects: {fast/0: {period: 2.0, waypoints: [[1.0, 8, -3, 1]]}}"
 
 Start = Callable[[Path], Demo]
 LINES: list[str] = []
@@ -138,8 +135,7 @@ def start() -> Iterator[Start]:
 
         def start(path: Path) -> Demo:
             end()
-            scene = DemoScene(load_scene(path), path)
-            started.append(Demo(context, scene, 20.0, 1.5, LINES.append))
+            started.append(Demo(context, scene_of(path), 20.0, 1.5, LINES.append))
             return started[0]
 
         yield start
@@ -150,6 +146,7 @@ def test_a_file_gets_the_effects_it_calls_for(start: Start, tmp_path: Path) -> N
     LINES.clear()
     path = tmp_path / "all.yaml"
     path.write_text(ALL)
+    (tmp_path / "all.motion.yaml").write_text(MOTION)
     demo = start(path)
     demo.run()
     # box/0 and box/1 may touch
@@ -185,7 +182,7 @@ def test_moveit_scenes_run(start: Start, name: str) -> None:
 def test_scenes_of_the_package_are_found_by_name_and_bad_files_refused_with_line_and_key(
     scene: str, reason: str, write: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert make_parser().parse_args(["--scene", "tabletop"]).scene[0].name == "tabletop"
+    assert make_parser().parse_args(["--scene", "tabletop"]).scene[1].stem == "tabletop"
     assert all(name in make_parser().format_help() for name in READY)
     with pytest.raises(SystemExit, match="2"):
         main(["--scene", str(write(scene)) if ":" in scene else scene])
@@ -197,7 +194,7 @@ def demo() -> Iterator[Demo]:
     """Yield the demo of the cell, started."""
     file = find_scene("arm_cell")
     with own_context(APART) as context:
-        demo = Demo(context, DemoScene(load_scene(file), file), 30.0, 1.0, lambda _: None)
+        demo = Demo(context, scene_of(file), 30.0, 1.0, lambda _: None)
         try:
             demo.begin()
             yield demo
@@ -213,7 +210,7 @@ def test_links_collide_by_name_when_the_robot_scene_says_so(demo: Demo) -> None:
         demo.settle(time)
         rows = demo.listener.pairs.rows
         found = {frozenset((_link(row.a), _link(row.b))) for row in rows}
-        report = checker.check(arm.joints(time)[0], all_pairs=True)
+        report = checker.check(demo.scene.motions.joints(arm, time)[0], all_pairs=True)
         wanted = set() if report.valid[0] else {frozenset(pair) for pair in report.pairs_of(0)}
         assert found == wanted
         seen |= found
@@ -242,7 +239,7 @@ def test_bodies_of_links_are_drawn_where_the_robot_has_them(demo: Demo) -> None:
     demo.settle(5.0)
     (arm,) = demo.scene.robots
     bodies = {body.name: body for body in demo.snapshot().bodies()}
-    poses = arm.robot.link_poses(arm.joints(5.0)[0])
+    poses = arm.robot.link_poses(demo.scene.motions.joints(arm, 5.0)[0])
     row = arm.robot.link_names.index("right_finger")
     wanted = poses[row, :3] + np.array(arm.pose[:3])  # the base is not turned
     np.testing.assert_allclose(bodies["arm/right_finger/0"].position, wanted, atol=1e-6)

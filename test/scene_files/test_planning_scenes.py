@@ -246,12 +246,6 @@ robots:
 """
 
 
-@pytest.fixture
-def arm() -> Any:
-    (found,) = load_scene("arm_cell").robots
-    return found
-
-
 def read(folder: Path, text: str) -> SceneDescription:
     """Return the description in a text beside the arm of the package."""
     for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
@@ -264,9 +258,7 @@ def test_a_robot_at_rest_stands_where_the_file_says(tmp_path: Path) -> None:
     (robot,) = read(tmp_path, FILE + "    joints: {turn: 0.5}\n").robots
     assert (robot.name, robot.robot.name, robot.srdf) == ("left", "arm", None)
     np.testing.assert_allclose(robot.pose, [1, 2, 3, 0, 0, np.sin(0.25), np.cos(0.25)])
-    values, velocities = robot.joints(7.0)
-    assert values.tolist() == [0.5, 0, 0, 0, 0, 0, 0]
-    assert not velocities.any()
+    assert robot.state == (0.5, 0, 0, 0, 0, 0, 0)
 
 
 @each("kind", ["urdf", "srdf"])
@@ -284,46 +276,12 @@ def test_descriptions_elsewhere_are_refused_as_such(tmp_path: Path, kind: str, f
     assert "mesh file" not in str(refused.value)
 
 
-def test_joints_pass_waypoints_in_time_and_keep_what_is_not_named(arm: Any) -> None:
-    elbow, grip = (arm.robot.joint_names.index(name) for name in ("elbow", "grip"))
-    assert [arm.joints(time)[0][elbow] for time in (0.0, 1.5, 14.0 + 1.5)] == [1.56, 1.62, 1.62]
-    values, velocities = arm.joints(0.75)
-    assert (values[elbow], velocities[elbow]) == (pytest.approx(1.59), pytest.approx(0.04))
-    assert arm.joints(5.0)[0][grip] == 0.01
-    last, first = arm.joints(14.0 - 1e-9)[0], arm.joints(0.0)[0]
-    np.testing.assert_allclose(last, first, atol=1e-8)
-
-
-def test_velocities_are_how_joints_change_and_all_is_within_limits(arm: Any) -> None:
-    for time in np.arange(0.013, 14.0, 0.37):
-        (before, velocities), (after, _) = arm.joints(time), arm.joints(time + 1e-6)
-        np.testing.assert_allclose((after - before) * 1e6, velocities, atol=1e-6)
-        assert ((arm.robot.lower <= before) & (before <= arm.robot.upper)).all()
-        assert (np.abs(velocities) <= arm.robot.velocity_limits).all()
-
-
-def test_the_arm_of_the_cell_collides_with_a_board_alone(arm: Any) -> None:
-    world = load_scene("arm_cell").build()
-    scene = oc.RobotScene({arm.name: arm.robot}, world, bases=[arm.pose])
-    times = np.arange(0.0, 14.0, 0.1)
-    report = scene.check(np.array([arm.joints(time)[0] for time in times]))
-    assert {pair for pair in report.pairs if pair} == {
-        ("arm/hand", "shelf/3"), ("arm/right_finger", "shelf/3")
-    }  # fmt: skip
-    assert not report.out_of_limits.any()
-    assert set(times[~report.valid].round(1)) <= set(np.arange(9.0, 11.0, 0.1).round(1))
-
-
 @each("old, new, reason", [
     ("", "joints: {turn: 9}", "cell.yaml:7: robots[0].joints.turn: must be a number within the"),
     ("", "joints: {turn: .nan}", "must be a number within the joint's limits, -3.1 to 3.1"),
     ("", "joints: {tune: 0}", "no joint of the robot moves so; did you mean turn?"),
     ("", "joints: {grip_right: 0}", "no joint of the robot moves so"),
-    ("", "motion: {period: 2.0}", "needs waypoints"),
-    ("", "motion: {waypoints: [{joints: {}}], period: 2.0}", "at least 2 waypoints"),
-    ("", "motion: {waypoints: [{joints: {}}, {}], period: 2.0}", "needs joints"),
-    ("", "motion: {waypoints: [{joints: {}, time: 0}, {joints: {}, time: 3}], period: 2.0}",
-     "times must ascend from 0 and stay below the period 2"),
+    ("", "motion: {period: 2.0}", "robots[0].motion: a scene does not move"),
     ("", "srdf: none.srdf", "none.srdf"),
     ("", "srdf: arm_finger.obj", "arm_finger.obj"),
     ("", "srdf: ../../../../etc/passwd", "/etc/passwd, which is not in a folder from which"),

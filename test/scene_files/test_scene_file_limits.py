@@ -25,7 +25,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 from each import each
@@ -247,48 +246,6 @@ def test_a_mesh_path_of_any_length_is_refused(write: Any) -> None:
         assert f"{path}:2: objects[0].file: " in refusal(path)
 
 
-def objects_text(*motions: str) -> str:
-    """Return objects a0, a1 and so on with motions."""
-    lines = (f"- {{name: a{k}, {BOX}, motion: {motion}}}" for k, motion in enumerate(motions))
-    return "\n".join(["objects:", *lines])
-
-
-def test_chains_of_followers_are_quick_and_limited(write: Any) -> None:
-    twist = "{twist: [1, 0, 0, 0, 0, 0]}"
-    chain = [twist, *(f"{{follow: a{k}}}" for k in range(45))]
-    poses, twists = load_scene(write(objects_text(*chain))).states(2.0)
-    np.testing.assert_allclose(poses[:, 0], 2.0)
-    np.testing.assert_allclose(twists[:, 0], 1.0)
-    chain += [f"{{follow: a{k}}}" for k in range(45, 3000)]
-    assert "follows a chain of more than 50 objects" in refusal(write(objects_text(*chain)))
-
-
-def test_who_follows_in_a_circle_is_told_once(write: Any) -> None:
-    for names, reason in (
-        (("a1", "a2", "a1", "a0"), "motion: follows itself: a1 > a2 > a1"),
-        (("a1", "nobody", "a0"), "follows nobody, which is not an object here"),
-    ):
-        (line,) = refusal(write(objects_text(*(f"{{follow: {x}}}" for x in names)))).splitlines()
-        assert line.endswith(reason)
-
-
-def test_what_moves_stays_finite_and_motions_out_of_bounds_are_refused(write: Any) -> None:
-    for motion in (
-        "twist: [0, 0, 0, 1e200, 0, 0]", "twist: [1e300, 0, 0, 0, 0, 0]",
-        "twist: [1, 0, 0, 0, 0, 0], period: 1e-300",
-        "waypoints: [[0, 0, 0], [1e300, 0, 0]], period: 1",
-        "waypoints: [[0, 0, 0], [1e9, 0, 0]], period: 1",
-        "period: 1, waypoints: [{position: [0,0,0], time: 0}, {position: [1,0,0], time: 1e-300}]",
-    ):  # fmt: skip
-        assert ":2: objects[0].motion" in refusal(write(objects_text(f"{{{motion}}}"))), motion
-    motions = ["{twist: [1e9, 0, 0, 1e9, 0, 0]}", "{follow: a0}", "{twist: [0, 0, 0, 0, 0, 1e-9]}"]
-    scene = load_scene(write(objects_text(*motions)))
-    for time in (0.0, 1e-9, 86400.0):
-        assert all(np.isfinite(part).all() for part in scene.states(time))
-    path = write(f"objects:\n- {{name: a, {BOX}, position: [1e300, 0, 0], motion: {motions[0]}}}")
-    assert "objects[0].position: a moving object must stay within 1e+09 m" in refusal(path)
-
-
 def test_groups_of_groups_do_not_multiply(write: Any) -> None:
     groups = ["g0: [a/*, b/*]", *(f"g{k}: [{', '.join([f'g{k - 1}'] * 20)}]" for k in range(1, 20))]
     text = f"objects: [{{name: a, {BOX}}}]\ngroups:\n  " + "\n  ".join(groups)
@@ -316,7 +273,7 @@ def test_a_bad_object_or_frame_is_one_error_whoever_names_it(write: Any) -> None
     text = f"""\
 objects:
   - {{name: cup, shape: box, size: [1, -1, 1]}}
-  - {{name: tray, {BOX}, motion: {{follow: cup}}}}
+  - {{name: tray, {BOX}}}
   - {{name: plate, {BOX}}}
 groups: {{all: [cup, plate], wrong: [nothing]}}
 allowed: [[cup, plate], [all, tray], [wrong, cup]]
@@ -342,8 +299,6 @@ def test_angles_that_are_degrees_are_refused(write: Any) -> None:
     path = write(f"objects:\n- {{name: a, {BOX}, rpy: [0, 0, 90]}}")
     reason = "angles are in radians, at most a turn; 90 degrees are 1.5708, got [0, 0, 90]"
     assert refusal(path) == f"{path}:2: objects[0].rpy: {reason}"
-    motion = "{waypoints: [[0, 0, 0, 0], [1, 0, 0, 90]], period: 4}"
-    assert "motion.waypoints[1]: angles are in radians" in refusal(write(objects_text(motion)))
     load_scene(write(f"objects:\n- {{name: a, {BOX}, rpy: [0, 0, -6.2832]}}"))
 
 
