@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""PlacedRobots: robots in a scene, where they stand, their paddings and what is attached."""
+"""PlacedRobots: robots in a scene, with their bases, paddings and attached objects."""
 
 from __future__ import annotations
 
@@ -38,17 +38,14 @@ from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 
 class PlacedRobots(Changing):
-    """Robots in a scene: the part of ``RobotScene`` that says what is checked.
-
-    Parameters as there.
-    """
+    """Robots in a scene: what a ``RobotScene`` checks, with the same parameters."""
 
     ignores_points = False
-    """Whether obstacle points of the scene are none for robots; else a scene with some raises."""
+    """Whether checks ignore obstacle points of the scene; otherwise they raise ValueError."""
     standing: Mask | None = None
-    """(slots,) objects that nothing moves, None for all: see ``Prepared.without_still_pairs``."""
+    """(slots,) objects at rest, None for all: see ``Prepared.without_still_pairs``."""
     warns = True
-    """Whether a check warns of a robot that nothing can collide with."""
+    """Whether a check warns of a robot without collision geometry."""
 
     def __init__(
         self,
@@ -57,13 +54,13 @@ class PlacedRobots(Changing):
         padding: float | Mapping[str, float],
         bases: ArrayLike | None,
     ) -> None:
-        several, names = _named(robots)
+        members, names = _named(robots)
         check_kind(scene, Scene, "scene", type(None))
-        poses = np.tile(IDENTITY_POSE, (len(several), 1)) if bases is None else bases
-        checked = as_array(poses, "bases", (len(several), 7))
+        poses = np.tile(IDENTITY_POSE, (len(members), 1)) if bases is None else bases
+        checked = as_array(poses, "bases", (len(members), 7))
         self._scene = Scene() if scene is None else scene
         self._check_points()
-        self._model = Model(several, names, unit_poses(checked, "bases"))
+        self._model = Model(members, names, unit_poses(checked, "bases"))
         self._model.warns = self.warns
         self._joint_count = len(self._model.joint_names)
         self.padding = padding
@@ -90,7 +87,7 @@ class PlacedRobots(Changing):
 
     @property
     def padding(self) -> dict[str, float]:
-        """Metres by which each link is grown; may be set, to a number or some links' by name."""
+        """Padding of each link by name, m; can be set to a number, or to that of some links."""
         return dict(zip(self._model.link_names, self._model.paddings.tolist(), strict=True))
 
     @padding.setter
@@ -105,49 +102,49 @@ class PlacedRobots(Changing):
 
     @property
     def bases(self) -> Floats:
-        """The poses (r, 7) of the robots' roots in the scene; may be set."""
+        """The poses (r, 7) of the robots' root links in the scene; can be set."""
         return self._model.bases.copy()
 
     @bases.setter
     def bases(self, value: ArrayLike) -> None:
         checked = as_array(value, "bases", (len(self._model.robots), 7))
-        given = unit_poses(checked, "bases")
-        if not np.array_equal(given, self._model.bases):
-            self._model.set_bases(given)
+        poses = unit_poses(checked, "bases")
+        if not np.array_equal(poses, self._model.bases):
+            self._model.set_bases(poses)
 
     def world_state(self) -> WorldState:
-        """Everything in the scene that its checks depend on, to see whether that changes.
+        """Return a snapshot of the scene, whose ``is_current`` tells whether checks still see it.
 
-        Not the objects that are links or attached. Its ``is_current`` says whether it is the same.
+        Objects that are links, or attached, do not count.
         """
         return WorldState(self._scene, self._model.left_out)
 
     @property
     def link_objects(self) -> dict[str, tuple[str, ...]]:
-        """The objects of the scene that are links themselves, by link; may be set.
+        """By link, the names of the objects that stand for it in the scene; can be set.
 
-        They are no obstacles. What the rules of the scene say of them counts for the link, and so
-        does the largest of their paddings, besides its own.
+        They are not obstacles. The rules of the scene about them hold for the link, and the largest
+        of their paddings is added to its own.
         """
         return dict(self._model.link_objects)
 
     @link_objects.setter
     def link_objects(self, value: Mapping[str, Sequence[str]]) -> None:
         check_kind(value, Mapping, "link_objects")
-        found = {}
+        objects = {}
         for link, names in value.items():
             self._link(link, "link_objects")
-            several = [names] if isinstance(names, str) else list(names)
-            found[link] = tuple(
-                check_name(name, "link_objects", MAX_OBJECT_NAME) for name in several
+            objects[link] = tuple(
+                check_name(name, "link_objects", MAX_OBJECT_NAME)
+                for name in ([names] if isinstance(names, str) else names)
             )
-        self._model.set_link_objects(found)
+        self._model.set_link_objects(objects)
 
     @property
     def attached(self) -> dict[str, str]:
-        """What is attached, and the link that it is attached to, by name."""
+        """The link of each attached object, by the name of the object."""
         links = self._model.link_names
-        return {name: links[each.link] for name, each in self._model.attached.items()}
+        return {name: links[attached.link] for name, attached in self._model.attached.items()}
 
     def attach(
         self,
@@ -175,7 +172,7 @@ class PlacedRobots(Changing):
         touch_links : str, or sequence or set of str
             Links that it may touch, such as fingers.
         padding : float
-            Metres, besides that of the link.
+            Metres, added to those of the link.
 
         Raises
         ------
@@ -206,10 +203,9 @@ class PlacedRobots(Changing):
     ) -> None:
         """Attach an object of the scene, with the shape and padding that it has there now.
 
-        Either its pose on the link is given, or the state of the robots in which it stays where it
-        is in the scene.
-
-        While it is attached it is no obstacle, wherever it is in the scene. Else as ``attach``.
+        Give its pose on the link, or the state of the robots at the grasp, in which it stays where
+        it is. While it is attached, the object in the scene is not an obstacle. Otherwise as
+        ``attach``.
 
         Parameters
         ----------
@@ -219,7 +215,7 @@ class PlacedRobots(Changing):
         pose : (7,) array_like, optional
             In the frame of the link.
         state : (joints,) array_like, optional
-            In which it is grasped.
+            The state at the grasp.
         touch_links : str, or sequence or set of str
             Links that it may touch, such as fingers.
 
@@ -228,7 +224,7 @@ class PlacedRobots(Changing):
         KeyError
             For an unknown object.
         ValueError
-            Naming the argument; without pose and state, and with both.
+            For neither or both of pose and state.
 
         Examples
         --------
@@ -267,14 +263,14 @@ class PlacedRobots(Changing):
             raise ValueError(f"name must not be the name of a link, got {shown(name)}")
         where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
         check_kind(touch_links, Sequence, "touch_links", Set)
-        touched = [touch_links] if isinstance(touch_links, str) else list(touch_links)
-        touching = frozenset(self._link(each, "touch_links") for each in touched)
+        links = [touch_links] if isinstance(touch_links, str) else touch_links
+        touching = frozenset(self._link(name, "touch_links") for name in links)
         row = self._link(link, "link")
         placed = unit_poses(where, "pose")
         self._model.attach(name, Attached(shape, row, placed, touching, padding, of_scene))
 
     def detach(self, name: str) -> None:
-        """Remove what is attached.
+        """Remove an attached object.
 
         Parameters
         ----------
@@ -283,7 +279,7 @@ class PlacedRobots(Changing):
         Raises
         ------
         KeyError
-            Naming what is not attached.
+            For a name of which nothing is attached.
 
         Examples
         --------
@@ -307,9 +303,9 @@ class PlacedRobots(Changing):
     def _states(self, value: ArrayLike, name: str) -> Floats:
         """Return checked states (n, joints)."""
         self._check_points()
-        given: ArrayLike = value[None] if type(value) is np.ndarray and value.ndim == 1 else value
-        if self._model.limits.hold(given):
-            return np.asarray(given)
+        rows: ArrayLike = value[None] if type(value) is np.ndarray and value.ndim == 1 else value
+        if self._model.limits.hold(rows):
+            return np.asarray(rows)
         try:
             states, _ = checked_states(self._model.tree, value, self._joint_count, name)
         except ValueError as error:
@@ -318,7 +314,7 @@ class PlacedRobots(Changing):
 
     @property
     def _prepared(self) -> Prepared:
-        """What kernels take."""
+        """Robots and scene as arrays for kernels."""
         return self._model.prepared(self._scene)
 
     def _link(self, name: str, argument: str) -> int:
@@ -337,20 +333,20 @@ def _named(
     """Return robots and their names, None for those without."""
     names: list[str | None]
     if isinstance(robots, Mapping):
-        several, names = list(robots.values()), [check_name(name, "robots") for name in robots]
+        members, names = list(robots.values()), [check_name(name, "robots") for name in robots]
     else:
         check_kind(robots, Robot, "robots", Sequence)
-        several = [robots] if isinstance(robots, Robot) else list(robots)
-        names = [None] * len(several)
-    for robot in several:
+        members = [robots] if isinstance(robots, Robot) else list(robots)
+        names = [None] * len(members)
+    for robot in members:
         check_kind(robot, Robot, "robots")
-    if not several:
+    if not members:
         raise ValueError("robots must not be empty")
-    return several, names
+    return members, names
 
 
 def with_joints(error: ValueError, joints: Sequence[str]) -> ValueError:
-    """Return an error about states; one about their shape names the joints."""
+    """Return an error about states, with the names of the joints if their number is wrong."""
     if "must have shape" not in str(error):
         return error
     return ValueError(f"{error}; the joints are {', '.join(joints)}")

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A robot from its description: names, limits, shapes, pairs not to check, and kinematics."""
+"""A robot from its description: names, limits, shapes, pairs to check, and kinematics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from obb_collision.robots.description.joints import (
     virtual_joint_of,
 )
 from obb_collision.robots.description.srdf import (
-    NOTHING,
+    NO_SEMANTICS,
     Group,
     Pairs,
     Semantics,
@@ -70,26 +70,25 @@ class Robot(SetOnce):
     link_names : tuple of str
         All links, the root's first, depth first in the order of the URDF.
     joint_names : tuple of str
-        The variables of a state: joints that move and mimic no other one, in the order of the
-        links. A planar joint has three, ``NAME/x``, ``NAME/y``, ``NAME/theta``, a floating one
+        The variables of a state: joints that move and do not mimic, in the order of the links. A
+        planar joint has three, ``NAME/x``, ``NAME/y``, ``NAME/theta``, a floating one
         ``NAME/trans_x``, ``trans_y``, ``trans_z``, ``rot_x``, ``rot_y``, ``rot_z``, ``rot_w``.
     lower, upper : (joints,) numpy.ndarray
-        Limits, infinite where there are none; of the ``rot_`` -1 and 1. Metres or radians.
+        Limits, infinite where there are none, -1 and 1 of ``rot_``. Metres or radians.
     velocity_limits : (joints,) numpy.ndarray
         Per second, infinite where there are none.
     joints : tuple of Joint
-        As the URDF describes them, parents first; the virtual joint first if it moves.
+        As in the URDF, parents before children; a virtual joint that moves is the first.
     shapes : tuple of tuples
         By link: (shape, pose in the frame of the link), meshes included.
     tree : Tree
         The kinematics as arrays, for kernels.
     disabled_pairs : frozenset of (str, str)
-        Pairs of links, each sorted, that the SRDF has not checked: those of
+        Pairs of links, each sorted, that the SRDF excludes from checks: those of
         ``disable_collisions``, and those with a link of ``disable_default_collisions`` that no
         ``enable_collisions`` names.
     adjacent_pairs : frozenset of (str, str)
-        Pairs of links with shapes between which there is one joint, or several and links without
-        shapes.
+        Pairs of links with shapes that a joint connects, or joints and links without shapes.
     default_disabled : tuple of str
         The links of ``disable_default_collisions``.
     groups : dict of Group
@@ -99,10 +98,10 @@ class Robot(SetOnce):
     end_effectors : dict
         The group of each end effector of the SRDF.
     virtual_joint : VirtualJoint or None
-        How the SRDF says that the robot stands in the world.
+        The joint between world and root link, from the SRDF.
     doubts : tuple of str
-        What is odd but was used, one line each: names that the robot does not have, geometries
-        without extent, limits and prefixes that count as none.
+        Faults of the files that were ignored, one line each: unknown names, geometries without
+        extent, limits, prefixes.
 
     Examples
     --------
@@ -167,23 +166,23 @@ class Robot(SetOnce):
     ) -> Robot:
         """Return the robot that a URDF describes.
 
-        Warns, once, of links that only the SRDF has.
+        Warns, once, of links in the SRDF that the URDF does not have.
 
         Parameters
         ----------
         urdf : str, bytes or path
             A file, or the text itself, which begins with ``<``.
         srdf : str, bytes or path, optional
-            What MoveIt's setup writes beside it.
+            The semantic description that MoveIt's setup assistant writes.
         package_dirs : mapping or iterable of paths, optional
-            Where the packages of package:// URIs are: a folder by the name of the package, or
-            folders in which packages are. Packages that are installed, and the URDF's own, are
-            found without. Meshes are read from these folders and these packages only.
+            Folders for package:// URIs: by the name of the package, or folders that contain
+            packages. Installed packages, and the URDF's own, need no entry. Meshes are read only
+            from these folders and packages.
         move_virtual_joint : bool
-            Whether the planar or floating virtual joint of the SRDF is a part of the state, first
-            in ``joint_names``: link poses are then in its parent frame.
+            Whether states begin with the planar or floating virtual joint of the SRDF. Link poses
+            are then in its parent frame.
         read_mesh : callable, optional
-            Reads meshes in place of ``Mesh.from_file``: path and scale to mesh.
+            Called with path and scale in place of ``Mesh.from_file``; returns the mesh.
 
         Raises
         ------
@@ -204,7 +203,7 @@ class Robot(SetOnce):
         root, joints = ordered_joints(description)
         for joint in joints:
             driven(joint, description.joints)
-        semantics = NOTHING
+        semantics = NO_SEMANTICS
         if srdf is not None:
             check_kind(srdf, str, "srdf", bytes, PathLike)
             data, file, _ = read_source(srdf, "srdf")
@@ -223,8 +222,8 @@ class Robot(SetOnce):
         Parameters
         ----------
         states : (n, joints) or (joints,) array_like
-            The values of ``joint_names``; limits do not matter here. The quaternions of floating
-            joints are normalised.
+            The values of ``joint_names``; limits do not matter. Quaternions of floating joints are
+            normalised.
 
         Returns
         -------
@@ -244,18 +243,18 @@ class Robot(SetOnce):
     def prove_pairs(
         self, time_limit: float = 60.0, progress: Callable[[PairProof], None] | None = None
     ) -> list[PairProof]:
-        """Return which pairs of links with shapes can collide, in all states within the limits.
+        """Prove which pairs of links can collide within the limits of the joints.
 
-        Bodies are those of accuracy ``hull``. Joints without limits turn once around. A pair is
-        undecided where a joint that slides, or a planar or floating one, has no limits. The SRDF
-        does not matter.
+        Links have the bodies of accuracy ``hull``. A joint without limits makes one full turn; a
+        pair whose prismatic, planar or floating joint has no limits is undecided. The SRDF is not
+        used.
 
         Parameters
         ----------
         time_limit : float
-            Seconds for all pairs; what is not done by then is undecided.
+            Seconds for all pairs; pairs that are left then are undecided.
         progress : callable, optional
-            Called with each ``PairProof`` when it is done.
+            Called with each ``PairProof`` as soon as it is done.
 
         Returns
         -------
@@ -282,7 +281,7 @@ class Robot(SetOnce):
         return prove_pairs(self, limit, progress)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what was pickled, which may have been written to."""
+        """Restore the attributes; unpickled arrays become read-only again."""
         vars(self).update(state)
         for array in (*self.tree, self.lower, self.upper, self.velocity_limits):
             array.setflags(write=False)

@@ -40,7 +40,7 @@ DEFAULT_RESOLUTION = 1e-4
 
 
 class RobotScene(PlacedRobots):
-    """Robots in a scene, whose states are checked against each other, themselves and the scene.
+    """Robots in a scene: checks of their states against themselves, each other and the scene.
 
     Parameters
     ----------
@@ -48,15 +48,15 @@ class RobotScene(PlacedRobots):
         A state has their joints one after another. In a mapping from names, links are named
         ``NAME/LINK``; otherwise as in the URDF, and no two may share a name.
     scene : Scene, optional
-        The world. It may change between checks: each one sees it as it is then. Its rules about
-        pairs (``allow``, ``check_only``, ``allowed_within``) count for links, too. Its
-        ``obstacle_points`` are not checked against robots: with any, this and checks raise.
+        The world, which may change between checks. Its rules about pairs (``allow``,
+        ``check_only``, ``allowed_within``) hold for links, too. A scene with ``obstacle_points``
+        raises ValueError: they are not checked against robots.
     accuracy : Accuracy or str
-        Of all pairs, whatever the objects of the scene have.
+        The level of all pairs; levels of objects in the scene do not count.
     padding : float or mapping
-        Metres by which links are grown, of all or by name: a ball around each point.
+        Metres added around every link, or around links by name.
     bases : (r, 7) array_like, optional
-        The poses of the robots' roots in the scene; the identity by default.
+        The poses of the robots' root links in the scene; the identity by default.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class RobotScene(PlacedRobots):
 
     @property
     def accuracy(self) -> Accuracy:
-        """The level on which pairs are decided; may be set."""
+        """The level of all pairs; can be set."""
         return self._accuracy
 
     @accuracy.setter
@@ -107,19 +107,19 @@ class RobotScene(PlacedRobots):
         group: str | None = None,
         base_state: ArrayLike | None = None,
     ) -> StateReport:
-        """Return which states are valid, and what collides in those that are not.
+        """Return which states are valid, and a colliding pair of those that are not.
 
         Parameters
         ----------
         states : (n, joints) or (joints,) array_like
             The columns as in ``joint_names``, or of the joints of a group.
         all_pairs : bool
-            Find every colliding pair; else a state is done with when one is found.
+            Whether to find every colliding pair; otherwise one pair ends the check of a state.
         group : str, optional
             A group of the SRDF, with the name of the robot in front where robots have names. See
             ``states_of_group``.
         base_state : (joints,) array_like, optional
-            What the other joints have.
+            Values of the joints outside the group.
 
         Returns
         -------
@@ -134,13 +134,13 @@ class RobotScene(PlacedRobots):
         """
         if group is not None:
             states = self.states_of_group(group, states, base_state)
-        given, every = self._states(states, "states"), as_flag(all_pairs, "all_pairs")
-        return check_states(self._prepared, self._accuracy, given, every)
+        rows, every = self._states(states, "states"), as_flag(all_pairs, "all_pairs")
+        return check_states(self._prepared, self._accuracy, rows, every)
 
     def states_of_group(
         self, group: str, states: ArrayLike, base_state: ArrayLike | None = None
     ) -> Floats:
-        """Return states of all joints from those of a group of the SRDF, the rest from a base.
+        """Return full states: the joints of a group of the SRDF, and the others from a base state.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class RobotScene(PlacedRobots):
         states : (n, k) or (k,) array_like
             The joints of the group that are in ``joint_names``, in that order.
         base_state : (joints,) array_like, optional
-            By default zeros, or what is next to them within the limits; no turn of floating joints.
+            By default zeros, or the limits nearest to zero; floating joints do not turn.
 
         Returns
         -------
@@ -170,10 +170,14 @@ class RobotScene(PlacedRobots):
         check_kind(group, str, "group")
         columns = self._model.group_columns(group)
         names = [self.joint_names[column] for column in columns]
-        given = _named_joints(states, names, "states")
+        shape = (len(names),) if is_single(states) else (None, len(names))
+        try:
+            values = np.atleast_2d(as_array(states, "states", shape))
+        except ValueError as error:
+            raise with_joints(error, names) from None
         base = self._model.middle if base_state is None else base_state
-        full = np.tile(self._states(base, "base_state")[:1], (len(given), 1))
-        full[:, columns] = given
+        full = np.tile(self._states(base, "base_state")[:1], (len(values), 1))
+        full[:, columns] = values
         return full
 
     def distances(
@@ -188,25 +192,24 @@ class RobotScene(PlacedRobots):
     ) -> StateDistances:
         """Return the least distance in each state, with its pair, points and direction.
 
-        Of all pairs that are checked: of their triangles at the accuracy "mesh", their hulls at
-        "hull", and their boxes at what is below. Limits of joints do not matter.
+        Distances are of triangles at the accuracy "mesh", of hulls at "hull", and of boxes at lower
+        levels. Limits of joints do not matter.
 
         Parameters
         ----------
         states : (n, joints) or (joints,) array_like
             The columns as in ``joint_names``.
         max_distance : float
-            Metres, positive: what is farther apart does not count. Small ones take less time.
+            Metres, positive; pairs farther apart are ignored. A small one takes less time.
         self_pairs : bool
-            Whether pairs of links, of all robots and what is attached, count.
+            Whether to include pairs of links and attached objects, also of two robots.
         all_pairs : bool
             Return the distance of every pair within ``max_distance``, which must be finite.
         jacobian : bool
             Return the gradients of distances by the joints, too.
         still_pairs : bool
-            Whether the least distance is also of pairs whose distance no joint changes: of a link
-            that no joint moves with an object, or with another such link. They collide as others
-            do, and ``all_pairs`` has them in any case.
+            Whether to include pairs whose distance no joint changes, such as a base and its table.
+            ``all_pairs`` includes them always.
 
         Returns
         -------
@@ -220,17 +223,17 @@ class RobotScene(PlacedRobots):
         >>> found.distances.round(6).tolist(), found.directions[0].round(6).tolist()
         ([0.35, -0.15], [0.0, 0.0, 1.0])
         """
-        given = self._states(states, "states")
-        everything = isinstance(max_distance, float) and max_distance == np.inf
-        limit = max_distance if everything else positive_number(max_distance, "max_distance")
+        rows = self._states(states, "states")
+        unlimited = isinstance(max_distance, float) and max_distance == np.inf
+        limit = max_distance if unlimited else positive_number(max_distance, "max_distance")
         links, every = as_flag(self_pairs, "self_pairs"), as_flag(all_pairs, "all_pairs")
         slopes = as_flag(jacobian, "jacobian")
-        if every and everything:
+        if every and unlimited:
             raise ValueError("all_pairs=True needs max_distance")
         prepared = self._prepared
         if not (as_flag(still_pairs, "still_pairs") or every):
             prepared = prepared.without_still_pairs(self.standing)
-        return state_distances(prepared, self._accuracy, given, limit, links, every, slopes)
+        return state_distances(prepared, self._accuracy, rows, limit, links, every, slopes)
 
     def check_motions(
         self,
@@ -240,21 +243,21 @@ class RobotScene(PlacedRobots):
         first: bool = False,
         resolution: float = DEFAULT_RESOLUTION,
     ) -> MotionReport:
-        """Return which motions from state to state are valid, between the two as well.
+        """Return which motions from state to state are valid all the way.
 
         All joints move linearly from start to end; a continuous joint turns by the difference of
-        its values, not the shorter way. A motion that is valid is certainly free all the way. One
-        that is decided nowhere within ``resolution`` stays undecided; it counts as colliding.
+        its values, not the shorter way. A valid motion is proved free. A motion that cannot be
+        decided down to ``resolution`` is undecided and counts as colliding.
 
         Parameters
         ----------
         starts, ends : (n, joints) or (joints,) array_like
             States, row by row.
         first : bool
-            Find where each motion collides first, within ``resolution``; else any place where it
-            collides ends its check, which takes a third of the time.
+            Whether to find the first collision of each motion, within ``resolution``; otherwise
+            any collision ends its check, in a third of the time.
         resolution : float
-            Metres, positive: parts of a motion in which a pair moves less are not divided.
+            Metres, positive; an interval in which a pair moves less is not divided.
 
         Returns
         -------
@@ -278,14 +281,14 @@ class RobotScene(PlacedRobots):
         return check_motions(self._prepared, self._accuracy, begins, finishes, finest, where)
 
     def displacements(self, states: ArrayLike, deviations: ArrayLike) -> Floats:
-        """Return how far any point of a link moves at most if its joints do.
+        """Return upper bounds of how far a point of a link moves if joints move a little.
 
         Parameters
         ----------
         states : (m, joints) array_like
-            All joints stay within the largest magnitudes of these.
+            Joints stay within the largest magnitudes of these.
         deviations : (n, joints) array_like
-            By how much each joint moves at most.
+            How much each joint moves at most.
 
         Returns
         -------
@@ -307,13 +310,12 @@ class RobotScene(PlacedRobots):
         if (self._model.tree.kinds >= PLANAR).any():
             raise ValueError("robots must not have planar or floating joints")
         moved = as_array(deviations, "deviations", (None, self._joint_count))
-        given = self._states(states, "states")
-        return displacements(self._prepared, given, moved)
+        return displacements(self._prepared, self._states(states, "states"), moved)
 
     def check_path(
         self, states: ArrayLike, *, first: bool = False, resolution: float = DEFAULT_RESOLUTION
     ) -> MotionReport:
-        """Return whether a path is valid, between its states as well: the motions between them.
+        """Return which motions from each state of a path to the next are valid.
 
         Parameters
         ----------
@@ -326,8 +328,8 @@ class RobotScene(PlacedRobots):
         Returns
         -------
         MotionReport
-            Of the n - 1 motions; ``first_invalid`` is the first that is not valid. For one state,
-            of the motion that stays there.
+            Of the n - 1 motions; ``first_invalid`` is the first that is not valid. A single state
+            is a motion that stays there.
 
         Examples
         --------
@@ -336,18 +338,8 @@ class RobotScene(PlacedRobots):
         >>> checker.check_path([[0], [0.8], [2]]).first_invalid
         1
         """
-        given = self._states(states, "states")
-        if len(given) == 0:
+        path = self._states(states, "states")
+        if len(path) == 0:
             raise ValueError("states must not be empty")
-        ends = given[1:] if len(given) > 1 else given
-        return self.check_motions(given[: len(ends)], ends, first=first, resolution=resolution)
-
-
-def _named_joints(states: ArrayLike, joints: Sequence[str], name: str) -> Floats:
-    """Return values of joints (n, k) or (k,) as (n, k)."""
-    try:
-        if is_single(states):
-            return as_array(states, name, (len(joints),))[None]
-        return as_array(states, name, (None, len(joints)))
-    except ValueError as error:
-        raise with_joints(error, joints) from None
+        ends = path[1:] if len(path) > 1 else path
+        return self.check_motions(path[: len(ends)], ends, first=first, resolution=resolution)

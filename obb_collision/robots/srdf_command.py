@@ -37,7 +37,7 @@ NAME = "obb_collision srdf"
 FAILED = 1
 #: Longest time limit, seconds: a day.
 LONGEST = 86400.0
-#: The reasons that MoveIt's setup writes, of pairs that are not checked; and the other verdicts.
+#: Verdicts of pairs that need no check, with the reasons that MoveIt writes; and other verdicts.
 REASONS = {"adjacent": "Adjacent", "never": "Never", "always": "Always"}
 OTHERS = ("can collide", "undecided")
 
@@ -91,16 +91,16 @@ def main(args: Sequence[str] | None = None) -> int:
     done = count(1)
     try:
         robot = Robot.from_urdf(options.urdf, options.srdf, options.package_dir)
-        given = None if options.srdf is None else read_source(options.srdf, "srdf")[0]
+        srdf = None if options.srdf is None else read_source(options.srdf, "srdf")[0]
         with Progress() as progress:
             proofs = robot.prove_pairs(
                 options.time_limit, lambda proof: progress.show(f"pairs of links {next(done)}")
             )
-        text = srdf_text(robot, proofs, given)
-        told = "".join(f"{printable(line)}\n" for line in report(robot, proofs).splitlines())
+        text = srdf_text(robot, proofs, srdf)
+        summary = "".join(f"{printable(line)}\n" for line in report(robot, proofs).splitlines())
         for lines, path, stream in (
             (text, options.output, sys.stdout),
-            (told, options.report, sys.stderr),
+            (summary, options.report, sys.stderr),
         ):
             if path is None:
                 stream.write(lines)
@@ -114,9 +114,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def srdf_text(robot: Robot, proofs: Sequence[PairProof], srdf: bytes | None = None) -> str:
-    """Return an SRDF that has no pairs checked that are adjacent, or never or always collide.
+    """Return an SRDF that disables pairs that are adjacent, or collide never or always.
 
-    srdf: another one, whose disabled pairs are replaced, and of which all else stays.
+    srdf: an SRDF to copy, except for its disabled pairs.
     """
     lines = [
         f"  <disable_collisions link1={quoteattr(a)} link2={quoteattr(b)} "
@@ -154,8 +154,8 @@ def _merged(srdf: bytes, lines: list[str]) -> str:
 
 
 def report(robot: Robot, proofs: Sequence[PairProof]) -> str:
-    """Return a line for each pair with its proof, and the counts of each kind."""
-    lines = [f"{a} - {b}: {_said(robot, proof)}" for proof in proofs for a, b in (proof.links,)]
+    """Return a line for each pair with its proof, and the number of pairs by verdict."""
+    lines = [f"{a} - {b}: {_outcome(robot, proof)}" for proof in proofs for a, b in (proof.links,)]
     counts = Counter(proof.verdict for proof in proofs)
     parts = [f"{counts[kind]} {kind}" for kind in (*REASONS, *OTHERS) if counts[kind]]
     total = (
@@ -164,7 +164,7 @@ def report(robot: Robot, proofs: Sequence[PairProof]) -> str:
     return "\n".join([*lines, total])
 
 
-def _said(robot: Robot, proof: PairProof) -> str:
+def _outcome(robot: Robot, proof: PairProof) -> str:
     if proof.witness is None:
         return f"{proof.verdict} ({proof.cells} cells)" if proof.cells else proof.verdict
     values = zip(robot.joint_names, proof.witness.tolist(), strict=True)

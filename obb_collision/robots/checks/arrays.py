@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arrays for kernels: one tree of several robots, bodies, and their places in one state.
+"""Arrays for kernels: one tree of several robots, bodies, chains, and places in one state.
 
 Error analysis, with u = 2^-53: a chain of k joints moves a point by at most 24 k u L from where
-real arithmetic has it, L being the lengths of the chain and the body, summed; rotations are
-orthonormal to 16 u. LINK_PLACING is 2^14 u, so that both stay below it for chains of 200 joints,
-with the bounds of ``verdict`` and ``convex`` for bodies that are where they are said to be.
+real arithmetic has it, where L is the length of the chain plus that of the body; rotations are
+orthonormal to 16 u. LINK_PLACING is 2^14 u. For chains of 200 joints it exceeds these errors and
+those of the tests of ``verdict`` and ``convex`` together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,25 +39,25 @@ from obb_collision.geometry.trees.bounds_tree import STACK
 from obb_collision.numerics.constants import MAX_MAGNITUDE, MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.sat import BoxAt, box_at
+from obb_collision.robots.description.joints import Mechanism
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree, place_links
 from obb_collision.typing import Floats, Integers, Mask, Rows, Vector
 
-if TYPE_CHECKING:
-    from obb_collision.robots.robot import Robot
-
 #: Distance within which bodies count as colliding, relative to the lengths of their chains.
 LINK_PLACING = 2**14 * ROUNDOFF
-#: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
+#: Length of the sum of two opposite quaternions: a motion between them has no bounded speed.
 OPPOSITE = 1e-6
 FLOAT64 = np.dtype(np.float64)
+#: Relative growth of lengths: more than their roundings.
+LENGTH_GROWTH = 1.0 + 2.0**12 * ROUNDOFF
+NO_PARTS, NO_LENGTHS = np.empty(0, np.int64), np.empty((0, 2))
 
 
 class LinkBodies(NamedTuple):
     """Convex bodies (b,): those of the robots first, then those of the world.
 
-    Each is a hull with a ball around every point of it, of radius ``rounds``; and a box and a
-    sphere around its centre that contain that. All in the frames of links; the last frame is that
-    of the world.
+    Each is a hull with a ball of radius ``rounds`` around every point; a box, and a sphere around
+    its centre, contain it. All are in the frames of links; the last frame is that of the world.
     """
 
     frames: Integers  #: (b,) the frame
@@ -65,27 +65,27 @@ class LinkBodies(NamedTuple):
     rotations: Floats  #: (b, 3, 3)
     half_extents: Floats  #: (b, 3)
     spheres: Floats  #: (b,) radius of the sphere
-    inner: Floats  #: (b,) radius of a ball around the same centre within the hull
+    inner: Floats  #: (b,) radius of a ball around that centre, within the hull
     boxes: Mask  #: (b,) whether the hull is the box
     rounds: Floats  #: (b,)
-    radii: Floats  #: (b,) largest sum of magnitudes of the coordinates of a corner
-    reaches: Floats  #: (b,) lengths of the chain up to the frame, and of the body
+    radii: Floats  #: (b,) largest sum of the magnitudes of a corner's coordinates
+    reaches: Floats  #: (b,) length of the chain up to the frame plus that of the body
     excess: Floats  #: (b,) how far the hull may reach beyond a curved shape
     blocks: Floats  #: (m, 3, LANES) corners of all hulls, as in ``Hulls``
     starts: Integers  #: (b + 1,)
 
 
 class Tests(NamedTuple):
-    """Which bodies are tested against each other: pairs of robots' bodies, and those of the world.
+    """Which bodies are tested against each other: pairs of robots' bodies, and all of the world.
 
-    allowed (robots' bodies, world's bodies): pairs that do not count; (0, 0) for none. nodes,
-    levels, order: the tree of the world's bounds, as in ``BoundsTree``. It is asked once for all
-    bodies of a link, by a sphere around them.
+    allowed (robots' bodies, world's bodies): pairs that do not count; (0, 0) if all count. nodes,
+    levels, order: the tree of the world's bounds, as in ``BoundsTree``. It is searched once for all
+    bodies of a link, with a sphere around them.
     """
 
-    links: Integers  #: (l,) the frames that bodies of robots are in ...
-    starts: Integers  #: (l + 1,) ... of each the first of its bodies, which are in a row ...
-    centers: Floats  #: (l, 3) ... and the sphere around them
+    links: Integers  #: (l,) the frames of the robots' bodies
+    starts: Integers  #: (l + 1,) the first body in each frame
+    centers: Floats  #: (l, 3) spheres around the bodies of each frame
     spheres: Floats  #: (l,)
     pairs: Integers  #: (p, 2)
     allowed: Mask
@@ -96,44 +96,47 @@ class Tests(NamedTuple):
 
 
 class Chains(NamedTuple):
-    """Lengths of the segments of chains, along the axis of the joint before them, and across.
+    """Lengths of segments of chains, along the axis of the joint before them, and across it.
 
-    segments and joints: what leads from the first link of a pair of links, up and down, to the
-    second one: segments, and the joint behind each, -1 for none; those of pair u from ``starts[u]``
-    on.
+    segments, joints: the path from the first link of a pair of links to the second one: its
+    segments, and the joint behind each, -1 for none. Those of pair u begin at ``starts[u]``.
     """
 
     links: Floats  #: (links, 2) from the origin of the parent to that of the joint
     bodies: Floats  #: (robots' bodies, 2) from the origin of the link to the farthest corner
-    rows: Integers  #: (p,) which pair of links a tested pair of bodies belongs to
+    rows: Integers  #: (p,) the pair of links of each tested pair of bodies
     starts: Integers  #: (u + 1,)
     segments: Floats  #: (s, 2)
     joints: Integers  #: (s,)
 
 
+#: The chains of a ``Checked`` for states.
+NO_CHAINS = Chains(NO_LENGTHS, NO_LENGTHS, NO_PARTS, np.zeros(1, np.int64), NO_LENGTHS, NO_PARTS)
+
+
 class Checked(NamedTuple):
     """Robots and the world: kinematics, bodies, and which of them are tested.
 
-    Kernels take it as ``Held``, of which there is one kind: states leave out what motions need.
+    Kernels take it as ``Held``, of one type: for states, what motions need is empty.
     """
 
     tree: Tree
     bodies: LinkBodies
     tests: Tests
-    owners: Integers  #: (b + 1,) the row in names of each body, and -1 for none
-    chains: Chains  #: what moves bodies
-    meshes: Mask  #: (b,) bodies whose pairs hulls do not decide
+    owners: Integers  #: (b + 1,) the row in names of each body; the last is -1, for no body
+    chains: Chains  #: for motions
+    meshes: Mask  #: (b,) bodies whose pairs need meshes to be decided
 
 
 class PairValues(NamedTuple):
-    """A number of each body against the world, and of each pair: by state (k,), or one for all."""
+    """Distances by state (k,), or one row for all: of bodies to the world, and of pairs."""
 
     bodies: Floats  #: (k, robots' bodies)
     pairs: Floats  #: (k, p)
 
 
 class Placed(NamedTuple):
-    """Where frames and bodies are in one state; axes of boxes are computed where needed."""
+    """Places of frames and bodies in one state; axes of boxes are computed when needed."""
 
     poses: Floats  #: (1, links, 7)
     positions: Floats  #: (f, 3) of the frames
@@ -148,7 +151,7 @@ class Placed(NamedTuple):
 
 @njit
 def new_placed(checked: Checked) -> Placed:
-    """Return room for one state, in which the bodies of the world are placed."""
+    """Return arrays for one state, with the bodies of the world placed."""
     bodies, tests, links = checked.bodies, checked.tests, len(checked.tree.parents)
     count, first = len(bodies.frames), tests.first
     most = len(tests.pairs) + first * (count - first)
@@ -198,13 +201,13 @@ def place_state(checked: Checked, states: Floats, n: int, placed: Placed) -> Non
 
 @njit(inline=True, refcount=False)
 def slack_of(bodies: LinkBodies, i: int, center: Vector) -> float:
-    """Return a bound (m) on the error of the place of body i and of its tests."""
+    """Return a bound on the error of the place of body i, and of tests with it, m."""
     return LINK_PLACING * (bodies.reaches[i] + sum_abs(center)) + MESH_UNDERFLOW
 
 
 @njit(inline=True, refcount=False)
 def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> BoxAt:
-    """Return the box of body i, whose axes are computed when it is first asked for."""
+    """Return the box of body i; its axes are computed at the first call in a state."""
     axes = placed.axes
     if not placed.ready[i]:
         placed.ready[i] = True
@@ -216,8 +219,8 @@ def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> BoxAt:
     return box_at(BoxArrays(placed.centers, axes, bodies.half_extents), i)
 
 
-def one_tree(robots: Sequence[Robot], bases: Floats) -> Tree:
-    """Return the trees of robots as one, their roots at bases (r, 7)."""
+def one_tree(robots: Sequence[Mechanism], bases: Floats) -> Tree:
+    """Return the trees of robots as one tree, with roots at bases (r, 7)."""
     column = row = 0
     parts = []
     for robot, base in zip(robots, bases, strict=True):
@@ -239,9 +242,9 @@ def one_tree(robots: Sequence[Robot], bases: Floats) -> Tree:
 
 
 def chain_lengths(tree: Tree, lower: Floats, upper: Floats) -> Floats:
-    """Return (links,) how far each link can be from the root, summed over its joints (metres).
+    """Return bounds (links,) of the distance of each link from the root, m.
 
-    Infinite ranges of joints count as none.
+    Joints without limits add nothing.
     """
     lengths = np.abs(tree.translations).sum(axis=1)
     for row, parent in enumerate(tree.parents.tolist()):
@@ -255,9 +258,9 @@ def chain_lengths(tree: Tree, lower: Floats, upper: Floats) -> Floats:
 
 
 class JointLimits:
-    """The limits of the joints of several robots, those of joints that mimic others included."""
+    """The limits of the joints of several robots, including those of joints that mimic."""
 
-    def __init__(self, robots: Sequence[Robot]) -> None:
+    def __init__(self, robots: Sequence[Mechanism]) -> None:
         self.lower = np.concatenate([robot.lower for robot in robots])
         self.upper = np.concatenate([robot.upper for robot in robots])
         self.floating: list[int] = []
@@ -269,13 +272,13 @@ class JointLimits:
                 if joint.mimic is not None:
                     k = robot.link_names.index(joint.child)
                     _, _, columns, multipliers, offsets, *_ = robot.tree
-                    how = float(multipliers[k]), float(offsets[k]), joint.lower, joint.upper
-                    self._mimics.append((first + int(columns[k]), *how))
+                    mimic = float(multipliers[k]), float(offsets[k]), joint.lower, joint.upper
+                    self._mimics.append((first + int(columns[k]), *mimic))
             columns = robot.tree.columns[robot.tree.kinds == FLOATING]
             self.floating += (first + columns).tolist()
             first += len(robot.joint_names)
         self._inner = np.clip([self.lower, self.upper], -MAX_MAGNITUDE, MAX_MAGNITUDE)
-        self._inner[0, self.floating] = np.inf  # quaternions of zeros are none
+        self._inner[0, self.floating] = np.inf  # whose quaternions must be checked
         for column, multiplier, offset, lower, upper in self._mimics:
             if multiplier == 0.0:
                 self._inner[0, column] = np.inf
@@ -285,9 +288,9 @@ class JointLimits:
             self._inner[1, column] = min(self._inner[1, column], max(ends))
 
     def hold(self, states: Any) -> bool:
-        """Return whether something is an array of states (n, joints), all of them valid.
+        """Return whether ``states`` is an array (n, joints) of states within the limits.
 
-        Also False for some that are: it is for most states, and as fast as can be.
+        It is a fast test for most input: False for some valid arrays, too.
         """
         return (
             type(states) is np.ndarray
@@ -298,9 +301,9 @@ class JointLimits:
         )
 
     def exceeded(self, states: Floats, others: Floats | None = None) -> Mask:
-        """Return (n, joints) which joints are out of their limits, or drive one that is.
+        """Return (n, joints) which joints exceed their limits, or those of joints that mimic them.
 
-        others: more states (n, joints) of the same rows.
+        others: more states (n, joints) for the same rows.
         """
         if others is not None:
             if self.hold(others):
@@ -328,9 +331,9 @@ def _are_between(states: Floats, limits: Floats) -> bool:
 
 
 def check_turns(floating: Sequence[int], starts: Floats, ends: Floats) -> None:
-    """Raise ValueError where the quaternion of a floating joint would move through zero.
+    """Raise ValueError if the quaternion of a floating joint would move through zero.
 
-    floating: their first columns.
+    floating: the first columns of floating joints.
     """
     for column in floating:
         turns = [states[:, column + 3 : column + 7] for states in (starts, ends)]
@@ -344,7 +347,7 @@ def check_turns(floating: Sequence[int], starts: Floats, ends: Floats) -> None:
 
 
 def rigid_groups(tree: Tree) -> Rows:
-    """Return (links,) the first link of those that never move against each other."""
+    """Return (links,) the first link of the rigid group of each link."""
     groups = np.arange(len(tree.parents))
     for row, parent in enumerate(tree.parents.tolist()):
         if parent >= 0 and tree.kinds[row] == FIXED:
@@ -353,9 +356,9 @@ def rigid_groups(tree: Tree) -> Rows:
 
 
 def driving_joints(tree: Tree) -> Mask:
-    """Return (links + 1, links) whether the joint of a link moves another one; none the world.
+    """Return (links + 1, links) whether a frame is moved by the joint of a link.
 
-    Those of fixed joints, and of joints that mimic others by nothing, move none.
+    The last frame is the world. Fixed joints, and joints with multiplier zero, move nothing.
     """
     count = len(tree.parents)
     moving = (tree.kinds != FIXED) & (tree.multipliers != 0.0)
@@ -368,20 +371,20 @@ def driving_joints(tree: Tree) -> Mask:
 
 
 def next_joint(tree: Tree, link: int) -> int:
-    """Return the link whose joint is the first that moves a link, upwards; -1 for none."""
+    """Return the nearest link, from this one to the root, whose joint moves; -1 for none."""
     while link >= 0 and (tree.kinds[link] == FIXED or tree.multipliers[link] == 0.0):
         link = int(tree.parents[link])
     return link
 
 
-def allowed_links(robots: Sequence[Robot], groups: Rows) -> Mask:
-    """Return (links, links) which pairs are not checked: of one rigid body, adjacent, disabled."""
+def allowed_links(robots: Sequence[Mechanism], groups: Rows) -> Mask:
+    """Return (links, links) which pairs are not checked: rigid groups, adjacent or disabled."""
     allowed = groups[:, None] == groups
     first = 0
     for robot in robots:
         rows = {name: first + row for row, name in enumerate(robot.link_names)}
-        for one, other in robot.disabled_pairs | robot.adjacent_pairs:
-            allowed[rows[one], rows[other]] = allowed[rows[other], rows[one]] = True
+        for a, b in robot.disabled_pairs | robot.adjacent_pairs:
+            allowed[rows[a], rows[b]] = allowed[rows[b], rows[a]] = True
         first += len(rows)
     return allowed
 
@@ -391,3 +394,60 @@ def body_pairs(owners: Rows, allowed: Mask) -> Integers:
     first, second = np.triu_indices(len(owners), 1)
     checked = ~allowed[owners[first], owners[second]]
     return np.column_stack([first[checked], second[checked]])
+
+
+def chains_of(tree: Tree, bodies: LinkBodies, pairs: Integers, first: int, boxes: bool) -> Chains:
+    """Return the chains to the first bodies, those of robots, and between pairs (p, 2) of them.
+
+    boxes: whether they end at the spheres and boxes around bodies, instead of their hulls.
+    """
+    turning = (tree.kinds != FIXED) & (tree.kinds < PRISMATIC)
+    back = tree.rotations * (-1.0, -1.0, -1.0, 1.0)
+    axes = rotate_vectors(back, tree.directions) * turning[:, None]  # in the frames of links
+    roots = tree.parents[:, None] < 0
+    links = _split(tree.translations, np.where(roots, 0.0, axes[tree.parents]))
+    extents = np.empty((first, 2))
+    for i, frame in enumerate(bodies.frames[:first].tolist()):
+        blocks = bodies.blocks[bodies.starts[i] : bodies.starts[i + 1]]
+        corners = _split(blocks.transpose(0, 2, 1).reshape(-1, 3), axes[frame])
+        extents[i] = corners.max(axis=0) + bodies.rounds[i] * LENGTH_GROWTH
+        if boxes:
+            radius = max(bodies.spheres[i], np.linalg.norm(bodies.half_extents[i]))
+            extents[i] = 0.0, (np.linalg.norm(bodies.centers[i]) + radius) * LENGTH_GROWTH
+    unique, rows = np.unique(bodies.frames[pairs], axis=0, return_inverse=True)
+    paths = [_path(tree, links, a, b) for a, b in unique.tolist()]
+    steps = [step for path in paths for step in path]
+    lengths = np.array([step[:2] for step in steps]).reshape(-1, 2)
+    joints = np.array([step[2] for step in steps], np.int64)
+    starts = np.cumsum([0, *map(len, paths)])
+    return Chains(links, extents, rows.reshape(-1), starts, lengths, joints)
+
+
+def _split(vectors: Floats, axes: Floats) -> Floats:
+    """Return the lengths (n, 2) of vectors (n, 3) along unit axes (or zeros), and across them."""
+    along = (vectors * axes).sum(axis=1)
+    across = vectors - along[:, None] * axes
+    lengths = np.column_stack([np.abs(along), np.linalg.norm(across, axis=1)])
+    room = LENGTH_GROWTH - 1.0  # for roundings of orthogonal vectors
+    return lengths * LENGTH_GROWTH + room * np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def _path(tree: Tree, links: Floats, a: int, b: int) -> list[tuple[float, float, int]]:
+    """Return the segments from link a to link b: along, across, and the joint behind each."""
+    up, down = [a], [b]
+    while up[-1] != down[-1]:  # parents stand before children
+        chain = up if up[-1] > down[-1] else down
+        chain.append(int(tree.parents[chain[-1]]))
+    steps, place = [], np.zeros(3)  # from the origin of the current link
+    for link in up[:-1]:
+        steps.append((0.0, float(np.linalg.norm(place)) * LENGTH_GROWTH, link))
+        place = -tree.translations[link]
+    for number, link in enumerate(down[-2::-1]):
+        along, across = links[link].tolist()
+        if number == 0:  # the joint of the common ancestor does not count
+            place = place + tree.translations[link]
+            along, across = 0.0, float(np.linalg.norm(place)) * LENGTH_GROWTH
+            place = np.zeros(3)
+        steps.append((along, across, link))
+    steps.append((0.0, float(np.linalg.norm(place)) * LENGTH_GROWTH, -1))
+    return steps

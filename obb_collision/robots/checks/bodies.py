@@ -14,15 +14,15 @@
 
 """Bodies of shapes in the frames of links, and of the objects of a scene, which do not move.
 
-They are convex bodies for kernels, and meshes. All that robots take from the inside of a scene is
-taken here.
+They are convex bodies for kernels, and meshes. Only this module of robots uses the inside of a
+scene.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +50,7 @@ from obb_collision.typing import Floats, Integers, Rows
 
 #: Relative growth of radii: more than their roundings.
 RADIUS_GROWTH = 1.0 + 64 * ROUNDOFF
-#: The same of balls within bodies; slivers among faces are off by more.
+#: Relative shrinkage of balls within bodies: the planes of thin faces have larger errors.
 NARROWER = 1.0 - 2.0**-10
 
 
@@ -58,7 +58,7 @@ ROUND_ABOUT_Z = Sphere, Cylinder, Capsule, Cone
 
 
 class Part(NamedTuple):
-    """A shape of a link, or attached to one, at a pose in its frame; owner: its row in names."""
+    """A shape at a pose in the frame of a link; owner: the row of names of link or object."""
 
     shape: Shape | OBB
     pose: ArrayLike
@@ -72,7 +72,7 @@ def body_of(
 ) -> LinkBodies:
     """Return the body of a shape at a pose (7,) in a frame, padded as in a scene.
 
-    chain: length of the chain up to the frame, metres.
+    chain: length of the chain up to the frame, m.
     """
     positions, rotations = as_poses(np.array(pose, np.float64)[None], "pose")
     center, rotation, half_extents = local_box(shape)
@@ -93,7 +93,7 @@ def placed_body(
 ) -> LinkBodies:
     """Return the body of corners (k, 3), a radius around them and a box, all in a frame.
 
-    beyond: how far it reaches beyond a curved shape.
+    beyond: how far the corners reach beyond a curved shape, m.
     """
     sphere = (float(np.linalg.norm(corners - box[0], axis=1).max()) + radius) * RADIUS_GROWTH
     farthest = float(np.abs(corners).sum(axis=1).max())
@@ -104,7 +104,7 @@ def placed_body(
 
 
 def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: int) -> LinkBodies:
-    """Return boxes as bodies, all at once."""
+    """Return boxes (n,) as bodies in a frame."""
     count = len(centers)
     grown = half_extents + HULL_MARGIN * half_extents.max(axis=1, keepdims=True, initial=0.0)
     corners = centers[:, None] + np.einsum("nij,nkj->nki", rotations, BOX_CORNERS * grown[:, None])
@@ -121,14 +121,11 @@ NO_BODIES = box_bodies(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)), 
 
 
 def joined(bodies: Sequence[LinkBodies]) -> LinkBodies:
-    """Return bodies one after another."""
-    several = [NO_BODIES, *bodies]
-    arrays: dict[str, Any] = {
-        name: np.concatenate(values)
-        for name, *values in zip(LinkBodies._fields, *several, strict=True)
-    }
-    lengths = np.concatenate([np.diff(each.starts) for each in several])
-    return LinkBodies(**{**arrays, "starts": np.append(0, np.cumsum(lengths))})
+    """Return several bodies in one."""
+    parts = [NO_BODIES, *bodies]
+    arrays = LinkBodies._make(np.concatenate(values) for values in zip(*parts, strict=True))
+    lengths = np.concatenate([np.diff(part.starts) for part in parts])
+    return arrays._replace(starts=np.append(0, np.cumsum(lengths)))
 
 
 def enclosing_spheres(bodies: LinkBodies, starts: Integers) -> tuple[Floats, Floats]:
@@ -143,15 +140,15 @@ def enclosing_spheres(bodies: LinkBodies, starts: Integers) -> tuple[Floats, Flo
 
 
 def is_about_z(shape: Shape | OBB) -> bool:
-    """Return whether a shape stays the same when it turns about its z axis."""
+    """Return whether a shape is round about its z axis."""
     return isinstance(shape, ROUND_ABOUT_Z) and shape.scale[0] == shape.scale[1]
 
 
 def _core(shape: Shape | OBB, padding: float) -> tuple[Floats, float, float]:
-    """Return the corners (k, 3) of a shape, the radius around each point, and that of a ball.
+    """Return the corners (k, 3) of a shape, the radius around each point, and an inner radius.
 
-    Padding makes boxes larger, and is a radius around others. The ball is within the hull, around
-    the centre of its box.
+    Padding makes boxes larger, and is a radius around other shapes. The inner radius is that of a
+    ball within the hull, around the centre of its box.
     """
     kind = kind_of(shape)
     center, rotation, half_extents = local_box(shape)
@@ -172,7 +169,7 @@ def _core(shape: Shape | OBB, padding: float) -> tuple[Floats, float, float]:
 
 
 class LinkMeshes:
-    """The bodies of robots (b,) as meshes in frames (b,), with radii (b,) about them."""
+    """The bodies of robots (b,) as meshes in frames (b,), with radii (b,) around them."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self._frames = np.array([part.link for part in parts], np.int64)
@@ -183,7 +180,7 @@ class LinkMeshes:
         for n, (shape, *_) in enumerate(parts):
             if kind_of(shape) == BOXED:
                 shape = OBB(*local_box(shape))
-            if isinstance(shape, OBB):  # in the middle of its pose from now on
+            if isinstance(shape, OBB):  # its tree is that of a box at the origin
                 place = np.append(shape.center, shape.quaternion)
                 self._poses[n] = compose_poses(self._poses[n], place)
             elif kind_of(shape) == ROUND:
@@ -195,7 +192,7 @@ class LinkMeshes:
         self._trees = MeshTrees.join([tree for _, tree in built.values()])
 
     def placed(self, tree: Tree, states: Floats, bodies: Rows) -> PlacedMeshes:
-        """Return bodies (m,), each in the state (m, joints) of its row."""
+        """Return bodies (m,) placed in states (m, joints)."""
         links = link_poses(tree, np.ascontiguousarray(states))
         frames = links[np.arange(len(bodies)), self._frames[bodies]]
         poses = compose_poses(frames, self._poses[bodies])
@@ -212,7 +209,7 @@ def _tree(shape: Shape | OBB) -> MeshTrees:
 
 
 class WorldState:
-    """What a scene was at one time, to see whether it has changed since.
+    """A snapshot of a scene, to tell whether it has changed since.
 
     left_out: names of objects that do not count.
     """
@@ -227,13 +224,13 @@ class WorldState:
         self._active = scene.objects.store.active.tobytes()  # compared faster than arrays are
 
     def _others(self, scene: Scene) -> tuple[Floats | Rows, ...]:
-        """Return the slots of what counts, and the boxes there."""
+        """Return the slots of objects that count, and their boxes."""
         slots = _counted(scene.objects.store, self._left_out)
         boxes = scene.objects.store.boxes(slots)
         return slots, *boxes.arrays
 
     def is_current(self, scene: Scene) -> bool:
-        """Return whether nothing has changed since that bodies depend on."""
+        """Return whether bodies are still those of the snapshot."""
         if _key(scene) != self._key:
             return False
         if self._snapshot.is_current and scene.objects.store.active.tobytes() == self._active:
@@ -241,7 +238,7 @@ class WorldState:
         others = self._others(scene)
         if not all(np.array_equal(a, b) for a, b in zip(others, self._world, strict=True)):
             return False
-        self._note(scene)  # something else has moved
+        self._note(scene)  # an object that does not count has moved
         return True
 
 
@@ -259,22 +256,22 @@ def _counted(store: ObjectStore, left_out: Collection[str]) -> Rows:
 
 
 def padding_of(scene: Scene, name: str) -> float:
-    """Return the padding of an object; KeyError for an unknown one."""
+    """Return the padding of an object; KeyError for an unknown name."""
     return float(scene.objects.store.paddings[scene.objects.store.slot(name)])
 
 
 def largest_padding(scene: Scene, names: Iterable[str]) -> float:
-    """Return the largest padding that objects have themselves; some may be unknown."""
+    """Return the largest own padding of objects; unknown names are skipped."""
     slots = [scene.objects.store.slots[name] for name in names if name in scene.objects.store.slots]
     return float(scene.objects.store.own_paddings[slots].max(initial=0.0))
 
 
 Kept = dict[int, tuple[object, LinkBodies]]
-"""By slot: a body, and all that it depends on."""
+"""By slot: a key of all that a body depends on, and the body."""
 
 
 class World(NamedTuple):
-    """The objects of a scene, relative to an origin (3,), and the tree over their bounds."""
+    """The objects of a scene, relative to an origin (3,), and the tree of their bounds."""
 
     scene: Scene
     origin: Floats
@@ -285,7 +282,7 @@ class World(NamedTuple):
     tree: BoundsTree
 
     def placed(self, rows: Rows) -> tuple[PlacedMeshes, Floats]:
-        """Return objects (k,) as meshes, and their radii; all of them are round or none."""
+        """Return objects (k,), all of them round or none, as meshes, and their radii."""
         store, slots = self.scene.objects.store, self.slots[rows]
         cache = self.scene.objects.cache.at_once()
         cache.build(store, np.unique(slots[store.kinds[slots] != ROUND]), False, None)
@@ -299,7 +296,7 @@ def world_of(
 ) -> World:
     """Return the bodies of a scene; frame: the number of the world's frame.
 
-    left_out: names of objects that do not count; kept: bodies that need not be made anew.
+    left_out: names of objects that do not count; kept: bodies of the last call, to be updated.
     """
     store = scene.objects.store
     active = _counted(store, left_out)
@@ -322,7 +319,7 @@ def world_of(
 
 
 def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBodies]:
-    """Return the bodies of objects that are no boxes."""
+    """Return the bodies of objects that are not boxes."""
     if len(slots) == 0:
         return []
     store, cache = scene.objects.store, scene.objects.cache

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Distances: the least one in each state, of all pairs of bodies that are checked.
+"""Distances: the least one in each state, of all pairs of bodies that are checked, and gradients.
 
-Up to "obb" it is that of boxes, at "hull" of hulls. Spheres and boxes bound the distance of a pair
-from below; the pair with the least bound comes first, and others are looked at as long as theirs is
-below the least distance found. At "mesh" hulls bound distances in the same way.
+Up to "obb" distances are those of boxes, at "hull" those of hulls. Spheres and boxes give lower
+bounds: the pair with the least bound is computed first, then every pair whose bound is below the
+least distance so far. At "mesh", hulls give lower bounds in the same way.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from obb_collision._jit import Held, njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
+from obb_collision.geometry.poses import multiply_quaternions, rotate_vectors, rotation_of
 from obb_collision.geometry.trees.pool import Hulls
-from obb_collision.numerics.vec3 import dot, minus, norm, vector_at
+from obb_collision.numerics.vec3 import components, cross, dot, minus, norm, vector_at
 from obb_collision.queries.convex.depth import Polytope, room_for_depth
 from obb_collision.queries.convex.distances import NO_START, body_distance
 from obb_collision.queries.convex.support import BOX, CORNERS, Cores
@@ -45,30 +46,39 @@ from obb_collision.robots.checks.arrays import (
     place_state,
     placed_box,
 )
-from obb_collision.robots.checks.gradients import distance_gradients
 from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StateDistances
 from obb_collision.robots.checks.states import all_pairs, square_distance
-from obb_collision.typing import Floats, Integers, Rows
+from obb_collision.robots.kinematics.kinematics import (
+    PLANAR,
+    PRISMATIC,
+    Tree,
+    link_poses,
+    place_links,
+)
+from obb_collision.typing import Floats, Integers, Mask, Rows
 
-#: Relative growth of spheres around boxes: more than what these are larger by.
+#: Relative growth of spheres around boxes: more than the growth of the boxes themselves.
 SPHERE_GROWTH = 1.0 + 1e-9
-#: Relative growth of distances: more than the roundings of what is compared with them.
+#: Relative growth of distances: more than the roundings of bounds that are compared with them.
 GROWTH = 1.0 + 1e-9
-#: States with distances, and pairs, below which a second thread does not pay.
+#: Minimum number of states, and of pairs, for a second thread.
 FEWEST_DISTANCES, FEWEST_PAIRS = 8, 32
+#: Minimum number of gradients for a second thread.
+FEWEST_GRADIENTS = 256
 
 
 class DistanceQuestion(NamedTuple):
-    """States (n, joints) whose least distances up to a limit are asked for.
+    """States (n, joints) to find least distances in, up to a limit.
 
-    boxes: whether bodies are their boxes, or hulls; given: whether only the pairs that are there.
+    boxes: whether of the boxes of bodies, instead of their hulls; one_pair: whether of one pair per
+    state, which the output holds already.
     """
 
     checked: Checked
     boxes: bool
-    given: bool
+    one_pair: bool
     states: Floats
     limit: float
 
@@ -76,48 +86,48 @@ class DistanceQuestion(NamedTuple):
 class NearestPairs(NamedTuple):
     """The nearest pair of each state."""
 
-    bounds: Floats  #: (n, 2) between which the distance is
+    bounds: Floats  #: (n, 2) lower and upper bound of the distance
     pairs: Integers  #: (n, 2) of bodies, -1 for none
-    vectors: Floats  #: (n, 3, 3): the closest points of both, and the direction
+    vectors: Floats  #: (n, 3, 3) the closest points of both, and the direction
 
 
 class DistanceState(NamedTuple):
-    """What the distances of one state are found with."""
+    """Arrays for the distances of one state."""
 
     placed: Placed
     cores: Cores
     polytope: Polytope
-    spheres: Floats  #: (b,) radii around bodies, or around their boxes
-    lower: Floats  #: (p,) bounds of the distances of all pairs
+    spheres: Floats  #: (b,) radii of spheres around bodies, or around their boxes
+    lower: Floats  #: (p,) lower bounds of the distances of all pairs
 
 
 @njit
 def distances_kernel(
     held: Held,
-    asked: tuple[bool, bool, Floats, float],
-    found: tuple[Floats, Integers, Floats],
+    question: tuple[bool, bool, Floats, float],
+    output: tuple[Floats, Integers, Floats],
     start: int,
     stop: int,
 ) -> None:
     """Write the least signed distance of each state, negative where bodies collide.
 
-    asked, found: ``DistanceQuestion`` and ``NearestPairs`` as plain tuples, which come from Python
-    faster.
+    question, output: ``DistanceQuestion`` and ``NearestPairs`` as plain tuples, which arrive from
+    Python faster.
     """
-    question, nearest = DistanceQuestion(held.value, *asked), NearestPairs(*found)
-    bodies, placed, boxes = question.checked.bodies, new_placed(question.checked), question.boxes
-    lower, spheres = np.empty(1 if question.given else len(placed.grown)), bodies.spheres.copy()
+    asked, nearest = DistanceQuestion(held.value, *question), NearestPairs(*output)
+    bodies, placed, boxes = asked.checked.bodies, new_placed(asked.checked), asked.boxes
+    lower, spheres = np.empty(1 if asked.one_pair else len(placed.grown)), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
         spheres[i] = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
     room = DistanceState(placed, _cores(bodies, boxes), room_for_depth(), spheres, lower)
-    _fill_distances(question, nearest, room, start, stop)
+    _fill_distances(asked, nearest, room, start, stop)
 
 
 @njit(inline=True, refcount=False)
 def _fill_distances(
     question: DistanceQuestion, nearest: NearestPairs, room: DistanceState, start: int, stop: int
 ) -> None:
-    checked, boxes, given = question.checked, question.boxes, question.given
+    checked, boxes, one_pair = question.checked, question.boxes, question.one_pair
     bodies, tests, placed = checked.bodies, checked.tests, room.placed
     cores, lower = room.cores, room.lower
     bounds, pairs, vectors = nearest.bounds, nearest.pairs, nearest.vectors
@@ -126,31 +136,31 @@ def _fill_distances(
         for i in range(tests.first):
             _place_core(bodies, placed, i, cores, boxes)
         best = question.limit
-        if not given:
+        if not one_pair:
             _bound_all(bodies, tests, placed, room.spheres, lower)
             bounds[n, 0] = bounds[n, 1] = np.inf
             pairs[n, 0] = pairs[n, 1] = -1
-        for k in range(-1, 0 if given else len(lower)):
-            if given:
+        for k in range(-1, 0 if one_pair else len(lower)):
+            if one_pair:
                 i, j = pairs[n, 0], pairs[n, 1]
             elif len(lower) == 0 or (k >= 0 and not lower[k] < best):
                 continue
-            else:  # first the one with the least bound
+            else:  # the pair with the least bound first
                 i, j = _pair_at(tests, k if k >= 0 else int(lower.argmin()))
-            found = body_distance(cores, i, cores, j, NO_START, best, room.polytope)
-            if not (given or found.lower < best):
+            near = body_distance(cores, i, cores, j, NO_START, best, room.polytope)
+            if not (one_pair or near.lower < best):
                 continue
-            best = found.lower
-            bounds[n, 0], bounds[n, 1] = found.lower, found.upper
+            best = near.lower
+            bounds[n, 0], bounds[n, 1] = near.lower, near.upper
             pairs[n, 0], pairs[n, 1] = i, j
             for m in range(3):
-                vectors[n, 0, m], vectors[n, 1, m] = found.a[m], found.b[m]
-                vectors[n, 2, m] = found.normal[m]
+                vectors[n, 0, m], vectors[n, 1, m] = near.a[m], near.b[m]
+                vectors[n, 2, m] = near.normal[m]
 
 
 @njit(refcount=False)
 def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
-    """Return the bodies of pair m: those of the robots first, then each with all of the world."""
+    """Return the bodies of pair m: pairs of robots' bodies come before those with the world."""
     if m < len(tests.pairs):
         return tests.pairs[m, 0], tests.pairs[m, 1]
     count = len(tests.order)
@@ -162,7 +172,7 @@ def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
 def _bound_all(
     bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, lower: Floats
 ) -> None:
-    """Write lower bounds of all distances, infinite for pairs that do not count."""
+    """Write lower bounds of the distances of all pairs, infinite for those that do not count."""
     for m in range(len(lower)):
         i, j = _pair_at(tests, m)
         if j >= tests.first and len(tests.allowed) and tests.allowed[i, j - tests.first]:
@@ -180,9 +190,9 @@ def _bound_all(
 
 @njit
 def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
-    """Return bodies, or their boxes, as those of ``queries.convex``; the world's in their place.
+    """Return bodies, or their boxes, as ``Cores``; those of the world are placed already.
 
-    Boxes are larger by what kinematics round.
+    Boxes are larger by the roundings of kinematics.
     """
     count = len(bodies.frames)
     cores = Cores(
@@ -207,7 +217,7 @@ def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
 
 @njit(refcount=False)
 def _place_core(bodies: LinkBodies, placed: Placed, i: int, cores: Cores, boxes: bool) -> None:
-    """Place the hull of body i by its frame, or its box."""
+    """Place the hull of body i, or its box, in a state."""
     frame = bodies.frames[i]
     if boxes:
         placed_box(bodies, placed, i)
@@ -221,27 +231,24 @@ def _place_core(bodies: LinkBodies, placed: Placed, i: int, cores: Cores, boxes:
 def hull_distances(
     prepared: Prepared, states: Floats, pairs: Integers, limit: float, boxes: bool = False
 ) -> PairDistances:
-    """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row.
-
-    boxes: those of their boxes.
-    """
+    """Return the distances of pairs (m, 2) of bodies, or of their boxes, in states (m, joints)."""
     count = len(pairs)
     bounds, vectors = np.empty((count, 2)), np.empty((count, 3, 3))
-    asked, found = (boxes, True, states, limit), (bounds, pairs.copy(), vectors)
-    run(distances_kernel, count, FEWEST_PAIRS, prepared.held, asked, found)
+    question, output = (boxes, True, states, limit), (bounds, pairs.copy(), vectors)
+    run(distances_kernel, count, FEWEST_PAIRS, prepared.held, question, output)
     return PairDistances(bounds[:, 0], bounds[:, 1], vectors)
 
 
 @njit
 def _name_pairs(
-    known: tuple[Integers, Floats, Floats], found: tuple[Floats, Integers, Floats], curved: bool
+    scene: tuple[Integers, Floats, Floats], nearest: tuple[Floats, Integers, Floats], curved: bool
 ) -> None:
-    """Turn pairs of bodies into those of what they belong to, and points into those of the scene.
+    """Replace pairs of bodies by rows of names, and move points to the frame of the scene.
 
-    known: the owners and excess of bodies, and the origin. curved: whether upper bounds are to be
-    those of the shapes, not of the prisms around them.
+    scene: the owners and the excess of bodies, and the origin. curved: whether to make upper bounds
+    those of curved shapes, which are smaller than their hulls.
     """
-    (owners, excess, origin), (bounds, pairs, vectors) = known, found
+    (owners, excess, origin), (bounds, pairs, vectors) = scene, nearest
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
         if curved:
@@ -264,7 +271,7 @@ def state_distances(
     every: bool,
     jacobian: bool,
 ) -> StateDistances:
-    """Return distances up to a limit in states (n, joints): the least, or those of every pair."""
+    """Return the least distance up to a limit in states (n, joints), or that of every pair."""
     if not self_pairs:
         prepared = prepared.without_self_pairs
     checked = prepared.checked
@@ -272,14 +279,13 @@ def state_distances(
     rows, (bounds, bodies, vectors) = ask(prepared, accuracy, states, limit)
     gradients = None
     if jacobian:
-        frames = np.append(checked.bodies.frames, 0)[bodies]  # of any where there is no pair
-        given = np.ascontiguousarray(states[rows])
+        frames = np.append(checked.bodies.frames, 0)[bodies]  # any frame if there is no pair
         points, along = np.ascontiguousarray(vectors[:, :2]), np.ascontiguousarray(vectors[:, 2])
         places = prepared.own.driven, frames, points, along
-        gradients = distance_gradients(checked.tree, given, *places)
-    known = prepared.checked.owners, prepared.excess, prepared.world.origin
-    _name_pairs(known, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
-    if every:  # the least of each two names
+        gradients = distance_gradients(checked.tree, np.ascontiguousarray(states[rows]), *places)
+    scene = prepared.checked.owners, prepared.excess, prepared.world.origin
+    _name_pairs(scene, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
+    if every:  # the nearest bodies of each pair of names
         order = np.lexsort([bounds[:, 0], bodies[:, 1], bodies[:, 0], rows])
         keys = np.column_stack([rows, bodies])[order]
         first = np.ones(len(order), np.bool_)
@@ -288,9 +294,8 @@ def state_distances(
         rows, bodies = rows[kept], bodies[kept]
         bounds, vectors = bounds[kept], vectors[kept]
         gradients = None if gradients is None else gradients[kept]
-    lower, upper = bounds.T
-    found = lower, upper, bodies, vectors[:, :2], vectors[:, 2]
-    return StateDistances(*found, prepared.names, rows, gradients)
+    values = *bounds.T, bodies, vectors[:, :2], vectors[:, 2]
+    return StateDistances(*values, prepared.names, rows, gradients)
 
 
 def _least_distances(
@@ -300,10 +305,9 @@ def _least_distances(
     count = len(states)
     vectors = np.empty((count, 3, 3))
     vectors.fill(np.nan)
-    found = np.empty((count, 2)), np.empty((count, 2), np.int64), vectors
-    asked = bool(accuracy < Accuracy.HULL), False, states, limit
-    run(distances_kernel, count, FEWEST_DISTANCES, prepared.held, asked, found)
-    nearest = NearestPairs(*found)
+    nearest = NearestPairs(np.empty((count, 2)), np.empty((count, 2), np.int64), vectors)
+    question = bool(accuracy < Accuracy.HULL), False, states, limit
+    run(distances_kernel, count, FEWEST_DISTANCES, prepared.held, question, tuple(nearest))
     if accuracy == Accuracy.MESH:
         _decide_meshes(prepared, states, limit, nearest)
     return np.arange(count), nearest
@@ -315,38 +319,41 @@ def _all_distances(
     """Return the distances of all pairs of bodies within a limit."""
     level = Accuracy.OBB if accuracy < Accuracy.HULL else Accuracy.HULL
     rows, pairs = all_pairs(prepared, level, states, prepared.within(np.full(1, limit)))
-    given = np.ascontiguousarray(states[rows])
-    bounds = hull_distances(prepared, given, pairs, limit, boxes=bool(accuracy < Accuracy.HULL))
+    near = np.ascontiguousarray(states[rows])
+    bounds = hull_distances(prepared, near, pairs, limit, boxes=bool(accuracy < Accuracy.HULL))
     if accuracy == Accuracy.MESH:
-        set_mesh_distances(prepared, given, pairs, bounds, limit, depths=True)
+        set_mesh_distances(prepared, near, pairs, bounds, limit, depths=True)
     kept = bounds.lower < limit
     lower_upper = np.column_stack([bounds.lower[kept], bounds.upper[kept]])
     return rows[kept], NearestPairs(lower_upper, pairs[kept], bounds.vectors[kept])
 
 
 def _decide_meshes(prepared: Prepared, states: Floats, limit: float, nearest: NearestPairs) -> None:
-    """Write the least distances of meshes, and their pairs, over those of hulls."""
+    """Replace the least distances of hulls, and their pairs, by those of meshes."""
     rows = np.flatnonzero(nearest.pairs[:, 0] >= 0)
-    some, first = np.ascontiguousarray(states[rows]), nearest.pairs[rows]
+    states, first = np.ascontiguousarray(states[rows]), nearest.pairs[rows]
     lower, upper = nearest.bounds[rows].T.copy()
     best = PairDistances(lower, upper, nearest.vectors[rows])
-    set_mesh_distances(prepared, some, first, best, limit, depths=True)
+    set_mesh_distances(prepared, states, first, best, limit, depths=True)
     reach = np.clip(best.lower, 0.0, limit) * GROWTH
-    numbers, pairs = all_pairs(prepared, Accuracy.HULL, some, prepared.within(reach))
+    numbers, pairs = all_pairs(prepared, Accuracy.HULL, states, prepared.within(reach))
     others = (pairs != first[numbers]).any(axis=1)
     numbers, pairs = numbers[others], pairs[others]
-    hulls = hull_distances(prepared, some[numbers], pairs, limit)
-    for these in _rounds(numbers, hulls.lower):
-        again = these[hulls.lower[these] < best.lower[numbers[these]]]
+    hulls = hull_distances(prepared, states[numbers], pairs, limit)
+    order = np.lexsort([hulls.lower, numbers])
+    ranks = np.arange(len(order)) - np.searchsorted(numbers[order], numbers[order])
+    for rank in range(int(ranks.max(initial=-1)) + 1):  # a pair of each state, by its bound
+        again = order[ranks == rank]
+        again = again[hulls.lower[again] < best.lower[numbers[again]]]
         if len(again) == 0:
             continue
-        each = PairDistances(*(values[again] for values in hulls))
-        given = np.ascontiguousarray(some[numbers[again]])
-        set_mesh_distances(prepared, given, pairs[again], each, limit, depths=True)
-        less = each.lower < best.lower[numbers[again]]
+        closer = PairDistances(*(values[again] for values in hulls))
+        near = np.ascontiguousarray(states[numbers[again]])
+        set_mesh_distances(prepared, near, pairs[again], closer, limit, depths=True)
+        less = closer.lower < best.lower[numbers[again]]
         places = numbers[again[less]]
         first[places] = pairs[again[less]]
-        for values, new in zip(best, each, strict=True):
+        for values, new in zip(best, closer, strict=True):
             values[places] = new[less]
     beyond = ~(best.lower < limit)
     best.lower[beyond] = best.upper[beyond] = np.inf
@@ -355,8 +362,84 @@ def _decide_meshes(prepared: Prepared, states: Floats, limit: float, nearest: Ne
     nearest.bounds[rows] = np.column_stack([best.lower, best.upper])
 
 
-def _rounds(numbers: Rows, lower: Floats) -> list[Rows]:
-    """Return rows of pairs: in the first round the one with the least bound of each state, ..."""
-    order = np.lexsort([lower, numbers])
-    places = np.arange(len(order)) - np.searchsorted(numbers[order], numbers[order])
-    return [order[places == place] for place in range(int(places.max(initial=-1)) + 1)]
+def distance_gradients(
+    tree: Tree, states: Floats, driven: Mask, frames: Rows, points: Floats, directions: Floats
+) -> Floats:
+    """Return the gradients (m, joints) of distances by the joints, in states (m, joints).
+
+    A distance along a direction n changes by n times the difference of the velocities of the
+    closest points. To first order it does not matter that these move on their links.
+    driven: see ``driving_joints``; frames (m, 2): those of the points (m, 2, 3); directions (m, 3):
+    from the first to the second point, NaN for none.
+    """
+    gradients = np.zeros(states.shape)
+    question = tree, driven, states, frames, points, directions
+    run(_fill_gradients, len(states), FEWEST_GRADIENTS, *question, gradients)
+    for link in np.flatnonzero(tree.kinds >= PLANAR).tolist():
+        _add_free(*question, link, gradients)
+    return gradients
+
+
+@njit
+def _fill_gradients(
+    tree: Tree, driven: Mask, states: Floats, frames: Rows, points: Floats, directions: Floats,
+    gradients: Floats, start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write the gradients by the first variable of each joint."""
+    poses, identity = np.empty((1, len(tree.parents), 7)), (0.0, 0.0, 0.0, 1.0)
+    for n in range(start, stop):
+        along = vector_at(directions, n)
+        if np.isnan(along[0]):
+            gradients[n] = np.nan
+            continue
+        place_links(tree, states, n, poses, 0)
+        for link in range(len(tree.parents)):
+            first, second = driven[frames[n, 0], link], driven[frames[n, 1], link]
+            if first == second:  # the joint moves both points, or none
+                continue
+            parent, turn = tree.parents[link], identity
+            if parent >= 0:
+                x, y = poses[0, parent, 3], poses[0, parent, 4]
+                turn = x, y, poses[0, parent, 5], poses[0, parent, 6]
+            rate = along
+            if tree.kinds[link] < PRISMATIC:
+                p, q = points[n, 1 if second else 0], poses[0, link]
+                rate = cross((p[0] - q[0], p[1] - q[1], p[2] - q[2]), along)
+            change = dot(components(rotation_of(turn), vector_at(tree.directions, link)), rate)
+            sign = 1.0 if second else -1.0
+            gradients[n, tree.columns[link]] += sign * tree.multipliers[link] * change
+
+
+def _add_free(
+    tree: Tree, driven: Mask, states: Floats, frames: Rows, points: Floats, directions: Floats,
+    link: int, gradients: Floats,
+) -> None:  # fmt: skip
+    """Add the gradients by all but the first variable of a planar or floating joint."""
+    poses, parent, column = link_poses(tree, states), tree.parents[link], tree.columns[link]
+    moved = driven[frames, link].astype(np.float64) * (-1.0, 1.0)  # (m, 2)
+    force = moved[:, :, None] * directions[:, None]
+    turning = np.cross(points - poses[:, link, None, :3], force).sum(axis=1)
+    along = force.sum(axis=1)
+    identity = np.tile((0.0, 0.0, 0.0, 1.0), (len(states), 1))
+    outer = poses[:, parent, 3:] if parent >= 0 else identity
+    axis = rotate_vectors(outer, np.broadcast_to(tree.directions[link], along.shape))
+    across = rotate_vectors(outer, np.broadcast_to(tree.across[link], along.shape))
+    third = np.cross(axis, across)
+    gradients[:, column + 1] += (across * along).sum(axis=1)
+    if tree.kinds[link] == PLANAR:
+        gradients[:, column + 2] += (third * turning).sum(axis=1)
+        return
+    gradients[:, column + 2] += (third * along).sum(axis=1)
+    frame = multiply_quaternions(outer, np.broadcast_to(tree.rotations[link], outer.shape))
+    _add_turns(states[:, column + 3 : column + 7], frame, turning, gradients[:, column + 3 :])
+
+
+def _add_turns(quaternions: Floats, frame: Floats, turning: Floats, out: Floats) -> None:
+    """Add the gradients by quaternions (m, 4), which kinematics normalises, in frames (m, 4)."""
+    lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    units = quaternions / lengths
+    back = units * (-1.0, -1.0, -1.0, 1.0)
+    for k in range(4):
+        change = (np.eye(4)[k] - units * units[:, k : k + 1]) / lengths
+        rate = 2.0 * multiply_quaternions(change, back)[:, :3]
+        out[:, k] += (rotate_vectors(frame, rate) * turning).sum(axis=1)

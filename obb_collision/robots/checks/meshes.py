@@ -14,9 +14,9 @@
 
 """Pairs of bodies as meshes: whether they collide, how far they are apart, how deep they overlap.
 
-As in ``scene.refinement.mesh_pairs``: only pairs with a mesh; other pairs are convex, and decided
-by their hulls. At "mesh" a body is everything within a radius of its triangles, its padding; a
-sphere or capsule is a segment with one. The roundings of kinematics are allowed for.
+As in ``scene.refinement.mesh_pairs``, this is for pairs with a mesh; hulls decide convex pairs. At
+"mesh" a body is all that is within a radius, its padding, of its triangles; a sphere or capsule is
+a segment with a radius. Bounds include the roundings of kinematics.
 """
 
 from __future__ import annotations
@@ -38,36 +38,36 @@ from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
 class PairDistances(NamedTuple):
-    """How far apart pairs (m,) are, with bounds: of the triangles if they have any."""
+    """Bounds of the distances of pairs (m,), with closest points."""
 
-    lower: Floats  #: (m,) negative by at least the depth where they overlap, infinite past a limit
-    upper: Floats  #: (m,) 0 where they overlap
+    lower: Floats  #: (m,) at most minus the depth where bodies overlap, infinite beyond a limit
+    upper: Floats  #: (m,) 0 where bodies overlap
     vectors: Floats  #: (m, 3, 3) the closest points of both, and the direction
 
 
 class LinkMeshPairs(NamedTuple):
-    """Some pairs as meshes: row k of a against row k of b, each with a radius about it."""
+    """Pairs as meshes: row k of a against row k of b, each with a radius around it."""
 
-    rows: Rows  #: (k,) of the pairs
+    rows: Rows  #: (k,) the number of each pair
     a: PlacedMeshes
     radii_a: Floats
     b: PlacedMeshes
     radii_b: Floats
-    slack: Floats  #: (k,) how far they may be from where they are, both together (metres)
+    slack: Floats  #: (k,) error of both places together, m
 
 
 def mesh_collisions_of(prepared: Prepared, states: Floats, pairs: Integers) -> Mask:
-    """Return (m,) which pairs (m, 2) that may collide at "hull" do in the state (m, joints)."""
+    """Return (m,) whether meshes of pairs (m, 2) collide whose hulls may, in states (m, joints)."""
     result = np.ones(len(pairs), np.bool_)
-    for each in _placed_pairs(prepared, states, pairs):
-        apart = np.ones(len(each.rows), np.bool_)
-        bare = np.flatnonzero((each.radii_a == 0.0) & (each.radii_b == 0.0))
-        apart[bare] = mesh_verdicts(each.a, each.b, np.column_stack([bare, bare])) == SEPARATE
+    for placed in _placed_pairs(prepared, states, pairs):
+        apart = np.ones(len(placed.rows), np.bool_)
+        bare = np.flatnonzero((placed.radii_a == 0.0) & (placed.radii_b == 0.0))
+        apart[bare] = mesh_verdicts(placed.a, placed.b, np.column_stack([bare, bare])) == SEPARATE
         rest = np.flatnonzero(apart)
-        grown = each.radii_a + each.slack
-        _, near = clearances_of(each.a, grown, each.b, each.radii_b, rest, rest, 0.0)
+        grown = placed.radii_a + placed.slack
+        _, near = clearances_of(placed.a, grown, placed.b, placed.radii_b, rest, rest, 0.0)
         apart[rest] = ~near
-        result[each.rows] = ~apart
+        result[placed.rows] = ~apart
     return result
 
 
@@ -75,47 +75,50 @@ def set_mesh_distances(
     prepared: Prepared,
     states: Floats,
     pairs: Integers,
-    found: PairDistances,
+    distances: PairDistances,
     limit: float,
     depths: bool,
 ) -> None:
-    """Write the distances of pairs (m, 2) with a mesh, given those of their hulls.
+    """Replace the distances of pairs (m, 2) of hulls by those of meshes, for pairs with a mesh.
 
-    depths: whether to look for the depth of those that overlap; it is at least that otherwise.
+    depths: whether to find the depth of overlapping meshes; otherwise that of hulls remains.
     """
-    for each in _placed_pairs(prepared, states, pairs):
-        k = np.arange(len(each.rows))
-        near, is_near = clearances_of(each.a, each.radii_a, each.b, each.radii_b, k, k, limit)
-        apart = is_near & (near.upper > each.slack)
-        some, rows = k[apart], each.rows[apart]
-        lower = np.maximum(near.distances[some] - each.slack[some], found.lower[rows])
-        found.upper[rows] = near.upper[some] + each.slack[some]
-        found.lower[rows] = np.minimum(np.maximum(lower, 0.0), found.upper[rows])
+    for placed in _placed_pairs(prepared, states, pairs):
+        k, slack = np.arange(len(placed.rows)), placed.slack
+        sides = placed.a, placed.radii_a, placed.b, placed.radii_b
+        near, is_near = clearances_of(*sides, k, k, limit)
+        apart = is_near & (near.upper > slack)
+        far, rows = placed.rows[~is_near], placed.rows[apart]
+        lower = np.maximum(near.distances[apart] - slack[apart], distances.lower[rows])
+        distances.upper[rows] = near.upper[apart] + slack[apart]
+        distances.lower[rows] = np.minimum(np.maximum(lower, 0.0), distances.upper[rows])
         for side, values in enumerate((near.positions_a, near.positions_b, near.normals)):
-            found.vectors[rows, side] = values[some]
-        found.lower[each.rows[~is_near]] = found.upper[each.rows[~is_near]] = np.inf
+            distances.vectors[rows, side] = values[apart]
+        distances.lower[far] = distances.upper[far] = np.inf
         overlap = k[is_near & ~apart]
-        found.upper[each.rows[overlap]] = 0.0
+        rows = placed.rows[overlap]
+        distances.upper[rows] = 0.0
         if depths and len(overlap):
-            _set_depths(each, overlap, found)
-        found.lower[each.rows[overlap]] = np.minimum(found.lower[each.rows[overlap]], 0.0)
+            _set_depths(placed, overlap, distances)
+        distances.lower[rows] = np.minimum(distances.lower[rows], 0.0)
 
 
-def _set_depths(sides: LinkMeshPairs, k: Rows, found: PairDistances) -> None:
-    """Write the depths of meshes in rows k of sides that overlap, and where they are."""
+def _set_depths(sides: LinkMeshPairs, k: Rows, distances: PairDistances) -> None:
+    """Write the depths of the overlapping meshes in rows k, and their places."""
     rows = sides.rows[k]
-    from_a, from_b, normals = found.vectors[rows].transpose(1, 0, 2)
-    lower, middles = np.minimum(found.lower[rows], 0.0), 0.5 * (from_a + from_b)
+    from_a, from_b, normals = distances.vectors[rows].transpose(1, 0, 2)
+    lower, middles = np.minimum(distances.lower[rows], 0.0), 0.5 * (from_a + from_b)
     outer = Separations(np.column_stack([k, k]), lower, normals.copy(), middles)
     deep = within(outer, sides.a, sides.radii_a, sides.b, sides.radii_b)
     half = 0.5 * deep.separations[:, None] * deep.normals
-    found.lower[rows] = deep.separations - sides.slack[k]
-    found.vectors[rows, 0], found.vectors[rows, 1] = deep.positions - half, deep.positions + half
-    found.vectors[rows, 2] = deep.normals
+    distances.lower[rows] = deep.separations - sides.slack[k]
+    distances.vectors[rows] = np.stack(
+        [deep.positions - half, deep.positions + half, deep.normals], 1
+    )
 
 
 def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[LinkMeshPairs]:
-    """Yield those of pairs (m, 2) that meshes decide, in their states."""
+    """Yield the pairs, of pairs (m, 2) in states (m, joints), that need meshes to be decided."""
     if len(pairs) == 0:
         return
     own, world, (tree, bodies, tests, *_) = prepared.own.meshes, prepared.world, prepared.checked

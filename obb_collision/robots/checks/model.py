@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The model of a ``RobotScene``: what kernels need of robots and a scene, made anew on changes."""
+"""The model of a ``RobotScene``: robots and scene as arrays for kernels, updated on changes."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, rotate_ve
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.obb import OBB
 from obb_collision.robots.checks.arrays import (
+    NO_CHAINS,
     Checked,
     JointLimits,
     LinkBodies,
@@ -38,6 +39,7 @@ from obb_collision.robots.checks.arrays import (
     allowed_links,
     body_pairs,
     chain_lengths,
+    chains_of,
     driving_joints,
     next_joint,
     one_tree,
@@ -56,7 +58,6 @@ from obb_collision.robots.checks.bodies import (
     largest_padding,
     world_of,
 )
-from obb_collision.robots.checks.chains import NO_CHAINS, chains_of
 from obb_collision.robots.kinematics.kinematics import FLOATING, PRISMATIC, Tree, link_poses
 from obb_collision.scene.building.shape_cache import TRIANGLES, kind_of
 from obb_collision.scene.scene import Scene
@@ -67,19 +68,19 @@ from obb_collision.words import shown
 if TYPE_CHECKING:
     from obb_collision.robots.robot import Robot
 
-#: Metres along each axis within which the first robot moves without the world, which is relative
-#: to where that robot was, being placed again; farther away roundings would grow.
+#: Metres along each axis by which the base of the first robot may move before the origin of bodies
+#: moves, too: far from the origin, roundings grow.
 NEAR = 2.0
-#: Metres, and radians, by which the axis of a body may be off that of its joint: the rounding of
-#: angles such as 1.5708 in descriptions.
+#: Metres, and radians, by which the axis of a body may differ from that of its joint: descriptions
+#: round angles, as 1.5708.
 COAXIAL = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Attached:
-    """Something attached to a link, at a pose in its frame; it may touch links.
+    """An object attached to a link at a pose in its frame, and the links that it may touch.
 
-    of_scene: it is an object of the scene, which is no obstacle meanwhile.
+    of_scene: it is an object of the scene, which is not an obstacle meanwhile.
     """
 
     shape: Shape | OBB
@@ -92,18 +93,18 @@ class Attached:
 
 @dataclass(frozen=True, eq=False)
 class OwnBodies:
-    """The bodies of robots, those of a link in a row, and the rows of names that they belong to."""
+    """The bodies of robots, sorted by link, and the row of names of each."""
 
     parts: list[Part]
     bodies: LinkBodies
     owners: Rows
     allowed: Mask
-    """(links and attached, the same): pairs that are not checked."""
+    """(links and attached objects, the same): pairs that are not checked."""
     tree: Tree
 
     @classmethod
     def of(cls, parts: list[Part], allowed: Mask, chains: Floats, tree: Tree) -> OwnBodies:
-        """Return the bodies of parts; chains (links,): the lengths up to links."""
+        """Return the bodies of parts; chains (links,): the lengths of the chains to links."""
         parts = sorted(parts, key=lambda part: part.link)
         bodies = [
             body_of(part.shape, part.pose, part.link, part.padding, float(chains[part.link]))
@@ -114,12 +115,12 @@ class OwnBodies:
 
     @cached_property
     def driven(self) -> Mask:
-        """As ``driving_joints``."""
+        """The result of ``driving_joints``."""
         return driving_joints(self.tree)
 
     @cached_property
     def moved(self) -> Mask:
-        """(b, links) which joints move bodies: not one that turns a round body about its axis."""
+        """(b, links) which joints move a body; turning a round body about its axis does not."""
         tree, moved = self.tree, self.driven[self.bodies.frames].copy()
         state = np.zeros((1, int(tree.columns.max(initial=-1)) + 8))
         state[:, tree.columns[tree.kinds == FLOATING] + 6] = 1.0
@@ -134,7 +135,7 @@ class OwnBodies:
         return moved
 
     def _turns(self, joint: int, places: Floats, body: Floats, is_ball: bool) -> bool:
-        """Return whether a joint turns a body that is round about its z axis about that axis."""
+        """Return whether the axis of a joint is that of a body, which is round about its z axis."""
         tree, parent = self.tree, self.tree.parents[joint]
         if tree.kinds[joint] >= PRISMATIC:
             return False
@@ -146,12 +147,12 @@ class OwnBodies:
 
     @cached_property
     def meshes(self) -> LinkMeshes:
-        """The same bodies as meshes."""
+        """The bodies as meshes."""
         return LinkMeshes(self.parts)
 
     @cached_property
     def links(self) -> tuple[Rows, Rows, Floats, Floats]:
-        """The frames of bodies, the first body of each, and spheres around them: see ``Tests``."""
+        """``links``, ``starts``, ``centers`` and ``spheres`` of ``Tests``."""
         links, starts = np.unique(self.bodies.frames, return_index=True)
         starts = np.append(starts, len(self.parts)).astype(np.int64)
         return links, starts, *enclosing_spheres(self.bodies, starts)
@@ -159,7 +160,7 @@ class OwnBodies:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What kernels take, and the names of what bodies belong to."""
+    """Robots and scene as kernels take them, and the names of links and objects."""
 
     checked: Checked
     own: OwnBodies
@@ -172,49 +173,49 @@ class Prepared:
 
     @cached_property
     def touching(self) -> PairValues:
-        """Distances of zero: bodies must touch to collide."""
+        """Distances of zero, for checks: bodies must touch to collide."""
         return self.within(np.zeros(1))
 
     def within(self, reach: Floats) -> PairValues:
-        """Return distances (k,) of all pairs of bodies, by state (k,), or one for all."""
+        """Return the same distance for all pairs, by state (k,), or one for all states."""
         ends = self.checked.tests.first, len(self.checked.tests.pairs)
         return PairValues(*(np.repeat(reach[:, None], end, axis=1) for end in ends))
 
     @cached_property
     def meshes(self) -> Mask:
-        """(b,) which bodies are meshes, whose pairs hulls do not decide."""
+        """(b,) which bodies are meshes; their pairs need more than hulls to be decided."""
         own = [kind_of(part.shape) for part in self.own.parts]
         return np.append(np.array(own, np.int64), self.world.kinds) == TRIANGLES
 
     @cached_property
     def excess(self) -> Floats:
-        """(b + 1,) that of bodies, and 0 for none."""
+        """(b + 1,) the excess of each body, see ``LinkBodies``; the last is 0, for no body."""
         return np.append(self.checked.bodies.excess, 0.0)
 
     @cached_property
     def held(self) -> Held:
-        """``checked`` as kernels take it."""
+        """``checked`` in the form that kernels take."""
         return hold(self.checked)
 
     @cached_property
     def without_self_pairs(self) -> Prepared:
-        """The same where only pairs with the world are tested."""
+        """A copy that tests only pairs with the world."""
         tests = self.checked.tests._replace(pairs=np.empty((0, 2), np.int64))
         return replace(self, checked=self.checked._replace(tests=tests))
 
     def without_still_pairs(self, standing: Mask | None = None) -> Prepared:
-        """Return the same where pairs are tested only if a joint changes their distance.
+        """Return a copy that tests pairs only if a joint moves one of the two and not the other.
 
-        So one joint at least moves one of the two and not the other. standing (slots,): objects of
-        the scene that nothing else moves either, None for all; pairs with others are tested.
+        standing (slots,): objects of the scene at rest, None for all; pairs with other objects are
+        always tested.
         """
         count = len(self.world.slots)
         world = np.ones(count, np.bool_) if standing is None else standing[self.world.slots]
         key = world.tobytes()
         if not self._still or self._still[0][0] != key:
             tests, driven = self.checked.tests, self.own.moved
-            one, other = (driven[tests.pairs[:, k]] for k in range(2))
-            pairs = tests.pairs[(one != other).any(axis=1)]
+            first, second = (driven[tests.pairs[:, k]] for k in range(2))
+            pairs = tests.pairs[(first != second).any(axis=1)]
             allowed = tests.allowed
             still = ~driven.any(axis=1)
             if still.any():
@@ -222,12 +223,11 @@ class Prepared:
                 allowed = allowed.copy() if len(allowed) else room
                 allowed[still] |= world
             changed = tests._replace(pairs=pairs, allowed=allowed)
-            found = replace(self, checked=self.checked._replace(tests=changed))
-            self._still[:] = [(key, found)]
+            self._still[:] = [(key, replace(self, checked=self.checked._replace(tests=changed)))]
         return self._still[0][1]
 
     def moving(self, accuracy: Accuracy) -> Held:
-        """Return ``checked`` with what motions need."""
+        """Return ``checked`` with chains and meshes, as motions need it."""
         if accuracy not in self._moving:
             tree, bodies, tests, *_ = self.checked
             boxes = bool(accuracy < Accuracy.HULL)
@@ -237,18 +237,18 @@ class Prepared:
         return self._moving[accuracy]
 
     def owners_of(self, bodies: Integers) -> Integers:
-        """Return pairs of rows of ``names``, the smaller first, for pairs of bodies (m, 2)."""
+        """Return the rows of ``names`` of pairs of bodies (m, 2), the smaller first."""
         pairs = self.checked.owners[bodies]
         pairs.sort(axis=1)
         return pairs
 
 
 class Model:
-    """Robots with names for their links and joints, and what is attached to them."""
+    """Robots with unique names of links and joints, and the objects attached to them."""
 
     def __init__(self, robots: Sequence[Robot], names: Sequence[str | None], bases: Floats) -> None:
         self.warns = True
-        """Whether a check warns of a robot that nothing can collide with."""
+        """Whether a check warns of a robot without collision geometry."""
         self.robots, self._names = tuple(robots), tuple(names)
         self.link_names = _prefixed(names, [robot.link_names for robot in robots])
         self.joint_names = _prefixed(names, [robot.joint_names for robot in robots])
@@ -265,7 +265,7 @@ class Model:
         self._prepared: tuple[WorldState, Prepared] | None = None
         self._kept: Kept = {}
         self._chains: Floats = np.empty(0)
-        self._offsets = np.full(len(robots), -1.0)  # allowed for from the origin to the roots
+        self._offsets = np.full(len(robots), -1.0)  # from the origin to the roots, within _chains
         self.origin = np.full(3, np.inf)
         self.set_bases(bases)
         self.paddings = self._grown = np.zeros(len(self.link_names))
@@ -275,12 +275,12 @@ class Model:
         self._allowed = allowed_links(robots, self._groups)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but what is made of it and of the scene, when it is asked for."""
+        """Return the state without arrays that are made again on demand."""
         return {**vars(self), "_own": None, "_prepared": None, "_kept": {}}
 
     @property
     def middle(self) -> Floats:
-        """The state (joints,) of zeros, or what is next to them within the limits."""
+        """The state (joints,) of zeros, or of the limits nearest to zero."""
         state = np.clip(np.zeros(len(self.joint_names)), self.limits.lower, self.limits.upper)
         state[self.tree.columns[self.tree.kinds == FLOATING] + 6] = 1.0
         return state
@@ -300,7 +300,7 @@ class Model:
         raise KeyError(f"group must be a group of the SRDF, got {shown(group)}")
 
     def set_bases(self, bases: Floats) -> None:
-        """Set where the robots stand, by poses (r, 7); bodies are relative to a place nearby."""
+        """Set the poses (r, 7) of the root links; bodies are relative to an origin nearby."""
         self.bases = bases
         if not (np.abs(bases[0, :3] - self.origin) <= NEAR).all():
             self.origin, self._prepared = bases[0, :3].copy(), None
@@ -308,16 +308,16 @@ class Model:
         relative[:, :3] -= self.origin
         self.tree = one_tree(self.robots, relative)
         if self._set_chains():
-            self._forget()
+            self._own = self._prepared = None
         if self._prepared is not None:
             state, made = self._prepared
             checked = made.checked._replace(tree=self.tree)
             self._prepared = state, replace(made, checked=checked)
 
     def _set_chains(self) -> bool:
-        """Set lengths of chains that are enough for the tree; return whether they have changed.
+        """Set lengths of chains that suffice for the tree; return whether they have changed.
 
-        A robot that moves gets room to move on.
+        The lengths of a robot whose base moves have room for more motion.
         """
         offsets = np.abs(self.tree.translations[self.tree.parents < 0]).sum(axis=1)
         farther = offsets > self._offsets
@@ -330,30 +330,26 @@ class Model:
         self._chains = lengths + np.repeat(self._offsets - offsets, counts)
         return True
 
-    def _forget(self) -> None:
-        """Make the bodies of robots anew."""
+    def set_paddings(self, paddings: Floats) -> None:
+        """Set the padding of each link (links,), m."""
+        self.paddings = paddings
         self._own = self._prepared = None
 
-    def set_paddings(self, paddings: Floats) -> None:
-        """Set by how much each link (links,) is grown."""
-        self.paddings = paddings
-        self._forget()
-
     def set_link_objects(self, names: dict[str, tuple[str, ...]]) -> None:
-        """Set by link which objects of the scene are the link itself."""
+        """Set the objects of the scene that stand for links, by link."""
         self.link_objects = names
         self._prepared = None
 
     def attach(self, name: str, attached: Attached) -> None:
-        """Attach something, in place of what has its name."""
+        """Attach an object, or replace the one of this name."""
         body_of(attached.shape, attached.pose)  # it fails before anything has changed
         self.attached = {**self.attached, name: attached}
-        self._forget()
+        self._own = self._prepared = None
 
     def detach(self, name: str) -> None:
-        """Remove what is attached."""
-        self.attached = {key: each for key, each in self.attached.items() if key != name}
-        self._forget()
+        """Remove an attached object."""
+        self.attached = {key: value for key, value in self.attached.items() if key != name}
+        self._own = self._prepared = None
 
     def prepared(self, scene: Scene) -> Prepared:
         """Return the arguments of kernels for a scene as it is now."""
@@ -365,12 +361,12 @@ class Model:
 
     @property
     def left_out(self) -> frozenset[str]:
-        """The objects of the scene that are links, or attached."""
-        attached = (name for name, each in self.attached.items() if each.of_scene)
-        return frozenset(chain(attached, *self.link_objects.values()))
+        """The objects of the scene that are not obstacles: they are links, or attached."""
+        names = (name for name, attached in self.attached.items() if attached.of_scene)
+        return frozenset(chain(names, *self.link_objects.values()))
 
     def _own_bodies(self, scene: Scene) -> OwnBodies:
-        """Return the bodies of links, grown as the objects that they are, and of the attached."""
+        """Return the bodies of links, with paddings of their objects, and of attached objects."""
         grown = self.paddings.copy()
         for link, names in self.link_objects.items():
             grown[self.link_rows[link]] += largest_padding(scene, names)
@@ -382,16 +378,16 @@ class Model:
                 for shape, pose in placed
             ]
             attached = list(self.attached.values())
-            for row, each in enumerate(attached, start=len(shapes)):
-                padding = float(self.paddings[each.link]) + each.padding
-                parts.append(Part(each.shape, each.pose, each.link, padding, row))
-            self._look_for_bodies(parts)
+            for row, obj in enumerate(attached, start=len(shapes)):
+                padding = float(self.paddings[obj.link]) + obj.padding
+                parts.append(Part(obj.shape, obj.pose, obj.link, padding, row))
+            self._warn_of_bare_robots(parts)
             allowed = self._allowed_of(attached)
             self._grown, self._own = grown, OwnBodies.of(parts, allowed, self._chains, self.tree)
         return self._own
 
-    def _look_for_bodies(self, parts: Sequence[Part]) -> None:
-        """Warn, once each, of robots without bodies: they would be valid wherever they are."""
+    def _warn_of_bare_robots(self, parts: Sequence[Part]) -> None:
+        """Warn, once each, of robots without bodies: all their states are valid."""
         of_links = np.repeat(range(len(self.robots)), [len(r.link_names) for r in self.robots])
         bare = {*range(len(self.robots))} - {int(of_links[part.link]) for part in parts}
         for row in sorted(bare - self._bare if self.warns else ()):
@@ -400,14 +396,14 @@ class Model:
         self._bare |= bare
 
     def _allowed_of(self, attached: Sequence[Attached]) -> Mask:
-        """Return the pairs not checked with rows for what is attached after those of the links."""
-        links = [each.link for each in attached]
+        """Return the pairs of links and attached objects that are not checked."""
+        links = [obj.link for obj in attached]
         groups = np.append(self._groups, self._groups[np.array(links, np.int64)])
         result = groups[:, None] == groups
         count = len(self._allowed)
         result[:count, :count] = self._allowed
-        for row, each in enumerate(attached, start=count):
-            touched = list(each.touch_links)
+        for row, obj in enumerate(attached, start=count):
+            touched = list(obj.touch_links)
             result[row, touched] = result[touched, row] = True
         return result
 
@@ -429,28 +425,26 @@ class Model:
         return Prepared(checked, own, world, self.limits, names, self.joint_names)
 
     def _counted(self, scene: Scene, links: list[str], objects: list[str]) -> Mask | None:
-        """Return (links, links and objects) which pairs count by the rules of a scene.
+        """Return (links, links and objects) which pairs count by a scene's rules, None for all.
 
-        None: all of them. Any name of a link, of those that objects have that it is, will do.
+        A link that objects stand for has their names; one of them that counts is enough.
         """
-        known_as = [self.link_objects.get(link) or (link,) for link in links]
-        names = [*chain.from_iterable(known_as), *objects]
+        link_names = [self.link_objects.get(link) or (link,) for link in links]
+        names = [*chain.from_iterable(link_names), *objects]
         scene.rules.warn_of_unknown(names)
         rules = scene.rules.filter_of(names)
         if rules is None:
             return None
-        count = sum(map(len, known_as))
+        count = sum(map(len, link_names))
         shape = count, count + len(objects)
-        pairs = rules(*(each.ravel() for each in np.indices(shape))).reshape(shape)
-        starts = np.cumsum([0, *map(len, known_as)])[:-1]
+        pairs = rules(*(rows.ravel() for rows in np.indices(shape))).reshape(shape)
+        starts = np.cumsum([0, *map(len, link_names)])[:-1]
         pairs = np.logical_or.reduceat(pairs, starts, axis=0)
         among = np.logical_or.reduceat(pairs[:, :count], starts, axis=1)
         return np.hstack([among, pairs[:, count:]])
 
 
 def _prefixed(names: Sequence[str | None], parts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Return the parts of all robots, each with the name of its robot in front, if it has one."""
-    pairs = zip(names, parts, strict=True)
-    return tuple(
-        part if name is None else f"{name}/{part}" for name, each in pairs for part in each
-    )
+    """Return the parts of all robots, as ``ROBOT/PART`` where robots have names."""
+    prefixes = ["" if name is None else f"{name}/" for name in names]
+    return tuple(p + part for p, own in zip(prefixes, parts, strict=True) for part in own)

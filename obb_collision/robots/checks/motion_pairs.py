@@ -14,7 +14,7 @@
 
 """Pairs of bodies in an interval of a motion: candidates, and proofs that they stay apart.
 
-See ``motions`` for the method.
+``motions`` explains the method.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ from obb_collision.typing import Vector
 def _passes(box: BoxAt, start: Vector, end: Vector, reach: float) -> tuple[bool, Vector]:
     """Return whether a ball that moves straight may touch a box, and a direction to the box.
 
-    start, end: of its centre, from that of the box.
+    start, end: positions of the ball's centre relative to that of the box.
     """
     a, b = components(box.axes, start), components(box.axes, end)
     middle = scaled(plus(a, b), 0.5)
@@ -96,7 +96,7 @@ def sweep_candidates(
 ) -> int:
     """Write the pairs that may collide between the times of two slots; return their number.
 
-    The world's body comes first, in whose frame the other one moves.
+    In a pair with the world, its body is the first, in whose frame the second one moves.
     """
     checked, bends, times = question.checked, room.bends, room.times
     bodies, tests, tree = checked.bodies, checked.tests, room.placed
@@ -186,7 +186,7 @@ def sweep_candidates(
         start = minus(components(axes_of(p.rotations, frame), d), b.center)
         end = minus(components(axes_of(q.rotations, frame), e), b.center)
         near, n = _passes(b, start, end, bodies.spheres[j] + slack + bend)
-        if near or question.level == SPHERE:  # states have no boxes of links there
+        if near or question.level == SPHERE:  # a level without boxes of links
             candidates[count, 0], candidates[count, 1], candidates[count, 2] = i, j, m
             directions[count, 0], directions[count, 1], directions[count, 2] = n
             count += 1
@@ -195,7 +195,7 @@ def sweep_candidates(
 
 @njit(inline=True, refcount=False)
 def _pose_in(bodies: LinkBodies, placed: Placed, fixed: int, moving: int, in_world: bool) -> Pose:
-    """Return where the frame of one body is in that of another, or in the world."""
+    """Return the pose of a body's frame in the frame of a fixed body, or in the world."""
     reach = bodies.radii[fixed] + bodies.radii[moving]
     b = place_at(placed.positions, placed.rotations, bodies.frames[moving])
     if in_world:
@@ -211,7 +211,8 @@ def _swept_apart(
 ) -> tuple[bool, Vector]:
     """Return whether a is certainly farther than reach from b at both poses and in between.
 
-    And the direction that was tried last. As ``apart``, of the hull of b at both poses.
+    The second result is the last direction. The method is that of ``apart``, with the hull of b at
+    both poses together.
     """
     size = max(start.size, end.size)
     bound, unit = GAP_BOUND * size + MESH_UNDERFLOW, unit_scale(size)[0]
@@ -242,26 +243,20 @@ def _swept_apart(
 
 
 @njit(inline=True, refcount=False)
-def _use_world(bodies: LinkBodies, placed: Placed, j: int) -> None:
-    """Place a body of the world in a state."""
-    placed.ready[j] = True
-    for k in range(3):
-        placed.centers[j, k] = bodies.centers[j, k]
-        for m in range(3):
-            placed.axes[j, k, m] = bodies.rotations[j, k, m]
-
-
-@njit(inline=True, refcount=False)
 def collides(question: MotionQuestion, room: MotionRoom, c: int, slot: int, grown: float) -> bool:
     """Return whether candidate c may be within a distance in the state of a slot.
 
-    With the tests that ``states`` has, in its order of the bodies.
+    Tests and order of bodies are those of ``states``, so that answers agree.
     """
     bodies, placed = question.checked.bodies, slot_of(room.placed, slot)
     i, j = placed.candidates[c, 0], placed.candidates[c, 1]
     if placed.candidates[c, 2] < 0:
-        i, j = j, i
-        _use_world(bodies, placed, j)
+        i, j = j, i  # the body of the world has the same place in every state
+        placed.ready[j] = True
+        for k in range(3):
+            placed.centers[j, k] = bodies.centers[j, k]
+            for m in range(3):
+                placed.axes[j, k, m] = bodies.rotations[j, k, m]
         center = vector_at(placed.centers, i)
         reach = bodies.spheres[i] + grown + 2.0 * slack_of(bodies, i, center)
         reach += LINK_PLACING * bodies.reaches[j]
@@ -276,7 +271,7 @@ def collides(question: MotionQuestion, room: MotionRoom, c: int, slot: int, grow
 def moves_of(
     question: MotionQuestion, room: MotionRoom, blur: float, c: int, one: int, other: int
 ) -> tuple[float, float]:
-    """Return how far a point of candidate c moves between two slots at most, and its bend."""
+    """Return bounds of the way of a point of candidate c between two slots, and of its bend."""
     bodies, bends = question.checked.bodies, room.bends
     p, q = slot_of(room.placed, one), slot_of(room.placed, other)
     i, j, m = p.candidates[c, 0], p.candidates[c, 1], p.candidates[c, 2]
@@ -297,9 +292,9 @@ def moves_of(
 
 @njit(inline=True, refcount=False)
 def _slack_in(bodies: LinkBodies, i: int, p: Placed, q: Placed) -> float:
-    """Return the slack of a robot's body in two states."""
-    one, other = vector_at(p.centers, i), vector_at(q.centers, i)
-    return max(slack_of(bodies, i, one), slack_of(bodies, i, other))
+    """Return the larger slack of a body in two states."""
+    start, end = vector_at(p.centers, i), vector_at(q.centers, i)
+    return max(slack_of(bodies, i, start), slack_of(bodies, i, end))
 
 
 @njit(inline=True, refcount=False)
@@ -308,8 +303,8 @@ def stays_apart(
 ) -> bool:
     """Return whether candidate c is certainly free between the times of two slots.
 
-    Below "hull" what stands for bodies is not one convex body, but what all tests of states have in
-    common: they are repeated with all that the pair moves.
+    Below "hull" bodies are not convex: they are all that passes the tests of states. These tests
+    are repeated with a distance of all that the pair moves.
     """
     if question.level < HULL:
         way, bend = moves_of(question, room, blur, c, one, other)

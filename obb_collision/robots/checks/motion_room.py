@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What kernels of motions work with: questions, bounds of one motion, and its states.
+"""Data of the kernels of motions: questions, results, bounds of one motion, and its states.
 
-See ``motions`` for the method.
+``motions`` explains the method.
 """
 
 from __future__ import annotations
@@ -31,39 +31,39 @@ from obb_collision.robots.checks.arrays import Checked, Placed, place_state
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
 from obb_collision.typing import Floats, Integers, Mask
 
-#: Relative growth of bounds: more than the roundings of all that goes into them.
+#: Relative growth of bounds: more than the roundings of all their terms.
 BOUND_GROWTH = 1.0 + 1e-9
-#: Intervals of a pair that may wait: each halving leaves one, and doubles end after as many.
+#: Maximum number of waiting intervals of a pair: each halving leaves one, and doubles allow 64.
 DEPTH = 64
-#: Angular speeds above which all that counts is how far bodies reach: squares must be finite.
+#: Largest angular speed: squares must be finite, and faster bodies are bounded by their reach.
 FASTEST = 1e100
-#: States that are kept: the ends of a piece, and those that halve intervals.
+#: Number of states that are kept: the ends of a piece, and middles of intervals.
 SLOTS = 8
 
 
 class MotionQuestion(NamedTuple):
-    """Motions from starts to ends (n, joints) that are checked on a level."""
+    """Motions from starts to ends (n, joints) to check on a level."""
 
     checked: Checked
     level: int
-    first: bool  #: whether the first collision is asked for, or any
+    first: bool  #: whether to find the first collision of each motion, instead of any
     resolution: float
     starts: Floats
     ends: Floats
 
 
 class MotionHits(NamedTuple):
-    """Where each motion collides (n,), NaN for free, if it is undecided, the pair (n, 2)."""
+    """The results of motions (n,)."""
 
-    fractions: Floats
-    undecided: Mask
-    pairs: Integers
+    fractions: Floats  #: (n,) where it collides, from 0 to 1; NaN if it is free
+    undecided: Mask  #: (n,)
+    pairs: Integers  #: (n, 2) of bodies, -1 for none
 
 
 class OpenSpans(NamedTuple):
-    """Pairs with meshes and intervals in which their hulls may collide.
+    """Pairs with meshes, and intervals in which their hulls may collide.
 
-    Those of motion n up to row ``ends[n]``, as many as ``counts[n]``.
+    Motion n has ``counts[n]`` of them, up to row ``ends[n]``.
     """
 
     counts: Integers
@@ -73,53 +73,53 @@ class OpenSpans(NamedTuple):
 
 
 class MovingPairs(NamedTuple):
-    """Pairs of motions (k,) at two times (k, 2), and how far they move."""
+    """Pairs in intervals of motions (k,), and how far they move."""
 
     motions: Integers
-    pairs: Integers  #: (k, 3) as candidates; -1: the body that moves farthest, in all the motion
-    times: Floats
-    moves: Floats  #: (k, 2) on a line at most, and off it
+    pairs: Integers  #: (k, 3) as candidates; -1: the body that moves farthest in the whole motion
+    times: Floats  #: (k, 2)
+    moves: Floats  #: (k, 2) bounds of the way on a line, and off it
 
 
 class Findings(NamedTuple):
-    """What is found of one motion: arrays of one number, as kernels that are inlined set them."""
+    """Results of one motion: arrays of length 1, which inlined kernels can set."""
 
-    limits: Floats  #: up to where nothing collides; infinite for nothing yet
-    certain: Mask
-    tried: Integers  #: intervals halved
-    written: Integers  #: spans
+    limits: Floats  #: the time of the earliest collision so far; infinite for none
+    certain: Mask  #: whether a state there certainly collides
+    tried: Integers  #: number of intervals halved
+    written: Integers  #: number of spans written
 
 
 class Bends(NamedTuple):
-    """Bounds of one motion, for each chain a row of five numbers.
+    """Bounds of one motion: of the end of each chain a row of five numbers.
 
-    The angular speed of its end, the same without its last joint, its speed, its second
-    derivative, and its length.
+    They are its angular speed, the same without the last joint, its speed, its second derivative,
+    and the length of the chain.
     """
 
     joints: Floats  #: (links, 3) angular speed, linear speed, farthest slide
-    links: Floats  #: (links, 5) up to links, in the world
-    bodies: Floats  #: (robots' bodies, 5) up to the farthest corner
-    pairs: Floats  #: (u, 5) from links to links
+    links: Floats  #: (links, 5) chains from the world to links
+    bodies: Floats  #: (robots' bodies, 5) chains from the world to the farthest corner
+    pairs: Floats  #: (u, 5) chains from the first link of a pair to the second
 
 
 class MotionRoom(NamedTuple):
-    """Where one motion is examined."""
+    """Arrays for one motion."""
 
-    placed: Placed  #: SLOTS states; candidates (c, 3): the body in whose frame the other one
-    #: moves, that one, and the row of the tested pair, -1: the first body is one of the world
+    placed: Placed  #: SLOTS states; candidates (c, 3): the fixed body, the body that moves in its
+    #: frame, and the row of the tested pair, -1 if the fixed body is one of the world
     times: Floats  #: (SLOTS,) of these states, NaN for none
     bends: Bends
     state: Floats  #: (1, joints)
     directions: Floats  #: (c, 3) from the second body of each candidate to the first
     stack: Floats  #: (DEPTH + 2, 2) intervals of a pair to halve, the earliest last
-    slots: Integers  #: (DEPTH + 2, 2) of their ends
+    slots: Integers  #: (DEPTH + 2, 2) the slots of their ends
     found: Findings
 
 
 @njit(inline=True, refcount=False)
 def _add_segment(bounds: Floats, row: int, along: float, across: float) -> None:
-    """Add a segment to a chain; what is along the axis of the last joint is not turned by it."""
+    """Add a segment to a chain; the last joint does not turn the part along its axis."""
     w, inner = bounds[row, 0], bounds[row, 1]
     bounds[row, 2] += w * across + inner * along
     bounds[row, 3] += w * w * across + inner * inner * along
@@ -128,7 +128,7 @@ def _add_segment(bounds: Floats, row: int, along: float, across: float) -> None:
 
 @njit(inline=True, refcount=False)
 def _add_joint(bounds: Floats, row: int, joints: Floats, link: int) -> None:
-    """Add a joint to a chain, which slides, and turns what comes behind it."""
+    """Add a joint to a chain: it slides, and turns the segments behind it."""
     w, speed, far = bounds[row, 0], joints[link, 1], joints[link, 2]
     bounds[row, 2] += w * far + speed
     bounds[row, 3] += w * (w * far + 2.0 * speed)
@@ -138,10 +138,10 @@ def _add_joint(bounds: Floats, row: int, joints: Floats, link: int) -> None:
 
 @njit(inline=True, refcount=False)
 def set_joints(tree: Tree, starts: Floats, ends: Floats, n: int, joints: Floats) -> float:
-    """Write what joints do in motion n; return by how much roundings may turn or move a link.
+    """Write the speeds of joints in motion n; return how much roundings may turn or move a link.
 
-    A quaternion that moves linearly turns at most at a speed w, and no faster changes it than by
-    w^2: together with other joints that is as much as turning evenly at 2^(1/2) w.
+    A quaternion that moves linearly turns at an angular speed of at most w, which changes by at
+    most w^2. With other joints this is bounded as an even turn at 2^(1/2) w.
     """
     blur = 0.0
     for link in range(len(tree.parents)):
@@ -176,9 +176,9 @@ def set_joints(tree: Tree, starts: Floats, ends: Floats, n: int, joints: Floats)
 
 @njit(refcount=False)
 def _turning_speed(starts: Floats, ends: Floats, n: int, column: int) -> float:
-    """Return the angular speed of a quaternion that moves linearly and is made a unit one.
+    """Return the largest angular speed of a quaternion that moves linearly and is normalised.
 
-    Twice its speed over its least length on the way; infinite if that may be zero.
+    It is twice its speed over its least length on the way; infinite if that may be zero.
     """
     square = along = length = 0.0
     for k in range(4):
@@ -220,9 +220,9 @@ def set_bends(question: MotionQuestion, bends: Bends) -> None:
 
 @njit(inline=True, refcount=False)
 def bend_of(span: float, second: float, length: float, blur: float) -> float:
-    """Return how far a point is off the line between its ends in an interval at most.
+    """Return a bound of how far a point is off the line between its places at an interval's ends.
 
-    It is no farther off than twice the length of its chain, however often that turns.
+    However often its chain turns, that is at most twice the length of the chain.
     """
     bend = min(0.125 * span * span * second, 2.0 * length)
     return BOUND_GROWTH * bend + blur * (1.0 + length)
@@ -240,7 +240,7 @@ def pair_bend(question: MotionQuestion, bends: Bends, m: int, span: float, blur:
 
 @njit
 def new_room(question: MotionQuestion) -> MotionRoom:
-    """Return room for one motion."""
+    """Return arrays for one motion."""
     checked, joints = question.checked, question.starts.shape[1]
     links, first = len(checked.tree.parents), checked.tests.first
     count, pairs = len(checked.bodies.frames), len(question.checked.chains.starts) - 1
@@ -276,7 +276,7 @@ def new_room(question: MotionQuestion) -> MotionRoom:
 
 @njit(inline=True, refcount=False)
 def slot_of(placed: Placed, slot: int) -> Placed:
-    """Return one of the states that are kept."""
+    """Return the state in a slot."""
     return Placed(
         placed.poses[slot : slot + 1],
         placed.positions[slot],
@@ -292,7 +292,7 @@ def slot_of(placed: Placed, slot: int) -> Placed:
 
 @njit(inline=True, refcount=False)
 def place(question: MotionQuestion, n: int, time: float, slot: int, room: MotionRoom) -> None:
-    """Place the state of motion n at a time in a slot, if it is not there."""
+    """Place the state of motion n at a time in a slot, if it is not there already."""
     if room.times[slot] == time:
         return
     starts, ends, state = question.starts, question.ends, room.state
@@ -305,7 +305,7 @@ def place(question: MotionQuestion, n: int, time: float, slot: int, room: Motion
 
 @njit(refcount=False)
 def free_slot(times: Floats, time: float, one: int, other: int) -> int:
-    """Return the slot that has a time, or one of the others than two that may be overwritten."""
+    """Return the slot of a time, or one that may be overwritten: none of two that are in use."""
     slot = 2
     for k in range(2, SLOTS):
         if times[k] == time:

@@ -12,21 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels that check motions of robots from state to state, between the two as well.
+"""Kernels that check motions of robots from state to state, including all states between.
 
-All joints move linearly in the parameter t from 0 to 1. A pair of bodies is looked at in the frame
-of one of them, or the world's. In an interval of length T, each point of the other is within a bend
-of the straight line between where it is at both ends of the interval:
+All joints move linearly with the time t from 0 to 1. A pair of bodies is seen from one of them, or
+from the world. In an interval of length T, each point of the other body is within a bend of the
+straight line between its places at both ends of the interval:
 
-    bend = T^2 / 8 sum_k l_k w_k^2,
+    bend = T^2 / 8 sum_k l_k w_k^2.
 
-the second derivative being at most the sum over the segments of the chain to the point of their
-lengths l_k times the squared sum w_k of the angular speeds of the joints that turn them. So the
-pair is free in the interval if the hull of the other body at both ends, as one body, is farther
-away than the bend: that is a proof for all states in it. Pairs for which there is none are looked
-at in both halves of their interval, until their state in the middle collides, or they move less
-than the resolution: that is undecided. What takes more than MOST_STATES, as a joint that turns a
-million times, is undecided, too.
+The sum bounds the second derivative: l_k are the lengths of the segments of the chain to the point,
+and w_k the sums of the angular speeds of the joints that turn them. So the pair is certainly free
+in the interval if the convex hull of the other body at both ends is farther away than the bend. An
+interval without such a proof is halved, until the state in its middle collides, or the pair moves
+by less than the resolution in it: then the motion is undecided. So is a motion that takes more than
+MOST_STATES, as one in which a joint turns a million times.
 """
 
 from __future__ import annotations
@@ -57,12 +56,12 @@ from obb_collision.robots.checks.motion_room import (
 )
 from obb_collision.typing import Floats, Integers, Mask
 
-#: States of one motion; what is open after so many is undecided. Usual motions take ten.
+#: Maximum number of states of a motion that is not undecided. Usual motions take ten.
 MOST_STATES = 20_000
-#: States tried after an undecided interval, each twice as far away as the one before.
+#: Number of states tried after an undecided interval, each twice as far away as the last one.
 PROBES = 12
-#: A motion begins as pieces in which the tip bends by at most this share of the largest sphere
-#: around a link: with fewer of them too many pairs stay open, with more too many states are placed.
+#: A motion is first divided into pieces in which the tip bends by at most this share of the largest
+#: sphere around a link: longer pieces leave too many pairs open, shorter ones take too many states.
 PIECE_BEND = 0.25
 MOST_PIECES = 32
 
@@ -70,63 +69,63 @@ MOST_PIECES = 32
 @njit
 def motions_kernel(
     held: Held,
-    asked: tuple[int, bool, float, Floats, Floats],
-    found: tuple[Floats, Mask, Integers],
+    question: tuple[int, bool, float, Floats, Floats],
+    hits: tuple[Floats, Mask, Integers],
     spans: tuple[Integers, Integers, Integers, Floats],
     start: int,
     stop: int,
 ) -> None:
     """Write where motions collide, and the intervals of pairs that hulls do not decide.
 
-    Without room for these, their numbers; motions whose number is 0 are left out if there is room.
-    asked, found, spans: ``MotionQuestion``, ``MotionHits`` and ``OpenSpans`` as plain tuples, which
-    come from Python faster.
+    Without room for intervals, their numbers are written; with room, motions of number 0 are
+    skipped. question, hits, spans: ``MotionQuestion``, ``MotionHits`` and ``OpenSpans`` as plain
+    tuples, which arrive from Python faster.
     """
-    question, hits, open_ = (
-        MotionQuestion(held.value, *asked),
-        MotionHits(*found),
+    asked, found, open_ = (
+        MotionQuestion(held.value, *question),
+        MotionHits(*hits),
         OpenSpans(*spans),
     )
-    room = new_room(question)
+    room = new_room(asked)
     for n in range(start, stop):
         if len(open_.pairs) == 0 or open_.counts[n] > 0:
-            _check_motion(question, hits, open_, n, room)
+            _check_motion(asked, found, open_, n, room)
 
 
 @njit
 def moves_kernel(
     held: Held,
-    asked: tuple[int, bool, float, Floats, Floats],
+    question: tuple[int, bool, float, Floats, Floats],
     moving: MovingPairs,
     start: int,
     stop: int,
 ) -> None:
-    """Write how far pairs move between two times, and how far off the line."""
-    question = MotionQuestion(held.value, *asked)
-    room = new_room(question)
+    """Write bounds of how far pairs move between two times, and how far off the line."""
+    asked = MotionQuestion(held.value, *question)
+    room = new_room(asked)
     bends, candidates = room.bends, room.placed.candidates
     for k in range(start, stop):
         n = moving.motions[k]
-        blur = set_joints(question.checked.tree, question.starts, question.ends, n, bends.joints)
-        set_bends(question, bends)
+        blur = set_joints(asked.checked.tree, asked.starts, asked.ends, n, bends.joints)
+        set_bends(asked, bends)
         if moving.pairs[k, 0] < 0:
             moving.moves[k, 0] = moving.moves[k, 1] = 0.0
             for i in range(len(bends.bodies)):
                 moving.moves[k, 0] = max(moving.moves[k, 0], BOUND_GROWTH * bends.bodies[i, 2])
             continue
         room.times[0] = room.times[1] = np.nan
-        place(question, n, moving.times[k, 0], 0, room)
-        place(question, n, moving.times[k, 1], 1, room)
+        place(asked, n, moving.times[k, 0], 0, room)
+        place(asked, n, moving.times[k, 1], 1, room)
         for m in range(3):
             candidates[0, m] = moving.pairs[k, m]
-        moving.moves[k, 0], moving.moves[k, 1] = moves_of(question, room, blur, 0, 0, 1)
+        moving.moves[k, 0], moving.moves[k, 1] = moves_of(asked, room, blur, 0, 0, 1)
 
 
 @njit(inline=True, refcount=False)
 def _check_motion(
     question: MotionQuestion, hits: MotionHits, spans: OpenSpans, n: int, room: MotionRoom
 ) -> None:
-    """Check motion n, piece by piece: the last one first, where most of those that collide do."""
+    """Check motion n piece by piece; without ``first`` from the end, where most collisions are."""
     candidates, times, found = room.placed.candidates, room.times, room.found
     joints, first = room.bends.joints, question.first
     blur = set_joints(question.checked.tree, question.starts, question.ends, n, joints)
@@ -161,7 +160,7 @@ def _check_motion(
 
 @njit(merge=True)
 def _pieces(question: MotionQuestion, bends: Bends) -> int:
-    """Return in how many pieces a motion is looked at."""
+    """Return the number of pieces of a motion."""
     spheres, pieces, bend, size = question.checked.tests.spheres, 1, 0.0, 0.0
     for group in range(len(spheres)):
         size = max(size, spheres[group])
@@ -200,7 +199,7 @@ def _first_colliding(question: MotionQuestion, room: MotionRoom, count: int, las
 
 @njit(merge=True)
 def _by_meshes(question: MotionQuestion, room: MotionRoom, c: int) -> bool:
-    """Return whether hulls do not decide whether candidate c collides."""
+    """Return whether candidate c needs meshes to be decided."""
     meshes, candidates = question.checked.meshes, room.placed.candidates
     return meshes[candidates[c, 0]] or meshes[candidates[c, 1]]
 
@@ -218,7 +217,7 @@ def _search(
 ) -> bool:
     """Halve an open interval of candidate c, the earlier half first, until it is decided.
 
-    Return whether it collides, or is undecided, before the limit, which is then where.
+    Return whether it collides, or is undecided, before the limit; the limit becomes that time.
     """
     found, times, stack, slots = room.found, room.times, room.stack, room.slots
     meshes, resolution = _by_meshes(question, room, c), question.resolution
@@ -251,7 +250,7 @@ def _search(
             if not question.first or ended:
                 found.limits[0], found.certain[0] = middle if not ended else first, True
                 return True
-            depth = 0  # what waits comes later
+            depth = 0  # waiting intervals are later
         elif ended:
             found.limits[0], found.certain[0] = first, hit < np.inf
             for k in range(PROBES):
@@ -277,7 +276,7 @@ def _search(
 def _write_span(
     spans: OpenSpans, n: int, c: int, span: tuple[float, float], room: MotionRoom
 ) -> None:
-    """Count an interval of a pair that hulls do not decide, and write it if there is room."""
+    """Count an interval of a pair that hulls do not decide; write it if there is room."""
     written, candidates = room.found.written, room.placed.candidates
     if len(spans.pairs):
         row = spans.ends[n] - spans.counts[n] + written[0]

@@ -25,7 +25,7 @@ import numpy as np
 
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
-#: What stands for the other side of a pair where a joint leaves its limits.
+#: The second name of a pair whose first name is a joint out of its limits.
 OUT_OF_LIMITS = "out of limits"
 
 
@@ -35,7 +35,7 @@ class StatePairs(NamedTuple):
     Attributes
     ----------
     states : (m,) numpy.ndarray
-        The state.
+        The row of the state.
     pairs : (m, 2) numpy.ndarray
         Rows of the report's ``names``, the smaller first.
     """
@@ -45,14 +45,14 @@ class StatePairs(NamedTuple):
 
 
 class FirstPairs:
-    """A pair of links or objects per row (n, 2), as rows of ``names``; -1 for none."""
+    """A report with a pair of links or objects per row, by number (``first_pairs``) and name."""
 
     first_pairs: Integers
     names: Sequence[str]
 
     @cached_property
     def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of the first pair of each row, or None."""
+        """(n,) the names of ``first_pairs``, None for none."""
         return [
             None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
         ]
@@ -62,21 +62,21 @@ class FirstPairs:
 
 
 class ValidityReport(FirstPairs):
-    """What is valid: within limits, and free of collisions."""
+    """A report of states or motions, which are valid within limits and free of collisions."""
 
     out_of_limits: Mask
     _things: ClassVar[str] = ""
 
     @cached_property
     def colliding(self) -> Mask:
-        """(n,) what collides, or, of motions, may."""
+        """(n,) whether it collides, or may collide, as an undecided motion."""
         return np.asarray(self.first_pairs[:, 0] >= 0)
 
     @cached_property
     def valid(self) -> Mask:
-        """(n,) what is within limits and, certainly, free."""
+        """(n,) whether it is within limits and certainly free."""
         free = np.asarray(self.first_pairs[:, 0] < 0)
-        if not self.out_of_limits.any():  # nearly always: half of the time of a single one
+        if not self.out_of_limits.any():  # usually, and it halves the time of a single state
             return free
         return np.asarray(free & ~self.out_of_limits.any(axis=1))
 
@@ -90,17 +90,19 @@ class ValidityReport(FirstPairs):
 class StateReport(ValidityReport):
     """Which states of robots are valid: within limits, and free of collisions.
 
+    ``pairs`` has the names of the first colliding pair of each state, None for none.
+
     Attributes
     ----------
     out_of_limits : (n, joints) numpy.ndarray
-        The joints that are out of their limits, or drive a joint that mimics them and is.
+        The joints that are out of their limits, or whose mimics are.
     first_pairs : (n, 2) numpy.ndarray
         A colliding pair per state, as rows of ``names``, the smaller first; -1 for none. Of several
-        pairs it is the first one in the order of tests: always the same one.
+        pairs it is always the same one, the first in the order of tests.
     names : sequence of str
-        Links, what is attached, and the objects of the scene.
+        Links, attached objects, and objects of the scene.
     all_pairs : StatePairs or None
-        Every colliding pair, where they were asked for.
+        Every colliding pair, if the check was asked for them.
     """
 
     out_of_limits: Mask
@@ -110,7 +112,7 @@ class StateReport(ValidityReport):
     _things: ClassVar[str] = " states"
 
     def pairs_of(self, state: int) -> list[tuple[str, str]]:
-        """Return the names of all colliding pairs of a state, if they were asked for.
+        """Return the names of all colliding pairs of a state.
 
         Parameters
         ----------
@@ -119,7 +121,7 @@ class StateReport(ValidityReport):
         Raises
         ------
         ValueError
-            If the check was not asked for all pairs.
+            For a report of a check without ``all_pairs=True``.
         """
         if self.all_pairs is None:
             raise ValueError("all pairs were not requested: use check(..., all_pairs=True)")
@@ -137,12 +139,11 @@ class StateDistances(FirstPairs):
     Attributes
     ----------
     distances : (n,) numpy.ndarray
-        Metres, certainly not more than that of the boxes, hulls or meshes, by the accuracy;
-        negative where they collide, by the depth of the deepest pair; infinite where no pair is
-        within ``max_distance``.
+        Metres. Lower bounds of the distance of boxes, hulls or meshes, by the accuracy; minus the
+        depth of the deepest pair in a collision; infinite if no pair is within ``max_distance``.
     upper_bounds : (n,) numpy.ndarray
-        Certainly not less than that of the shapes themselves, which meshes around cylinders, cones
-        and ellipsoids exceed; 0 where others collide.
+        Upper bounds of the distance of the shapes, which is larger than that of meshes around
+        cylinders, cones and ellipsoids; 0 in a collision of other shapes.
     first_pairs : (n, 2) numpy.ndarray
         Rows of ``names``, the smaller first; -1 for none.
     points : (n, 2, 3) numpy.ndarray
@@ -154,7 +155,7 @@ class StateDistances(FirstPairs):
     states : (n,) numpy.ndarray
         The state of each row, ascending.
     jacobians : (n, joints) numpy.ndarray or None
-        The gradients of distances by the joints, where they were asked for; NaN for none.
+        The gradients of distances by the joints, with ``jacobian=True``; NaN for no pair.
     """
 
     distances: Floats
@@ -169,17 +170,16 @@ class StateDistances(FirstPairs):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionReport(ValidityReport):
-    """Which motions are valid from start to end, between the two as well.
+    """Which motions are valid all the way from start to end.
 
     Attributes
     ----------
     fractions : (n,) numpy.ndarray
-        From 0 at the start to 1 at the end: where the motion collides, NaN where it does not.
-        With ``first=True`` it is certainly free up to there, and collides there or within
-        ``resolution`` of it.
+        Where the motion collides, from 0 at the start to 1 at the end; NaN for a free one. With
+        ``first=True`` it is certainly free up to there, and collides within ``resolution``.
     undecided : (n,) numpy.ndarray
-        Motions that count as colliding though no state of theirs was found that does: a pair comes
-        too near to be proved free.
+        Motions that count as colliding without a colliding state: a pair is too near to be proved
+        free.
     out_of_limits : (n, joints) numpy.ndarray
         The joints that leave their limits.
     first_pairs : (n, 2) numpy.ndarray
@@ -199,9 +199,9 @@ class MotionReport(ValidityReport):
 
     @cached_property
     def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of the first pair of each motion, or None.
+        """(n,) the names of ``first_pairs``, None for none.
 
-        Where nothing collides and the motion leaves limits: the first joint, and OUT_OF_LIMITS.
+        A free motion that exceeds limits has the first such joint, and OUT_OF_LIMITS.
         """
         pairs = super().pairs
         for row in np.flatnonzero(self.out_of_limits.any(axis=1)).tolist():

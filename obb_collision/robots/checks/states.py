@@ -14,11 +14,11 @@
 
 """Checks of states: which bodies of robots and of the world may collide, one state after another.
 
-A body is a shape of a link, of something attached to one, or of the world. Tests go from cheap to
-exact, and each lets through all that the next one reports: spheres, boxes by their separating axes,
-convex hulls by a direction that certainly separates them.
+A body is the shape of a link, of an attached object, or of the world. Tests go from cheap to exact,
+and each passes all pairs that the next one reports: spheres, boxes by their separating axes, convex
+hulls by a direction that certainly separates them.
 
-What runs per state is compiled into one kernel (``refcount=False``): handing the arrays of all
+The code for one state is compiled into one kernel (``refcount=False``): passing the arrays of all
 bodies to a function, and counting references to them, takes longer than most of the tests.
 """
 
@@ -56,15 +56,15 @@ from obb_collision.robots.checks.reports import StatePairs, StateReport
 from obb_collision.typing import Floats, Integers, Rows, Vector
 
 SPHERE, AABB, HULL = (int(level) for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.HULL))
-#: States below which a second thread does not pay: 0.1 ms of them.
+#: Minimum number of states for a second thread: they take 0.1 ms.
 FEWEST_STATES = 64
 
 
 class StateQuestion(NamedTuple):
-    """States (n, joints) in which bodies are looked for that may collide on a level.
+    """States (n, joints) to check for bodies that may collide on a level.
 
-    bodies, pairs: distances within which they count as colliding, as in ``PairValues``; first: only
-    the first pair of each state.
+    bodies, pairs: distances within which bodies count as colliding, see ``PairValues``; first:
+    whether the first pair of each state is enough.
     """
 
     checked: Checked
@@ -75,8 +75,8 @@ class StateQuestion(NamedTuple):
     first: bool
 
 
-class Found(NamedTuple):
-    """Pairs of bodies (m, 2), those of state n up to row ``ends[n]``, and their numbers (n,)."""
+class CollidingPairs(NamedTuple):
+    """Pairs of bodies (m, 2): of state n ``counts[n]`` pairs, up to row ``ends[n]``."""
 
     counts: Integers
     ends: Integers
@@ -85,11 +85,12 @@ class Found(NamedTuple):
 
 @njit(merge=True)
 def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: bool) -> int:
-    """Write the pairs whose spheres overlap to candidates; return their number.
+    """Write the pairs whose spheres overlap to the candidates; return their number.
 
-    near: distances within which they count as colliding, metres, in its row. First the world, from
-    the last link on: tips collide most. stop: whether to end with a pair that certainly collides,
-    by balls within the bodies; it is then the first candidate, and the number is -1.
+    near: distances within which bodies count as colliding, m; row: that of the state. Pairs with
+    the world come first, from the last link on, as tips collide most. stop: whether to end with a
+    pair that certainly collides, by balls within bodies; it is then the first candidate, and the
+    number is -1.
     """
     bodies, tests = checked.bodies, checked.tests
     nodes, starts, order = tests.nodes, tests.levels, tests.order
@@ -163,7 +164,7 @@ def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: b
 def may_collide(
     bodies: LinkBodies, placed: Placed, i: int, j: int, grown: float, level: int
 ) -> bool:
-    """Return whether bodies i and j are not certainly farther apart than ``grown`` on a level."""
+    """Return whether bodies i and j may be within a distance ``grown``, on a level."""
     center, other = vector_at(placed.centers, i), vector_at(placed.centers, j)
     grown += slack_of(bodies, i, center) + slack_of(bodies, j, other)
     d = minus(other, center)
@@ -189,7 +190,7 @@ def may_collide(
 
 @njit
 def square_distance(b: BoxAt, d: Vector) -> float:
-    """Return the square of the distance of a point from a box; d: of the box's centre from it."""
+    """Return the squared distance of a point from a box; d: from the point to the box's centre."""
     x, y, z = components(b.axes, d)
     f = b.half_extents
     x, y, z = max(abs(x) - f[0], 0.0), max(abs(y) - f[1], 0.0), max(abs(z) - f[2], 0.0)
@@ -198,7 +199,7 @@ def square_distance(b: BoxAt, d: Vector) -> float:
 
 @njit
 def _bounds_touch(d: Vector, a: BoxAt, b: BoxAt) -> bool:
-    """Return whether the world-axis-aligned boxes around two boxes have a common point."""
+    """Return whether the axis-aligned bounds of two boxes have a common point."""
     for k in range(3):
         reach = 0.0
         for m in range(3):
@@ -212,7 +213,7 @@ def _bounds_touch(d: Vector, a: BoxAt, b: BoxAt) -> bool:
 def _hulls_apart(
     bodies: LinkBodies, placed: Placed, i: int, j: int, d: Vector, grown: float
 ) -> bool:
-    """Return whether a direction certainly separates two hulls; d: from one centre to the other."""
+    """Return whether a direction certainly separates two hulls; d: from centre to centre."""
     a = place_at(placed.positions, placed.rotations, bodies.frames[i])
     b = place_at(placed.positions, placed.rotations, bodies.frames[j])
     pose = relative_pose(a, b, bodies.radii[i] + bodies.radii[j])
@@ -225,29 +226,29 @@ def _hulls_apart(
 @njit
 def pairs_kernel(
     held: Held,
-    asked: tuple[int, Floats, Floats, Floats, bool],
-    found: tuple[Integers, Integers, Integers],
+    question: tuple[int, Floats, Floats, Floats, bool],
+    output: tuple[Integers, Integers, Integers],
     start: int,
     stop: int,
 ) -> None:
-    """Write the pairs of bodies that may collide in each state; without room, their numbers.
+    """Write the pairs of bodies that may collide in each state; without room for pairs, counts.
 
-    The first pair alone is written as those whose bodies they are, the smaller row of names first.
-    States whose number is 0 are left out if there is room. asked, found: ``StateQuestion`` and
-    ``Found`` as plain tuples, which take a third of the time to come from Python.
+    With ``first``, rows of names are written instead of bodies, the smaller first. If there is room
+    for pairs, states with count 0 are skipped. question, output: ``StateQuestion`` and
+    ``CollidingPairs`` as plain tuples, which arrive from Python in a third of the time.
     """
-    question = StateQuestion(held.value, *asked)
-    _fill_pairs(question, Found(*found), new_placed(question.checked), start, stop)
+    asked = StateQuestion(held.value, *question)
+    _fill_pairs(asked, CollidingPairs(*output), new_placed(asked.checked), start, stop)
 
 
 @njit(inline=True, refcount=False)
 def _fill_pairs(
-    question: StateQuestion, found: Found, placed: Placed, start: int, stop: int
+    question: StateQuestion, output: CollidingPairs, placed: Placed, start: int, stop: int
 ) -> None:
     checked, level, states = question.checked, question.level, question.states
     near = PairValues(question.bodies, question.pairs)
     first, bodies = question.first, checked.bodies
-    counts, ends, pairs = found.counts, found.ends, found.pairs
+    counts, ends, pairs = output.counts, output.ends, output.pairs
     for n in range(start, stop):
         if len(pairs) and counts[n] == 0:
             continue
@@ -270,26 +271,26 @@ def _fill_pairs(
 
 
 def first_pairs(prepared: Prepared, accuracy: Accuracy, states: Floats) -> Integers:
-    """Return a pair (n, 2) that may collide in each state, as rows of names, -1 for none."""
+    """Return a pair (n, 2) that may collide in each state, as rows of names; -1 for none."""
     count = len(states)
     ends, pairs = np.arange(1, count + 1), np.empty((count, 2), np.int64)
     pairs.fill(-1)
-    asked = int(accuracy), states, *prepared.touching, True
-    run(pairs_kernel, count, FEWEST_STATES, prepared.held, asked, (ends, ends, pairs))
+    question = int(accuracy), states, *prepared.touching, True
+    run(pairs_kernel, count, FEWEST_STATES, prepared.held, question, (ends, ends, pairs))
     return pairs
 
 
 def all_pairs(
     prepared: Prepared, accuracy: Accuracy, states: Floats, near: PairValues
 ) -> tuple[Rows, Integers]:
-    """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide.
+    """Return all pairs (m, 2) of bodies that may collide, and their states (m,), ascending.
 
-    near: distances within which they count as colliding.
+    near: distances within which bodies count as colliding.
     """
     counts = np.zeros(len(states), np.int64)
     question = prepared.held, (int(accuracy), states, *near, False)
-    found = counts, counts, np.empty((0, 2), np.int64)
-    run(pairs_kernel, len(states), FEWEST_STATES, *question, found)
+    no_room = np.empty((0, 2), np.int64)
+    run(pairs_kernel, len(states), FEWEST_STATES, *question, (counts, counts, no_room))
     pairs = np.empty((int(counts.sum()), 2), np.int64)
     run(pairs_kernel, len(states), FEWEST_STATES, *question, (counts, np.cumsum(counts), pairs))
     return np.repeat(np.arange(len(states)), counts), pairs
@@ -298,25 +299,26 @@ def all_pairs(
 def check_states(
     prepared: Prepared, accuracy: Accuracy, states: Floats, every: bool
 ) -> StateReport:
-    """Return which states (n, joints) are valid; every: with all colliding pairs."""
+    """Return which states (n, joints) are valid; every: whether to find all colliding pairs."""
     first = first_pairs(prepared, accuracy, states)
-    found = None
+    colliding = None
     if accuracy == Accuracy.MESH:
         rows = np.flatnonzero(first[:, 0] >= 0)
         near = np.ascontiguousarray(states[rows])
         numbers, pairs = all_pairs(prepared, accuracy, near, prepared.touching)
         kept = mesh_collisions_of(prepared, near[numbers], pairs)
-        found = _named_pairs(prepared, rows[numbers[kept]], pairs[kept])
+        colliding = _named_pairs(prepared, rows[numbers[kept]], pairs[kept])
         first = np.full_like(first, -1)
-        rows, places = np.unique(found.states, return_index=True)
-        first[rows] = found.pairs[places]
+        rows, places = np.unique(colliding.states, return_index=True)
+        first[rows] = colliding.pairs[places]
     elif every:
-        found = _named_pairs(prepared, *all_pairs(prepared, accuracy, states, prepared.touching))
+        rows, pairs = all_pairs(prepared, accuracy, states, prepared.touching)
+        colliding = _named_pairs(prepared, rows, pairs)
     out = prepared.limits.exceeded(states)
-    return StateReport(out, first, prepared.names, found if every else None)
+    return StateReport(out, first, prepared.names, colliding if every else None)
 
 
 def _named_pairs(prepared: Prepared, states: Rows, pairs: Integers) -> StatePairs:
-    """Return pairs of bodies as those of links and objects, each once per state."""
+    """Return pairs of bodies as pairs of links and objects, each once per state."""
     unique = np.unique(np.column_stack([states, prepared.owners_of(pairs)]), axis=0)
     return StatePairs(unique[:, 0], unique[:, 1:])

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,18 +27,32 @@ from obb_collision.robots.description.urdf import Description, Joint, JointKind,
 from obb_collision.robots.kinematics.kinematics import Tree
 from obb_collision.typing import Floats
 
-#: What is added to the name of a joint with several variables, as in MoveIt.
+#: Suffixes of the variables of joints with several, as in MoveIt.
 VARIABLES = {
     JointKind.PLANAR: ("x", "y", "theta"),
     JointKind.FLOATING: ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z", "rot_w"),
 }
-#: Most joints that mimic one another in a row.
+#: Maximum length of a chain of joints that mimic one another.
 MOST_MIMICS = 100
 X, Y, Z = np.eye(3)
 
 
+class Mechanism(Protocol):
+    """A ``Robot`` as checks and proofs use it."""
+
+    link_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    lower: Floats
+    upper: Floats
+    joints: tuple[Joint, ...]
+    shapes: tuple[tuple[PlacedShape, ...], ...]
+    tree: Tree
+    disabled_pairs: Pairs
+    adjacent_pairs: Pairs
+
+
 def virtual_joint_of(virtual: VirtualJoint | None, description: Description) -> Joint | None:
-    """Return the joint that stands for the virtual one of an SRDF; None if it does not move."""
+    """Return the virtual joint of an SRDF as a joint; None if it does not move."""
     if virtual is None or virtual.kind is JointKind.FIXED:
         return None
     return Joint(virtual.name, virtual.kind, "", virtual.child_link, description.element)
@@ -50,7 +64,7 @@ def adjacent_pairs(joints: list[Joint], shapes: dict[str, tuple[PlacedShape, ...
     for joint in joints:
         neighbours[joint.parent].append(joint.child)
         neighbours[joint.child].append(joint.parent)
-    found = set()
+    pairs = set()
     for link in shapes:
         seen, waiting = {link}, neighbours[link][:] if shapes[link] else []
         while waiting:
@@ -59,14 +73,14 @@ def adjacent_pairs(joints: list[Joint], shapes: dict[str, tuple[PlacedShape, ...
                 continue
             seen.add(other)
             if shapes[other]:
-                found.add(sorted_pair(link, other))
+                pairs.add(sorted_pair(link, other))
             else:
                 waiting += neighbours[other]
-    return frozenset(found)
+    return frozenset(pairs)
 
 
 class Variables(NamedTuple):
-    """The variables of a state: names, limits, and of each joint the first one (-1: none)."""
+    """The variables of a state: names, limits, and the first one of each joint by its name."""
 
     names: tuple[str, ...]
     lower: Floats
@@ -76,7 +90,7 @@ class Variables(NamedTuple):
 
 
 def ordered_joints(description: Description) -> tuple[str, list[Joint]]:
-    """Return the root link, and the joints with those of parents first: depth first, as written.
+    """Return the root link and the joints, parents before children, depth first in file order.
 
     RobotError for loops, for links with two parents and for several roots.
     """
@@ -107,7 +121,7 @@ def ordered_joints(description: Description) -> tuple[str, list[Joint]]:
 
 
 def variables_of(joints: list[Joint]) -> Variables:
-    """Return the variables of joints that move and mimic no other one, in the order of joints."""
+    """Return the variables of the joints that move and do not mimic, in the order of joints."""
     names: list[str] = []
     limits: list[tuple[float, float, float]] = []
     first: dict[str, int] = {}
@@ -127,9 +141,9 @@ def variables_of(joints: list[Joint]) -> Variables:
 
 
 def driven(joint: Joint, joints: dict[str, Joint]) -> tuple[str, float, float]:
-    """Return the joint that drives a joint in the end (itself if it mimics none), and how.
+    """Return the joint that a joint mimics in the end, or itself, with multiplier and offset.
 
-    RobotError for joints that mimic in a circle, what does not exist, or what has not one value.
+    RobotError for mimics in a circle, and for a mimicked joint without exactly one variable.
     """
     name, multiplier, offset = joint.name, 1.0, 0.0
     for _ in range(MOST_MIMICS):
@@ -150,9 +164,9 @@ def driven(joint: Joint, joints: dict[str, Joint]) -> tuple[str, float, float]:
 def tree_of(
     root: str, joints: list[Joint], variables: Variables, virtual: Joint | None
 ) -> tuple[tuple[str, ...], Tree]:
-    """Return the names of the links, the root's first, and the tree; row k is link k's joint.
+    """Return the names of the links, the root first, and the tree, whose row k is link k's joint.
 
-    joints: those of parents first. The root's own row is that of the virtual joint, if that moves.
+    joints: parents before children. virtual: the joint of the root, None if the root does not move.
     """
     by_name = {joint.name: joint for joint in (virtual, *joints) if joint is not None}
     links = (root, *(joint.child for joint in joints))
@@ -184,7 +198,7 @@ def tree_of(
 
 
 def _fill_row(tree: Tree, row: int, joint: Joint) -> None:
-    """Write what does not move: the origin, and the axes of the joint in the parent's frame."""
+    """Write the constants of a joint: its origin and axes in the frame of the parent."""
     origin = np.array(joint.pose[3:])
     tree.translations[row], tree.rotations[row] = joint.pose[:3], origin
     planar = joint.kind in (JointKind.PLANAR, JointKind.FLOATING)

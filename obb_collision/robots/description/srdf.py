@@ -21,9 +21,9 @@ from typing import NamedTuple
 from obb_collision.robots.description.urdf import Joint, JointKind
 from obb_collision.robots.description.xml_values import Element, limited, named
 
-#: Maximum number of groups, and of what all of them hold: a hundred times that of large robots.
+#: Maximum number of groups, and of their elements in all: a hundred times those of large robots.
 MOST_GROUPS, MOST_MEMBERS = 1000, 10_000
-#: Doubts that are reported; a file with more has one cause.
+#: Maximum number of doubts that are kept; a file with more has one cause.
 MOST_DOUBTS = 100
 #: Pairs of links, each sorted.
 Pairs = frozenset[tuple[str, str]]
@@ -32,7 +32,7 @@ VIRTUAL = {"fixed": JointKind.FIXED, "planar": JointKind.PLANAR, "floating": Joi
 
 
 class VirtualJoint(NamedTuple):
-    """How the robot stands in the world: the joint between a frame and its root link."""
+    """The joint between a frame of the world and the root link."""
 
     name: str
     kind: JointKind
@@ -48,9 +48,10 @@ class Group(NamedTuple):
 
 
 class Semantics(NamedTuple):
-    """What an SRDF says.
+    """The content of an SRDF.
 
-    doubts: what it names that the robot has not, one line each; unknown: the links among these.
+    doubts: names that the robot does not have, and other faults that were ignored, one line each;
+    unknown: the names of links among them.
     """
 
     virtual_joint: VirtualJoint | None
@@ -64,11 +65,11 @@ class Semantics(NamedTuple):
     unknown: tuple[str, ...]
 
 
-NOTHING = Semantics(None, frozenset(), frozenset(), (), {}, {}, {}, (), ())
+NO_SEMANTICS = Semantics(None, frozenset(), frozenset(), (), {}, {}, {}, (), ())
 
 
 def sorted_pair(a: str, b: str) -> tuple[str, str]:
-    """Return two names in their order."""
+    """Return two names in alphabetical order."""
     return (a, b) if a <= b else (b, a)
 
 
@@ -82,7 +83,8 @@ def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joi
             "would not be checked; give both the same name if they are of one robot"
         )
     reader = _Reader(srdf, links, joints)
-    defaults = [reader.link(each, "link") for each in srdf.children("disable_default_collisions")]
+    elements = srdf.children("disable_default_collisions")
+    defaults = [reader.link(element, "link") for element in elements]
     disabled = reader.pairs("disable_collisions")
     return Semantics(
         reader.virtual_joint(),
@@ -98,7 +100,7 @@ def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joi
 
 
 class _Reader:
-    """Reads an SRDF; names that the robot has not are doubts, as in MoveIt, and no errors."""
+    """Reads an SRDF; unknown names are doubts and not errors, as in MoveIt."""
 
     def __init__(self, srdf: Element, links: tuple[str, ...], joints: list[Joint]) -> None:
         self._srdf, self._links, self._joints = srdf, links, joints
@@ -109,12 +111,12 @@ class _Reader:
         self.unknown: dict[str, None] = {}
 
     def doubt(self, element: Element, reason: str) -> None:
-        """Add what is odd but can be used."""
+        """Note a fault that is ignored."""
         if len(self.doubts) < MOST_DOUBTS:
             self.doubts.append(str(element.refuse(reason)))
 
     def link(self, element: Element, key: str) -> str | None:
-        """Return the link that an attribute names, None if the robot has none of this name."""
+        """Return the link that an attribute names; None, with a doubt, if there is none."""
         name = element.word(key)
         if name in self._is_link:
             return name
@@ -124,15 +126,12 @@ class _Reader:
 
     def pairs(self, tag: str) -> Pairs:
         """Return the pairs of all elements of a tag."""
-        found = set()
-        for element in self._srdf.children(tag):
-            a, b = self.link(element, "link1"), self.link(element, "link2")
-            if a is not None and b is not None:
-                found.add(sorted_pair(a, b))
-        return frozenset(found)
+        elements = self._srdf.children(tag)
+        links = [(self.link(e, "link1"), self.link(e, "link2")) for e in elements]
+        return frozenset(sorted_pair(a, b) for a, b in links if a is not None and b is not None)
 
     def virtual_joint(self) -> VirtualJoint | None:
-        """Return the virtual joint of the root; others are doubts."""
+        """Return the virtual joint of the root link; further ones are doubts."""
         chosen = None
         for element in self._srdf.children("virtual_joint"):
             kind, child = element.choice("type", VIRTUAL), element.word("child_link")
@@ -148,12 +147,10 @@ class _Reader:
         return chosen
 
     def groups(self) -> dict[str, Group]:
-        """Return all groups, with what their subgroups have."""
-        found = limited(self._srdf.children("group"), MOST_GROUPS, "groups")
-        limited(
-            [part for each in found for part in each.children()], MOST_MEMBERS, "parts of groups"
-        )
-        elements = named(found, "group")
+        """Return all groups, including the members of their subgroups."""
+        groups = limited(self._srdf.children("group"), MOST_GROUPS, "groups")
+        limited([part for g in groups for part in g.children()], MOST_MEMBERS, "parts of groups")
+        elements = named(groups, "group")
         members = {name: self._members(element) for name, element in elements.items()}
         return {name: self._group(name, elements, members) for name in elements}
 
@@ -163,7 +160,7 @@ class _Reader:
         elements: dict[str, Element],
         members: dict[str, tuple[set[str], list[str]]],
     ) -> Group:
-        """Return a group with all that its subgroups have, and theirs."""
+        """Return a group, including the members of its subgroups."""
         seen, waiting = {name}, [name]
         links: set[str] = set()
         while waiting:
@@ -191,7 +188,7 @@ class _Reader:
                 below.append(element.word("name"))
             elif element.tag == "chain":
                 links.update(joint.child for joint in self._chain(element))
-            elif element.tag == "joint":  # the virtual joint is none of the URDF's
+            elif element.tag == "joint":  # the virtual joint is not in the URDF
                 joint = self._by_name.get(element.word("name"))
                 links |= set() if joint is None else {joint.child}
             elif element.tag == "link" and (link := self.link(element, "name")) is not None:
@@ -212,16 +209,16 @@ class _Reader:
 
     def end_effectors(self) -> dict[str, str]:
         """Return the group of each end effector, by its name."""
-        found = limited(self._srdf.children("end_effector"), MOST_GROUPS, "end effectors")
-        return {element.word("name"): element.word("group") for element in found}
+        tools = limited(self._srdf.children("end_effector"), MOST_GROUPS, "end effectors")
+        return {element.word("name"): element.word("group") for element in tools}
 
     def group_states(self) -> dict[tuple[str, str], dict[str, tuple[float, ...]]]:
-        """Return the values of joints by the group and the name of the state."""
-        found: dict[tuple[str, str], dict[str, tuple[float, ...]]] = {}
+        """Return the values of joints by group and name of the state."""
+        states: dict[tuple[str, str], dict[str, tuple[float, ...]]] = {}
         for state in self._srdf.children("group_state"):
             values = {}
             for element in state.children("joint"):
                 count = len(element.text("value").split())
                 values[element.word("name")] = element.numbers("value", max(count, 1))
-            found[state.word("group"), state.word("name")] = values
-        return found
+            states[state.word("group"), state.word("name")] = values
+        return states

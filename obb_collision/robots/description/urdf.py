@@ -14,8 +14,8 @@
 
 """URDF: links with their collision geometries, joints with their limits.
 
-What it says of appearance, masses and simulation is left alone. Sizes are as written, meshes are
-read from their files, and origins become poses.
+Appearance, masses and simulation are ignored. Sizes stay as in the file, meshes are read from their
+files, and origins become poses.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ from obb_collision.words import MAX_PATH, shown
 
 #: Maximum number of links, ten times that of humanoids with hands: pairs of them are listed.
 MOST_LINKS = 1000
-#: Maximum number of collision geometries: all pairs of them are listed, and in a node, where no
-#: cycle runs meanwhile, adding one takes 0.1 to 0.3 ms. 10,000 took 11 s and 1.8 GB.
+#: Maximum number of collision geometries: all their pairs are listed, and adding one takes a node
+#: 0.1 to 0.3 ms, in which no cycle runs. 10,000 took 11 s and 1.8 GB.
 MOST_GEOMETRIES = 2000
-#: The kinds of geometry, and shape of capsules that URDF has from its version 1.2 on.
+#: The kinds of geometry; URDF has capsules from its version 1.2 on.
 GEOMETRIES = ("box", "sphere", "cylinder", "capsule", "mesh")
-#: Where packages are: a folder by name, or folders in which packages are.
+#: Folders by the name of their package, or folders that contain packages.
 PackageDirs = Mapping[str, str | Path] | Iterable[str | Path] | MeshFolders
 #: Reads a mesh file, with a scale.
 ReadMesh = Callable[[Path, Triple], Mesh]
@@ -81,7 +81,7 @@ KINDS = {kind.name.lower(): kind for kind in JointKind}
 
 
 class Mimic(NamedTuple):
-    """A joint's value is that of another one times a multiplier, plus an offset."""
+    """The joint that determines another one's value: times a multiplier, plus an offset."""
 
     joint: str
     multiplier: float
@@ -90,7 +90,7 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint; axis: unit vector, None where none is written; limits infinite where none hold."""
+    """A joint. axis: unit vector, None if the file has none; limits: infinite if there are none."""
 
     name: str
     kind: JointKind
@@ -114,7 +114,7 @@ class Joint:
 class Description:
     """A robot: shapes by link, and joints, both in the order of the file.
 
-    doubts: what is odd but can be used, one line each.
+    doubts: faults that were ignored, one line each.
     """
 
     name: str
@@ -125,7 +125,7 @@ class Description:
 
 
 class MeshSource:
-    """Where the meshes of a robot are: its URDF's folder and package, and folders of packages."""
+    """Finds and reads the meshes of a robot: beside its URDF, in its package, and in others."""
 
     def __init__(
         self, file: Path | None, package_dirs: PackageDirs | None, read: ReadMesh | None
@@ -136,16 +136,16 @@ class MeshSource:
         self._folders = _mesh_folders(package_dirs)
         self._option = "mesh_folders" if isinstance(package_dirs, MeshFolders) else "package_dirs"
         self._folder = None if file is None else file.absolute().parent
-        self._found: dict[tuple[str, Triple], Mesh] = {}
+        self._meshes: dict[tuple[str, Triple], Mesh] = {}
 
     def mesh(self, name: str, scale: Triple) -> Mesh:
-        """Return a mesh; ValueError with the reason where there is none. Each is read once."""
-        if (name, scale) not in self._found:
-            self._found[name, scale] = self._scaled(name, scale)
-        return self._found[name, scale]
+        """Return a mesh, which is read once; ValueError with the reason if it cannot be read."""
+        if (name, scale) not in self._meshes:
+            self._meshes[name, scale] = self._scaled(name, scale)
+        return self._meshes[name, scale]
 
     def _scaled(self, name: str, scale: Triple) -> Mesh:
-        """Return a mesh whose scale may be negative: then the mesh is mirrored."""
+        """Read a mesh; it is mirrored along axes of negative scale."""
         x, y, z = (abs(part) for part in scale)
         path, own = self._path(name)
         try:
@@ -153,10 +153,9 @@ class MeshSource:
             mesh = self._read(allowed, (x, y, z))
         except ValueError as error:
             reason = str(error)
-            named = (
-                reason if "mesh file" in reason else f"mesh file {shortened(str(path))}: {reason}"
-            )
-            raise (EmptyMeshError if is_empty(error) else ValueError)(named) from error
+            if "mesh file" not in reason:
+                reason = f"mesh file {shortened(str(path))}: {reason}"
+            raise (EmptyMeshError if is_empty(error) else ValueError)(reason) from error
         signs = np.sign(scale)
         if (signs > 0.0).all():
             return mesh
@@ -164,7 +163,7 @@ class MeshSource:
         return Mesh(mesh.vertices * signs, faces, mesh.scale, mesh.fit)
 
     def _path(self, name: str) -> tuple[Path, list[Path]]:
-        """Return the path that a name leads to, and the folders of the description itself."""
+        """Return the path of a mesh, and the description's own folders."""
         folder = self._folder
         own = [] if folder is None else [source_folder(folder / "urdf") or folder]
         if name.startswith(PACKAGE):
@@ -181,7 +180,7 @@ class MeshSource:
         except (ValueError, OSError) as error:  # OSError: no environment of ROS is set
             package, _, inside = name.removeprefix(PACKAGE).lstrip("/").partition("/")
             for above in () if self._folder is None else (self._folder, *self._folder.parents):
-                if above.name == package:  # the URDF's own package, which is not installed
+                if above.name == package:  # the URDF's own package is not installed
                     return above / inside, [*own, above]
             raise ValueError(
                 f"mesh file {shortened(name)}: package {package!r} is in none of {self._option}, "
@@ -189,12 +188,13 @@ class MeshSource:
             ) from None
 
 
-def _mesh_folders(given: Any) -> MeshFolders:
-    """Return folders by the name of a package, and folders in which packages are."""
-    if isinstance(given, MeshFolders):
-        return given
-    named = dict(given) if isinstance(given, Mapping) else {}
-    folders = [] if given is None or isinstance(given, Mapping) else given
+def _mesh_folders(package_dirs: Any) -> MeshFolders:
+    """Return the argument ``package_dirs`` as folders: by package, and containing packages."""
+    if isinstance(package_dirs, MeshFolders):
+        return package_dirs
+    named = dict(package_dirs) if isinstance(package_dirs, Mapping) else {}
+    is_list = package_dirs is not None and not isinstance(package_dirs, Mapping)
+    folders = package_dirs if is_list else []
     folders = [folders] if isinstance(folders, (str, Path)) else folders
     check_kind(folders, Sequence, "package_dirs", set, frozenset)
     for name in named:
@@ -207,12 +207,12 @@ def _mesh_folders(given: Any) -> MeshFolders:
 def read_urdf(robot: Element, source: MeshSource, doubts: list[str]) -> Description:
     """Read a URDF; RobotError names file, line and element.
 
-    doubts: what is odd in its XML; what is odd in it is added.
+    doubts: faults of its XML that were ignored; those of its content are added.
     """
     if robot.tag != "robot":
         raise robot.refuse("the root of a URDF is <robot>")
     elements = limited(robot.children("link"), MOST_LINKS, "links")
-    geometries = [one for element in elements for one in element.children("collision")]
+    geometries = [part for element in elements for part in element.children("collision")]
     limited(geometries, MOST_GEOMETRIES, "collision geometries")
     links = named(elements, "link")
     if not links:
@@ -237,29 +237,29 @@ def read_urdf(robot: Element, source: MeshSource, doubts: list[str]) -> Descript
 
 
 def _read_collisions(link: Element, source: MeshSource, doubts: list[str]) -> Iterator[PlacedShape]:
-    """Yield the shapes of a link; what has no extent is a doubt."""
+    """Yield the shapes of a link; geometries without extent are doubts."""
     for element in link.children("collision"):
         try:
             yield _read_collision(element, source)
-        except _NothingError as error:
+        except _NoExtentError as error:
             doubts.append(str(error))
 
 
 def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
-    """Return the shape of an element; _NothingError where it has no extent."""
+    """Return the shape of an element; _NoExtentError for a geometry without extent."""
     geometry = element.needed("geometry")
-    found = geometry.children(*GEOMETRIES)
-    if len(found) != 1:
-        what = "none" if not found else f"{len(found)}"
-        raise geometry.refuse(f"it must hold one of {', '.join(GEOMETRIES)}, got {what}")
-    (shaped,) = found
+    parts = geometry.children(*GEOMETRIES)
+    if len(parts) != 1:
+        reason = f"it must hold one of {', '.join(GEOMETRIES)}, got {len(parts) or 'none'}"
+        raise geometry.refuse(reason)
+    (shaped,) = parts
     try:
         shape = _mesh(shaped, source) if shaped.tag == "mesh" else _primitive(shaped)
         _ = shape.local_box
     except RobotError:
         raise
     except EmptyMeshError as error:
-        raise _nothing(shaped, str(error)) from error
+        raise _no_extent(shaped, str(error)) from error
     except ValueError as error:
         raise shaped.refuse(str(error)) from error
     except MemoryError as error:
@@ -267,13 +267,13 @@ def _read_collision(element: Element, source: MeshSource) -> PlacedShape:
     return shape, _read_origin(element)
 
 
-class _NothingError(RobotError):
-    """A geometry that has no extent, and is left out."""
+class _NoExtentError(RobotError):
+    """A geometry has no extent and is left out."""
 
 
-def _nothing(element: Element, reason: str) -> _NothingError:
+def _no_extent(element: Element, reason: str) -> _NoExtentError:
     error = element.refuse(f"{reason}: it is left out")
-    return _NothingError(error.file, error.line, error.element, error.reason)
+    return _NoExtentError(error.file, error.line, error.element, error.reason)
 
 
 def _primitive(element: Element) -> Shape:
@@ -281,7 +281,7 @@ def _primitive(element: Element) -> Shape:
         return Box(element.numbers("size", 3))
     radius = element.number("radius")
     if radius == 0.0:
-        raise _nothing(element, "its radius is 0")
+        raise _no_extent(element, "its radius is 0")
     if element.tag == "sphere":
         return Sphere(radius)
     length = element.number("length")
@@ -318,7 +318,7 @@ def _read_origin(element: Element) -> Pose:
 
 
 def _read_axis(element: Element, kind: JointKind) -> Triple | None:
-    """Return the unit vector; where there is none, zeros are often written."""
+    """Return the unit axis of a joint, None if it has none; files often have zeros then."""
     axis = None if kind in (JointKind.FIXED, JointKind.FLOATING) else element.child("axis")
     if axis is None or axis.get("xyz") is None:
         return None
@@ -362,9 +362,9 @@ def _read_mimic(element: Element, kind: JointKind) -> Mimic | None:
 
 
 def description_text(urdf: Path) -> str:
-    """Return the text of a URDF, its meshes by ``file://``: on a topic it has no folder.
+    """Return the text of a URDF with meshes as ``file://`` URIs: on a topic it has no folder.
 
-    ValueError where it is no XML.
+    ValueError for a file that is not XML.
     """
     from lxml import etree  # here, as what needs no robots need not load it
 

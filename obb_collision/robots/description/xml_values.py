@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""XML from anywhere, read within limits, and its values; errors name file, line and element.
+"""XML of unknown origin, read within limits, and its values; errors name file, line and element.
 
-Nothing is fetched and nothing expanded: a document type, which defines entities and may refer to
+No file is fetched and no entity expanded: a document type, which defines entities and may refer to
 other files, is refused.
 """
 
@@ -40,19 +40,19 @@ LARGEST = 16_000_000
 MOST_LEVELS = 60
 #: Maximum number of elements: a hundred times that of the largest robots.
 MOST_ELEMENTS = 400_000
-#: Bytes that are parsed between two looks at the limits.
+#: Bytes that are parsed between two checks of the limits.
 PORTION = 1 << 14
-#: The declaration of a text that is decoded already says nothing of use.
+#: The XML declaration, whose encoding is wrong for a text that is decoded already.
 DECLARATION = re.compile(r"\A\s*<\?xml[^>]*\?>")
-#: The namespace of files that are to become XML by the program xacro.
+#: The namespace of sources for the program xacro.
 XACRO, XACRO_PREFIX = "ros.org/wiki/xacro", "xacro:"
 
 
 class RobotError(ValueError):
     """A description of a robot that cannot be used: ``FILE:LINE: ELEMENT: REASON``.
 
-    file, line (from 1; 0: the file itself), element (such as ``joint "elbow"``) and reason can be
-    printed and sent whatever is in the file.
+    file, line (from 1; 0: the file itself), element (such as ``joint "elbow"``) and reason are
+    printable text, whatever the file contains.
     """
 
     def __init__(self, file: str, line: int, element: str, reason: str) -> None:
@@ -63,8 +63,8 @@ class RobotError(ValueError):
         super().__init__(": ".join(part for part in (where, self.element, self.reason) if part))
 
 
-class Gone(NamedTuple):
-    """What is left of an element that was pickled."""
+class PickledNode(NamedTuple):
+    """Replaces the XML node of a pickled element; it keeps the line."""
 
     sourceline: int
 
@@ -80,8 +80,8 @@ class Element:
         self.label = label if name is not None or not within else f"{label} of {within}"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Keep the line of the element, which errors name; its tree is not pickled."""
-        return {**vars(self), "node": Gone(self.line)}
+        """Pickle the line of the element, which errors name, but not its tree."""
+        return {**vars(self), "node": PickledNode(self.line)}
 
     @property
     def line(self) -> int:
@@ -93,7 +93,7 @@ class Element:
         return RobotError(self._file, self.line, self.label, reason)
 
     def children(self, *tags: str) -> list[Element]:
-        """Return the children of some tags, or all, in the order of the file."""
+        """Return the children with one of the tags, or all, in the order of the file."""
         return [
             Element(node, self._file, self.label)
             for node in self.node
@@ -102,17 +102,17 @@ class Element:
 
     def child(self, tag: str) -> Element | None:
         """Return the child of a tag, None without one; RobotError for several."""
-        found = self.children(tag)
-        if len(found) > 1:
-            raise found[1].refuse(f"it occurs {len(found)} times; once is expected")
-        return found[0] if found else None
+        children = self.children(tag)
+        if len(children) > 1:
+            raise children[1].refuse(f"it occurs {len(children)} times; once is expected")
+        return children[0] if children else None
 
     def needed(self, tag: str) -> Element:
         """Return the child of a tag; RobotError without one."""
-        found = self.child(tag)
-        if found is None:
+        child = self.child(tag)
+        if child is None:
             raise self.refuse(f"<{tag}> is missing")
-        return found
+        return child
 
     def get(self, key: str) -> str | None:
         """Return an attribute, None without it."""
@@ -152,7 +152,7 @@ class Element:
     def numbers(
         self, key: str, count: int, default: Sequence[float] | None = None
     ) -> tuple[Any, ...]:
-        """Return the finite numbers of an attribute; RobotError without one and a default."""
+        """Return the finite numbers of an attribute, or the default if it is missing."""
         if default is not None and self.get(key) is None:
             return tuple(default)
         value = self.text(key)
@@ -163,7 +163,7 @@ class Element:
         return tuple(self._number(key, part) for part in parts)
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Return the finite number of an attribute; RobotError without one and a default."""
+        """Return the finite number of an attribute, or the default if it is missing."""
         return float(self.numbers(key, 1, None if default is None else (default,))[0])
 
     def _number(self, key: str, text: str) -> float:
@@ -176,7 +176,7 @@ class Element:
 
 
 def limited(elements: list[Element], most: int, what: str) -> list[Element]:
-    """Return elements; RobotError, naming the first one too many, for more than there may be."""
+    """Return elements; RobotError names the first one beyond the limit."""
     if len(elements) > most:
         raise elements[most].refuse(f"there are {len(elements)} {what}, {most} is the limit")
     return elements
@@ -184,23 +184,23 @@ def limited(elements: list[Element], most: int, what: str) -> list[Element]:
 
 def named(elements: list[Element], what: str) -> dict[str, Element]:
     """Return elements by their names; RobotError for two of the same name."""
-    found: dict[str, Element] = {}
+    by_name: dict[str, Element] = {}
     for element in elements:
-        if found.setdefault(element.word("name"), element) is not element:
+        if by_name.setdefault(element.word("name"), element) is not element:
             raise element.refuse(f"there is another {what} of this name")
-    return found
+    return by_name
 
 
 def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, str, Path | None]:
-    """Return the XML of a file or text, its name in errors, and its path (None: a text).
+    """Return the XML of a file or text, its name in errors, and its path (None for a text).
 
-    A string whose first character, but for white space, is ``<`` is a text.
+    A string is a text if its first character after white space is ``<``.
     """
     if isinstance(source, bytes):
         return source, what, None
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
         text = source.lstrip("\ufeff")
-        blank = DECLARATION.sub(lambda found: "\n" * found[0].count("\n"), text)
+        blank = DECLARATION.sub(lambda match: "\n" * match[0].count("\n"), text)
         try:
             return blank.encode(), what, None
         except UnicodeEncodeError as error:
@@ -212,9 +212,9 @@ def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, 
 
 
 def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
-    """Return the root of XML; RobotError where it is none, or exceeds a limit.
+    """Return the root element; RobotError for text that is not XML or exceeds a limit.
 
-    Faults that change nothing, such as a prefix that is not declared, are added to ``doubts``.
+    Harmless faults, such as an undeclared prefix, are added to ``doubts``.
     """
     from lxml import etree  # here, as what needs no robots need not load it
 
@@ -227,23 +227,12 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
         load_dtd=False,
         dtd_validation=False,
         huge_tree=False,
-        recover=True,  # what is not harmless is raised below
+        recover=True,  # faults that are not harmless are raised below
         remove_comments=True,
         remove_pis=True,
     )
-    count = level = 0
     try:
-        for first in range(0, len(data) + PORTION, PORTION):
-            if first < len(data):
-                parser.feed(data[first : first + PORTION])
-            else:
-                root = parser.close()
-            for event, node in parser.read_events():
-                level += 1 if event == "start" else -1
-                count += event == "start"
-                reason = _excess(node, count, level) if event == "start" else ""
-                if reason:
-                    raise RobotError(file, int(node.sourceline or 0), "", reason)
+        root = _parsed(parser, data, file)
     except etree.XMLSyntaxError as error:
         reason = f"not valid XML: {shortened(str(error.msg))}"
         raise RobotError(file, int(error.lineno or 0), "", reason) from None
@@ -256,13 +245,30 @@ def parse(data: bytes, file: str, doubts: list[str] | None = None) -> Element:
         reason, line = (fault.message, fault.line) if fault else ("there is no element", 1)
         raise RobotError(file, line, "", f"not valid XML: {shortened(reason)}")
     if doubts is not None:
-        found = {HARMLESS[one.type_name]: one.line for one in reversed(log)}
-        doubts += [str(RobotError(file, line, "", reason)) for reason, line in found.items()]
+        lines = {HARMLESS[entry.type_name]: entry.line for entry in reversed(log)}
+        doubts += [str(RobotError(file, line, "", reason)) for reason, line in lines.items()]
     return Element(root, file)
 
 
+def _parsed(parser: Any, data: bytes, file: str) -> Any:
+    """Return the root node, None without one; RobotError as soon as a limit is exceeded."""
+    root, count, level = None, 0, 0
+    for first in range(0, len(data) + PORTION, PORTION):
+        if first < len(data):
+            parser.feed(data[first : first + PORTION])
+        else:
+            root = parser.close()
+        for event, node in parser.read_events():
+            level += 1 if event == "start" else -1
+            count += event == "start"
+            reason = _excess(node, count, level) if event == "start" else ""
+            if reason:
+                raise RobotError(file, int(node.sourceline or 0), "", reason)
+    return root
+
+
 def _excess(node: Any, count: int, level: int) -> str:
-    """Return why an element is refused, "" if it is not; count, level: of elements up to it."""
+    """Return why an element is refused, "" if it is not; count, level: its number and depth."""
     if count == 1 and node.getroottree().docinfo.internalDTD is not None:
         return "a document type (<!DOCTYPE) is not read"
     if level > MOST_LEVELS:

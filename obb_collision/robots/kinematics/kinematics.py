@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From states of joints to poses of links, many states at once."""
+"""Forward kinematics: from states of joints to poses of links, many states at once."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from obb_collision.typing import Floats, Integers, Vector
 
 #: The kinds of joints, as ``urdf.JointKind`` numbers them.
 FIXED, PRISMATIC, PLANAR, FLOATING = 0, 3, 4, 5
-#: States below which a second thread does not pay.
+#: Minimum number of states for a second thread: below, it takes longer.
 FEWEST_STATES = 256
 
 
 class Tree(NamedTuple):
-    """Links by row, parents first, each with the joint between it and its parent.
+    """Links by row, parents before children, each with the joint between it and its parent.
 
     parents: rows, -1 for a root. kinds: ``urdf.JointKind``. columns: the first variable of the
     joint in a state, -1 for a fixed one; its value is multiplier times the variable plus offset.
     translations (n, 3), rotations (n, 4): the origin of the joint, in the parent's frame. turned
-    (n, 4): rotation times (axis, 0), so that a turn by an angle is cos(angle / 2) rotation +
-    sin(angle / 2) turned. directions, across (n, 3): along which the joint moves, and of a planar
-    or floating one the second of its axes, in the parent's frame.
+    (n, 4): rotation times (axis, 0); a turn by an angle is then cos(angle / 2) rotation +
+    sin(angle / 2) turned. directions (n, 3): the axis of the joint, in the parent's frame; of a
+    planar or floating joint its first axis, and across (n, 3) its second one.
     """
 
     parents: Integers
@@ -61,13 +61,14 @@ class Tree(NamedTuple):
 def checked_states(
     tree: Tree, states: ArrayLike, count: int, name: str = "states"
 ) -> tuple[Floats, bool]:
-    """Return states as (n, count), and whether one state (count,) was given.
+    """Return states as (n, count), and whether ``states`` is a single one (count,).
 
-    Raises ValueError, naming the row, for anything else and for quaternions of zeros.
+    Raises ValueError for other shapes, and, naming the row, for numbers that are not finite and
+    quaternions of zeros.
     """
     single = is_single(states)
-    given = as_array(states, name, (count,) if single else (None, count))
-    checked = given[None] if single else given
+    array = as_array(states, name, (count,) if single else (None, count))
+    checked = array[None] if single else array
     for column in tree.columns[tree.kinds == FLOATING]:
         zeros = ~np.any(checked[:, column + 3 : column + 7], axis=1)
         refuse_where(zeros, f"{name} must not have a zero quaternion", by_row=not single)
@@ -75,7 +76,7 @@ def checked_states(
 
 
 def link_poses(tree: Tree, states: Floats) -> Floats:
-    """Return the poses (n, links, 7) of links in the root's frame, of checked states (n, m)."""
+    """Return the poses (n, links, 7) of links in the root's frame, for checked states (n, m)."""
     poses = np.empty((len(states), len(tree.parents), 7))
     run(fill_link_poses, len(states), FEWEST_STATES, tree, states, poses)
     return poses
@@ -92,7 +93,7 @@ def fill_link_poses(tree: Tree, states: Floats, poses: Floats, start: int, stop:
 def place_links(tree: Tree, states: Floats, n: int, poses: Floats, m: int) -> None:
     """Write the poses of all links in state n to ``poses[m]``.
 
-    Part of what calls it: handing a tree to a function takes longer than placing a link.
+    Inlined, as passing a tree to a function takes longer than placing a link.
     """
     parents, kinds = tree.parents, tree.kinds
     for link in range(len(parents)):
@@ -129,7 +130,7 @@ def _quaternion_at(quaternions: Floats, i: int) -> Quaternion:
 
 @njit(inline=True, refcount=False)
 def _turned(turn: Quaternion, turned: Quaternion, angle: float) -> Quaternion:
-    """Return the origin of a joint turned by an angle; turned: as in ``Tree``."""
+    """Return the rotation of a joint's origin after a turn by an angle; turned: see ``Tree``."""
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
     return (
         c * turn[0] + s * turned[0],
@@ -141,7 +142,7 @@ def _turned(turn: Quaternion, turned: Quaternion, angle: float) -> Quaternion:
 
 @njit
 def _moved_freely(tree: Tree, states: Floats, n: int, link: int) -> tuple[Vector, Quaternion]:
-    """Return where a planar or floating joint moves its link, in the parent's frame."""
+    """Return position and rotation of the link of a planar or floating joint, in its parent."""
     column, kind = tree.columns[link], tree.kinds[link]
     a, b = vector_at(tree.directions, link), vector_at(tree.across, link)
     turn = _quaternion_at(tree.rotations, link)
@@ -161,7 +162,7 @@ def _moved_freely(tree: Tree, states: Floats, n: int, link: int) -> tuple[Vector
 
 @njit
 def _turned_freely(outer: Quaternion, inner: Quaternion) -> Quaternion:
-    """Return outer times inner, which is made a unit quaternion."""
+    """Return the product of outer and the normalised inner quaternion."""
     x, y, z, w = inner
     largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
     x, y, z, w = x / largest, y / largest, z / largest, w / largest
@@ -185,7 +186,7 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 def _composed(
     position: Vector, outer: Quaternion, place: Vector, turn: Quaternion
 ) -> tuple[Vector, Quaternion]:
-    """Return place and turn, given in the frame of a pose, in the frame of that pose."""
+    """Return the pose (position, outer) times the pose (place, turn)."""
     x, y, z = place
     ux, uy, uz, w = outer
     tx, ty, tz = 2.0 * (uy * z - uz * y), 2.0 * (uz * x - ux * z), 2.0 * (ux * y - uy * x)
@@ -195,6 +196,6 @@ def _composed(
         position[2] + z + w * tz + (ux * ty - uy * tx),
     )
     qx, qy, qz, qw = _product(outer, turn)
-    # one step of Newton's, so that roundings of long chains do not add up
+    # one Newton step normalises, so that roundings of long chains do not add up
     scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
     return moved, (qx * scale, qy * scale, qz * scale, qw * scale)

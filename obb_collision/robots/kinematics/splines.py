@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Splines of joints as short straight motions that they stay near to.
+"""Splines of joints, approximated by short straight motions.
 
 Between two points joints move as ``joint_trajectory_controller`` interpolates: linearly by
 positions, by cubic polynomials with velocities, by quintic ones with accelerations, too. A function
@@ -35,7 +35,7 @@ DEVIATION_GROWTH = 1.0 + 1e-6
 
 
 class Point(NamedTuple):
-    """Joints (j,) at a time (s); velocities and accelerations None where they are not given."""
+    """Joints (j,) at a time (s); velocities and accelerations are None if a message has none."""
 
     time: float
     positions: Floats
@@ -44,7 +44,7 @@ class Point(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Straight motions (p): starts, ends (p, j), their times (p,), the segment (p,) of each."""
+    """Straight motions (p,): joints (p, j) and times (p,) at both ends, and their segments (p,)."""
 
     starts: Floats
     ends: Floats
@@ -53,12 +53,12 @@ class Pieces(NamedTuple):
     segments: Integers
 
     def take(self, rows: Mask | Rows) -> Pieces:
-        """Return some of them."""
+        """Return the pieces of some rows."""
         return Pieces._make(column[rows] for column in self)
 
 
 class SplineSegments(NamedTuple):
-    """Coefficients (n, 6, j) of polynomials in the time since each start; durations (n,) (s)."""
+    """Polynomials in the time since the start: coefficients (n, 6, j), durations (n,) in s."""
 
     coefficients: Floats
     durations: Floats
@@ -70,7 +70,7 @@ class SplineSegments(NamedTuple):
         return values
 
     def deviations(self) -> Floats:
-        """Return how far each joint (n, j) can be from the chords of whole segments."""
+        """Return bounds (n, j) of how far each joint is from the chord of a segment."""
         k = np.arange(2, 6)
         scales = k * (k - 1) * self.durations[:, None] ** (k - 2.0)
         most = (scales[..., None] * np.abs(self.coefficients[:, 2:])).sum(axis=1)
@@ -79,23 +79,23 @@ class SplineSegments(NamedTuple):
 
 
 def interpolation(first: Point, last: Point) -> str:
-    """Return how joints move between two points."""
+    """Return the kind of polynomial between two points."""
     if first.velocities is None or last.velocities is None:
         return LINEAR
     return CUBIC if first.accelerations is None or last.accelerations is None else QUINTIC
 
 
 def segments_between(points: Sequence[Point]) -> SplineSegments:
-    """Return the polynomials between points at rising times, one after another."""
+    """Return the polynomials between consecutive points, at ascending times."""
     times = np.array([point.time for point in points])
     positions = np.array([point.positions for point in points])
     t, step = np.diff(times)[:, None], np.diff(positions, axis=0)
     zero = np.zeros(positions.shape[1])
     velocities, accelerations = (
-        np.array([zero if given is None else given for given in column])
+        np.array([zero if values is None else values for values in column])
         for column in ([p.velocities for p in points], [p.accelerations for p in points])
     )
-    (v, w), (a, b) = ((each[:-1], each[1:]) for each in (velocities, accelerations))
+    (v, w), (a, b) = ((rates[:-1], rates[1:]) for rates in (velocities, accelerations))
     c = np.zeros((len(t), 6, positions.shape[1]))
     c[:, 0] = positions[:-1]
     kinds = np.array([interpolation(*pair) for pair in pairwise(points)])[:, None]
@@ -114,7 +114,7 @@ def segments_between(points: Sequence[Point]) -> SplineSegments:
 
 
 def straight_pieces(points: Sequence[Point], counts: Integers) -> Pieces:
-    """Return the chords of segments between points, each divided into a number (n,) of parts."""
+    """Return the chords of the segments between points, divided into so many parts (n,)."""
     segments, rows = segments_between(points), np.repeat(np.arange(len(counts)), counts)
     numbers = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     times = np.array([point.time for point in points])
@@ -130,7 +130,7 @@ def straight_pieces(points: Sequence[Point], counts: Integers) -> Pieces:
 
 
 def state_at(points: Sequence[Point], time: float) -> Floats:
-    """Return the joints (j,) at a time not before the first point; those of the last after it."""
+    """Return the joints (j,) at a time, from the first point on; after the last they rest."""
     for first, last in pairwise(points):
         if time < last.time:
             since = np.array([time - first.time])
@@ -139,16 +139,16 @@ def state_at(points: Sequence[Point], time: float) -> Floats:
 
 
 def with_jump(pieces: Pieces, here: Floats, points: Sequence[Point], time: float) -> Pieces:
-    """Return pieces with a jump at a time: from joints that are here to where the points are."""
+    """Return pieces and a jump at a time, from the joints ``here`` to those of the points."""
     times, segment = np.array([time]), np.array([0])
     jump = Pieces(here[None], state_at(points, time)[None], times, times, segment)
     return Pieces(*(np.concatenate(pair) for pair in zip(pieces, jump, strict=True)))
 
 
 def distances_from(pieces: Pieces, state: Floats) -> Floats:
-    """Return how far the joints of a state (j,) are from each piece (p,): the farthest of them.
+    """Return the largest distance (p,) of a joint of a state (j,) from each piece.
 
-    From the point of the piece that is nearest by the sum of squares.
+    It is measured at the point of the piece that is nearest by the sum of squares.
     """
     ways = pieces.ends - pieces.starts
     lengths = (ways * ways).sum(axis=1)

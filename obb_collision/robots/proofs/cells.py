@@ -14,19 +14,19 @@
 
 """Kernels of proofs: branch and bound over the variables between two links.
 
-In a cell, a box of variables, a direction that separates two bodies in the middle of the cell
-separates them everywhere if it does so by more than the bodies can move along it. Likewise they
-collide everywhere if they are deeper in the middle than they can move.
+A cell is a box of variables. A direction that separates two bodies in the middle of a cell does so
+in all of it, if the gap exceeds what the bodies can move along it. Likewise they collide in all of
+it if they overlap by more than they can move.
 
-Joints are counted from the frame in which a direction n is fixed. The motion along n of a point p
-by joints with axes w_i through o_i, whose values are off by at most d_i, is at most
+Joints are counted from the frame in which a direction n is fixed. Their axes are w_i through o_i,
+and their values change by at most d_i. Along n, a point p then moves by at most
 
-    sum_i d_i |n.(w_i x (p - o_i))| + 1/2 sum_j r_j d_j (d_j + 2 sum_(i<j) d_i):
+    sum_i d_i |n.(w_i x (p - o_i))| + 1/2 sum_j r_j d_j (d_j + 2 sum_(i<j) d_i),
 
-the second derivative by joints i <= j is w_i x (w_j x (p - o_j)), which is no longer than the
-distance r_j of p from the axis of joint j. For a joint that slides, r_j is 1, and what belongs to
-two that slide is left out. It is at most sum_i min(d_i, 2) r_i as well. r_j holds in the whole
-cell: it is that in the middle, and what the joints behind j move.
+as the second derivative by joints i <= j is w_i x (w_j x (p - o_j)), which is no longer than the
+distance r_j of p from the axis of joint j. For a prismatic joint r_j is 1, and terms of two
+prismatic joints are zero. Another bound is sum_i min(d_i, 2) r_i. r_j holds in the whole cell: it
+is the one in the middle, plus what the joints behind j move.
 """
 
 from __future__ import annotations
@@ -56,19 +56,19 @@ from obb_collision.queries.convex.support import CORNERS, Core
 from obb_collision.queries.meshes.placed import Place, moved, relative_pose
 from obb_collision.typing import Axes, Floats, Integers, Mask, Vector
 
-#: What a proof must leave, relative to the reach of both bodies: far above all rounding, and above
-#: what counts as touching in checks of states.
+#: The gap that a proof must leave, relative to the reach of both bodies: far above all rounding and
+#: above the distance that counts as touching in checks of states.
 SLACK = 1e-9
 #: The same of the depth of two bodies, which is found by a search.
 DEPTH_SLACK = 1e-6
 #: A cell narrower than this in all its variables, radians or metres, is not divided.
 NARROWEST = 1e-5
-#: How a search ended, or that it goes on.
-GOES_ON, PROVED, FOUND, UNDECIDED = 0, 1, 2, 3
-#: Steps downhill from where a cell could not be decided, how much farther than to the contact each
-#: goes, and its longest in a variable, radians or metres.
+#: Outcomes of a search: not ended, proved, disproved by a state, not decided.
+SEARCHING, PROVED, DISPROVED, OPEN = 0, 1, 2, 3
+#: Steps of a descent, how much farther than to the contact each goes, and its longest change of a
+#: variable, radians or metres.
 STEPS, FARTHER, LONGEST = 100, 1.5, 0.3
-#: Cells that may wait: each division leaves one, and no variable is divided more than 60 times.
+#: Maximum number of waiting cells: each division leaves one, and doubles allow 60 per variable.
 MOST_CELLS = 4096
 NO_CELLS: Floats = np.empty((0, 2, 0))
 
@@ -76,8 +76,8 @@ NO_CELLS: Floats = np.empty((0, 2, 0))
 class Chain(NamedTuple):
     """k joints from a frame outwards: F_0 J_0 F_1 J_1 ... F_k, which is the frame of a link.
 
-    Joint i turns about an axis through the origin, or slides along it, by its factor times a
-    variable plus its offset.
+    Joint i turns about an axis through the origin, or slides along it, by factor times variable
+    plus offset.
     """
 
     places: Floats  #: (k + 1, 3) of F
@@ -90,22 +90,22 @@ class Chain(NamedTuple):
 
 
 class Moving(NamedTuple):
-    """A convex body, what moves it, and what kernels write to, of each joint."""
+    """A convex body, the chain that moves it, and arrays for values of each joint."""
 
     chain: Chain
     blocks: Floats  #: (m, 3, LANES) corners in the frame of the link
     center: Vector  #: of a sphere around it
     sphere: float
-    round: float  #: radius around each point of the hull of the corners
-    reach: float  #: largest sum of magnitudes of coordinates of a point
+    round: float  #: radius of a ball around each point of the hull of the corners
+    reach: float  #: largest sum of the magnitudes of a point's coordinates
     origins: Floats  #: (k, 3) in the frame between the links
     axes: Floats  #: (k, 3)
-    far: Floats  #: (k,) greatest distance of a point from the axis; 1 of those that slide
-    widths: Floats  #: (k,) half the width of the cell in its value
+    far: Floats  #: (k,) greatest distance of a point from the axis; 1 for a prismatic joint
+    widths: Floats  #: (k,) half the width of the cell, in the value of the joint
 
 
 class MovingPair(NamedTuple):
-    """Two bodies; limits (2, v): of the variables that move them against each other."""
+    """Two bodies, and limits (2, v) of the variables that move them against each other."""
 
     a: Moving
     b: Moving
@@ -113,34 +113,34 @@ class MovingPair(NamedTuple):
 
 
 class CellGap(NamedTuple):
-    """Where two bodies are in a state, and how far the hulls of their corners are apart."""
+    """The places of two bodies in a state, and the distance of the hulls of their corners."""
 
     a: Place
     b: Place
-    found: Search  #: in the frame of a
+    nearest: Search  #: in the frame of a
     n: Vector  #: from a to b, in the frame between the links
     p: Vector  #: the nearest points
     q: Vector
 
 
 def find_state(pair: MovingPair, states: Floats, collides: bool) -> int:
-    """Return the first of states (n, v) in which the bodies collide, or do not; -1 for none."""
+    """Return the first of states (n, v) in which bodies collide, or are free; -1 for none."""
     return _search(pair, states, NO_CELLS, 0, 0, collides, np.empty(pair.limits.shape[1]))[2]
 
 
 def descend_from(pair: MovingPair, states: Floats, witness: Floats) -> bool:
-    """Return whether going downhill from one of states (n, v) finds a collision: ``witness``."""
-    return _search(pair, states, NO_CELLS, 0, 1, True, witness)[0] == FOUND
+    """Return whether a descent from one of states (n, v) finds a collision; write ``witness``."""
+    return _search(pair, states, NO_CELLS, 0, 1, True, witness)[0] == DISPROVED
 
 
 def search_cells(
     pair: MovingPair, cells: Floats, waiting: int, most: int, always: bool, witness: Floats
 ) -> tuple[int, int, int]:
-    """Go on with a search; return how it ended, how many cells wait, and how many were visited.
+    """Continue a search; return its outcome, the number of waiting and that of visited cells.
 
-    cells (MOST_CELLS + 1, 2, v): lower and upper limits of those that wait. most: how many to
-    visit. always: whether to prove that the bodies collide everywhere, and not nowhere. witness
-    (v,): a state that shows that it is not so (FOUND), or where it could not be decided.
+    cells (MOST_CELLS + 1, 2, v): lower and upper limits of the waiting cells. most: maximum number
+    of cells to visit. always: whether to prove that bodies collide everywhere, instead of nowhere.
+    witness (v,): a state that disproves it, or in which it is open.
     """
     return _search(pair, pair.limits, cells, waiting, most, always, witness)
 
@@ -155,9 +155,9 @@ def _search(
     collides: bool,
     witness: Floats,
 ) -> tuple[int, int, int]:
-    """Search cells; without any, states (n, v), or downhill from them: whether most is not zero.
+    """Search cells; without cells, check states (n, v), or descend from them if most is not zero.
 
-    All in one kernel, as every one with distances in it takes seconds to compile.
+    One kernel, as each kernel that computes distances takes seconds to compile.
     """
     if len(cells):
         return _search_cells(pair, cells, waiting, most, collides, witness)
@@ -166,10 +166,10 @@ def _search(
             witness[v] = states[n, v]
         if most > 0:
             if _descend(pair, witness):
-                return FOUND, 0, n
+                return DISPROVED, 0, n
         elif _touch(pair, _gap(pair, witness)) == collides:
-            return FOUND, 0, n
-    return UNDECIDED, 0, -1
+            return DISPROVED, 0, n
+    return OPEN, 0, -1
 
 
 @njit(merge=True)
@@ -179,7 +179,7 @@ def _search_cells(
     room, visited = room_for_depth(), 0
     while waiting > 0:
         if visited == most:
-            return GOES_ON, waiting, visited
+            return SEARCHING, waiting, visited
         waiting -= 1
         visited += 1
         lower, upper = cells[waiting, 0], cells[waiting, 1]
@@ -190,11 +190,11 @@ def _search_cells(
         if _is_proved(pair, gap, lower, upper, collides, always, room):
             continue
         if collides != always:
-            return FOUND, waiting, visited
+            return DISPROVED, waiting, visited
         column = _widest(pair, gap, lower, upper)
         if column < 0 or upper[column] - lower[column] < NARROWEST or waiting + 2 > MOST_CELLS:
-            found = not always and _descend(pair, witness)
-            return FOUND if found else UNDECIDED, waiting, visited
+            disproved = not always and _descend(pair, witness)
+            return DISPROVED if disproved else OPEN, waiting, visited
         for v in range(len(witness)):
             cells[waiting + 1, 0, v], cells[waiting + 1, 1, v] = lower[v], upper[v]
         cells[waiting, 1, column] = cells[waiting + 1, 0, column] = witness[column]
@@ -204,11 +204,11 @@ def _search_cells(
 
 @njit(merge=True)
 def _descend(pair: MovingPair, state: Floats) -> bool:
-    """Move a state to where the bodies collide; return whether there is such a place near it."""
+    """Move a state downhill until the bodies collide; return whether they do."""
     slopes, limits = np.empty(len(state)), pair.limits
     for _ in range(STEPS):
         gap = _gap(pair, state)
-        distance = gap.found.distance - pair.a.round - pair.b.round
+        distance = gap.nearest.distance - pair.a.round - pair.b.round
         if distance <= 0.0:
             return True
         slopes[:] = 0.0
@@ -230,24 +230,24 @@ def _descend(pair: MovingPair, state: Floats) -> bool:
 
 @njit
 def _gap(pair: MovingPair, state: Floats) -> CellGap:
-    """Return where both bodies are in a state, and write the axes of their joints."""
+    """Return the gap of both bodies in a state; write the axes of their joints."""
     a, b = _placed(pair.a, state), _placed(pair.b, state)
     pose = relative_pose(a, b, pair.a.reach + pair.b.reach)
     start = plus(moved(pose, pair.b.center), negated(pair.a.center))
-    found = search(_core_of(pair.a), _core_of(pair.b), pose, start, np.inf)
-    p, q = plus(a.center, combined(a.axes, found.p)), plus(b.center, combined(b.axes, found.q))
-    return CellGap(a, b, found, combined(a.axes, found.normal), p, q)
+    near = search(_core_of(pair.a), _core_of(pair.b), pose, start, np.inf)
+    p, q = plus(a.center, combined(a.axes, near.p)), plus(b.center, combined(b.axes, near.q))
+    return CellGap(a, b, near, combined(a.axes, near.normal), p, q)
 
 
 @njit(merge=True)
 def _touch(pair: MovingPair, gap: CellGap) -> bool:
     """Return whether the bodies have a common point."""
-    return gap.found.distance <= pair.a.round + pair.b.round
+    return gap.nearest.distance <= pair.a.round + pair.b.round
 
 
 @njit
 def _placed(body: Moving, state: Floats) -> Place:
-    """Return where a body is, and write the axes of its joints."""
+    """Return the place of a body; write the axes of its joints."""
     chain = body.chain
     center, axes = vector_at(chain.places, 0), axes_of(chain.turns, 0)
     for i in range(len(chain.axes)):
@@ -267,7 +267,7 @@ def _placed(body: Moving, state: Floats) -> Place:
 
 @njit
 def _product(a: Axes, b: Axes) -> Axes:
-    """Return the product of matrices, given and returned by columns."""
+    """Return the product of two matrices as columns."""
     return combined(a, b[0]), combined(a, b[1]), combined(a, b[2])
 
 
@@ -301,11 +301,11 @@ def _is_proved(
     always: bool,
     room: Polytope,
 ) -> bool:
-    """Return whether the bodies collide, or do not, everywhere in a cell as they do in its middle.
+    """Return whether bodies certainly collide, or are free, in a whole cell as in its middle.
 
-    Writes how far points are from the axes of joints, and how wide the cell is.
+    Writes ``far`` and ``widths`` of both bodies.
     """
-    a, b, found = pair.a, pair.b, gap.found
+    a, b, nearest = pair.a, pair.b, gap.nearest
     spread_a, spread_b = _spread(a, gap.a, lower, upper), _spread(b, gap.b, lower, upper)
     size = a.reach + b.reach
     if collides != always:
@@ -314,17 +314,17 @@ def _is_proved(
         least = _least_along(b, gap.b, gap.n, spread_b)
         return least + _least_along(a, gap.a, negated(gap.n), spread_a) > SLACK * size
     depth = a.round + b.round
-    if found.distance > 0.0:
-        depth -= found.distance
+    if nearest.distance > 0.0:
+        depth -= nearest.distance
     else:
         pose = relative_pose(gap.a, gap.b, size)
-        depth -= deepest(_core_of(a), _core_of(b), pose, found, room).gap
+        depth -= deepest(_core_of(a), _core_of(b), pose, nearest, room).gap
     return depth - spread_a - spread_b > DEPTH_SLACK * size
 
 
 @njit
 def _spread(body: Moving, place: Place, lower: Floats, upper: Floats) -> float:
-    """Return how far points of a body move at most within a cell; write ``far`` and ``widths``."""
+    """Return how far a point of a body moves at most in a cell; write ``far`` and ``widths``."""
     chain = body.chain
     center = plus(place.center, combined(place.axes, body.center))
     spread = 0.0
@@ -342,7 +342,7 @@ def _spread(body: Moving, place: Place, lower: Floats, upper: Floats) -> float:
 
 @njit
 def _least_along(body: Moving, place: Place, n: Vector, spread: float) -> float:
-    """Return a lower bound of n.p for all points p of a body in all of a cell."""
+    """Return a lower bound of n.p for all points p of a body, in a whole cell."""
     count = len(body.chain.axes)
     slopes = np.empty((count, 4))
     curve = before = 0.0
@@ -377,7 +377,7 @@ def _least_along(body: Moving, place: Place, n: Vector, spread: float) -> float:
 
 @njit
 def _add_slopes(body: Moving, point: Vector, n: Vector, slopes: Floats) -> None:
-    """Add how fast a point of a body moves along n with each variable."""
+    """Add the speed of a point of a body along n, by each variable."""
     chain = body.chain
     for i in range(len(chain.axes)):
         axis = vector_at(body.axes, i)
@@ -389,7 +389,7 @@ def _add_slopes(body: Moving, point: Vector, n: Vector, slopes: Floats) -> None:
 
 @njit
 def _add_curves(body: Moving, curves: Floats) -> None:
-    """Add what each variable has to do with the curvature of the path of a body."""
+    """Add the share of each variable in the curvature of a body's path."""
     chain = body.chain
     total = 0.0
     for i in range(len(chain.axes)):
@@ -401,10 +401,10 @@ def _add_curves(body: Moving, curves: Floats) -> None:
 
 @njit(merge=True)
 def _widest(pair: MovingPair, gap: CellGap, lower: Floats, upper: Floats) -> int:
-    """Return the variable that loosens the bound most; -1 if there is none.
+    """Return the variable that loosens the bound most; -1 for none.
 
-    By the curvature of the paths, and where that alone does not prevent a proof, by how fast the
-    nearest points p and q part along n.
+    Its weight is its share in the curvature of the paths. If motion without curvature prevents a
+    proof, too, the speed of the nearest points along n is added.
     """
     slopes, curves = np.zeros(len(lower)), np.zeros(len(lower))
     _add_slopes(pair.a, gap.p, negated(gap.n), slopes)
@@ -415,9 +415,9 @@ def _widest(pair: MovingPair, gap: CellGap, lower: Floats, upper: Floats) -> int
     for v in range(len(lower)):
         slopes[v] = 0.5 * abs(slopes[v]) * (upper[v] - lower[v])
         room -= slopes[v]
-    best, found = 0.0, -1
+    best, column = 0.0, -1
     for v in range(len(lower)):
         weight = curves[v] + (slopes[v] if room <= 0.0 else 0.0)
         if weight > best and upper[v] > lower[v]:
-            best, found = weight, v
-    return found
+            best, column = weight, v
+    return column

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Proofs of which links of a robot can collide with each other at all, over all of its states.
+"""Proofs of which links of a robot can collide with each other in any state within its limits.
 
 "never" and "always" are proved by branch and bound over the limits of the joints between two links
-(``cells``), for the convex bodies that stand for shapes at accuracy ``hull``; "can collide" comes
-with a state in which they do. What is neither proved nor found in time is undecided.
+(``cells``), for their bodies at accuracy ``hull``. "can collide" comes with a colliding state.
 
-Seen from a frame in the middle, each link is moved by half of the joints: bounds of their motion,
-which grow with the square of the number of joints, are a quarter of those seen from a link.
+Both links are seen from a frame in the middle of the joints between them, so that each is moved by
+half of the joints. Bounds of motion grow with the square of the number of joints, so they are a
+quarter of those seen from one of the links.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, rotation_of
 from obb_collision.robots.checks.arrays import LinkBodies, chain_lengths
 from obb_collision.robots.checks.bodies import body_of
-from obb_collision.robots.description.joints import driven
+from obb_collision.robots.description.joints import Mechanism, driven
 from obb_collision.robots.description.srdf import sorted_pair
 from obb_collision.robots.description.urdf import Joint, JointKind
 from obb_collision.robots.proofs.cells import (
-    FOUND,
-    GOES_ON,
+    DISPROVED,
     MOST_CELLS,
     PROVED,
+    SEARCHING,
     Chain,
     Moving,
     MovingPair,
@@ -53,28 +53,27 @@ from obb_collision.robots.proofs.cells import (
 )
 from obb_collision.typing import Floats
 
-if TYPE_CHECKING:
-    from obb_collision.robots.robot import Robot
-
-NEVER, ALWAYS, ADJACENT = "never", "always", "adjacent"
+#: The verdicts of a ``PairProof``.
+NEVER_COLLIDE, ALWAYS_COLLIDE, ADJACENT = "never", "always", "adjacent"
 CAN_COLLIDE, UNDECIDED = "can collide", "undecided"
-#: Random states in which a collision is looked for first: those that are frequent are found so.
+#: Random states that are checked first: frequent collisions are among them.
 SAMPLES = 1000
-#: Of them, from which one goes downhill to collisions that are rare: a hundredth of a second.
+#: Samples from which a descent looks for rare collisions: a hundredth of a second.
 STARTS = 30
 #: Cells visited between two looks at the clock: about a tenth of a second.
 CELLS = 10_000
-#: The share of the time that one pair may take of what is left, for each that is left.
+#: How many times its equal share of the remaining time a pair may take.
 SHARE = 4.0
-#: Seconds for "always", which is tried after a pair was found to collide in all samples.
+#: Seconds for a proof of "always", which is tried for a pair that collides in all samples.
 ALWAYS_TIME = 2.0
-#: The axis of a joint that has none.
+#: The axis of a joint whose description has none.
 DEFAULT_AXIS = (1.0, 0.0, 0.0)
+TURNING = (JointKind.REVOLUTE, JointKind.CONTINUOUS)
 
 
 @dataclass(frozen=True, eq=False)
 class PairProof:
-    """What is proved of a pair of links.
+    """Whether a pair of links can collide, and how this was proved.
 
     Attributes
     ----------
@@ -85,9 +84,9 @@ class PairProof:
     witness : (joints,) numpy.ndarray or None
         A state of the robot in which they collide, for "can collide".
     cells : int
-        Boxes of states that were looked at.
+        Boxes of states that the proof visited.
     seconds : float
-        That it took.
+        The time that it took.
     """
 
     links: tuple[str, str]
@@ -98,10 +97,15 @@ class PairProof:
 
 
 def prove_pairs(
-    robot: Robot, seconds: float, progress: Callable[[PairProof], None] | None
+    robot: Mechanism, seconds: float, progress: Callable[[PairProof], None] | None
 ) -> list[PairProof]:
-    """Prove pairs of links for `Robot.prove_pairs`; the seconds are validated."""
-    bodies = _bodies(robot)
+    """Prove all pairs of links with shapes, see ``Robot.prove_pairs``."""
+    chains = chain_lengths(robot.tree, robot.lower, robot.upper).tolist()
+    bodies = {  # as checks of states have them
+        link: [body_of(shape, pose, chain=chain) for shape, pose in shapes]
+        for link, shapes, chain in zip(robot.link_names, robot.shapes, chains, strict=True)
+        if shapes
+    }
     order = [sorted_pair(a, b) for a, b in combinations(bodies, 2)]
     done: dict[tuple[str, str], PairProof] = {}
     waiting = []
@@ -113,8 +117,8 @@ def prove_pairs(
         done[links] = PairProof(links, ADJACENT if links in robot.adjacent_pairs else UNDECIDED)
         if progress is not None:
             progress(done[links])
-    for pair in waiting[:1]:
-        pair.load_kernels()
+    for pair in waiting[:1]:  # kernels are compiled, or loaded, before the time begins
+        find_state(pair.bodies[0], np.empty((0, len(pair.between.rows))), True)
     end = time.monotonic() + seconds
     waiting.sort(key=lambda pair: len(pair.between.rows))
     for left, pair in zip(range(len(waiting), 0, -1), waiting, strict=True):
@@ -126,30 +130,20 @@ def prove_pairs(
     return [done[links] for links in order]
 
 
-def _bodies(robot: Robot) -> dict[str, list[LinkBodies]]:
-    """Return the bodies of all links with shapes, as checks of states have them."""
-    chains = chain_lengths(robot.tree, robot.lower, robot.upper).tolist()
-    return {
-        link: [body_of(shape, pose, chain=chain) for shape, pose in shapes]
-        for link, shapes, chain in zip(robot.link_names, robot.shapes, chains, strict=True)
-        if shapes
-    }
-
-
 class _Between(NamedTuple):
-    """What moves two links relative to each other: two chains, and variables with limits."""
+    """The joints between two links: a chain to each from a frame in the middle."""
 
     chains: tuple[Chain, Chain]
-    rows: list[int]  #: (v,) the variables in a state of the robot
+    rows: list[int]  #: (v,) their variables in a state of the robot
     limits: Floats  #: (2, v)
 
 
 class _LinkPair:
-    """A pair of links and what moves them relative to each other."""
+    """A pair of links, the joints between them, and their pairs of bodies."""
 
     def __init__(
         self,
-        robot: Robot,
+        robot: Mechanism,
         links: tuple[str, str],
         between: _Between,
         bodies: dict[str, list[LinkBodies]],
@@ -159,57 +153,53 @@ class _LinkPair:
             [_moving(body, chain) for body in bodies[link]]
             for link, chain in zip(links, between.chains, strict=True)
         )
-        self._pairs = [MovingPair(one, other, between.limits) for one in a for other in b]
+        self.bodies = [MovingPair(first, second, between.limits) for first in a for second in b]
         self._cells = 0
 
     def prove(self, end: float) -> PairProof:
-        """Prove as many pairs as possible until a time."""
+        """Return what can be proved of the pair until a time."""
         start = time.monotonic()
         verdict, state = self._decide(end)
         witness = None if state is None else self._whole(state)
         return PairProof(self.links, verdict, witness, self._cells, time.monotonic() - start)
 
-    def load_kernels(self) -> None:
-        """Compile or load the kernels, which takes up to a minute the first time."""
-        find_state(self._pairs[0], np.empty((0, len(self.between.rows))), True)
-
     def _decide(self, end: float) -> tuple[str, Floats | None]:
         lower, upper = self.between.limits
         states = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower)))
-        for pair in self._pairs:
+        for pair in self.bodies:
             row = find_state(pair, states, True)
             if row >= 0:
                 return self._always(states, min(end, time.monotonic() + ALWAYS_TIME)), states[row]
         downhill = np.empty(len(lower))
-        for pair in self._pairs:
+        for pair in self.bodies:
             if descend_from(pair, states[:STARTS], downhill):
                 return CAN_COLLIDE, downhill
             outcome, state = self._search(pair, end, False)
-            if outcome == FOUND:
+            if outcome == DISPROVED:
                 return CAN_COLLIDE, state
             if outcome != PROVED:
                 return UNDECIDED, None
-        return NEVER, None
+        return NEVER_COLLIDE, None
 
     def _always(self, states: Floats, end: float) -> str:
-        """Return whether the links collide always, or can do so only."""
-        for pair in self._pairs:
+        """Return the verdict of links that collide in some state: always, or only in some."""
+        for pair in self.bodies:
             if find_state(pair, states, False) < 0 and self._search(pair, end, True)[0] == PROVED:
-                return ALWAYS
+                return ALWAYS_COLLIDE
         return CAN_COLLIDE
 
     def _search(self, pair: MovingPair, end: float, always: bool) -> tuple[int, Floats]:
         """Search the cells of a pair of bodies until a time."""
         cells = np.empty((MOST_CELLS + 1, *pair.limits.shape))
         cells[0] = pair.limits
-        state, waiting, outcome = np.empty(pair.limits.shape[1]), 1, GOES_ON
-        while outcome == GOES_ON and time.monotonic() < end:
+        state, waiting, outcome = np.empty(pair.limits.shape[1]), 1, SEARCHING
+        while outcome == SEARCHING and time.monotonic() < end:
             outcome, waiting, visited = search_cells(pair, cells, waiting, CELLS, always, state)
             self._cells += visited
         return outcome, state
 
     def _whole(self, state: Floats) -> Floats:
-        """Return a state of the robot: what has no part in it is as near to zero as it can be."""
+        """Return a state of the robot, in which other joints are as near to zero as possible."""
         whole = np.clip(0.0, self._robot.lower, self._robot.upper)
         for column, name in enumerate(self._robot.joint_names):
             if name.endswith("/rot_w"):
@@ -227,14 +217,14 @@ def _moving(body: LinkBodies, chain: Chain) -> Moving:
 
 
 class _Step(NamedTuple):
-    """A joint on the way from one link to another, up to the parent or down to the child."""
+    """A joint on the way between two links, passed up to its parent or down to its child."""
 
     joint: Joint
     is_up: bool
 
 
-def _between(robot: Robot, a: str, b: str) -> _Between | None:
-    """Return the joints between two links; None if one of them has no bounds."""
+def _between(robot: Mechanism, a: str, b: str) -> _Between | None:
+    """Return the joints between two links; None if one of them has no limits."""
     steps = _way(robot, a, b)
     names = {joint.name: joint for joint in robot.joints}
     moving = [k for k, step in enumerate(steps) if step.joint.kind is not JointKind.FIXED]
@@ -244,10 +234,12 @@ def _between(robot: Robot, a: str, b: str) -> _Between | None:
     rows = sorted({robot.joint_names.index(name) for name, _, _ in driver.values()})
     lower, upper = robot.lower[rows], robot.upper[rows]
     for column, row in enumerate(rows):
-        name = robot.joint_names[row]
-        by = [k for k in moving if driver[k][0] == name]
-        if _whole_turns_are_none([steps[k].joint for k in by], [driver[k][1] for k in by]):
-            lower[column], upper[column] = _one_turn(lower[column], upper[column])
+        moved = [k for k in moving if driver[k][0] == robot.joint_names[row]]
+        # a whole turn of the variable changes nothing
+        if all(steps[k].joint.kind in TURNING and driver[k][1].is_integer() for k in moved):
+            if lower[column] <= -math.pi and upper[column] >= math.pi:
+                lower[column], upper[column] = -math.pi, math.pi
+            upper[column] = min(upper[column], lower[column] + 2.0 * math.pi)
         elif not np.isfinite([lower[column], upper[column]]).all():
             return None
     middle = moving[len(moving) // 2] if moving else 0
@@ -256,31 +248,16 @@ def _between(robot: Robot, a: str, b: str) -> _Between | None:
     return _Between((back, on), rows, np.array([lower, upper]))
 
 
-def _whole_turns_are_none(joints: list[Joint], factors: list[float]) -> bool:
-    """Return whether a variable may be changed by whole turns: all that it drives turns by such."""
-    turning = (JointKind.REVOLUTE, JointKind.CONTINUOUS)
-    return all(joint.kind in turning for joint in joints) and all(
-        float(factor).is_integer() for factor in factors
-    )
-
-
-def _one_turn(lower: float, upper: float) -> tuple[float, float]:
-    """Return limits of one turn within others, or these if they are narrower."""
-    if lower <= -math.pi and upper >= math.pi:
-        return -math.pi, math.pi
-    return lower, min(upper, lower + 2.0 * math.pi)
-
-
-def _way(robot: Robot, a: str, b: str) -> list[_Step]:
+def _way(robot: Mechanism, a: str, b: str) -> list[_Step]:
     """Return the joints from link a to link b."""
     above = {joint.child: joint for joint in robot.joints if joint.parent in robot.link_names}
 
     def to_root(link: str) -> list[Joint]:
-        found = []
+        joints = []
         while link in above:
-            found.append(above[link])
+            joints.append(above[link])
             link = above[link].parent
-        return found
+        return joints
 
     up, down = to_root(a), to_root(b)
     while up and down and up[-1] is down[-1]:
@@ -289,8 +266,8 @@ def _way(robot: Robot, a: str, b: str) -> list[_Step]:
     return [_Step(joint, True) for joint in up] + [_Step(joint, False) for joint in down[::-1]]
 
 
-def _chain(robot: Robot, steps: list[_Step], names: dict[str, Joint], rows: list[int]) -> Chain:
-    """Return steps as a chain. Up, a joint is undone first, and then its origin."""
+def _chain(robot: Mechanism, steps: list[_Step], names: dict[str, Joint], rows: list[int]) -> Chain:
+    """Return steps as a chain. A step up inverts the motion of the joint, then its origin."""
     fixed: list[Floats] = [IDENTITY_POSE]
     moving = []
     for joint, is_up in steps:
@@ -308,5 +285,5 @@ def _chain(robot: Robot, steps: list[_Step], names: dict[str, Joint], rows: list
     places = np.array([pose[:3] for pose in fixed])
     turns = np.array([rotation_of(tuple(pose[3:].tolist())) for pose in fixed])
     kinds = enumerate((np.float64, np.bool_, np.int64, np.float64, np.float64))
-    table: list[Any] = [np.array([each[k] for each in moving], kind) for k, kind in kinds]
+    table: list[Any] = [np.array([joint[k] for joint in moving], kind) for k, kind in kinds]
     return Chain(places, turns, table[0].reshape(-1, 3), *table[1:])
