@@ -12,10 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Command lines: arguments that cannot be used are refused in one line, before anything is done.
-
-The exit code is then 2, as with argparse.
-"""
+"""Command lines: invalid arguments are refused in one line, with exit code 2 as by argparse."""
 
 from __future__ import annotations
 
@@ -32,9 +29,9 @@ from typing import Any, NoReturn, ParamSpec, TextIO, TypeVar
 
 from obb_collision.words import printable, shown
 
-#: Exit code for arguments that can't be used.
+#: Exit code for invalid arguments.
 BAD_USAGE = 2
-#: Exit code of a command that Ctrl-C ends, as shells have it.
+#: Exit code of a command that Ctrl-C ends, as in shells.
 INTERRUPTED = 128 + signal.SIGINT
 
 Arguments = ParamSpec("Arguments")
@@ -43,7 +40,7 @@ Number = TypeVar("Number", int, float)
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Shows the defaults that are values."""
+    """Shows defaults, except None and False."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         if action.default is None or action.default is False:
@@ -52,7 +49,7 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Shows defaults in its help, and reports what is wrong in one line."""
+    """Shows defaults in its help, and reports errors in one line."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**{"formatter_class": _Help, **options})
@@ -80,7 +77,7 @@ def interruptible(
                 return main(*args, **options)
             except KeyboardInterrupt as interrupt:
                 clear_frames(interrupt.__traceback__)  # progress bars end before the last line
-                # behind ^C, or a bar that has not ended its line
+                # on a new line, after ^C or a progress bar
                 sys.stderr.write(f"\n{name}: interrupted{detail}\n")
                 return INTERRUPTED
 
@@ -90,9 +87,9 @@ def interruptible(
 
 
 class Progress:
-    """What a command is doing: on a terminal one line that changes, elsewhere a line per topic.
+    """Prints progress: on a terminal one line that changes, elsewhere a line per topic.
 
-    A topic is what is done but for the numbers at its end. stream: standard error if not given.
+    The topic of a line is its text without numbers at the end. stream: standard error by default.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -103,7 +100,7 @@ class Progress:
         return self
 
     def show(self, what: str) -> None:
-        """Write what is being done now, and the seconds since the start."""
+        """Write a line of progress, with the seconds since the start."""
         topic, line = what.rstrip("0123456789/ "), f"[{perf_counter() - self._start:4.0f} s] {what}"
         if self._stream.isatty():
             self._stream.write(f"\r\x1b[K{line[:100]}")
@@ -157,10 +154,10 @@ def mesh_files(folder: Path) -> Iterator[Path]:
 def mesh_folder(text: str) -> Path:
     """Convert for argparse: a folder that has mesh files."""
     try:
-        found = "\0" not in text and Path(text).is_dir()
+        is_folder = "\0" not in text and Path(text).is_dir()
     except (OSError, ValueError):  # not a valid name
-        found = False
-    if not found:
+        is_folder = False
+    if not is_folder:
         raise argparse.ArgumentTypeError(f"{shown(text)} is not a folder")
     if not any(mesh_files(Path(text))):
         raise argparse.ArgumentTypeError(f"{shown(text)} has no mesh files, STL or OBJ")
@@ -168,9 +165,9 @@ def mesh_folder(text: str) -> Path:
 
 
 def new_file(*suffixes: str) -> Callable[[str], Path]:
-    """Return a converter for argparse: a file that can be written, as far as its folder shows.
+    """Return a converter for argparse: a file in a folder that can be written to.
 
-    suffixes: the allowed ones; any if none is given.
+    suffixes: allowed ones; without any, all are allowed.
     """
 
     def convert(text: str) -> Path:

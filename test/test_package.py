@@ -71,7 +71,7 @@ LAYERS: dict[str, set[str]] = {
     "scene_files": LIBRARY | {"robots"},
     "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up"},
     "demo": LIBRARY | {"cli", "robots", "scene_files", "node"},
-    "benchmarks": LIBRARY | {"cli", "scene_files"},
+    "benchmarks": LIBRARY | {"cli", "scene_files", "demo"},
     "commands": {"cli", "node", "demo", "words"},
     "__main__": {"commands"},
 }

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demo's and the live view's commands: ``obb_collision_demo`` and ``obb_collision view``.
+"""The commands of demo and live view: ``obb_collision_demo`` and ``obb_collision view``.
 
-What takes long to import is imported once the arguments are known to be usable.
+Slow imports wait until the arguments are validated.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 SCENES = "tabletop, warehouse, lidar_zone, arm_cell"
-"""Those that come with the package."""
+"""The scene files of the package."""
 DEFAULT_SCENE = "warehouse"
 DEFAULT_SECONDS = 10.0
 DEFAULT_PORT = 8080
@@ -66,7 +66,7 @@ def main(args: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(own)
     if not is_ros_here("obb_collision_demo"):
         return 1
-    # The demo is for this machine only, unless the environment says otherwise.
+    # other machines do not see the demo, unless the environment says so
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     ros_arguments = arguments[len(own) :]
     return run_with_ros("obb_collision_demo", ros_arguments, partial(_run, options))
@@ -127,9 +127,9 @@ def scene_file(text: str) -> tuple[Motions, Path]:
 def _run(
     options: argparse.Namespace, context: Context, interrupts: Interrupts, stack: ExitStack
 ) -> int:
-    demo, shown = _make_demo(options, context, interrupts)
+    demo, live_view = _make_demo(options, context, interrupts)
     stack.callback(demo.close)
-    with shown:
+    with live_view:
         demo.run()
     for line in demo.summary():
         say(line)
@@ -141,7 +141,7 @@ def _run(
 def _make_demo(
     options: argparse.Namespace, context: Context, interrupts: Interrupts
 ) -> tuple[Demo, Any]:
-    """Return the demo asked for, and its live view; prints what is shown, and what is left out."""
+    """Return the demo and its live view; prints the scene's description and notes."""
     from obb_collision.demo.run import Demo
     from obb_collision.demo.scene import DemoScene, random_scene
 
@@ -174,7 +174,7 @@ def _make_demo(
 def open_view(
     port: int, host: str = "localhost", view: Viewpoint | None = None
 ) -> BrowserView | None:
-    """Open the view in the browser, or print why there is none."""
+    """Open the view in the browser; if that fails, print why and return None."""
     try:
         from obb_collision.demo.view import BrowserView
 
@@ -182,7 +182,7 @@ def open_view(
     except ImportError:
         say("the live view needs viser: pip install 'obb_collision[view]'", sys.stderr)
         return None
-    except (OSError, ValueError) as error:  # the port is taken, or no such host
+    except (OSError, ValueError) as error:  # the port is in use, or the host unknown
         say(f"no live view: {error}", sys.stderr)
         return None
     say(f"view: {opened.url}")
@@ -190,7 +190,7 @@ def open_view(
 
 
 def _picture(save: Callable[[Path], None], file: Path) -> None:
-    """Save the picture, or print why there is none: the demo is complete without."""
+    """Save the picture, or print why not: the demo is complete without."""
     try:
         save(file)
         say(f"picture: {file}")
@@ -200,9 +200,9 @@ def _picture(save: Callable[[Path], None], file: Path) -> None:
         say(f"no picture: {error}", sys.stderr)
 
 
-#: Effects whose topics are subscribed: in mode ``auto`` the node then computes them.
+#: Effects whose topics the view subscribes to, so that a node computes them in mode ``auto``.
 VIEW_EFFECTS = ("contacts", "clearance", "sweep", "points")
-#: Seconds until a line reports that nothing was received, and between two checks of the signals.
+#: Seconds until the view reports that it received nothing, and between two checks for signals.
 VIEW_PATIENCE, GLANCE = 10.0, 0.1
 
 

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The user's side: subscribes to a node's topics and stores the latest message of each, by name.
+"""Plays a user: subscribes to a node's topics and stores the latest message of each, by name.
 
-A narrator per topic makes the lines that the demo prints: ``update`` takes a message's named rows
-and yields the lines that are worth printing, ``summary`` those at the end. ``rows`` are the latest
-ones, for the picture.
+A narrator per topic makes the lines that the demo prints: ``update`` takes the named rows of a
+message and yields lines, ``summary`` yields those at the end. ``rows`` are the latest rows.
 """
 
 from __future__ import annotations
@@ -52,12 +51,14 @@ from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-#: As the node subscribes to points: sensors send them so.
+#: The quality with which sensors send points.
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-#: Seconds after which a collision that is predicted again is printed again.
+#: Seconds without a prediction after which the next one of the same pair is printed again.
 FORGET = 0.5
-#: Metres: what is less deep rests on the other. Far above rounding, far below what can be seen.
+#: Fields of a marker that determine its shape.
+SHAPE_FIELDS = ("type", "scale", "points", "mesh_resource", "mesh_file")
+#: Depth below which objects touch, m: far above rounding, far below what can be seen.
 TOUCH_DEPTH = 1e-6
 
 
@@ -67,25 +68,19 @@ def pair_of(row: Any) -> str:
 
 
 def is_touching(row: node.NamedPair) -> bool:
-    """Return whether the objects touch without overlapping; False where the depth is unknown."""
+    """Return whether objects touch without overlapping; False if the depth is unknown."""
     return row.depth < TOUCH_DEPTH
-
-
-def pair_text(row: node.NamedPair) -> str:
-    """Return a pair and its depth as text."""
-    depth = "" if np.isnan(row.depth) else f"  {1e3 * row.depth:.0f} mm"
-    return pair_of(row) + ("  touching" if is_touching(row) else depth)
 
 
 @dataclass
 class Narrator:
-    """A topic's latest rows, and the most at once."""
+    """The latest rows of a topic, and their largest number."""
 
     rows: list[Any] = field(default_factory=list)
     most: int = 0
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
-        """Take the rows of a message; yield what is worth a line."""
+        """Take the rows of a message; yield lines to print."""
         self.rows = rows
         self.most = max(self.most, len(rows))
         yield from ()
@@ -97,17 +92,20 @@ class Narrator:
 
 @dataclass
 class PairsNarrator(Narrator):
-    """Colliding pairs: which begin and end."""
+    """Prints colliding pairs when they begin and end."""
 
     seen: set[tuple[str, str]] = field(default_factory=set)
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
-        """Take the pairs; yield those that begin and those that end."""
+        """Take the pairs; yield a line for each that begins or ends."""
         before = {row[:2]: row for row in self.rows}
         yield from super().update(rows, seconds)
         now = {row[:2]: row for row in rows}
         self.seen |= now.keys()
-        yield from (f"begins  {pair_text(now[pair])}" for pair in now if pair not in before)
+        for pair, row in now.items():
+            if pair not in before:
+                depth = "" if np.isnan(row.depth) else f"  {1e3 * row.depth:.0f} mm"
+                yield f"begins  {pair_of(row)}" + ("  touching" if is_touching(row) else depth)
         yield from (f"ends    {pair_of(before[pair])}" for pair in before if pair not in now)
 
     def summary(self) -> Iterator[str]:
@@ -121,12 +119,12 @@ class PairsNarrator(Narrator):
 
 @dataclass
 class ClearancesNarrator(Narrator):
-    """Near pairs: the minimum distance of those that are apart, its pair and its time."""
+    """Prints the minimum distance of near pairs, with pair and time."""
 
     minimum: list[tuple[float, str, float]] = field(default_factory=list)
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
-        """Take the distances; no line, as they change all the time."""
+        """Take the distances; yields no lines, as they change all the time."""
         yield from super().update([row for row in rows if row.distance > 0], seconds)
         apart = [(row.distance, pair_of(row), seconds) for row in self.rows]
         self.minimum = sorted([*apart, *self.minimum])[:1]
@@ -142,14 +140,14 @@ class ClearancesNarrator(Narrator):
 
 @dataclass
 class Predictions(Narrator):
-    """Collisions predicted, when each was last, and those that passed between two states."""
+    """Prints predicted collisions, and those that passed between two states."""
 
     last: dict[tuple[str, str], float] = field(default_factory=dict)
     predicted: int = 0
     passed: int = 0
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
-        """Take the predictions; yield those that are new, and all that passed."""
+        """Take the predictions; yield a line for each new or passed one."""
         self.rows = [row for row in rows if row.time >= 0.0 and not row.undecided]
         for row in rows:
             pair = pair_of(row)
@@ -165,7 +163,7 @@ class Predictions(Narrator):
                 self.last[row.a, row.b] = seconds
 
     def summary(self) -> Iterator[str]:
-        """Yield how many there were, and the next ones at the end."""
+        """Yield their number, and the next predictions at the end."""
         yield f"sweep: {self.predicted} collisions predicted, {self.passed} between two states"
         for row in sorted(self.rows, key=lambda row: row.time)[:3]:
             yield f"time to collision at the end: {row.time:.2f} s, {pair_of(row)}"
@@ -173,12 +171,12 @@ class Predictions(Narrator):
 
 @dataclass
 class PointsInsideNarrator(Narrator):
-    """Points in zones: how many, the most by zone, and when a zone is entered and left."""
+    """Prints when points enter and leave a zone, and their largest number."""
 
     max_inside: dict[str, int] = field(default_factory=dict)
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
-        """Take the counts; yield the objects that points enter or leave."""
+        """Take the counts; yield a line for each zone that points enter or leave."""
         before = {row.name for row in self.rows}
         self.rows = [row for row in rows if row.points > 0]
         for row in self.rows:
@@ -189,21 +187,21 @@ class PointsInsideNarrator(Narrator):
             yield f"left    {name}"
 
     def summary(self) -> Iterator[str]:
-        """Yield the counts."""
+        """Yield the numbers of points by zone."""
         now = {row.name: row.points for row in self.rows}
         for name, most in sorted(self.max_inside.items()):
             yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
 
 
 def _all_predictions(message: Any, namespaces: Any) -> list[node.NamedPrediction]:
-    """Return the rows of ``predicted_collisions``: what is ahead, and what passed."""
+    """Return the rows of ``predicted_collisions``: predictions, and passed collisions."""
     return [
         *node.named_predictions(message, namespaces),
         *node.named_passed_collisions(message, namespaces),
     ]
 
 
-#: By effect: what gives a message's rows names, and the narrator.
+#: By effect: the function that reads named rows from a message, and the narrator.
 NARRATORS: dict[str, tuple[Callable[..., list[Any]], type]] = {
     "contacts": (node.named_contacts, Narrator),
     "clearance": (node.named_clearances, ClearancesNarrator),
@@ -218,8 +216,8 @@ Color = tuple[float, float, float]
 class MarkerBoxes(NamedTuple):
     """Boxes of n objects: names, poses (n, 7), edge lengths (n, 3), and states by colour.
 
-    colliding, and doubtful: stale or refused (n,). lines: ends (2 k, 3) and colour, where the node
-    draws edges and not boxes. frame, stamp (ns): of the message, "" and -1 before the first one.
+    colliding (n,); doubtful (n,): stale or refused. lines: ends (2 k, 3) and colour, if the node
+    draws edges instead of boxes. frame, stamp (ns): of the message, "" and -1 before the first one.
     """
 
     names: list[str]
@@ -237,7 +235,7 @@ NO_BOXES = MarkerBoxes([], np.empty((0, 7)), np.empty((0, 3)), NONE, NONE, [], "
 
 
 def boxes_from_bytes(data: bytes) -> MarkerBoxes:
-    """Return the boxes of a serialised MarkerArray. RefusedError if it is none."""
+    """Return the boxes of a serialised MarkerArray; RefusedError for other bytes."""
     markers = markers_from_bytes(data)
     if not len(markers):
         return NO_BOXES
@@ -264,15 +262,15 @@ def boxes_from_bytes(data: bytes) -> MarkerBoxes:
     )
 
 
-#: Messages of a topic that are kept until those of others with their stamps have come; and how much
-#: older (ns) the last one is of a topic that is not sent any more.
+#: Messages kept per topic, until those of other topics with the same stamp arrive; and the age (ns)
+#: of the last one of a topic that is no longer sent.
 KEPT, STILL = 32, NANOSECONDS
 
 
 class Pairs(NamedTuple):
     """A message of ``collisions``: its rows, and their places (n, 3), m.
 
-    by_box: names of the objects of pairs that their boxes decided.
+    by_box: names of the objects in pairs that were decided by boxes.
     """
 
     rows: list[node.NamedPair]
@@ -284,10 +282,10 @@ NO_PAIRS = Pairs([], np.empty((0, 3)), frozenset())
 
 
 class Cycle(NamedTuple):
-    """What a node published of one cycle, and no message of another one.
+    """The messages of one cycle of a node.
 
-    status: its level is that of the pairs, their number is theirs. effects: rows by effect. points
-    and the rows about them are of one cloud. at: when all of it had come (s of the steady clock).
+    status: its level and number of pairs agree with the pairs. effects: rows by effect. points: the
+    cloud that the rows of the effect ``points`` are about. at: time of arrival (s, steady clock).
     """
 
     boxes: MarkerBoxes
@@ -300,7 +298,7 @@ class Cycle(NamedTuple):
 
     @property
     def agrees(self) -> bool:
-        """Whether colours, pairs and level say the same of what collides: stamps may be equal."""
+        """Whether colours, pairs and level agree: messages of two cycles may have equal stamps."""
         boxes, listed = self.boxes, {name for row in self.pairs.rows for name in row[:2]}
         red = {boxes.names[row] for row in np.flatnonzero(boxes.colliding)}
         if boxes.names and self.pairs is not NO_PAIRS:
@@ -311,18 +309,17 @@ class Cycle(NamedTuple):
 
 
 class Listener(Node):
-    """Follows a node's collisions and effects.
+    """Follows the collisions and effects of a node.
 
-    report gets each line to print; effects: those to subscribe to; node_options go to
-    ``rclpy.node.Node`` (context, namespace...).
-    start: stamp (ns) before which messages do not count; epoch: that of the demo's time 0.
+    report: prints a line; effects: those to subscribe to; node_options go to ``rclpy.node.Node``
+    (context, namespace...).
+    start: stamp (ns) before which collisions are ignored; epoch: stamp of the demo's time 0.
     stamp: of the latest collisions; effect_stamps: of the latest message by effect; -1 for none.
-    pairs: the latest collisions. status: the latest ``collision_status``, and when it came (s of
-    the steady clock). robots: those whose joints are a topic of the node. latencies: seconds from
-    the stamp of a state to its collisions. cycles: messages received. effects: narrators by effect.
-    boxes: the latest markers, once ``watch_boxes`` was called, and cycle: what is of one cycle with
-    some of them, None for nothing. shapes, points: what others publish, once ``watch_inputs`` was
-    called.
+    pairs, effects: narrators. status: the latest ``collision_status``; heard: its time of arrival
+    (s, steady clock). robots: names of robots whose joints the node reads. latencies: seconds from
+    the stamp of a state to its collisions. cycles: number of messages of collisions.
+    boxes: the latest markers; cycle: the latest complete cycle with markers, None before the first
+    one; both after ``watch_boxes``. shapes, points: the node's input, after ``watch_inputs``.
     """
 
     def __init__(
@@ -352,11 +349,11 @@ class Listener(Node):
 
     @property
     def matched(self) -> bool:
-        """Whether a node publishes what this subscribes to."""
+        """Whether a node publishes collisions and namespaces."""
         return self.count_publishers("collisions") > 0 and self._names is not None
 
     def watch_boxes(self, topic: str) -> None:
-        """Subscribe to the markers of a topic."""
+        """Subscribe to a topic of markers."""
         self.create_subscription(
             MarkerArray, topic, self._take_boxes, QoSProfile(depth=1), raw=True
         )
@@ -371,7 +368,7 @@ class Listener(Node):
         self._names = message
 
     def _take_status(self, message: DiagnosticArray) -> None:
-        status = Status()  # another thread may draw the one before
+        status = Status()  # another thread may draw the last one
         status.take(message)
         self.status, self.heard = status, monotonic()
         base = f"{self.get_namespace().rstrip('/')}/"
@@ -388,7 +385,7 @@ class Listener(Node):
         try:
             pairs = named_pairs(message, self._names)
         except RefusedError:
-            return  # a new namespace, whose message is on its way; the next cycle has it
+            return  # a new namespace, whose message comes later; the next cycle has it
         if stamp > self.stamp:
             self.latencies.append((now - stamp) / NANOSECONDS)
         rows = collisions_from_ros(message)
@@ -428,13 +425,13 @@ class Listener(Node):
     def _keep(self, topic: str, stamp: int, value: Any) -> None:
         kept = self._kept[topic]
         kept.pop(stamp, None)
-        kept[stamp] = value  # the newest last, whatever the clock does
+        kept[stamp] = value  # the newest is the last, even if the clock goes back
         if len(kept) > KEPT:
             del kept[next(iter(kept))]
         self._gather()
 
     def _gather(self) -> None:
-        """Put together what is of the latest cycle of which everything has come."""
+        """Set ``cycle`` to the latest one of which all messages have arrived."""
         for stamp, boxes in reversed(self._kept["boxes"].items()):
             if self.cycle is not None and boxes is self.cycle.boxes:
                 return
@@ -444,24 +441,24 @@ class Listener(Node):
             pairs = parts.pop("collisions", NO_PAIRS)
             points, parts["points"] = self._inside()
             status = self.status.counting(len(pairs.rows))
-            found = Cycle(boxes, pairs, parts, self.robots, points, status, monotonic())
-            if found.agrees:
-                self.cycle = found
+            cycle = Cycle(boxes, pairs, parts, self.robots, points, status, monotonic())
+            if cycle.agrees:
+                self.cycle = cycle
                 return
 
     def _parts(self, stamp: int) -> dict[str, Any] | None:
-        """Return the messages with this stamp, by topic of each cycle; None if one is missing."""
-        found = {}
+        """Return the messages of a stamp, by topic; None if one is still missing."""
+        messages = {}
         for topic in {"collisions", *self.effects} - {"points"}:
             kept = self._kept[topic]
             if stamp in kept:
-                found[topic] = kept[stamp]
+                messages[topic] = kept[stamp]
             elif stamp - next(reversed(kept), -STILL) < STILL:
-                return None  # it is on its way, or was lost
-        return found
+                return None  # it comes later, or was lost
+        return messages
 
     def _inside(self) -> tuple[Floats, list[Any]]:
-        """Return the latest points, and the rows about them: these have the stamp of the cloud."""
+        """Return the latest points, and the rows about them, which have the same stamp."""
         rows, clouds = self._kept["points"], self._kept["cloud"]
         for stamp in reversed(rows):
             if stamp in clouds:
@@ -471,22 +468,19 @@ class Listener(Node):
     def _take_shapes(self, message: MarkerArray) -> None:
         for marker in message.markers:
             name = name_from_key((marker.ns, marker.id))
-            known = self._markers.get(name)
-            if marker.action != Marker.ADD or (known and _is_same_shape(known, marker)):
+            last = self._markers.get(name)
+            if marker.action != Marker.ADD or (
+                last and all(getattr(last, f) == getattr(marker, f) for f in SHAPE_FIELDS)
+            ):
                 continue
             self._markers[name] = marker
             try:
                 self.shapes = {**self.shapes, name: shape_from_ros(marker)}
             except RefusedError:
-                continue  # only its box is drawn, if the node has one
+                continue  # its box is drawn instead
 
     def _take_points(self, message: PointCloud2) -> None:
         if message.header.frame_id == self.boxes.frame:
             points = points_from_ros(message).astype(np.float64)
             self.points = points[np.isfinite(points).all(axis=1)]
             self._keep("cloud", stamp_from_ros(message.header.stamp), self.points)
-
-
-def _is_same_shape(a: Marker, b: Marker) -> bool:
-    fields = ("type", "scale", "points", "mesh_resource", "mesh_file")
-    return all(getattr(a, field) == getattr(b, field) for field in fields)

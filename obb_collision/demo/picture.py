@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demo's still picture, by matplotlib: the only module that needs it, which is an extra.
+"""The picture of the demo. It needs matplotlib, which is an optional dependency.
 
-Texts stand in a margin of their own, so that they never cover an object or each other; the first
-ones have a number where they are about. An inset enlarges a collision that is too small to see.
+Notes stand in a margin, where they cover no object; the numbers of the first ones stand in the
+scene. An inset enlarges a collision that is too small to see.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -55,30 +55,30 @@ from obb_collision.typing import Floats
 
 #: Inches, and pixels per inch.
 SIZE, DPI = (16.0, 9.0), 100
-#: Share of the width at the right for notes; how many, and how many have a number in the scene;
-#: characters of a note.
+#: Share of the width for notes at the right; maximum number of notes, and of those with a number in
+#: the scene; maximum characters of a note.
 MARGIN, NOTES, MARKED, LETTERS = 0.235, 17, 5, 42
-#: Where notes begin, and from one to the next, shares of the height.
+#: The top of the first note, and the distance to the next, shares of the height.
 TOP, LINE = 0.84, 0.042
-#: Share of the height that the scene has, and half of it in terms of what the boxes take.
+#: Share of the height for the scene, and half of that relative to the extent of the boxes.
 HEIGHT, FILL = 0.8, 0.51
 SIDES = np.array((-1.0, 1.0))
-#: Edge of the inset in the margin, share of the width; half of what it shows in terms of a
-#: collision's depth, and at least of the smaller object.
+#: Edge of the inset, share of the width; half of the length that it shows, relative to the depth of
+#: the collision, or at least to the smaller object.
 INSET, ZOOM, LEAST = 0.19, 2.5, 0.25
 NOTES_BESIDE_INSET = 8
 LEGEND_COLUMNS = 9
-#: Faces and edges are drawn in pieces of this share of what is shown, the farthest first; along a
-#: body at most so many.
+#: Faces and edges are divided into pieces and drawn from far to near: length of a piece relative to
+#: the visible length, and maximum number of pieces along a body.
 PIECE, MOST_PIECES = 0.02, 60.0
-#: How much nearer edges are sorted than they are, in pieces: sorting errs by half of one.
+#: How much nearer than they are edges are sorted, in pieces: sorting errs by half a piece.
 NEARER = 0.6
-#: More triangles than these of one body are drawn as their convex hull.
+#: Maximum number of triangles of a body; one with more is drawn as its convex hull.
 MAX_TRIANGLES = 20_000
 TO_LIGHT = np.array((0.36, -0.48, 0.80))
-#: Pixels from a number to the place that it is about.
+#: Pixels from a number to the place of its note.
 BADGE = 26.0
-#: Where it may be beside the place: on rings about it, above it first.
+#: Directions from the place to its number, the first one up, and positions on rings around it.
 TURNS = np.radians(90.0 + 45.0 * np.array((0, 1, -1, 2, -2, 3, -3, 4)))
 RINGS = np.concatenate(
     [k * np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) for k in range(1, MARKED + 1)]
@@ -93,7 +93,7 @@ INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 def save_picture(
     file: Path, snapshot: DrawnScene, title: str, subtitle: str, view: View | None = None
 ) -> None:
-    """Write a picture of what a node published as PNG. OSError for the file."""
+    """Write a picture of the scene as PNG; OSError if the file cannot be written."""
     figure = draw_picture(snapshot, title, subtitle, view)
     figure.savefig(file, format="png", pil_kwargs={"optimize": True})
 
@@ -101,7 +101,7 @@ def save_picture(
 def draw_picture(
     snapshot: DrawnScene, title: str, subtitle: str, view: View | None = None
 ) -> Figure:
-    """Return the figure: the scene, and texts around it."""
+    """Return the figure of the scene, with texts around it."""
     figure = Figure(figsize=SIZE, dpi=DPI)
     FigureCanvasAgg(figure)
     width = 1.0 - (MARGIN + 0.03 if snapshot.notes else 0.0)
@@ -133,7 +133,7 @@ def draw_picture(
 
 
 class _Camera:
-    """Looks from a place to another; z is up."""
+    """A camera with a viewpoint and a target; z is up."""
 
     def __init__(self, eye: Floats, target: Floats) -> None:
         self.eye = eye
@@ -163,7 +163,7 @@ def _draw_floor(axes: Any, camera: _Camera, boxes: Boxes) -> None:
 
 
 def _draw_inset(figure: Any, camera: _Camera, snapshot: DrawnScene, row: int) -> None:
-    """Draw the objects that a note is about, enlarged, in the margin."""
+    """Draw the objects of a note, enlarged, in the margin."""
     note = snapshot.notes[row]
     height = INSET * SIZE[0] / SIZE[1]
     axes = figure.add_axes((1.0 - MARGIN, 0.1, INSET, height), xticks=[], yticks=[])
@@ -189,49 +189,29 @@ def _draw_inset(figure: Any, camera: _Camera, snapshot: DrawnScene, row: int) ->
 def _draw_solids(
     axes: Any, camera: _Camera, bodies: Iterable[Body], piece: float, behind: str = ""
 ) -> None:
-    """Draw faces shaded in the colour of their state, and the edges that are seen.
+    """Draw faces, shaded in the colour of their state, and visible edges.
 
-    behind: the name of an object whose faces are pale, and hide nothing of what it overlaps.
+    behind: the name of an object whose faces are pale and behind all others.
     """
-    corners, colors, lines, line_colors = [], [], [np.empty((0, 3, 3))], [np.empty((0, 3))]
-    offsets, line_offsets = [], [np.empty(0)]
-    drawn = set[str]()
+    faces, lines, drawn = list[_Part](), list[_Part](), set[str]()
     for body in map(_simplified, bodies):
-        vertices, faces, scale, closed, _, sides = body.triangles
-        state = body.state
-        size = max(piece, float(np.ptp(vertices * scale, axis=0).max()) / MOST_PIECES)
+        extent = np.ptp(body.triangles.vertices * body.triangles.scale, axis=0).max()
+        size = max(piece, float(extent) / MOST_PIECES)
         normals, facing = _facing(body, camera.eye)
-        is_wire = body.name in drawn  # the box of a body that is drawn already
+        lines.append(_edges_of(body, facing, size))
+        if body.name not in drawn:  # else it is the box of a drawn body
+            faces.append(_faces_of(body, normals, facing, size, body.name == behind))
+            if body.state == TOUCHING:
+                x, y, _ = camera.project(body.position)
+                style = {"ha": "center", "va": "center", "clip_on": True, "zorder": 7}
+                axes.text(x, y, TOUCH_SIGN, fontsize=20, **style)
         drawn.add(body.name)
-        seen = ((facing[sides] > 0.0) | (not closed)).any(axis=1)
-        parts, _, number = pieces(body.edges()[seen], size)
-        parts = parts[number % 2 == 0] if state == DOUBTFUL else parts
-        lines.append(parts[:, [0, 1, 1]])
-        line_colors.append(np.tile(EDGE_COLORS[state], (len(parts), 1)))
-        line_offsets.append(np.full(len(parts), -NEARER * size))  # before the faces they bound
-        if is_wire:
-            continue
-        normals *= np.where(facing < 0.0, -1.0, 1.0)[:, None]
-        light = 0.8 + 0.2 * np.clip(normals @ TO_LIGHT, 0.0, 1.0)
-        shown = np.flatnonzero((facing > 0.0) | (not closed))
-        vertices, faces, origin = subdivide_to_size(
-            vertices * scale, faces[shown], size, max_iter=20, return_index=True
-        )
-        corners.append((vertices @ body.rotation.T + body.position)[faces])
-        color = np.array(STATE_COLORS[state])
-        color = 0.6 + 0.4 * color if body.name == behind else color
-        colors.append(light[shown][origin][:, None] * color)
-        offsets.append(np.full(len(faces), np.inf if body.name == behind else 0.0))
-        if state == TOUCHING:
-            x, y, _ = camera.project(body.position)
-            axes.text(
-                x, y, TOUCH_SIGN, fontsize=20, ha="center", va="center", clip_on=True, zorder=7
-            )
-    count = sum(map(len, corners))
-    points = camera.project(np.concatenate([*corners, *lines]))
-    depth = points[..., 2].mean(axis=1) + np.concatenate([*offsets, *line_offsets])
-    order = np.argsort(-depth, kind="stable")
-    rgb = np.concatenate([*colors, *line_colors])[order]
+    count = sum(len(part.corners) for part in faces)
+    parts = [*faces, *lines]
+    points = camera.project(np.concatenate([np.empty((0, 3, 3)), *(p.corners for p in parts)]))
+    offsets = np.concatenate([np.empty(0), *(np.full(len(p.corners), p.offset) for p in parts)])
+    order = np.argsort(-points[..., 2].mean(axis=1) - offsets, kind="stable")
+    rgb = np.concatenate([np.empty((0, 3)), *(p.colors for p in parts)])[order]
     widths = np.where(order < count, 0.5, 1.3)
     triangles: Any = points[order][..., :2]
     axes.add_collection(
@@ -239,8 +219,40 @@ def _draw_solids(
     )
 
 
+class _Part(NamedTuple):
+    """Triangles (n, 3, 3) with colours (n, 3), to be sorted by their depth plus an offset, m."""
+
+    corners: Floats
+    colors: Floats
+    offset: float
+
+
+def _edges_of(body: Body, facing: Floats, size: float) -> _Part:
+    """Return the visible edges, in pieces; those of a body of unknown state are dashed."""
+    seen = ((facing[body.triangles.sides] > 0.0) | (not body.triangles.closed)).any(axis=1)
+    parts, _, number = pieces(body.edges()[seen], size)
+    parts = parts[number % 2 == 0] if body.state == DOUBTFUL else parts
+    colors = np.tile(EDGE_COLORS[body.state], (len(parts), 1))
+    return _Part(parts[:, [0, 1, 1]], colors, -NEARER * size)  # before the faces beside them
+
+
+def _faces_of(body: Body, normals: Floats, facing: Floats, size: float, behind: bool) -> _Part:
+    """Return the visible faces, in pieces."""
+    vertices, faces, scale, closed, *_ = body.triangles
+    normals *= np.where(facing < 0.0, -1.0, 1.0)[:, None]
+    light = 0.8 + 0.2 * np.clip(normals @ TO_LIGHT, 0.0, 1.0)
+    shown = np.flatnonzero((facing > 0.0) | (not closed))
+    vertices, faces, origin = subdivide_to_size(
+        vertices * scale, faces[shown], size, max_iter=20, return_index=True
+    )
+    color = np.array(STATE_COLORS[body.state])
+    color = 0.6 + 0.4 * color if behind else color
+    corners = (vertices @ body.rotation.T + body.position)[faces]
+    return _Part(corners, light[shown][origin][:, None] * color, np.inf if behind else 0.0)
+
+
 def _simplified(body: Body) -> Body:
-    """Return a body of too many triangles to sort as its convex hull."""
+    """Return the convex hull of a body of too many triangles, and other bodies as they are."""
     if len(body.triangles.faces) <= MAX_TRIANGLES:
         return body
     faces = ConvexHull(body.triangles.vertices, qhull_options="QJ").simplices
@@ -250,7 +262,7 @@ def _simplified(body: Body) -> Body:
 
 
 def _facing(body: Body, eye: Floats) -> tuple[Floats, Floats]:
-    """Return the unit normals (m, 3) of faces, and how far the eye is in front of each (m,)."""
+    """Return the unit normals (m, 3) of faces, and the eye's distance in front of each (m,)."""
     placed = body.placed(body.triangles.vertices)[body.triangles.faces]
     normals = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -273,12 +285,12 @@ def _draw_zones(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
 
 
 def _draw_marks(axes: Any, camera: _Camera, snapshot: DrawnScene) -> None:
-    """Draw contacts, closest points and points over everything: contacts are inside of things."""
+    """Draw contacts and closest points in front of objects, in which contacts are hidden."""
     for order, (name, color, form, points) in enumerate(snapshot.marks()):
         if form == "line":
             ends: Any = camera.project(points)[..., :2]
             axes.add_collection(LineCollection(ends, colors=[color], linewidths=2.0, zorder=4))
-        z = order - 1.5 if name == "other point" else 3.0 + order  # the others are on the floor
+        z = order - 1.5 if name == "other point" else 3.0 + order  # other points are on the floor
         _draw_dots(axes, camera, points.reshape(-1, 3), color, *DOTS[form], z)
 
 
@@ -290,7 +302,7 @@ def _draw_dots(
 
 
 def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label], most: int) -> None:
-    """List the first notes at the right, and mark the places of the first few by their numbers."""
+    """List notes at the right, and mark the places of the first ones by their numbers."""
     places: list[Any] = []
     for k, note in enumerate(notes[:most]):
         text = note.text if len(note.text) <= LETTERS else note.text[: LETTERS - 1] + "…"
@@ -306,7 +318,7 @@ def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label], most: int) -
             }
             axes.figure.text(1.0 - MARGIN - 0.013, y, str(k + 1), bbox=sign, fontsize=9, **style)
             spot = axes.transData.transform(camera.project(note.place)[:2])
-            at = next(  # beside the place, which stays visible
+            at = next(  # beside the place, which remains visible
                 at
                 for at in spot + BADGE * RINGS
                 if all(np.hypot(*(at - other)) >= BADGE for other in places)
@@ -321,7 +333,7 @@ def _draw_notes(axes: Any, camera: _Camera, notes: Sequence[Label], most: int) -
 
 
 def _sign(text: str, color: Color, form: str) -> Any:
-    """Return the handle of a legend entry, drawn as in the picture."""
+    """Return the handle of a legend entry."""
     if form in ("dot", "speck"):
         return Line2D([], [], color=color, marker="o", markersize=8, linestyle="", label=text)
     if form == "line":

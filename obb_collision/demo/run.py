@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs the demo: the node, a publisher and a listener in one process, topics in between.
+"""Runs the demo: a node, a publisher and a listener in one process, with topics between them.
 
-The publisher is the robot's side: the scene's objects, their motion and the lidar's points.
+The publisher plays the robot: it sends the objects of the scene, their motion and lidar points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -34,7 +34,7 @@ from sensor_msgs.msg import JointState, MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.demo.listener import LATCHED, NARRATORS, Cycle, Listener
+from obb_collision.demo.listener import LATCHED, NARRATORS, Listener
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import DrawnScene, take_snapshot
 from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
@@ -57,8 +57,8 @@ DESCRIPTIONS = ("robot_description", "robot_description_semantic")
 class ScenePublisher(Node):
     """Publishes a scene in motion.
 
-    The objects of a scene file are read by the node itself: only their states are published, poses
-    with twists. Others are published as markers, their motion as a cloud of poses.
+    The node reads the objects of a scene file itself: only their states, poses with twists, are
+    published. Random objects are published as markers, and their motion as a cloud of poses.
     node_options go to ``rclpy.node.Node`` (context, namespace...).
     """
 
@@ -93,10 +93,10 @@ class ScenePublisher(Node):
         used += [] if self._objects is None else [self._objects]
         return all(publisher.get_subscription_count() > 0 for publisher in used)
 
-    def publish_all(self, time: float) -> int:
-        """Publish all objects as they are at a time; returns the stamp (ns)."""
+    def publish_all(self) -> int:
+        """Publish all objects as they are at the start; returns the stamp (ns)."""
         rows = list(range(len(self.scene.names)))
-        return self._publish_states(rows, time) if self.scene.file else self._publish_markers(time)
+        return self._publish_states(rows, 0.0) if self.scene.file else self._publish_markers()
 
     def publish_descriptions(self) -> None:
         """Publish URDF and SRDF of the robots."""
@@ -107,7 +107,7 @@ class ScenePublisher(Node):
                     self._descriptions[robot.name, kind].publish(String(data=text))
 
     def publish_joints(self, time: float) -> int | None:
-        """Publish the joints of the robots at a time; returns the stamp (ns), None if none."""
+        """Publish the robots' joints at a time; returns the stamp (ns), None without robots."""
         stamp, header = self._header()
         for robot in self.scene.robots:
             values, velocities = (part.tolist() for part in self.scene.motions.joints(robot, time))
@@ -118,14 +118,14 @@ class ScenePublisher(Node):
         return stamp if self.scene.robots else None
 
     def publish_objects(self, time: float) -> int | None:
-        """Publish objects that move as they are at a time; returns the stamp (ns), or None."""
+        """Publish moving objects at a time; returns the stamp (ns), None if all are at rest."""
         rows = self.scene.motions.moving
         if not rows:
             return None
         return self._publish_states(rows, time) if self.scene.file else self._publish_poses(time)
 
     def publish_step(self, time: float) -> None:
-        """Publish what moves, and the lidar's points when a scan is due."""
+        """Publish moving objects and joints, and lidar points when a scan is due."""
         self.publish_objects(time)
         self.publish_joints(time)
         if time >= self._next_scan:
@@ -133,7 +133,7 @@ class ScenePublisher(Node):
             self.publish_points(time)
 
     def publish_points(self, time: float) -> None:
-        """Publish what the lidar measures, if there is one."""
+        """Publish the points of the lidar at a time, if the scene has one."""
         points = self.scene.points(time)
         if points is not None:
             rows = points.astype("<f4").view(POINT_DTYPE)[:, 0]
@@ -143,15 +143,12 @@ class ScenePublisher(Node):
         now = self.get_clock().now().nanoseconds
         return now, Header(stamp=stamp_to_ros(now), frame_id=FRAME)
 
-    def _publish_markers(self, time: float) -> int:
+    def _publish_markers(self) -> int:
         stamp, header = self._header()
         markers = []
-        poses = self.scene.motions.states(time)[0]
-        for key, shape, pose in zip(
-            self.scene.keys, self.scene.shapes.values(), poses, strict=True
-        ):
-            marker = shape_to_ros(shape)
-            marker.header, marker.pose, marker.color.a = header, pose_to_ros(pose), 1.0
+        for key, obj in zip(self.scene.keys, self.scene.description.objects, strict=True):
+            marker = shape_to_ros(obj.shape)
+            marker.header, marker.pose, marker.color.a = header, pose_to_ros(obj.pose), 1.0
             marker.ns, marker.id = key
             markers.append(marker)
         self._objects.publish(MarkerArray(markers=markers))
@@ -175,20 +172,20 @@ class ScenePublisher(Node):
         return stamp
 
 
-#: Everything of the demo is in this namespace: it must not disturb a robot.
+#: The namespace of the demo, which must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
-#: Seconds to wait for discovery or an answer: typically below one, except when kernels compile.
+#: Seconds to wait for discovery or an answer: it takes less than one, unless kernels compile.
 PATIENCE = 300.0
 #: Seconds between two checks whether it is time to stop.
 GLANCE = 0.05
 #: Seconds from one message of joints to the next while the node reads a description.
 JOINTS_AGAIN = 0.2
-#: Stamp (ns) that makes all times 0 s: the demo's clock starts with the motion.
+#: Epoch (ns) with which all times are 0 s: the demo's clock starts with the motion.
 NOT_YET = 2**63 - 1
 
 
 def robot_parameters(robots: Sequence[SceneRobot]) -> dict[str, Any]:
-    """Return the parameters of a node for the robots of a scene file, which may stand still."""
+    """Return the parameters of a node for the robots of a scene file, which may rest."""
     bases = [f"{robot.name}: {' '.join(map(repr, robot.pose))}" for robot in robots]
     folders = {str(robot.urdf.resolve().parent): None for robot in robots}
     return {
@@ -199,13 +196,31 @@ def robot_parameters(robots: Sequence[SceneRobot]) -> dict[str, Any]:
     }
 
 
-class Demo:
-    """The three nodes and their executor, for a scene.
+def node_parameters(
+    scene: DemoScene, effects: Collection[str], marker_rate: float
+) -> dict[str, Any]:
+    """Return the parameters of the demo's node; other effects than these are off."""
+    values: dict[str, Any] = {
+        "fixed_frame": FRAME,
+        "trigger": "arrival",
+        "marker_form": "cubes",
+        "marker_rate": marker_rate,
+    }
+    if scene.file is not None:
+        values["scene_file"] = str(scene.file.resolve())
+    if scene.robots:
+        values |= robot_parameters(scene.robots)
+    # the first start need not compile those that are off
+    return values | {f"effects.{name}": "off" for name in NARRATORS if name not in effects}
 
-    rate: publications of what moves, Hz. report gets each line to print. live: whether the boxes
-    are published at that rate, too, for a view. stopped: whether to end; what waits for kernels or
-    answers then raises ExternalShutdownException, until the scene moves. Raises TimeoutError where
-    the nodes don't find each other.
+
+class Demo:
+    """The three nodes of the demo for a scene, and their executor.
+
+    rate: of publications of moving objects, Hz. report: prints a line. live: whether boxes are
+    published at that rate, too, for a view. stopped: tells whether to end; until the scene moves,
+    waiting for kernels or answers then raises ExternalShutdownException. Raises TimeoutError if the
+    nodes do not find each other.
     """
 
     def __init__(
@@ -224,18 +239,7 @@ class Demo:
         choices = scene.description.effects
         effects = [name for name in NARRATORS if name in choices and choices[name].mode != "off"]
         where: Any = {"context": context, "namespace": NAMESPACE}
-        values: dict[str, Any] = {
-            "fixed_frame": FRAME,
-            "trigger": "arrival",
-            "marker_form": "cubes",
-            "marker_rate": rate if live else 10.0,
-        }
-        if scene.file is not None:
-            values["scene_file"] = str(scene.file.resolve())
-        if scene.robots:
-            values |= robot_parameters(scene.robots)
-        # for which the first start need not compile
-        values |= {f"effects.{name}": "off" for name in NARRATORS if name not in effects}
+        values = node_parameters(scene, effects, rate if live else 10.0)
         inputs = ["object_states"] if scene.file is not None else ["objects", "object_poses"]
         topics = [
             *inputs,
@@ -252,7 +256,7 @@ class Demo:
             ending=stopped,
             **where,
         )
-        where["start_parameter_services"] = False  # six services less to wait for, each time
+        where["start_parameter_services"] = False  # six services less to discover
         self.publisher = ScenePublisher(scene, **where)
         self.listener = Listener(report, effects, **where)
         if live or scene.robots:
@@ -264,7 +268,7 @@ class Demo:
             self._executor.add_node(node)
 
     def run(self) -> None:
-        """Move the scene for the time given or until stopped, then bring it to rest."""
+        """Move the scene for its time, or until stopped; the last state is then published."""
         self.begin()
         self._has_begun = True
         start = perf_counter()
@@ -274,13 +278,13 @@ class Demo:
         )
         self.spin_until(lambda: self._stopped() or perf_counter() - start >= self._seconds, np.inf)
         timer.cancel()
-        # exactly the end, so that equal commands end alike
+        # exactly the last time, so that equal commands end alike
         self.settle(self.time if self._stopped() else self._seconds)
 
     def begin(self) -> None:
-        """Wait for the match of the nodes and publish all objects."""
+        """Wait until the nodes have found each other, and publish all objects."""
         self.spin_until(lambda: self.publisher.matched and self.listener.matched)
-        self.listener.start = self.publisher.publish_all(0.0)
+        self.listener.start = self.publisher.publish_all()
         self.listener.epoch = NOT_YET
         self.spin_until(lambda: self.listener.cycles > 0)
         self._begin_robots()
@@ -289,43 +293,39 @@ class Demo:
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
 
     def _begin_robots(self) -> None:
-        """Publish descriptions, and joints until all links are placed: descriptions take time."""
+        """Publish descriptions, then joints until the node, which reads these, places all links."""
         if not self.scene.robots:
             return
         self.publisher.publish_descriptions()
         timer = self.publisher.create_timer(
             JOINTS_AGAIN, lambda: self.publisher.publish_joints(0.0)
         )
-        shown = self.listener
-        self.spin_until(
-            lambda: (
-                len(shown.boxes.names) == len(self.scene.shapes) and not shown.boxes.doubtful.any()
-            )
-        )
+
+        def all_placed() -> bool:
+            boxes = self.listener.boxes
+            return len(boxes.names) == len(self.scene.shapes) and not boxes.doubtful.any()
+
+        self.spin_until(all_placed)
         self.publisher.destroy_timer(timer)
 
     def settle(self, time: float) -> None:
-        """Publish the state of a time and wait: what the listener has is then of that state."""
+        """Publish the state at a time, and wait until the listener has the answers to it."""
         self.time = time
         for publish in (self.publisher.publish_objects, self.publisher.publish_joints):
-            stamp = publish(time)
-            if stamp is not None:
-                self._wait_for(stamp)
+            stamp = publish(time) or 0
+            self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
         self.publisher.publish_points(time)
         last, stamps = self.listener.stamp, self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=last) >= last)
 
-    def _wait_for(self, stamp: int) -> None:
-        self.spin_until(lambda: self.listener.stamp >= stamp)
-
     def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
-        """Spin until something is reached. Raises TimeoutError after ``patience`` seconds."""
+        """Spin the nodes until a condition holds; TimeoutError after ``patience`` seconds."""
         limit = perf_counter() + patience
         while not reached():
             if self._stopped() and not self._has_begun:
                 raise ExternalShutdownException
             if perf_counter() > limit:
-                raise TimeoutError("no answer on the demo's topics in time")
+                raise TimeoutError(f"no answer on the demo's topics within {patience:g} s")
             self._executor.spin_once(timeout_sec=GLANCE)
 
     def _step(self, time: float) -> None:
@@ -333,7 +333,7 @@ class Demo:
         self.publisher.publish_step(self.time)
 
     def summary(self) -> list[str]:
-        """Return the lines at the end."""
+        """Return the lines to print at the end."""
         listener = self.listener
         lines = [
             f"{self.time:.1f} s, {len(self.scene.shapes)} objects, {self.scene.moving_count} "
@@ -346,19 +346,18 @@ class Demo:
         return lines + [line for narrator in narrators for line in narrator.summary()]
 
     def snapshot(self) -> DrawnScene:
-        """Return the scene that the node published last."""
+        """Return the scene that the node published last, to draw."""
         listener, names = self.listener, self.scene.shapes
         if listener.boxes.stamp < 0:
             listener.watch_boxes(f"{NODE_NAME}/markers")
 
-        def latest() -> Cycle | None:
-            found = listener.cycle
-            if found is None or found.boxes.stamp < listener.stamp:
-                return None
-            return found if len(found.boxes.names) == len(names) else None
+        def is_latest() -> bool:
+            cycle = listener.cycle
+            is_current = cycle is not None and cycle.boxes.stamp >= listener.stamp
+            return is_current and len(cycle.boxes.names) == len(names)  # type: ignore[union-attr]
 
-        self.spin_until(lambda: latest() is not None)
-        cycle, points = latest(), self.scene.points(self.time)
+        self.spin_until(is_latest)
+        cycle, points = listener.cycle, self.scene.points(self.time)
         assert cycle is not None
         if points is not None:
             cycle = cycle._replace(points=points.astype(np.float64))

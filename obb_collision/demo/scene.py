@@ -129,7 +129,7 @@ def _random_track(random: np.random.Generator, start: Pose) -> Track:
         turn = quaternion_from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0))
         poses.append((float(x), float(y), start[2], *turn))
     period = float(random.uniform(*PERIODS))
-    return object_track(np.array(poses), np.arange(WAYPOINTS) * period / WAYPOINTS, period)
+    return object_track(np.array(poses), [period * k / WAYPOINTS for k in range(WAYPOINTS)], period)
 
 
 def _on_grid(values: Floats) -> tuple[float, ...]:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,18 +35,18 @@ from obb_collision.scene_files.description import View
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats, Integers
 
-#: Corners of a round body's polygon: round to the eye, few enough to draw hundreds.
+#: Corners of the polygon of a round body: enough for the eye, few enough for hundreds of bodies.
 SECTIONS = 24
-#: Radians between the faces at a sharp edge, and the most edges that are drawn of a body.
+#: Angle between the faces at a sharp edge (rad), and maximum number of drawn edges of a body.
 SHARP, MAX_EDGES = 0.6, 2000
 
 
 class DrawnTriangles(NamedTuple):
-    """Vertices (n, 3), faces (m, 3), and the scale (3,) that makes metres of the vertices.
+    """Vertices (n, 3), faces (m, 3), and the scale (3,) from vertices to metres.
 
-    Equal shapes but for the scale share the same arrays. closed: whether the faces point outwards
-    all around, so that those seen from behind are hidden. edges (e, 2): vertices of the sharp ones;
-    sides (e, 2): the faces beside them.
+    Shapes that differ only by a scale share the arrays. closed: whether all faces point outwards,
+    so that those seen from behind are hidden. edges (e, 2): vertices of sharp edges; sides (e, 2):
+    the faces beside them.
     """
 
     vertices: Floats
@@ -58,7 +58,7 @@ class DrawnTriangles(NamedTuple):
 
 
 def _triangles(body: Any, closed: bool = True) -> DrawnTriangles:
-    """Return a trimesh with its sharp edges; without edges where they would cover the faces."""
+    """Return a trimesh as triangles; one with too many sharp edges has none."""
     sharp = body.face_adjacency_angles > SHARP
     sharp &= np.count_nonzero(sharp) <= MAX_EDGES
     edges, sides = body.face_adjacency_edges[sharp], body.face_adjacency[sharp]
@@ -73,7 +73,9 @@ def triangles_of(shape: shapes.Shape) -> DrawnTriangles:
     if isinstance(shape, Primitive) and type(shape) in UNIT_BODIES:
         size, drawn = np.array(shape._reach(), np.float64), UNIT_BODIES[type(shape)]
     elif isinstance(shape, shapes.Capsule):
-        drawn = _capsule(shape.radius, shape.length)
+        count = SECTIONS, SECTIONS // 2
+        body: Any = creation.capsule(shape.length, shape.radius, count=count)
+        drawn = _triangles(body.apply_translation(-body.bounds.mean(axis=0)))
     elif isinstance(shape, shapes.Hull):
         drawn = _hull_triangles(shape)
     elif isinstance(shape, shapes.Mesh):
@@ -86,7 +88,7 @@ def triangles_of(shape: shapes.Shape) -> DrawnTriangles:
 CUBE = _triangles(creation.box(extents=(2.0, 2.0, 2.0)))
 BALL = _triangles(creation.icosphere(subdivisions=2))
 _CONE: Any = creation.cone(1.0, 2.0, sections=SECTIONS)
-#: Bodies that reach from -1 to 1 along each axis, by the shapes that are the same but for a scale.
+#: Bodies that reach from -1 to 1 along each axis, by the shapes that are scaled copies of them.
 UNIT_BODIES: dict[type, DrawnTriangles] = {
     shapes.Box: CUBE,
     shapes.Sphere: BALL,
@@ -94,13 +96,6 @@ UNIT_BODIES: dict[type, DrawnTriangles] = {
     shapes.Cylinder: _triangles(creation.cylinder(1.0, 2.0, sections=SECTIONS)),
     shapes.Cone: _triangles(_CONE.apply_translation((0.0, 0.0, -1.0))),
 }
-
-
-@cache
-def _capsule(radius: float, length: float) -> DrawnTriangles:
-    body: Any = creation.capsule(length, radius, count=(SECTIONS, SECTIONS // 2))
-    body.apply_translation(-body.bounds.mean(axis=0))
-    return _triangles(body)
 
 
 def _hull_triangles(shape: shapes.Hull) -> DrawnTriangles:
@@ -115,7 +110,7 @@ def _hull_triangles(shape: shapes.Hull) -> DrawnTriangles:
 
 FREE, ROBOT, TOUCHING, OVERLAPPING, DOUBTFUL = range(5)
 STATE_NAMES = ("free", "free, of a robot", "touching", "overlapping", "unknown")
-#: Colours of faces and of edges by state: only what needs a look has a signal's colour.
+#: Colours of faces and of edges by state: only touching and overlapping have warning colours.
 STATE_COLORS: tuple[Color, ...] = (
     (0.92, 0.93, 0.95),
     (0.42, 0.60, 0.86),
@@ -130,23 +125,23 @@ EDGE_COLORS: tuple[Color, ...] = (
     (0.66, 0.00, 0.06),
     (0.48, 0.18, 0.78),
 )
-#: The second sign of a touch, for those who do not tell amber from red.
+#: A sign beside touching objects, for people who cannot tell amber from red.
 TOUCH_SIGN = "≈"
 #: Colours of contacts, closest points, predicted contacts, and points outside and in zones.
 CONTACT_COLOR = (0.25, 0.02, 0.05)
 NEAR_COLOR, PREDICTED_COLOR = (0.00, 0.45, 0.47), (0.45, 0.28, 0.10)
 OUTSIDE_COLOR, INSIDE_COLOR = (0.55, 0.62, 0.70), (0.05, 0.12, 0.45)
-#: Collisions less deep than this share of the scene's diagonal are too small to be seen in it.
+#: Collisions less deep than this share of the scene's diagonal are too small to be seen.
 SMALL = 0.02
-#: Where a scene without a view of its own is seen from: the direction, and the distance in terms of
-#: its diagonal.
+#: The viewpoint of a scene without its own: direction, and distance relative to the diagonal.
 DIRECTION, DISTANCE = np.array((0.38, -0.78, 0.50)), 1.5
 
 
 class Label(NamedTuple):
-    """A text about a place (3,) and what is about it, both m.
+    """A note about a place (3,), m.
 
-    depth: of an overlap, m, NaN for others; names: the objects of a pair.
+    extent: size of its smaller object, m; depth: of an overlap, m, NaN for other notes; names: the
+    objects of a pair.
     """
 
     place: Floats
@@ -158,7 +153,7 @@ class Label(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Points (k, 3), m: "dot" or "speck" is their form; or ends (k, 2, 3) of lines: "line"."""
+    """Points (k, 3), m, of form "dot" or "speck", or ends (k, 2, 3) of lines, of form "line"."""
 
     name: str
     color: Color
@@ -167,7 +162,7 @@ class Mark(NamedTuple):
 
 
 class Body(NamedTuple):
-    """An object as triangles that are placed at a position, turned by a rotation (3, 3)."""
+    """An object as triangles, with position and rotation (3, 3)."""
 
     name: str
     state: int
@@ -176,7 +171,7 @@ class Body(NamedTuple):
     rotation: Floats
 
     def placed(self, points: Floats) -> Floats:
-        """Return points (..., 3) of the triangles in the world, m."""
+        """Return points (..., 3) from the frame of the triangles in the world, m."""
         turned: Floats = (points * self.triangles.scale) @ self.rotation.T
         return turned + self.position
 
@@ -186,7 +181,7 @@ class Body(NamedTuple):
 
 
 def pieces(ends: Floats, length: float) -> tuple[Floats, Integers, Integers]:
-    """Return lines (n, 2, 3) in pieces (k, 2, 3), the line of each, and its number in it (k,)."""
+    """Divide lines (n, 2, 3) into pieces (k, 2, 3); return also line and number of each (k,)."""
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     parts = np.maximum(np.ceil(lengths / length), 1).astype(np.int64)
     row = np.repeat(np.arange(len(ends)), parts)
@@ -198,12 +193,12 @@ def pieces(ends: Floats, length: float) -> tuple[Floats, Integers, Integers]:
 
 @dataclass(frozen=True)
 class DrawnScene:
-    """A node's latest outputs.
+    """The output of a node to draw.
 
-    names, boxes, states: n objects. boxed: those whose boxes decided a pair. shapes: those known,
-    by name; zones: colours of regions, by name. contacts (k, 3) and predicted contacts (p, 3);
-    near: closest points (c, 2, 3); cloud (m, 3), and which of its points are inside of zones or of
-    what counts them (m,). notes: the most important first.
+    names, boxes, states: of n objects. boxed: names of objects in pairs that boxes decided. shapes:
+    known shapes by name; zones: colours of regions by name. contacts (k, 3) and predicted contacts
+    (p, 3); near: closest points (c, 2, 3); cloud (m, 3); inside (m,): whether a point is in a zone
+    or an object that counts points. notes: the most important first.
     """
 
     names: list[str]
@@ -220,7 +215,7 @@ class DrawnScene:
     boxed: frozenset[str] = frozenset()
 
     def unknown(self) -> DrawnScene:
-        """Return the same where nothing is known any more of what collides."""
+        """Return a copy in which collisions are unknown."""
         none: Floats = np.empty((0, 3))
         return replace(
             self,
@@ -233,7 +228,7 @@ class DrawnScene:
         )
 
     def wires(self) -> Iterator[Body]:
-        """Yield what has edges: the objects, and the boxes that decided a pair in their place."""
+        """Yield the objects, and the boxes of those in pairs that boxes decided."""
         rows = {name: row for row, name in enumerate(self.names)}
         for body in self.bodies():
             yield body
@@ -243,12 +238,12 @@ class DrawnScene:
                 yield body._replace(triangles=cube, position=box.center, rotation=box.rotation)
 
     def small(self) -> list[int]:
-        """Return the rows of notes about overlaps that are too small to see in the whole scene."""
+        """Return the rows of notes about overlaps that are too small to be seen."""
         limit = SMALL * diagonal_of(self.boxes)
         return [row for row, note in enumerate(self.notes) if note.depth < limit]
 
     def bodies(self) -> Iterator[Body]:
-        """Yield the objects that are not zones; a box for one whose shape is not known."""
+        """Yield the objects that are not zones, as boxes if their shapes are unknown."""
         for row, name in enumerate(self.names):
             if name in self.zones:
                 continue
@@ -257,14 +252,14 @@ class DrawnScene:
             shape = self.shapes.get(name)
             if shape is None:
                 shape = Box(np.maximum(2.0 * box.half_extents, 1e-9))
-            else:  # the box is the shape's, moved: back to the shape's own frame
+            else:  # from the frame of the box to that of the shape
                 local_center, axes, _ = shape.local_box
                 rotation = rotation @ axes.T
                 center = center - rotation @ local_center
             yield Body(name, int(self.states[row]), triangles_of(shape), center, rotation)
 
     def legend(self) -> list[tuple[str, Color, str]]:
-        """Return text, colour and form (that of a mark, "box" or "zone") of what is there."""
+        """Return text, colour and form (of a mark, "box" or "zone") of everything drawn."""
         kinds = [s for n, s in zip(self.names, self.states, strict=True) if n not in self.zones]
         entries = [
             (f"{kinds.count(k)} {name}{f' {TOUCH_SIGN}' * (k == TOUCHING)}", STATE_COLORS[k], "box")
@@ -288,7 +283,7 @@ class DrawnScene:
 def take_snapshot(
     cycle: Cycle, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
 ) -> DrawnScene:
-    """Return the drawing of a cycle. ValueError if it has no boxes."""
+    """Return the drawing of a cycle; ValueError without boxes."""
     boxes, names = cycle.boxes, cycle.boxes.names
     if not names:
         raise ValueError("no boxes received")
@@ -330,7 +325,7 @@ def diagonal_of(boxes: Boxes) -> float:
 
 
 def look_at(view: View | None, boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return from where to look (3,) and where to (3,): a scene's own view, or at all boxes."""
+    """Return viewpoint (3,) and target (3,): those of the view, or to see all boxes."""
     if view is not None:
         return np.array(view.eye), np.array(view.target)
     bounds = boxes.aabb()
@@ -373,16 +368,16 @@ def _notes(cycle: Cycle, names: list[str], boxes: Boxes, zones: Mapping[str, Col
 
 
 def _contacts(cycle: Cycle, names: list[str], boxes: Boxes) -> Floats:
-    """Return the contact points, and the place of each pair that overlaps without one."""
+    """Return the contact points, and the place of each overlapping pair without one."""
     rows = _rows(cycle, "contacts")
-    have = {(row.a, row.b) for row in rows}
-    pairs = [(p, at) for p, at in _places(cycle, names, boxes) if not is_touching(p)]
-    places = [place for pair, place in pairs if pair[:2] not in have]
+    named = {(row.a, row.b) for row in rows}
+    pairs = [(p, place) for p, place in _places(cycle, names, boxes) if not is_touching(p)]
+    places = [place for pair, place in pairs if pair[:2] not in named]
     return np.array([*places, *(row.point for row in rows)], np.float64).reshape(-1, 3)
 
 
 def _places(cycle: Cycle, names: list[str], boxes: Boxes) -> list[tuple[NamedPair, Floats]]:
-    """Return the pairs and where they are: between the centres where that is not computed."""
+    """Return the pairs with their places, or the middle of both centres for pairs without."""
     center_of, result = dict(zip(names, boxes.centers, strict=True)), []
     for pair, at in zip(cycle.pairs.rows, cycle.pairs.places, strict=True):
         if np.isfinite(at).all():

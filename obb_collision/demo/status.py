@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The subcommand ``obb_collision status``: what running nodes say, on one screen or as JSON."""
+"""The subcommand ``obb_collision status``: prints the status of running nodes, or JSON."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ if TYPE_CHECKING:
 
 PROGRAM, TOPIC = "obb_collision status", "collision_status"
 LEVELS = {b"\0": "OK", b"\2": "ERROR", b"\3": "STALE"}
-#: In the name of an endpoint whose node is not discovered yet.
+#: Part of the name of an endpoint whose node is not discovered yet.
 UNNAMED = "_UNKNOWN_"
-#: 2 is left to wrong arguments, as in all commands.
+#: Exit codes by level; 2 is for wrong arguments, as in all commands.
 EXIT_CODES = {"OK": 0, "ERROR": 1, "STALE": 3}
 NOBODY = 4
 INSTALLED, SOURCED = Path("/opt/ros"), "OBB_COLLISION_SOURCED"
-"""Where ROS installations are, and the variable that says that one was sourced here."""
-#: Seconds between two looks for nodes.
+"""The folder of ROS installations, and the variable that is set after this command sourced one."""
+#: Seconds between two searches for nodes.
 GLANCE = 0.1
 #: Seconds after its status within which a node sends ``/diagnostics``, if it does.
 DIAGNOSTICS = 2.5
-#: Values of the parts of /diagnostics that are shown; all of them are in the JSON.
+#: Values of /diagnostics that are printed; the JSON has all of them.
 SHOWN = (
     *("count", "colliding", "stale", "refused", "unplaceable", "cycle mean (ms)", "cycle max (ms)"),
     *("overruns", "rate (Hz)", "age (s)", "rejected"),
@@ -60,7 +60,7 @@ SHOWN = (
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Print what nodes say; the exit code is that of the worst: ERROR, then STALE, then OK."""
+    """Print the status of nodes; return the code of the worst: ERROR, then STALE, then OK."""
     arguments = list(sys.argv[1:] if args is None else args)
     parser = Parser(
         prog=PROGRAM,
@@ -88,7 +88,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 class Status:
-    """What one node has said so far: level, message, values, and parts of its diagnostics.
+    """The latest status of a node: level, message, values, and parts of its diagnostics.
 
     stamp: of the message, s.
     """
@@ -112,7 +112,7 @@ class Status:
         self.values = {pair.key: pair.value for pair in status.values}
 
     def counting(self, pairs: int) -> Status:
-        """Return the same for this many pairs: a number that changes is told ten times a second."""
+        """Return a copy with this number of pairs: the node updates its own ten times a second."""
         other = copy(self)
         first, *more = self.message.split("; ")
         if self.level == "ERROR" and self.values.get("colliding pairs") == first.split(" ")[0]:
@@ -122,8 +122,7 @@ class Status:
 
     def lines(self, name: str) -> list[str]:
         """Return the lines of the text output."""
-        reason = self.values.get("reason", "")
-        who = self.values.get("who", "")
+        reason, who = self.values.get("reason", ""), self.values.get("who", "")
         head = f"{name}: {self.level}" + (f", {reason}" if reason else "")
         lines = [head + (f" ({who})" if who else ""), f"  {self.message}"]
         counts = {k: v for k, v in self.values.items() if k not in ("reason", "who", "reasons")}
@@ -135,9 +134,9 @@ class Status:
 
 
 def publishers_of_status(listener: Node) -> dict[str, str]:
-    """Return the topics of nodes that publish a status; "" is the name of one that has none yet.
+    """Return status topics by the names of their nodes; "" for a node not discovered yet.
 
-    An endpoint is discovered before the node that it belongs to.
+    An endpoint is discovered before its node.
     """
     return {
         name if UNNAMED not in name else "": topic
@@ -148,7 +147,10 @@ def publishers_of_status(listener: Node) -> dict[str, str]:
     }
 
 
-def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStack) -> int:
+def _listen(
+    options: Any, context: Context, interrupts: Interrupts, stack: ExitStack
+) -> dict[str, Status]:
+    """Return the status of nodes by name, as soon as all have sent one or the time is over."""
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node as RosNode
@@ -156,24 +158,24 @@ def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStac
 
     listener = RosNode("obb_collision_status", context=context)
     stack.callback(listener.destroy_node)
-    found: dict[str, Status] = {}
+    heard: dict[str, Status] = {}
     wanted = None if options.node is None else "/" + options.node.strip("/")
 
     def take_diagnostics(message: Any) -> None:
         for status in message.status:
             name, _, part = status.name.partition(": ")
-            if (node := found.get(f"/{name}")) is not None:
+            if (node := heard.get(f"/{name}")) is not None:
                 node.parts[part] = {"message": status.message}
                 node.parts[part] |= {pair.key: pair.value for pair in status.values}
 
     def look() -> bool:
-        """Subscribe to the status of nodes that are new; returns whether all have a name yet."""
+        """Subscribe to the status of new nodes; returns whether the names of all are known."""
         nodes = publishers_of_status(listener)
         for name, topic in nodes.items():
-            if name and name not in found and (wanted is None or name == wanted):
-                status = found[name] = Status()
+            if name and name not in heard and (wanted is None or name == wanted):
+                status = heard[name] = Status()
                 listener.create_subscription(DiagnosticArray, topic, status.take, latched)
-        return "" not in nodes or wanted in found
+        return "" not in nodes or wanted in heard
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     listener.create_subscription(DiagnosticArray, "/diagnostics", take_diagnostics, 10)
@@ -185,12 +187,16 @@ def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStac
     while monotonic() < limit and not interrupts.asked:
         named = look()
         executor.spin_once(timeout_sec=GLANCE)
-        if named and found and all(status.level for status in found.values()):
+        if named and heard and all(status.level for status in heard.values()):
             first = min(first, monotonic())
-            if all(status.parts for status in found.values()):
+            if all(status.parts for status in heard.values()):
                 break
-            limit = min(limit, first + DIAGNOSTICS)  # some have none
-    heard = {name: status for name, status in sorted(found.items()) if status.level}
+            limit = min(limit, first + DIAGNOSTICS)  # a node may have no diagnostics
+    return {name: status for name, status in sorted(heard.items()) if status.level}
+
+
+def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStack) -> int:
+    heard = _listen(options, context, interrupts, stack)
     if options.json:
         say(json.dumps({name: vars(status) for name, status in heard.items()}, indent=1))
     else:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The live view in the browser, by viser: the only module that needs it, which is an extra."""
+"""The live view in the browser. It needs viser, which is an optional dependency."""
 
 from __future__ import annotations
 
@@ -60,50 +60,49 @@ from obb_collision.typing import Floats
 
 #: Updates of the browser per second, Hz: smooth to the eye.
 RATE = 15.0
-#: Notes in the panel, those with a number in the scene, and objects with the sign of a touch.
+#: Maximum numbers: notes in the panel, numbered notes in the scene, signs of touching objects.
 NOTES, MARKED, SIGNS = 14, 5, 8
-#: In terms of the scene's diagonal: the diameter of a contact's dot and of a point, the radius of
-#: the glow about a collision too small to be seen, and the dashes of what is unknown.
+#: Relative to the scene's diagonal: the diameters of contacts and of points, the radius of the glow
+#: around a collision too small to be seen, and the dashes of unknown objects.
 DOT, SPECK, GLOW, DASH = 0.007, 0.0025, 0.02, 0.008
-#: Opacity by state of what is not opaque: contact points are inside of what overlaps.
+#: Opacity of states that are not opaque: contact points are inside of overlapping objects.
 OPACITY = {OVERLAPPING: 0.55, DOUBTFUL: 0.3}
-#: A flight to a pair: steps, seconds from one to the next, and the distance at its end in terms of
-#: the pair's smaller object, at least of the scene's diagonal.
+#: A flight to a pair: number of steps, seconds of each, and the distance at its end relative to the
+#: smaller object, or at least to the scene's diagonal.
 STEPS, STEP, NEAR, NEAREST = 20, 0.03, 4.0, 0.05
-#: Seconds without a status after which the banner says STALE, and without a whole cycle after which
-#: all is drawn as unknown: several periods. The latter also once the level has been another one for
-#: so long: longer than the boxes of its cycle take.
+#: Seconds without a status until the banner says STALE; and seconds until everything is drawn as
+#: unknown, because no complete cycle arrived or its level is not that of the status any more.
 SILENT, DISAGREED = 2.0, 0.5
 LEVEL_COLORS = {
     "OK": (0.10, 0.50, 0.32),
     "ERROR": (0.80, 0.08, 0.10),
     "STALE": EDGE_COLORS[DOUBTFUL],
 }
-#: Rows of the list begin at the left and are as high as text.
+#: Makes rows of the list left-aligned and as high as text.
 STYLE = (
     "<style>.mantine-Button-root{height:1.9em;margin-bottom:-.5em}"
     ".mantine-Button-inner{justify-content:flex-start}</style>"
 )
-#: Colours of lines and of bodies drawn many times are linear in viser, all others are sRGB.
+#: Exponent from sRGB to linear colours, which viser takes for lines and batched bodies.
 GAMMA = 2.2
-#: Height of the field of view at first, radians.
+#: Initial height of the field of view, radians.
 FIELD = 0.65
-#: What the panel says while there is nothing to draw.
+#: Text of the panel while there is nothing to draw.
 WAITING = "Waiting for the node. Its first start compiles kernels: see its log for the progress."
 
 
 class BrowserView:
-    """A scene in the browser. ImportError without viser, OSError for the port.
+    """A scene in the browser. ImportError without viser, OSError for a port in use.
 
-    host: "localhost" for this machine only, "0.0.0.0" for all that reach it. handles: by name, how
-    many there are of what is drawn, and viser's handle, None for none.
+    host: "localhost" for this machine only, "0.0.0.0" for all network interfaces. handles: by name,
+    the number of items drawn, and viser's handle, None for no items.
     """
 
     def __init__(self, port: int, host: str = "localhost", view: Viewpoint | None = None) -> None:
         import viser
 
         with create_server((host, 0)):
-            pass  # viser waits for ever for a host that does not exist
+            pass  # an unknown host fails here; viser would wait for ever
         with redirect_stdout(StringIO()):  # it prints a frame around the address
             self._server = viser.ViserServer(host, port, label="obb_collision", verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -114,11 +113,11 @@ class BrowserView:
         self._notes: list[Label] = []  # of the rows
         self._view = view
         self._size = 0.0
-        self.handles: dict[str, tuple[Any, Any]] = {}  # with what they were made from
+        self.handles: dict[str, tuple[Any, Any]] = {}
         self.url = f"http://{host}:{self._server.get_port()}"
 
     def show(self, snapshot: DrawnScene, status: Status, silent: float = 0.0) -> None:
-        """Draw a snapshot in place of the last one, and tell the status and its notes with it."""
+        """Draw a snapshot in place of the last one, with its status and notes."""
         self._begin(snapshot.boxes)
         zone = np.array([name in snapshot.zones for name in snapshot.names])
         zones = snapshot.boxes[zone]
@@ -140,11 +139,11 @@ class BrowserView:
             self.show_status(status, silent)
 
     def show_status(self, status: Status, silent: float) -> None:
-        """Write a node's status into the banner; silent: for how long it has sent none, s."""
+        """Write a node's status into the banner; silent: seconds since it arrived."""
         _change(self.banner, content=STYLE + banner(status, silent))
 
     def fly_to(self, note: Label, camera: Any) -> None:
-        """Move a client's camera to what a note is about; it keeps its direction."""
+        """Move a client's camera to the place of a note; it keeps its direction."""
         eye, target = np.array(camera.position), np.array(camera.look_at)
         back = (eye - target) / max(float(np.linalg.norm(eye - target)), 1e-9)
         end = note.place + max(NEAR * note.extent, NEAREST * self._size) * back
@@ -161,11 +160,17 @@ class BrowserView:
         """Draw edges (2 k, 3) of boxes, as a node publishes them for many objects."""
         with self._server.atomic():
             self.show_status(status, silent)
-            if lines:
-                self._draw_lines(lines)
+            if not lines:
+                return
+            ends = np.concatenate([ends for ends, _ in lines]).reshape(-1, 2, 3)
+            low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
+            self._begin(Boxes([0.5 * (low + high)], [np.eye(3)], [0.5 * (high - low)]))
+            counts = [len(part) // 2 for part, _ in lines]
+            colors = np.repeat([color for _, color in lines], counts, axis=0)
+            self._lines("edges of boxes", ends, colors[:, None])
 
     def clear(self) -> None:
-        """Remove what is drawn, and the list."""
+        """Remove everything that is drawn, and the list of notes."""
         for _, handle in self.handles.values():
             if handle is not None:
                 handle.remove()
@@ -174,21 +179,13 @@ class BrowserView:
         for button in self.rows:
             button.visible = False
 
-    def _draw_lines(self, lines: list[tuple[Floats, Color]]) -> None:
-        ends = np.concatenate([ends for ends, _ in lines]).reshape(-1, 2, 3)
-        low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
-        self._begin(Boxes([0.5 * (low + high)], [np.eye(3)], [0.5 * (high - low)]))
-        counts = [len(part) // 2 for part, _ in lines]
-        colors = np.repeat([color for _, color in lines], counts, axis=0)
-        self._lines("edges of boxes", ends, colors[:, None])
-
     def close(self) -> None:
         """Stop the server."""
         with redirect_stdout(StringIO()):
             self._server.stop()
 
     def _begin(self, boxes: Boxes) -> None:
-        """Set camera, floor and sizes by the first boxes."""
+        """Set camera, floor and sizes for the first boxes."""
         if self._size:
             return
         self.panel.content = ""
@@ -211,10 +208,10 @@ class BrowserView:
         )
 
     def _show_bodies(self, snapshot: DrawnScene) -> None:
-        """Draw the bodies, those that differ only in size together.
+        """Draw the bodies, in one batch those that differ only in size.
 
-        Each opacity has all of them, those of other opacities without size: they flicker where
-        something is drawn anew because there are more or fewer.
+        Each opacity has a batch of all bodies, in which those of other opacities have no size: a
+        batch with another number of bodies would be drawn anew, and flicker.
         """
         groups: dict[int, list[Body]] = defaultdict(list)
         for body in snapshot.bodies():
@@ -239,7 +236,7 @@ class BrowserView:
             self.handles.pop(name)[1].remove()
 
     def _show_edges(self, snapshot: DrawnScene) -> None:
-        """Draw sharp edges, and boxes where they decide; dashed for what is unknown."""
+        """Draw sharp edges, and boxes that decided a pair; those of unknown state are dashed."""
         lines, colors = [np.empty((0, 2, 3))], [np.empty((0, 3))]
         for body in snapshot.wires():
             ends = body.edges()
@@ -251,12 +248,12 @@ class BrowserView:
         self._lines("edges", np.concatenate(lines), np.concatenate(colors)[:, None])
 
     def _show_signs(self, snapshot: DrawnScene) -> None:
-        """Draw numbers of the first notes, the sign of a touch, and a glow about what is small."""
+        """Draw numbers of notes, signs of touching objects, and a glow around small overlaps."""
         signs: list[tuple[str, Floats]] = []
         for k, note in enumerate(snapshot.notes[:MARKED], start=1):
             far = [float(np.linalg.norm(at - note.place)) for _, at in signs]
             near = [distance < GLOW * self._size for distance in far]
-            if True in near:  # one label for what would cover each other
+            if True in near:  # one label for notes that would cover each other
                 text, at = signs[near.index(True)]
                 signs[near.index(True)] = f"{text}, {k}", at
             else:
@@ -283,7 +280,7 @@ class BrowserView:
         colors: Floats,
         opacity: float,
     ) -> None:
-        """Draw triangles many times: placed and turned as boxes are, by scales and colours."""
+        """Draw triangles once per box, at its pose, with scale and colour."""
         quaternions = quaternions_from_matrices(placed.arrays.rotations)[:, [3, 0, 1, 2]]
         self._put(
             self._server.scene.add_batched_meshes_simple,
@@ -305,7 +302,7 @@ class BrowserView:
         )
 
     def _lines(self, name: str, ends: Floats, color: Any, width: float = 2.0) -> None:
-        """Draw lines (..., 2, 3), metres; the width in pixels."""
+        """Draw lines (..., 2, 3), metres, of a width in pixels."""
         colors = np.broadcast_to(_bytes(np.array(color) ** GAMMA), ends.shape).reshape(-1, 2, 3)
         points = ends.reshape(-1, 2, 3).astype(np.float32)
         constant = {"thickness": width, "thickness_units": "screen"}
@@ -331,9 +328,9 @@ class BrowserView:
         constant: dict[str, Any],
         **values: Any,
     ) -> None:
-        """Draw something, or change what is drawn of it; anew when there are more or fewer."""
-        known, handle = self.handles.get(name, (0, None))
-        if handle is None or known != count:
+        """Draw items, or change the values of drawn ones if their number is the same."""
+        last_count, handle = self.handles.get(name, (0, None))
+        if handle is None or last_count != count:
             if handle is not None:
                 handle.remove()
             handle = add(f"/{name}", **constant, **values) if count else None
@@ -342,7 +339,7 @@ class BrowserView:
         _change(handle, **values)
 
     def _add_row(self, row: int) -> Any:
-        """Return a row of the list; a click on it flies to what it is about."""
+        """Return a row of the list of notes; a click on it flies to its place."""
         button = self._server.gui.add_button("", visible=False, hint="Fly there")
 
         @button.on_click
@@ -353,7 +350,7 @@ class BrowserView:
         return button
 
     def _show_notes(self, snapshot: DrawnScene) -> None:
-        """Write what the colours mean, and the notes, into the panel."""
+        """Write the legend and the notes into the panel."""
         lines = [_line(text, color) for text, color, _ in snapshot.legend()]
         self._notes = snapshot.notes[:NOTES]
         if len(snapshot.notes) > NOTES:
@@ -369,14 +366,14 @@ class BrowserView:
 
 
 def _change(handle: Any, **values: Any) -> None:
-    """Set fields of what viser has, those that differ."""
+    """Set the fields of a viser handle that differ."""
     for field, value in values.items():
         if not np.array_equal(getattr(handle, field), value):
             setattr(handle, field, value)
 
 
 def banner(status: Status, silent: float) -> str:
-    """Return level, reason, message and time as HTML; STALE for a node that is silent."""
+    """Return level, reason, message and time as HTML; a silent node is STALE."""
     level, reason, message = status.level, status.values.get("reason", ""), status.message
     if not level or silent > SILENT:
         level, reason, message = "STALE", "silent", "no collision_status is received"
@@ -406,7 +403,7 @@ def _bytes(colors: Floats) -> Any:
 
 
 class LiveView:
-    """Updates a view from a listener, in a thread: drawing must not delay the node."""
+    """Updates a view from a listener in a thread, so that drawing does not delay the node."""
 
     def __init__(
         self,
@@ -417,8 +414,8 @@ class LiveView:
     ) -> None:
         self._view, self._listener = view, listener
         self._shapes, self._zones = shapes, zones or {}
-        self._form = False, False  # what is drawn: objects, or lines
-        self._agreed = 0.0  # when status and cycle last were of one level, s
+        self._form = False, False  # whether objects, and lines, are drawn
+        self._agreed = 0.0  # time when status and cycle last had the same level, s
         self._ended = Event()
         self._thread = Thread(target=self._run, name="view", daemon=True)
         self._thread.start()
@@ -432,7 +429,7 @@ class LiveView:
                 logger.error(f"the view has an internal error\n{format_exc()}", once=True)
 
     def update(self) -> None:
-        """Draw what the listener has, as soon as it has anything."""
+        """Draw the listener's latest cycle, if it has one."""
         listener, now = self._listener, monotonic()
         cycle, status, silent = listener.cycle, listener.status, now - listener.heard
         if cycle is None:
@@ -440,8 +437,8 @@ class LiveView:
             return
         if cycle.status.level == status.level and now - cycle.at < SILENT:
             self._agreed = now
-        known = now - self._agreed < DISAGREED
-        told = (cycle.status if known else status), silent
+        is_current = now - self._agreed < DISAGREED
+        shown = (cycle.status if is_current else status), silent
         form = bool(cycle.boxes.names), bool(cycle.boxes.lines)
         if form != self._form:
             self._view.clear()
@@ -449,12 +446,12 @@ class LiveView:
         if cycle.boxes.names:
             shapes = {**listener.shapes, **(self._shapes or {})}
             snapshot = take_snapshot(cycle, shapes, self._zones)
-            self._view.show(snapshot if known else snapshot.unknown(), *told)
+            self._view.show(snapshot if is_current else snapshot.unknown(), *shown)
         else:
-            self._view.show_lines(cycle.boxes.lines, *told)
+            self._view.show_lines(cycle.boxes.lines, *shown)
 
     def close(self) -> None:
-        """End the thread and take the server down."""
+        """End the thread and stop the server."""
         self._ended.set()
         self._thread.join()
         self._view.close()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Run a command that needs ROS until it ends or is interrupted, and print what it says."""
+"""Run a command that needs ROS until it ends or is interrupted."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 class Interrupts:
     """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt, once.
 
-    An exception would come in the middle of any callback, where rclpy may swallow it.
+    The first one raises nothing: rclpy may swallow an exception in a callback.
     """
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ Work: TypeAlias = "Callable[[Context, Interrupts, ExitStack], int]"
 
 @restored_signals()
 def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
-    """Return the exit code of ``work``, which gets a context, and a stack closed at its end."""
+    """Run ``work`` with a context and a stack, which is closed at its end; return its exit code."""
     interrupts, stack = Interrupts(), ExitStack()
     import rclpy.context
     from rclpy.executors import ExternalShutdownException

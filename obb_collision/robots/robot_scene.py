@@ -26,7 +26,7 @@ from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, as_flag, check_kind, is_single
 from obb_collision.robots.checks.arrays import check_turns
 from obb_collision.robots.checks.distances import state_distances
-from obb_collision.robots.checks.motion_checks import check_motions, displacements
+from obb_collision.robots.checks.motions import check_motions, displacements
 from obb_collision.robots.checks.reports import MotionReport, StateDistances, StateReport
 from obb_collision.robots.checks.states import check_states
 from obb_collision.robots.kinematics.kinematics import PLANAR

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The content of a scene file, as values: objects, groups, allowed pairs, accuracy, effects, lidar.
+"""The content of a scene file: objects, robots, groups, allowed pairs, accuracy, effects, lidar.
 
-The simulated lidar, for demos and measurements of the effect ``points``: its rays hit the floor (z
-= 0) and the shapes of the objects that the sensor sees.
+The lidar is simulated, for demos and measurements of the effect ``points``: its rays hit the floor
+(z = 0) and the shapes of the objects that it sees.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from obb_collision.typing import Floats
 
 Cloud = NDArray[np.float32]
 
-#: Scanners have a few lines of many points: this many, between these angles above the horizon.
+#: Lines of a scanner, and their lowest and highest angle above the horizon, rad.
 LINES = 32
 LOWEST, HIGHEST = np.radians(-35.0), np.radians(15.0)
-#: Standard deviation of a measured distance (m), and the nearest one measured.
+#: Standard deviation of a measured distance, and minimum distance, m.
 NOISE, NEAREST = 0.01, 0.3
-#: Any direction, for where a ray of no length is.
+#: The direction of a ray of length zero: any.
 UP = 0.0, 0.0, 1.0
 
 
 @dataclass(frozen=True)
 class Lidar:
-    """A scanner: number of rays per revolution, range (m), position (3,), patterns of what it sees.
+    """A scanner: rays per revolution, range (m), position (3,), patterns of objects that it sees.
 
     seed: of the noise of the distances; equal seeds and times give equal clouds.
     """
@@ -68,7 +68,7 @@ class Lidar:
 
     @cached_property
     def directions(self) -> Floats:
-        """Unit directions (count, 3) of the rays, line by line from below."""
+        """Unit directions (count, 3) of the rays, line by line from the lowest."""
         lines = min(LINES, self.count)
         line = np.arange(self.count) * lines // self.count
         turn = np.modf(np.arange(self.count) * lines / self.count)[0] * 2.0 * np.pi
@@ -77,29 +77,29 @@ class Lidar:
         return read_only_view(np.stack([x, y, np.sin(rise)], axis=1))
 
     def scan(self, scene: Scene, time: float) -> Cloud:
-        """Return the points (k, 3) seen of a scene at a time (s); from inside nothing is seen."""
+        """Return the points (k, 3) seen of a scene at a time (s), except on objects around it."""
         directions, origin = self.directions, np.array(self.position)
         with np.errstate(divide="ignore"):
             ways = np.where(directions[:, 2] < 0.0, -origin[2] / directions[:, 2], np.inf)
         ways[ways <= 0.0] = np.inf
         ways = np.minimum(ways, self.range)
-        there = set(compress(scene.names, matching(self.sees, scene.names)))
+        visible = set(compress(scene.names, matching(self.sees, scene.names)))
         while True:
-            around = scene.cast_rays([origin], [UP], 0.0, accuracy=Accuracy.MESH, objects=there)
+            around = scene.cast_rays([origin], [UP], 0.0, accuracy=Accuracy.MESH, objects=visible)
             if not around.hits[0]:
                 break
-            there.remove(scene.name(around.boxes[0]))
+            visible.remove(scene.name(around.boxes[0]))
         origins = np.tile(origin, (len(directions), 1))
-        found = scene.cast_rays(origins, directions, ways, accuracy=Accuracy.MESH, objects=there)
-        ways = np.minimum(ways, found.distances)
-        moment = round(time * 1e6) % 2**63  # microseconds: the resolution that matters in a stamp
+        hits = scene.cast_rays(origins, directions, ways, accuracy=Accuracy.MESH, objects=visible)
+        ways = np.minimum(ways, hits.distances)
+        moment = round(time * 1e6) % 2**63  # microseconds
         noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)
         seen = (ways >= NEAREST) & (ways < self.range)
         points = origin + (ways + noise)[seen, None] * directions[seen]
         return points.astype(np.float32)
 
 
-#: Effects of the node only: what it publishes for people and monitors.
+#: Effects of the node only: topics for people and monitors.
 NODE_EFFECTS = (
     *("collisions", "text", "in_collision", "collision_status", "events"),
     *("markers", "diagnostics"),
@@ -109,10 +109,10 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One object: its name, its shape, its pose (x y z qx qy qz qw).
+    """An object: name, shape, pose (x y z qx qy qz qw).
 
-    padding (m) and accuracy: None for the scene's; color: red, green, blue and opacity from 0 to 1,
-    for pictures, where an opacity below 1 makes it a zone.
+    padding (m), accuracy: None for those of the scene; color: red, green, blue and opacity from 0
+    to 1, for pictures; an opacity below 1 makes the object a zone.
     """
 
     name: str
@@ -125,9 +125,9 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class SceneRobot:
-    """One robot: its name, the files of its URDF and SRDF, what is in them, and where it stands.
+    """A robot: name, files, pose of the root link (x y z qx qy qz qw), and state.
 
-    pose: of the root link (x y z qx qy qz qw); state: values of ``robot.joint_names``.
+    state: values of ``robot.joint_names``.
     """
 
     name: str
@@ -140,7 +140,7 @@ class SceneRobot:
 
 @dataclass(frozen=True)
 class AllowedRule:
-    """Whether objects that match two patterns may touch; of several rules the last one counts."""
+    """Whether objects that match two patterns may touch; the last matching rule counts."""
 
     first: str
     second: str
@@ -149,7 +149,7 @@ class AllowedRule:
 
 @dataclass(frozen=True)
 class EffectChoice:
-    """Settings of an effect: mode, patterns of objects, options; None: not in the file."""
+    """Settings of an effect: mode, patterns of objects, options; None if the file has none."""
 
     mode: str | None = None
     objects: tuple[str, ...] | None = None
@@ -158,7 +158,7 @@ class EffectChoice:
 
 @dataclass(frozen=True)
 class View:
-    """Viewpoint of a picture of the scene, and the point in its centre, metres."""
+    """Viewpoint of a picture of the scene, and the point in its centre, m."""
 
     eye: Triple
     target: Triple
@@ -166,11 +166,11 @@ class View:
 
 @dataclass(frozen=True)
 class SceneDescription:
-    """A scene file: everything that is needed to make the scene and to draw it.
+    """The content of a scene file, to build the scene and to draw it.
 
-    groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
-    counts; time_budget: seconds per check, None for no budget; robots: not in the scene that
-    ``build`` makes, but for ``RobotScene``; notes: what in the file is left out or odd, as text.
+    groups: patterns by name; accuracies: patterns and their levels, the last match counts;
+    time_budget: seconds per check, None for no budget; robots: for ``RobotScene``, not a part of
+    the scene that ``build`` makes; notes: what is odd in the file, or ignored, one line each.
 
     Examples
     --------
@@ -196,7 +196,7 @@ class SceneDescription:
     @property
     def names(self) -> list[str]:
         """The names of the objects, in their order."""
-        return [thing.name for thing in self.objects]
+        return [obj.name for obj in self.objects]
 
     def build(self) -> Scene:
         """Return the scene, with its rules and effects."""
@@ -205,14 +205,14 @@ class SceneDescription:
             budget["time_budget"] = self.time_budget
         scene = Scene(padding=self.padding, accuracy=self.accuracy, **budget)
         levels = zip(self.objects, self.object_accuracies(), strict=True)
-        for plain, run in groupby(levels, lambda pair: _is_plain(pair[0])):
-            things, accuracies = zip(*run, strict=True)
+        for plain, run in groupby(levels, lambda pair: _is_plain_box(pair[0])):
+            objects, accuracies = zip(*run, strict=True)
             if plain:
-                sizes, poses = zip(*((one.shape.size, one.pose) for one in things), strict=True)
-                scene.add_boxes([one.name for one in things], sizes, poses, accuracies)
+                sizes, poses = zip(*((obj.shape.size, obj.pose) for obj in objects), strict=True)
+                scene.add_boxes([obj.name for obj in objects], sizes, poses, accuracies)
                 continue
-            for one, level in zip(things, accuracies, strict=True):
-                scene.add(one.name, one.shape, one.pose, padding=one.padding, accuracy=level)
+            for obj, level in zip(objects, accuracies, strict=True):
+                scene.add(obj.name, obj.shape, obj.pose, padding=obj.padding, accuracy=level)
         for rule in self.allowed:
             scene.allow(rule.first, rule.second, rule.allowed)
         for name, choice in self.effects.items():
@@ -221,17 +221,16 @@ class SceneDescription:
         return scene
 
     def object_accuracies(self) -> list[Accuracy | None]:
-        """Return each object's own accuracy, or that of its last pattern; None for the scene's."""
+        """Return each object's own accuracy, or that of its last pattern, None for the scene's."""
         result: list[Accuracy | None] = [None] * len(self.objects)
         for pattern, accuracy in self.accuracies:
             for row in np.flatnonzero(matching([pattern], self.names)):
                 result[row] = accuracy
-        for k, thing in enumerate(self.objects):
-            result[k] = result[k] if thing.accuracy is None else thing.accuracy
+        for k, obj in enumerate(self.objects):
+            result[k] = result[k] if obj.accuracy is None else obj.accuracy
         return result
 
 
-def _is_plain(thing: SceneObject) -> bool:
-    """Return whether it is a box as it stands, with the padding of the scene."""
-    plain = type(thing.shape) is Box and thing.shape.scale == NO_SCALE
-    return plain and thing.padding is None
+def _is_plain_box(obj: SceneObject) -> bool:
+    """Return whether an object is a box without scale and without its own padding."""
+    return type(obj.shape) is Box and obj.shape.scale == NO_SCALE and obj.padding is None

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Loading of a scene file, whichever of the two formats it is in.
+"""Loading of a scene file in either format.
 
-Nothing is constructed but words, lists and mappings. The size of a file, its nesting and its number
-of values, each alias counted as all that it stands for, have limits, which bound the time of
-everything that reads it later.
+YAML is read as words, lists and mappings only. Size, nesting and number of values, where an alias
+counts as all that it stands for, have limits, which bound the time of all later steps.
 """
 
 from __future__ import annotations
@@ -53,20 +52,20 @@ from obb_collision.scene_files.yaml_values import (
     Value,
 )
 
-#: Bytes of a file: a scene with its meshes written out, which takes a minute to read.
+#: Maximum size of a file, bytes: a scene with meshes in it, which takes a minute to read.
 MAX_BYTES = 16_000_000
-#: Levels of lists and mappings: three times those of a planning scene.
+#: Maximum levels of lists and mappings: three times those of a planning scene.
 MAX_LEVELS = 30
-#: Values in a file, those behind an alias counted at every place.
+#: Maximum number of values, where those behind an alias count at every place.
 MAX_VALUES = 4_000_000
 
 
 class _LimitError(yaml.MarkedYAMLError):  # type: ignore[misc]
-    """A file that is YAML, but exceeds a limit."""
+    """YAML that exceeds a limit."""
 
 
 class PythonParser(Reader, Scanner, Parser):  # type: ignore[misc]
-    """PyYAML's parser in Python: what is no YAML, users are told in its words."""
+    """PyYAML's parser in Python, whose error messages users see."""
 
     def __init__(self, text: str) -> None:
         Reader.__init__(self, text)
@@ -81,18 +80,18 @@ except ImportError:  # PyYAML may be built without it
 
 
 class _Composer:
-    """Makes nodes of what a parser finds, within the limits."""
+    """Makes nodes from the events of a parser, within the limits."""
 
     def __init__(self, parser: Any) -> None:
         self._next = parser.get_event
         self._resolve = Resolver().resolve
         self._level = 0
         self._count = 0
-        self._anchors: dict[str, tuple[Node, int]] = {}  # with the values behind them
-        self._open: set[str] = set()  # anchors of what is not complete
+        self._anchors: dict[str, tuple[Node, int]] = {}  # with their numbers of values
+        self._open: set[str] = set()  # anchors of nodes that are not complete
 
     def document(self) -> Node | None:
-        """Return the only document, None where there is none."""
+        """Return the only document, None for an empty file."""
         self._next()
         if isinstance(self._next(), yaml.StreamEndEvent):
             return None
@@ -105,7 +104,7 @@ class _Composer:
 
     def _node(self, event: yaml.Event) -> Node:
         if isinstance(event, yaml.AliasEvent):
-            return self._known(event)
+            return self._aliased(event)
         self._add(1, event)
         anchor, before = event.anchor, self._count
         if anchor is not None:
@@ -115,13 +114,13 @@ class _Composer:
         self._level += 1
         if self._level > MAX_LEVELS:
             self._limit(f"nested too deeply, more than {MAX_LEVELS} levels", event)
-        node = self._made(event)
+        node = self._new(event)
         self._level -= 1
         if anchor is not None:
             self._anchors[anchor] = node, self._count - before + 1
         return node
 
-    def _made(self, event: yaml.Event) -> Node:
+    def _new(self, event: yaml.Event) -> Node:
         line, tag = event.start_mark.line, event.tag
         if isinstance(event, yaml.ScalarEvent):
             if tag is None or tag == "!":
@@ -135,7 +134,7 @@ class _Composer:
         pairs = tuple(zip(value[::2], value[1::2], strict=True))
         return Node(tag if tag not in (None, "!") else MAPPING, pairs, line)
 
-    def _known(self, event: yaml.AliasEvent) -> Node:
+    def _aliased(self, event: yaml.AliasEvent) -> Node:
         """Return the node that an alias refers to."""
         if event.anchor not in self._anchors:
             if event.anchor in self._open:
@@ -159,7 +158,7 @@ class _Composer:
 
 
 def parse(file: str, text: str) -> Value:
-    """Return the top value of a YAML text; SceneFileError if it is none or exceeds a limit."""
+    """Return the top value of a YAML text; SceneFileError if it is invalid or exceeds a limit."""
     try:
         try:
             node = _Composer(FastParser(text)).document()
@@ -171,12 +170,12 @@ def parse(file: str, text: str) -> Value:
     except _LimitError as error:
         raise SceneFileError(file, [Problem(_line(error), "", str(error.problem))]) from None
     except yaml.MarkedYAMLError as error:
-        raise _no_yaml(file, _line(error), str(error.problem)) from None
+        raise _invalid(file, _line(error), str(error.problem)) from None
     except yaml.reader.ReaderError as error:
-        raise _no_yaml(file, text.count("\n", 0, error.position) + 1, error.reason) from None
+        raise _invalid(file, text.count("\n", 0, error.position) + 1, error.reason) from None
     except (ValueError, OverflowError) as error:  # numbers of directives and of escapes
-        raise _no_yaml(file, parser.line + 1, str(error)) from None
-    except RecursionError:  # called from deep within something else
+        raise _invalid(file, parser.line + 1, str(error)) from None
+    except RecursionError:  # the caller has used most of the stack
         raise SceneFileError(file, [Problem(parser.line + 1, "", "nested too deeply")]) from None
     if node is None:
         raise SceneFileError(file, [Problem(1, "", "the file is empty")])
@@ -188,15 +187,15 @@ def _line(error: yaml.MarkedYAMLError) -> int:
     return 1 if mark is None else int(mark.line) + 1
 
 
-def _no_yaml(file: str, line: int, reason: str) -> SceneFileError:
+def _invalid(file: str, line: int, reason: str) -> SceneFileError:
     return SceneFileError(file, [Problem(line, "", f"not valid YAML: {reason}")])
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file. Raises SceneFileError if it cannot be read."""
+    """Return the text of a file; SceneFileError if it cannot be read."""
     line = 0
     try:
-        if path.exists() and not path.is_file():  # a device or a pipe may never end
+        if path.exists() and not path.is_file():  # a device or pipe may be endless
             reason = "the path is a folder, a device or a pipe, not a file"
         else:
             with path.open("rb") as file:
@@ -217,24 +216,24 @@ def read_text(path: Path) -> str:
 
 
 PACKAGE = "obb_collision"
-#: Names of the scenes in the folder ``config`` of the package.
+#: Names of the scenes of the package, in its folder ``config``.
 READY = ("tabletop", "warehouse", "lidar_zone", "arm_cell")
 
 
 def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> SceneDescription:
     r"""Return the description in a YAML file: a scene file, or a MoveIt planning scene.
 
-    Its keys decide which. What is left out or odd is in the notes of the result; a quaternion far
-    from unit length also gives a warning.
+    Its keys determine the format. The notes of the result say what is odd or ignored; odd values
+    also give a warning.
 
     Parameters
     ----------
     path : str or path
-        A file, or the name of a scene that comes with the package: "tabletop", "warehouse",
-        "lidar_zone" or "arm_cell".
+        A file, or the name of a scene of the package: "tabletop", "warehouse", "lidar_zone" or
+        "arm_cell".
     mesh_folders : sequence of paths
-        Folders whose mesh files it may name, besides its own folder, its package and the share
-        folders of installed packages; packages are looked for in them first.
+        Folders from which meshes may be read, besides the file's own folder, its package and the
+        share folders of installed packages. Packages are searched in them first.
 
     Returns
     -------
@@ -244,7 +243,7 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
     Raises
     ------
     SceneFileError
-        A ValueError, naming file, line and key of everything that is wrong.
+        A ValueError with file, line and key of each problem.
 
     Examples
     --------
@@ -269,7 +268,7 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
 
 
 def describe_scene(path: str | Path, meshes: MeshReading | None = None) -> SceneDescription:
-    """`load_scene` without warnings, for callers that print all notes."""
+    """``load_scene`` without warnings, for callers that print the notes."""
     check_kind(path, str, "path", PathLike)
     return _load(path, meshes or MeshReading())[0]
 
@@ -283,7 +282,7 @@ def _load(path: str | Path, meshes: MeshReading) -> tuple[SceneDescription, tupl
 
 @contextmanager
 def _without_collections() -> Iterator[None]:
-    """Let the garbage collector rest: it takes as long as all else, and finds nothing here."""
+    """Pause the garbage collector: it would double the time, and there is no garbage."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -304,9 +303,9 @@ def _read(top: Value, file: Path, meshes: MeshFiles) -> SceneDescription:
 
 
 def find_scene(name: str | Path) -> Path:
-    """Return the file of a path, or of the name of a scene that comes with the package.
+    """Return the file of a path, or of the name of a scene of the package.
 
-    Raises SceneFileError, with the names there are, where there is neither.
+    Raises SceneFileError, with the names of the scenes, for another name.
     """
     path = Path(name)
     if os.path.exists(path) or path.suffix or len(path.parts) != 1:
@@ -319,7 +318,7 @@ def find_scene(name: str | Path) -> Path:
 
 
 def _config_folders() -> Iterator[Path]:
-    """Yield where ``config`` may be: beside the sources, where pip put it, where colcon did."""
+    """Yield possible places of ``config``: beside the sources, installed by pip, or by colcon."""
     root = Path(__file__).resolve().parents[2]
     yield root / "config"
     yield root / "share" / PACKAGE / "config"  # by pip --target

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The mesh files that a scene file names: where they may be, and how they are read, each once."""
+"""The mesh files of a scene file: where they may be, and how they are read."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ A_FILE = "a path or a file:// or package:// URI"
 
 
 class MeshReading:
-    """How mesh files are read: here and at once, or in another process within ``limits``.
+    """Reads mesh files: in this process, or with ``limits`` in another one.
 
-    folders: where they may be, besides the folder of the scene file, its package and the shares of
-    installed packages; largest, triangles: the most that one may have, in bytes and in triangles.
+    folders: from which they may be read, besides the folder of the scene file, its package and the
+    shares of installed packages; largest, triangles: maximum bytes and triangles of a file.
     """
 
     def __init__(
@@ -59,12 +59,12 @@ class MeshReading:
         self._process = WorkerProcess()
 
     def read(self, path: Path, scale: Triple) -> Mesh:
-        """Return a mesh; ValueError with the reason where there is none."""
+        """Return a mesh; ValueError with the reason if it cannot be read."""
         if self._limits is None:
             return Mesh.from_file(path, scale)
         job = MeshFile(str(path), np.array(scale), None, self._largest, self._triangles)
         built = job.finish(self._process.run(job.task(), self._limits))
-        assert built is not None  # for no version of it is known
+        assert built is not None  # it is None only for a version that the caller has
         return built[0]
 
     def close(self) -> None:
@@ -72,7 +72,7 @@ class MeshReading:
         self._process.stop()
 
     def abandon(self) -> None:
-        """End the process from another thread: the one that reads gets a ValueError."""
+        """End the process from another thread; ``read`` then raises ValueError."""
         self._process.close()
 
 
@@ -86,7 +86,7 @@ class MeshFiles:
         self._read: dict[tuple[str, Triple], Mesh] = {}
 
     def mesh(self, value: Value, scale: Triple) -> Mesh:
-        """Return the mesh that a value names. Raises SceneFileError that names the value."""
+        """Return the mesh of a file name, which is read once; SceneFileError if that fails."""
         file = value.text(A_FILE, MAX_PATH)
         if (file, scale) not in self._read:
             with value.reasons():
@@ -94,7 +94,7 @@ class MeshFiles:
         return self._read[file, scale]
 
     def path(self, value: Value, what: str) -> Path:
-        """Return where the file is that a value names. Raises SceneFileError for none to read.
+        """Return the path of a file name; SceneFileError for a file that must not be read.
 
         what: kind of file, as messages call it.
         """
@@ -107,17 +107,17 @@ class MeshFiles:
         return path
 
     def _path(self, file: str) -> Path:
-        """Return where a file is; ValueError where none is read."""
-        path, own = self._found(file)
+        """Return the path of a file name; ValueError for a file that must not be read."""
+        path, own = self._resolved(file)
         try:
             return allowed_path(path, (own, *self.reading.folders.chosen))
         except ValueError as error:
             raise ValueError(f"mesh file {shortened(str(path))}: {error}") from error
 
-    def _found(self, file: str) -> tuple[Path, Path]:
-        """Return the path of a file, and the folder of the scene file's package.
+    def _resolved(self, file: str) -> tuple[Path, Path]:
+        """Return the path of a file name, and the folder of the scene file's package.
 
-        A package that is not installed may be the scene file's.
+        If a package is not installed, it may be that of the scene file.
         """
         if "://" not in file:
             return self._folder / file, self._own

@@ -14,9 +14,9 @@
 
 """MoveIt planning scenes as YAML: the fields of ``moveit_msgs/PlanningScene``.
 
-Vectors may be lists or mappings (x, y, z, w). Read are the collision objects of the world, the
-attached ones whose pose the file has, the allowed collision matrix and the colours. Such a file has
-only the name of the robot's model; what is left out because of that is in the notes.
+Vectors may be lists or mappings (x, y, z, w). The collision objects of the world are read, attached
+ones whose pose is in the file, the allowed collision matrix and colours. Such a file has only the
+name of the robot; notes say what is ignored for this reason.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ MATRIX_KEYS = ("entry_names", "entry_values", "default_entry_names", "default_en
 
 
 def read_matrix(value: Value) -> list[AllowedRule]:
-    """Return the rules of a matrix, in an order in which the last one that matches a pair is right.
+    """Return the rules of a matrix, ordered so that the last one that matches a pair is right.
 
-    Entries that forbid what no rule allows are redundant and left out.
+    Entries that forbid pairs that no rule allows are redundant and left out.
     """
     fields = value.fields(MATRIX_KEYS)
     defaults = _read_defaults(fields)
@@ -59,7 +59,7 @@ def read_matrix(value: Value) -> list[AllowedRule]:
 
 
 def rules_between(first: str, second: str, allowed: bool) -> list[AllowedRule]:
-    """Return the rules for all that is called by two names of MoveIt."""
+    """Return the rules for all objects with two names of MoveIt."""
     pairs = product(patterns_of(first), patterns_of(second))
     rules = [AllowedRule(a, b, allowed) for a, b in pairs]
     if first != second:
@@ -119,7 +119,7 @@ OBJECT_KEYS = (
 )
 #: Numbers of ``shape_msgs/SolidPrimitive``, by which its types may be given.
 TYPES = {"1": "box", "2": "sphere", "3": "cylinder", "4": "cone"}
-#: How many dimensions each has, and what makes a shape of them; MoveIt names the height first.
+#: Number of dimensions and constructor of each primitive; in MoveIt the height is the first.
 PRIMITIVES: dict[str, tuple[int, Callable[..., Shape]]] = {
     "box": (3, lambda *edges: Box(edges)),
     "sphere": (1, Sphere),
@@ -133,7 +133,7 @@ VECTOR, QUATERNION = ("x", "y", "z"), ("x", "y", "z", "w")
 
 
 class Frames:
-    """The poses of the frames of a file. One without a pose may be the frame of everything."""
+    """The poses of the frames of a file; one without a pose may be the frame of the scene."""
 
     def __init__(self) -> None:
         self._poses: dict[str, Pose] = {"": IDENTITY}
@@ -151,7 +151,7 @@ class Frames:
         if pose is not None or header is None:
             return pose or IDENTITY
         if self._own is None:
-            self._own = name  # the frame that the scene is in
+            self._own = name  # the frame of the scene
         if name != self._own:
             header.refuse(f"the file has neither the pose of {name} nor that of {self._own}")
         return IDENTITY
@@ -187,7 +187,7 @@ def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]
         value.refuse("needs primitives or meshes")
     if "pose" in fields:
         base = composed(base, read_pose(fields["pose"]))
-    # what is not moved stays as it is given, bit for bit
+    # without a base, poses stay as in the file, bit for bit
     poses = [pose if base == IDENTITY else composed(base, pose) for _, pose in shapes]
     names = [name] if len(shapes) == 1 else [f"{name}/{k}" for k in range(len(shapes))]
     return [
@@ -205,13 +205,13 @@ def _read_shapes(
     if places and len(places) != len(shapes):
         fields[poses_key].refuse(f"there are {len(shapes)} {key} and {len(places)} {poses_key}")
     poses = [read_pose(place) for place in places] or [IDENTITY] * len(shapes)
-    found = []
+    placed = []
     for value, pose in zip(shapes, poses, strict=True):
         with value.reasons():
             shape = read(value)
             _ = shape.local_box
-        found.append((shape, pose))
-    return found
+        placed.append((shape, pose))
+    return placed
 
 
 def _read_primitive(value: Value) -> Shape:
@@ -227,7 +227,7 @@ def _read_primitive(value: Value) -> Shape:
 def _read_mesh(value: Value, files: MeshFiles) -> Shape:
     """Return a mesh of a message, or of the file ``resource``, scaled by ``dimensions``.
 
-    The latter is what MotionBenchMaker's scenes (robowflex) have; no message of ROS does.
+    Scenes of MotionBenchMaker (robowflex) have ``resource``; messages of ROS do not.
     """
     if value.peek("resource") is not None:
         fields = value.fields(("resource", "dimensions"), ("resource",))
@@ -248,16 +248,16 @@ def _read_mesh(value: Value, files: MeshFiles) -> Shape:
 
 
 def read_pose(value: Value) -> Pose:
-    """Return a pose, or a transform, which has other names for the same.
+    """Return a pose, or a transform, whose keys have other names.
 
     A quaternion of zeros is no rotation, as in MoveIt.
     """
     place = partial(_read_vector, parts=VECTOR)
     readers: dict[str, Reader] = dict.fromkeys(("position", "translation"), place)
     readers |= dict.fromkeys(("orientation", "rotation"), _read_turn)
-    given = value.read({}, readers)
-    place = given.get("translation", given.get("position", (0.0, 0.0, 0.0)))
-    return (*place, *given.get("rotation", given.get("orientation", NO_TURN)))
+    parts = value.read({}, readers)
+    place = parts.get("translation", parts.get("position", (0.0, 0.0, 0.0)))
+    return (*place, *parts.get("rotation", parts.get("orientation", NO_TURN)))
 
 
 def _read_turn(value: Value) -> Quaternion:
@@ -266,7 +266,7 @@ def _read_turn(value: Value) -> Quaternion:
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
-    """Return a pose in the frame of ``outer``, given in ``outer``."""
+    """Return the pose ``inner``, which is relative to ``outer``, in the frame of ``outer``."""
     return tuple(compose_poses(outer, inner).tolist())
 
 
@@ -284,12 +284,12 @@ KEYS = (
 )
 ROBOT_STATE = ("joint_state", "multi_dof_joint_state", "attached_collision_objects", "is_diff")
 ATTACHED = ("link_name", "object", "touch_links", "detach_posture", "weight")
-#: Keys that only such a file has: it is one if any of them is at its top level.
+#: Keys that identify a planning scene at the top level of a file.
 MARKS = ("world", "allowed_collision_matrix", "robot_state", "robot_model_name")
 
 
 class PlanningScene:
-    """A planning scene that is being read."""
+    """Reads a planning scene."""
 
     def __init__(self, top: Value, files: MeshFiles) -> None:
         self._problems = top.problems
@@ -297,12 +297,12 @@ class PlanningScene:
         self._files = files
         self._frames = Frames()
         self._objects: list[SceneObject] = []
-        self._own_rules: list[AllowedRule] = []  # of parts and attached objects, matrix or not
+        self._own_rules: list[AllowedRule] = []  # of parts and attached objects, beside the matrix
         self._notes: list[str] = []
         self._used: dict[str, Value] = {}
 
     def description(self, path: Path) -> SceneDescription:
-        """Return the description in the scene. Raises SceneFileError with all its problems."""
+        """Return the description in the scene; SceneFileError with all its problems."""
         readers: dict[str, Reader] = {
             "fixed_frame_transforms": self._read_frames,
             "world": self._read_world,
@@ -326,7 +326,7 @@ class PlanningScene:
             with self._problems.kept():
                 fields = item.fields(("header", "child_frame_id", "transform"), ("child_frame_id",))
                 frame = fields["child_frame_id"].text("the name of a frame")
-                self._frames.add(frame, None)  # known, whatever is wrong with its transform
+                self._frames.add(frame, None)  # its name is no problem if its transform is invalid
                 if "transform" in fields:
                     self._frames.add(frame, read_pose(fields["transform"]))
 
@@ -382,7 +382,9 @@ class PlanningScene:
                 r, g, b, a = (parts[key].number() if key in parts else 1.0 for key in "rgba")
                 red, green, blue, opacity = (min(max(part, 0.0), 1.0) for part in (r, g, b, a))
                 colors[fields["id"].text("an id")] = red, green, blue, opacity
-        self._objects = [_colored(thing, colors) for thing in self._objects]
+        for k, obj in enumerate(self._objects):  # named by the id, or by parts of it
+            color = colors.get(obj.name, colors.get(obj.name.rpartition("/")[0]))
+            self._objects[k] = obj if color is None else replace(obj, color=color)
 
     def _read_robot(self, value: Value) -> None:
         if value.label():
@@ -394,9 +396,3 @@ class PlanningScene:
     def _read_diff(self, value: Value) -> None:
         if value.flag():
             self._notes.append("this file is a difference to a scene that it does not contain")
-
-
-def _colored(thing: SceneObject, colors: dict[str, Color]) -> SceneObject:
-    """Return an object with the colour of its id, of which its name may be a part."""
-    color = colors.get(thing.name, colors.get(thing.name.rpartition("/")[0]))
-    return replace(thing, color=color) if color is not None else thing

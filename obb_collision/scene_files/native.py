@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scene files of this package: the top level, groups and rules about them, effects, robots."""
+"""Scene files of this package: top level, groups, rules, effects and robots."""
 
 from __future__ import annotations
 
@@ -53,17 +53,17 @@ from obb_collision.scene_files.objects import (
 from obb_collision.scene_files.yaml_values import Problems, Reader, Value
 from obb_collision.words import printable
 
-#: Patterns that a word or a list of words stands for.
+#: Reads the patterns of a word or a list of words.
 Patterns = Callable[[Value], tuple[str, ...]]
 
 
-def read_effects(value: Value, patterns: Patterns) -> dict[str, EffectChoice]:
+def read_effects(value: Value, patterns: Patterns) -> MappingProxyType[str, EffectChoice]:
     """Return the settings of each effect."""
     choices: dict[str, EffectChoice] = {}
     for name, entry in value.fields((*EFFECTS, *NODE_EFFECTS)).items():
         with value.problems.kept():
             choices[name] = _read_effect(name, entry, patterns)
-    return choices
+    return MappingProxyType(choices)
 
 
 def _read_effect(name: str, value: Value, patterns: Patterns) -> EffectChoice:
@@ -74,9 +74,9 @@ def _read_effect(name: str, value: Value, patterns: Patterns) -> EffectChoice:
     if name in EFFECTS:
         readers["objects"] = patterns
     readers |= {key: partial(_read_option, key, option) for key, option in options.items()}
-    given = value.read({}, readers)
-    chosen = {key: given.pop(key) for key in options if key in given}
-    return EffectChoice(**given, options=MappingProxyType(chosen))
+    settings = value.read({}, readers)
+    chosen = {key: settings.pop(key) for key in options if key in settings}
+    return EffectChoice(**settings, options=MappingProxyType(chosen))
 
 
 def _read_option(key: str, option: Option, value: Value) -> float | str:
@@ -87,14 +87,14 @@ def _read_option(key: str, option: Option, value: Value) -> float | str:
 
 
 ROBOT_KEYS = ("name", "urdf", "srdf", "position", "rpy", "quaternion", "joints")
-#: What a robot may be called: a part of names of topics.
+#: Names of robots: they are parts of names of topics.
 ROBOT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def read_robots(
     values: list[Value], files: MeshFiles, problems: Problems
 ) -> tuple[SceneRobot, ...]:
-    """Return the robots; those that cannot be used are problems."""
+    """Return the valid robots; others are problems."""
     robots: dict[str, SceneRobot] = {}
     for value in values:
         with problems.kept():
@@ -126,7 +126,7 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
 
 
 def read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[float, ...]:
-    """Return a state; joints that are not in it stay as before."""
+    """Return a state; joints that the value does not name have the values of ``before``."""
     state = dict(zip(robot.joint_names, before, strict=True))
     limits = dict(zip(robot.joint_names, zip(robot.lower, robot.upper, strict=True), strict=True))
     for joint, entry in value.entries().items():
@@ -148,15 +148,15 @@ KEYS = (
 DEFAULT = "default"
 #: Maximum rays of a lidar: more than large ones have per revolution.
 MAX_RAYS = 10_000_000
-#: Maximum patterns of a word or a list, and maximum pairs of them that may touch: all are compared
+#: Maximum number of patterns of a word or list, and of allowed pairs of patterns: all are compared
 #: with the names of all objects.
 MAX_PATTERNS, MAX_RULES = 1000, 100_000
-#: Largest time budget (s): with more, milliseconds were meant.
+#: Maximum time budget (s): a larger one is probably meant in milliseconds.
 MAX_BUDGET = 1.0
 
 
 def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
-    """Return the description in a file. Raises SceneFileError with all its problems."""
+    """Return the description in a file; SceneFileError with all its problems."""
     problems = top.problems
     fields = top.fields(KEYS, ("objects",))
     objects, named = read_objects(fields["objects"].items(), files, problems)
@@ -168,26 +168,28 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
         return robots
 
     readers: dict[str, Reader] = {
-        "robots": robots_of,  # first: patterns may be of their links
-        "groups": words.read_groups,  # then: the others use them
+        "robots": robots_of,  # first, as patterns may match their links
+        "groups": words.read_groups,  # then groups, which the other keys use
         "name": Value.text,
         "description": Value.prose,
         "allowed": lambda value: _read_allowed(value, words),
         "padding": Value.not_negative,
-        "time_budget": _read_budget,
-        "effects": lambda value: MappingProxyType(read_effects(value, words.patterns)),
+        "time_budget": lambda value: value.number(
+            f"seconds, above 0 and at most {MAX_BUDGET:g}", lambda x: 0.0 < x <= MAX_BUDGET
+        ),
+        "effects": lambda value: read_effects(value, words.patterns),
         "lidar": lambda value: _read_lidar(value, words),
         "view": _read_view,
         "accuracy": lambda value: _read_accuracies(value, words),
     }
-    said: dict[str, Any] = {"name": printable(path.stem), **problems.read(fields, readers)}
-    if "accuracy" in said:
-        said["accuracy"], said["accuracies"] = said["accuracy"]
-    return SceneDescription(objects=tuple(objects), notes=problems.doubts(), **said)
+    values: dict[str, Any] = {"name": printable(path.stem), **problems.read(fields, readers)}
+    if "accuracy" in values:
+        values["accuracy"], values["accuracies"] = values["accuracy"]
+    return SceneDescription(objects=tuple(objects), notes=problems.doubts(), **values)
 
 
 class Words:
-    """What a word in a file stands for: a group, an object, or a pattern of names."""
+    """The meaning of words in a file: groups, objects, or patterns of names."""
 
     def __init__(self, names: Collection[str]) -> None:
         self._names = names
@@ -196,17 +198,17 @@ class Words:
         self._looked_up: set[str] = set()
 
     def add_links(self, robots: Iterable[SceneRobot]) -> None:
-        """Take the links of robots, whose objects are called ``ROBOT/LINK/0``, and so on."""
-        for each in robots:
-            for link, shapes in zip(each.robot.link_names, each.robot.shapes, strict=True):
-                name = f"{each.name}/{link}"
+        """Add the links of robots, whose objects are called ``ROBOT/LINK/0``, and so on."""
+        for entry in robots:
+            for link, shapes in zip(entry.robot.link_names, entry.robot.shapes, strict=True):
+                name = f"{entry.name}/{link}"
                 self._links += [name, *(f"{name}/{number}" for number in range(len(shapes)))]
 
     def read_groups(self, value: Value) -> MappingProxyType[str, tuple[str, ...]]:
-        """Take the groups of a file."""
+        """Add the groups of a file."""
         for name, entry in value.entries().items():
             with value.problems.kept():
-                self._groups[name] = ()  # known, whatever is wrong with it
+                self._groups[name] = ()  # words for it are no problems if it is invalid
                 if name in self._names:
                     entry.refuse("an object has this name already")
                 if name == DEFAULT or any(letter in PATTERN_LETTERS + "/" for letter in name):
@@ -215,33 +217,33 @@ class Words:
         return MappingProxyType(self._groups)
 
     def known_patterns(self, value: Value) -> tuple[str, ...]:
-        """`patterns`, with a doubt for one that matches nothing yet."""
-        found = self.patterns(value)
-        for word in found:
+        """Return ``patterns``, with a doubt for each that matches nothing yet."""
+        words = self.patterns(value)
+        for word in words:
             if word in self._looked_up:
                 continue
             self._looked_up.add(word)
             if not any(matching([word], [*names]).any() for names in (self._names, self._links)):
                 value.doubt(f"{word} matches no object and no link of a robot")
-        return found
+        return words
 
     def patterns(self, value: Value) -> tuple[str, ...]:
         """Return the patterns of a word or a list of words."""
         values = value.items() if value.is_list else [value]
         if not values:
             value.expected("a pattern, a group, or a list of them")
-        found: dict[str, None] = {}  # each once: groups of groups would double and double
+        patterns: dict[str, None] = {}  # without repetitions, which groups of groups would multiply
         for item in values:
-            found.update(dict.fromkeys(self.meant(item, item.text())))
-            if len(found) > MAX_PATTERNS:
+            patterns.update(dict.fromkeys(self.meant(item, item.text())))
+            if len(patterns) > MAX_PATTERNS:
                 value.refuse(f"these are more than {MAX_PATTERNS} patterns")
-        return tuple(found)
+        return tuple(patterns)
 
     def meant(self, value: Value, word: str) -> tuple[str, ...]:
         """Return the patterns of a word.
 
-        Patterns may match objects that are added later. A plain word must be a group or an object:
-        otherwise a misspelt group would silently make a rule about nothing.
+        Patterns may match objects that are added later. A plain word must be a group or an object,
+        so that a misspelt group is an error.
         """
         if word in self._groups:
             return self._groups[word]
@@ -272,28 +274,22 @@ def _read_accuracies(
     if not value.is_mapping:
         return read_accuracy(value), ()
     default = Accuracy.OBB
-    found: list[tuple[str, Accuracy]] = []
+    levels: list[tuple[str, Accuracy]] = []
     for word, entry in value.entries().items():
         with value.problems.kept():
             if word == DEFAULT:
                 default = read_accuracy(entry)
                 continue
             level = read_accuracy(entry)
-            found += [(pattern, level) for pattern in words.meant(entry, word)]
-    return default, tuple(found)
+            levels += [(pattern, level) for pattern in words.meant(entry, word)]
+    return default, tuple(levels)
 
 
 def _read_lidar(value: Value, words: Words) -> Lidar:
     required = {"count": lambda entry: entry.whole(1, MAX_RAYS), "range": Value.positive}
-    seed = lambda entry: entry.whole(0, 2**32 - 1)  # noqa: E731
-    optional = {"position": Value.triple, "sees": words.patterns, "seed": seed}
+    optional: dict[str, Reader] = {"position": Value.triple, "sees": words.patterns}
+    optional["seed"] = lambda entry: entry.whole(0, 2**32 - 1)
     return Lidar(**value.read(required, optional))
-
-
-def _read_budget(value: Value) -> float:
-    return value.number(
-        f"seconds, above 0 and at most {MAX_BUDGET:g}", lambda seconds: 0.0 < seconds <= MAX_BUDGET
-    )
 
 
 def _read_view(value: Value) -> View:

@@ -33,10 +33,11 @@ NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 MAX_ANGLE = 6.3
 
 
-def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Quaternion:
+def quaternion_of(fields: dict[str, Value]) -> Quaternion:
     """Return the quaternion of the keys ``rpy`` (radians) or ``quaternion`` (x y z w).
 
-    One of about length 1 is returned as it is. Others, except zero, are normalised, with a note.
+    A quaternion of about length 1 is returned unchanged. Others are normalised, with a note, or
+    refused if they are zero.
     """
     if "quaternion" in fields and "rpy" in fields:
         fields["rpy"].refuse("give either rpy or a quaternion, not both")
@@ -45,7 +46,7 @@ def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Qu
         check_angles(fields["rpy"], *angles)
         return quaternion_from_rpy(*angles)
     if "quaternion" not in fields:
-        return default
+        return NO_TURN
     numbers = fields["quaternion"].numbers(4)
     if not any(numbers):
         fields["quaternion"].refuse("must not be zero: without a rotation it is [0, 0, 0, 1]")
@@ -53,7 +54,7 @@ def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Qu
 
 
 def check_angles(value: Value, *angles: float) -> None:
-    """Refuse angles that can only be degrees."""
+    """Refuse angles that are too large for radians."""
     largest = max(abs(angle) for angle in angles)
     if largest > MAX_ANGLE:
         hint = f"{largest:g} degrees are {largest * pi / 180.0:.6g}"
@@ -61,7 +62,7 @@ def check_angles(value: Value, *angles: float) -> None:
 
 
 def settled(value: Value, quaternion: Quaternion) -> Quaternion:
-    """Return a quaternion that is not zero as it is; far from length 1, normalised, with a note."""
+    """Return a quaternion; one far from length 1 is normalised, with a note."""
     if not is_far_from_unit(quaternion):
         return quaternion
     value.doubt(f"a quaternion far from unit length, taken as normalised, got {value.shown()}")
@@ -74,8 +75,7 @@ def unit(quaternion: Quaternion) -> Quaternion:
 
 
 TURNED: dict[str, Reader] = {"radius": Value.positive, "length": Value.positive}
-#: What makes a shape of its sizes, all required, their keys, and what reads them; a mesh is read
-#: from its file.
+#: The constructor of each shape, and its required keys with their readers; a mesh has a file.
 SHAPES: dict[str, tuple[Callable[..., shapes.Shape], dict[str, Reader]]] = {
     "box": (shapes.Box.trusted, {"size": Value.sizes}),
     "sphere": (shapes.Sphere, {"radius": Value.positive}),
@@ -86,7 +86,7 @@ SHAPES: dict[str, tuple[Callable[..., shapes.Shape], dict[str, Reader]]] = {
     "hull": (shapes.Hull, {"points": lambda value: _read_points(value)}),
     "mesh": (shapes.Mesh.from_file, {"file": lambda value: value}),
 }
-#: Properties of an object itself.
+#: Properties of an object that override those of the scene.
 OWN: dict[str, Reader] = {
     "padding": Value.not_negative,
     "accuracy": lambda value: read_accuracy(value),
@@ -94,16 +94,16 @@ OWN: dict[str, Reader] = {
 }
 KEYS = ("name", "shape", "position", "rpy", "quaternion", "scale", *OWN)
 ORIGIN: Triple = (0.0, 0.0, 0.0)
-#: Characters of patterns; in a name they would match something else.
+#: Characters of patterns, which names must not contain.
 PATTERN_LETTERS = "*?[]"
 
 
 def read_objects(
     values: list[Value], files: MeshFiles, problems: Problems
 ) -> tuple[list[SceneObject], dict[str, None]]:
-    """Return the objects, and the names of all, in their order, with those that cannot be used.
+    """Return the valid objects, and the names of all objects in their order.
 
-    The latter are problems; a rule about one of them is not another problem.
+    Invalid objects are problems; a rule that names one of them is not another problem.
     """
     objects: list[SceneObject] = []
     named: dict[str, None] = {}
@@ -113,11 +113,11 @@ def read_objects(
         if name is not None and isinstance(name.node.value, str):
             named[name.node.value] = None
         with problems.kept():
-            thing = _read_object(value, files)
-            if used.setdefault(thing.name, value) is not value:
-                first = f"first in line {used[thing.name].line}"
-                (name or value).refuse(f"the name {thing.name} stands twice, {first}")
-            objects.append(thing)
+            obj = _read_object(value, files)
+            if used.setdefault(obj.name, value) is not value:
+                first = f"first in line {used[obj.name].line}"
+                (name or value).refuse(f"the name {obj.name} stands twice, {first}")
+            objects.append(obj)
     return objects, named
 
 
@@ -134,7 +134,7 @@ def _read_object(value: Value, files: MeshFiles) -> SceneObject:
     kind = value.peek("shape")
     if kind is None:
         sizes = [key for _, keys in SHAPES.values() for key in keys]
-        value.fields((*KEYS, *sizes), ("name", "shape"))  # says what is missing
+        value.fields((*KEYS, *sizes), ("name", "shape"))  # refuses missing keys
         value.refuse("needs shape")
     word = kind.choice(SHAPES)
     make, readers = SHAPES[word]
@@ -146,9 +146,9 @@ def _read_object(value: Value, files: MeshFiles) -> SceneObject:
     pose = (*place, *quaternion_of(fields))
     scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     with value.reasons():
-        given = {key: read(fields[key]) for key, read in readers.items()}
-        shape = files.mesh(given["file"], scale) if word == "mesh" else make(**given, scale=scale)
-        _ = shape.local_box  # fitted here, where a shape that has none can be refused
+        own = {key: read(fields[key]) for key, read in readers.items()}
+        shape = files.mesh(own["file"], scale) if word == "mesh" else make(**own, scale=scale)
+        _ = shape.local_box  # fitted here, where a shape without a box can be refused
     own = {key: read(fields[key]) for key, read in OWN.items() if key in fields}
     return SceneObject(name, shape, pose, **own)
 
@@ -161,7 +161,7 @@ def _read_points(value: Value) -> list[Triple]:
 
 
 def _read_color(value: Value) -> Color:
-    """Return a colour of red, green, blue and, where it is not 1, opacity."""
+    """Return red, green, blue and opacity, which is 1 if it is left out."""
     count = 4 if value.is_list and len(value.items()) == 4 else 3
     parts = value.numbers(count)
     if not all(0.0 <= part <= 1.0 for part in parts):

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Values of a YAML file with their line and key, and the problems of those that cannot be used.
+"""Values of a YAML file with line and key, and the problems of invalid ones.
 
-Numbers are decimal and finite. (PyYAML takes ``1e-3`` for a word and ``010`` for eight.)
+Numbers are decimal and finite. (PyYAML reads ``1e-3`` as a word and ``010`` as eight.)
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from obb_collision.geometry.shapes.primitives import Triple
 from obb_collision.geometry.validation import number_of
 from obb_collision.words import MAX_NAME, MAX_PATH, printable, text_fault
 
-#: Problems reported at once; a file with more has one cause.
+#: Maximum number of reported problems; a file with more has one cause.
 MAX_PROBLEMS = 20
-#: Maximum characters shown of a problem's reason.
+#: Maximum printed characters of a reason.
 MAX_REASON = 500
 
 
 class Problem(NamedTuple):
-    """What is wrong, at which line (from 1; 0: the file itself) and key (empty: all of it)."""
+    """A reason with its line (from 1; 0: the file itself) and key (empty for the whole file)."""
 
     line: int
     key: str
@@ -45,20 +45,20 @@ class Problem(NamedTuple):
 
 
 class SceneFileError(ValueError):
-    """A scene file that cannot be used: ``problems``, each named ``file:line: key: reason``.
+    """An invalid scene file: ``problems``, printed as ``file:line: key: reason``.
 
-    The message can be printed and sent whatever is in the file or its name.
+    The message is printable text, whatever the file or its name contains.
     """
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
         self.file = file
         self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
-        lines = [_told(file, problem) for problem in self.problems[:MAX_PROBLEMS]]
+        lines = [_line_of(file, problem) for problem in self.problems[:MAX_PROBLEMS]]
         rest = len(self.problems) - MAX_PROBLEMS
         super().__init__("\n".join(lines + ([f"and {rest} more"] if rest > 0 else [])))
 
 
-def _told(file: str, problem: Problem) -> str:
+def _line_of(file: str, problem: Problem) -> str:
     place = file if len(file) <= MAX_PATH else f"...{file[-100:]}"
     where = f"{place}:{problem.line}" if problem.line else place
     reason = problem.reason if len(problem.reason) <= MAX_REASON else problem.reason[:MAX_REASON]
@@ -66,7 +66,7 @@ def _told(file: str, problem: Problem) -> str:
 
 
 class Problems:
-    """Collects the problems of a file, so that all are reported together, and its oddities."""
+    """Collects the problems of a file, which are reported together, and its odd values."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -75,15 +75,15 @@ class Problems:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """Collect the problem that ends the block, and continue behind it."""
+        """Collect the problem that ends the block, and continue after it."""
         try:
             yield
         except SceneFileError as error:
             self.found += error.problems
 
     def doubts(self) -> tuple[str, ...]:
-        """Values that are odd but usable, one line each."""
-        return tuple(_told(self.file, problem) for problem in self.odd)
+        """Return a line for each odd value, which is used all the same."""
+        return tuple(_line_of(self.file, problem) for problem in self.odd)
 
     def read(self, fields: Mapping[str, Value], readers: Mapping[str, Reader]) -> dict[str, Any]:
         """Read fields with readers, in order; SceneFileError lists all problems."""
@@ -97,18 +97,18 @@ class Problems:
         return read
 
 
-#: Maximum characters of a number: the longest that a float needs, written out.
+#: Maximum characters of a number: those of the longest float in decimals.
 MAX_NUMBER = 1100
 NULL, SEQUENCE, MAPPING = (f"tag:yaml.org,2002:{name}" for name in ("null", "seq", "map"))
-#: Tags of plain YAML; others ask for objects to be made, which is never done.
+#: Tags of plain YAML; others construct objects, and are refused.
 PLAIN_TAGS = frozenset(
     f"tag:yaml.org,2002:{name}"
     for name in ("bool", "float", "int", "map", "merge", "null", "seq", "str", "timestamp", "value")
 )
 TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
-#: How much of a refused value is shown: levels of lists, items of a list, letters in all.
+#: Maximum of a refused value that is printed: levels of lists, items of a list, letters.
 SHOWN_LEVELS, SHOWN_ITEMS, SHOWN_LETTERS = 3, 8, 60
-#: Maximum words compared with an unknown one, and maximum words listed.
+#: Maximum number of words that are compared with an unknown one, and of words in a message.
 MAX_GUESSES, MAX_LISTED = 500, 20
 #: Maximum characters of a text for people.
 MAX_PROSE = 10_000
@@ -120,8 +120,8 @@ MOVED = {"motion": "a scene does not move; the demo reads NAME.motion.yaml besid
 class Node:
     """A value of YAML: a text, a list of nodes, or, of a mapping, a tuple of pairs of nodes.
 
-    line: counted from 0; style: of texts, None for plain ones. Smaller than PyYAML's, of which
-    large files have millions: Python's garbage collector looks through all of them, many times.
+    line: from 0; style: of texts, None for plain ones. It is smaller than PyYAML's node, as large
+    files have millions, through which Python's garbage collector goes many times.
     """
 
     __slots__ = ("line", "style", "tag", "value")
@@ -132,7 +132,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Value:
-    """A value in a file: its YAML node, the key that leads to it, and where problems go."""
+    """A value in a file: its YAML node, its key, and the problems to add to."""
 
     node: Node
     key: str
@@ -144,11 +144,11 @@ class Value:
 
     @property
     def line(self) -> int:
-        """Its line, counted from 1."""
+        """Its line, from 1."""
         return self.node.line + 1
 
     def problem(self, reason: str) -> Problem:
-        """Return the problem of this value."""
+        """Return a problem of this value."""
         return Problem(self.line, self.key, reason)
 
     def refuse(self, reason: str) -> NoReturn:
@@ -156,11 +156,11 @@ class Value:
         raise SceneFileError(self.problems.file, [self.problem(reason)])
 
     def doubt(self, reason: str) -> None:
-        """Note that this value is odd, though it can be used."""
+        """Note that this value is odd, but used."""
         self.problems.odd.append(self.problem(reason))
 
     def expected(self, what: str) -> NoReturn:
-        """Raise SceneFileError: must be ``what``, got something else."""
+        """Raise SceneFileError: the value must be ``what``."""
         self.refuse(f"must be {what}, got {self.shown()}")
 
     def shown(self) -> str:
@@ -195,23 +195,23 @@ class Value:
         """Return the values of a mapping by key; duplicate keys are problems."""
         if not self.is_mapping:
             self.expected("a mapping (key: value)")
-        found: dict[str, Value] = {}
+        values: dict[str, Value] = {}
         for key_node, node in self.node.value:
-            try:  # as ``kept`` does, in less time
+            try:  # faster than ``kept``
                 name = Value(key_node, self.key, self.problems).text("a key")
                 if name == "<<":
                     self.refuse("merged mappings (<<) are not read")
                 value = Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
-                if name in found:
+                if name in values:
                     at = Value(key_node, value.key, self.problems)
-                    at.refuse(f"stands twice, first in line {found[name].line}")
-                found[name] = value
+                    at.refuse(f"stands twice, first in line {values[name].line}")
+                values[name] = value
             except SceneFileError as error:
                 self.problems.found += error.problems
-        return found
+        return values
 
     def peek(self, name: str) -> Value | None:
-        """Return the value of one key of a mapping, without reading the others."""
+        """Return the value of a key of a mapping, without checking the others; None without it."""
         for key_node, node in self.node.value if self.is_mapping else ():
             if key_node.value == name:
                 return Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
@@ -219,7 +219,7 @@ class Value:
 
     @contextmanager
     def reasons(self) -> Iterator[None]:
-        """Name this value in the ValueErrors of others, such as shapes, raised within."""
+        """Turn errors in the block, such as those of shapes, into problems of this value."""
         try:
             yield
         except SceneFileError:
@@ -227,18 +227,18 @@ class Value:
         except (ValueError, OSError, MemoryError) as error:
             self.refuse(str(error) or type(error).__name__)
 
-    def fields(self, known: Collection[str], required: Collection[str] = ()) -> dict[str, Value]:
-        """Return the values of a mapping with known keys; others are problems, with a guess."""
-        found = self.entries()
-        for name in [name for name in found if name not in known]:
-            value = found.pop(name)
-            reason = MOVED.get(name) or f"unknown key{self.guess(name, known)}"
+    def fields(self, keys: Collection[str], required: Collection[str] = ()) -> dict[str, Value]:
+        """Return the values of a mapping with these keys; other keys are problems, with a guess."""
+        values = self.entries()
+        for name in [name for name in values if name not in keys]:
+            value = values.pop(name)
+            reason = MOVED.get(name) or f"unknown key{self.guess(name, keys)}"
             self.problems.found.append(value.problem(reason))
-        given = {name: value for name, value in found.items() if not value.is_empty}
-        missing = [name for name in required if name not in given]
+        fields = {name: value for name, value in values.items() if not value.is_empty}
+        missing = [name for name in required if name not in fields]
         if missing:
             self.refuse(f"needs {', '.join(missing)}")
-        return given
+        return fields
 
     def read(
         self, required: Mapping[str, Reader], optional: Mapping[str, Reader] = NO_KEYS
@@ -248,19 +248,19 @@ class Value:
         fields = self.fields(readers, required)
         return {key: readers[key](value) for key, value in fields.items()}
 
-    def guess(self, word: str, known: Collection[str]) -> str:
-        """Suggest a known word for an unknown one, as the end of a sentence."""
+    def guess(self, word: str, words: Collection[str]) -> str:
+        """Suggest one of some words for an unknown one, as the end of a sentence."""
         if len(self.problems.found) >= MAX_PROBLEMS:  # no more problems are reported
             return ""
-        near = list(islice(known, MAX_GUESSES))
+        near = list(islice(words, MAX_GUESSES))
         close = get_close_matches(word, near, 1)
         if close:
             return f"; did you mean {close[0]}?"
-        more = ", ..." if len(known) > MAX_LISTED else ""
+        more = ", ..." if len(words) > MAX_LISTED else ""
         return f"; there are {', '.join(near[:MAX_LISTED])}{more}" if near else ""
 
     def text(self, what: str = "a word", most: int = MAX_NAME) -> str:
-        """Return a word, quoted or not, that is printable."""
+        """Return a printable word, quoted or not."""
         if not isinstance(self.node.value, str) or self.is_empty or not self.node.value:
             self.expected(what)
         fault = text_fault(self.node.value, most)
@@ -283,7 +283,7 @@ class Value:
         return "" if self.is_empty or not getattr(self.node, "value", "") else self.text()
 
     def choice(self, choices: Collection[str]) -> str:
-        """Return one of some words."""
+        """Return a word that is one of the choices."""
         word = self.text(f"one of {', '.join(choices)}")
         if word not in choices:
             self.expected(f"one of {', '.join(choices)}")
@@ -298,7 +298,7 @@ class Value:
         return word in TRUE
 
     def number(self, what: str = "a number", fits: Callable[[float], bool] | None = None) -> float:
-        """Return a finite number for which ``fits`` holds, described by ``what``."""
+        """Return a finite number for which ``fits`` is true; what: its description in errors."""
         number = _as_number(self.node)
         if number is None or (fits is not None and not fits(number)):
             self.expected(what)
@@ -328,7 +328,7 @@ class Value:
         return self.numbers(3, positive=True)
 
     def numbers(self, count: int, positive: bool = False) -> tuple[Any, ...]:
-        """Return a list of finite numbers, as many as asked for."""
+        """Return a list of so many finite numbers."""
         numbers = [_as_number(node) for node in self.node.value] if self.is_list else []
         good = [x for x in numbers if x is not None and (x > 0.0 or not positive)]
         if len(numbers) != count or len(good) != count:
@@ -336,7 +336,7 @@ class Value:
         return tuple(good)
 
 
-#: Makes something of a value.
+#: Converts a value.
 Reader = Callable[[Value], Any]
 
 

@@ -14,7 +14,6 @@
 
 """Kernels compiled beforehand: what uses them, and processes that compile them.
 
-``steps`` names what there is to compile, by what it is for, and ``samples`` is what it uses kernels
-on; ``processes`` starts processes that do so and follows them, ``command`` is
-``obb_collision warm-up``.
+``steps`` has a step for each use of kernels, with data from ``samples``. ``processes`` runs steps
+in other processes; ``command`` is ``obb_collision warm-up``.
 """

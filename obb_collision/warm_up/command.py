@@ -14,14 +14,13 @@
 
 """The console script ``obb_collision warm-up``: compiles all kernels beforehand.
 
-What takes long to import is imported where Ctrl-C ends the command with one line.
+Slow imports are in ``main``, where Ctrl-C ends the command with one line.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -51,36 +50,30 @@ def main(args: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"obb_collision warm-up: kernels cannot be stored: {reason}\n")
         return 1
     start = perf_counter()
-    wanted = possible_steps()
-    for step in wanted:
-        task_of(step)  # so that its kernels can be counted
+    steps = possible_steps()
+    for step in steps:
+        task_of(step)  # defines its kernels, which are counted then
     missing = len(_jit.unkept_kernels())
-    with Progress() as shown:
+    with Progress() as display:
 
         def look(progress: CompileProgress) -> None:
             running, done = ", ".join(progress.running), len(set(progress.kernels))
             if not options.quiet:
-                shown.show(f"{running}: kernels compiled {done} / {missing}")
+                display.show(f"{running}: kernels compiled {done} / {missing}")
 
-        progress = compile_steps(wanted, look=look)
-    for note in dict.fromkeys(progress.notes):
-        sys.stderr.write(f"{note}\n")
-    for step, reason in progress.failed.items():
-        sys.stderr.write(f"obb_collision warm-up: {step}: {reason}\n")
-    if progress.failed:
+        progress = compile_steps(steps, look=look)
+    failures = [f"obb_collision warm-up: {step}: {why}" for step, why in progress.failed.items()]
+    for line in (*dict.fromkeys(progress.notes), *failures):
+        sys.stderr.write(f"{line}\n")
+    if failures:
         return 1
-    size, files = cache_size(_kernel_cache.places[0])
+    folder = _kernel_cache.places[0]
+    sizes = [file.stat().st_size for file in folder.rglob("*.kernel")]
     sys.stdout.write(
         f"{len(progress.kernels)} kernels compiled in {perf_counter() - start:.0f} s; "
-        f"{_kernel_cache.places[0]}: {files} kernels, {size / 1e6:.0f} MB\n"
+        f"{folder}: {len(sizes)} kernels, {sum(sizes) / 1e6:.0f} MB\n"
     )
     return 0
-
-
-def cache_size(folder: Path) -> tuple[int, int]:
-    """Return the bytes and the number of kernels in a folder, of all versions of the sources."""
-    sizes = [file.stat().st_size for file in folder.rglob("*.kernel")]
-    return sum(sizes), len(sizes)
 
 
 if __name__ == "__main__":

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that compile steps, their progress, and what runs in such a process.
+"""Processes that compile steps, and their progress.
 
-Compiling holds a lock of numba's, and the interpreter's half of the time: in a process that has
-other things to do, it is done elsewhere, and what is compiled comes by the cache.
+Compiling holds numba's lock, and half of the time the interpreter's. A busy process therefore lets
+others compile, and loads the kernels from the cache.
 
-Names of steps go in; what happens comes out: an event, a text, and what no folder took. The process
-ends with its connection, at once: who started it has ended, or needs no more of it.
+A process receives names of steps, and sends events, each with a text and the kernels that could not
+be saved. It ends as soon as its connection is closed.
 """
 
 from __future__ import annotations
@@ -40,21 +40,20 @@ from obb_collision._kernel_cache import compiled, logger, places, unsaved
 from obb_collision._threads import usable_cores
 from obb_collision.warm_up import steps
 
-#: More would compile much of what they have in common several times over.
+#: Maximum number of processes: more would compile common kernels several times.
 MOST_PROCESSES = 2
-#: Seconds between two looks at whether to stop.
+#: Seconds between two checks whether to stop.
 GLANCE = 0.1
-#: Objects made between two looks for those that nothing refers to: looking every 700, as Python
-#: does, takes a sixth of compiling, which makes many that stay.
+#: New objects between two garbage collections: every 700, as by default, they take a sixth of the
+#: time, as most objects of the compiler stay.
 OBJECTS = 50_000
 
 
 @dataclass
 class CompileProgress:
-    """CompileProgress: steps that are done, kernels compiled, and what failed.
+    """The progress of compiling: steps that are done or running, and kernels compiled.
 
-    failed: why, by step; stopped: whether it was stopped before all steps were done; notes: lines
-    that a user should read.
+    failed: reasons by step; stopped: whether it was stopped before the end; notes: lines to print.
     """
 
     steps: tuple[str, ...]
@@ -74,10 +73,10 @@ def compile_steps(
     look: Callable[[CompileProgress], None] = lambda progress: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> CompileProgress:
-    """Compile what steps need and the cache lacks, in ``count`` processes; returns at the end.
+    """Compile the kernels of steps that the cache lacks, in ``count`` processes.
 
-    private: a second folder for kernels. look: called from time to time, and whenever something
-    has happened. stopped: asked every tenth of a second.
+    private: a second folder for kernels. look: called with the progress at each event, and every
+    tenth of a second. stopped: called then, too; tells whether to stop.
     """
     progress = CompileProgress(tuple(names))
     waiting = list(progress.steps)
@@ -95,7 +94,7 @@ def compile_steps(
                     del busy[ready]
             look(progress)
             progress.stopped = stopped()
-    except OSError as error:  # no process, no connection
+    except OSError as error:  # a process could not be started
         progress.failed |= dict.fromkeys([*waiting, *progress.running], str(error))
     finally:
         for worker in workers:
@@ -106,7 +105,7 @@ def compile_steps(
 
 
 class _Worker:
-    """One process."""
+    """A process that compiles one step at a time."""
 
     def __init__(self, private: Path | None) -> None:
         self.child = Child(f"{__name__}:work", "" if private is None else str(private))
@@ -117,11 +116,11 @@ class _Worker:
         self._step = waiting.pop(0) if waiting else None
         if self._step is not None:
             progress.running.append(self._step)
-            with suppress(OSError):  # it has ended, which ``take`` sees
+            with suppress(OSError):  # the process has ended; ``take`` reports it
                 send(self.child.connection, self._step)
 
     def take(self, waiting: list[str], progress: CompileProgress) -> bool:
-        """Note an event of the process; return whether there may be more."""
+        """Receive an event of the process; return whether more may follow."""
         assert self._step is not None
         try:
             event, text, lost = receive(self.child.connection)
@@ -145,7 +144,7 @@ class _Worker:
 
 
 def work(connection: Connection, private: str) -> None:
-    """Run steps in this process. private: a second folder for kernels, or nothing."""
+    """Run steps in this process. private: a second folder for kernels, or empty."""
     gc.set_threshold(OBJECTS)
     queue: SimpleQueue[str] = SimpleQueue()
     Thread(target=_read, args=(connection, queue), daemon=True).start()
@@ -153,7 +152,7 @@ def work(connection: Connection, private: str) -> None:
     def tell(event: str, text: str, lost: tuple[str, ...] = ()) -> None:
         try:
             send(connection, (event, text, lost))
-        except OSError:  # who started this has ended
+        except OSError:  # the parent has ended
             os._exit(0)
 
     _listen(tell)
@@ -171,29 +170,29 @@ def _read(connection: Connection, queue: SimpleQueue[str]) -> None:
 
 
 def _listen(tell: Callable[[str, str], None]) -> None:
-    """Pass on what this package logs and the kernels it compiles."""
+    """Send log lines of this package, and names of kernels as they are compiled."""
 
     class NoteHandler(logging.Handler):
-        """Tells what is logged."""
+        """Sends log lines."""
 
         def emit(self, record: logging.LogRecord) -> None:
             tell("note", record.getMessage())
 
     logger.handlers = [NoteHandler()]
     logger.propagate = False
-    told = 0
+    count = 0
 
     def say() -> None:
-        nonlocal told
-        for name in compiled.names[told:]:
+        nonlocal count
+        for name in compiled.names[count:]:
             tell("kernel", name)
-        told = len(compiled.names)
+        count = len(compiled.names)
 
     compiled.say = say
 
 
 def _run(step: str) -> str:
-    """Run a step; return an error, if there is one."""
+    """Run a step; return its error, "" for none."""
     try:
         steps.run(step)
         return ""

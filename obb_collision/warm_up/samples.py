@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Samples that the steps use kernels on: a few boxes, shapes of every kind, a mesh, clouds."""
+"""Sample data for steps: boxes, shapes of every kind, a mesh, clouds, an arm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.queries.convex.support import BOX, ConvexBodies
 
 FEW_OBJECTS, OBJECTS = 8, 256
-"""A few, which have a kernel of their own, and enough for a tree that some of them move in."""
+"""Numbers of objects: few, for which there is a separate kernel, and enough for a tree."""
 TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 TETRAHEDRON_FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 TURNED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8)
@@ -47,7 +47,7 @@ def batch() -> oc.Boxes:
 
 
 def zoo() -> dict[str, tuple[shapes.Shape, ...]]:
-    """Return shapes of every kind that the levels distinguish; no box has to be fitted to any."""
+    """Return shapes of every kind that levels distinguish, without fitting boxes to them."""
     box, points = (np.full(3, 0.5), np.eye(3), np.full(3, 0.5)), np.array(TETRAHEDRON)
     faces, scale = np.array(TETRAHEDRON_FACES), np.ones(3)
     return {
@@ -62,15 +62,15 @@ def zoo() -> dict[str, tuple[shapes.Shape, ...]]:
 
 
 def convex_bodies() -> ConvexBodies:
-    """Return one convex body, for which no hull has to be built."""
-    one, place = np.ones(1), np.zeros((1, 3))
+    """Return one convex body, without building a hull."""
+    radii, centers = np.ones(1), np.zeros((1, 3))
     hulls, row = Hulls.of(np.array(TETRAHEDRON)), np.zeros(1, np.int64)
     kinds, sizes = np.full(1, BOX, np.int8), np.ones((1, 4))
-    return ConvexBodies(kinds, sizes, one, hulls, row, place, np.eye(3)[None])
+    return ConvexBodies(kinds, sizes, radii, hulls, row, centers, np.eye(3)[None])
 
 
 def triangle_tree() -> oc.MeshTrees:
-    """Return the tree of one triangle, for which none has to be built."""
+    """Return the tree of one triangle, without building it."""
     row, zero = np.array([*(0.0,) * 3, *np.eye(3).ravel(), *(1.0,) * 3, 3.0]), np.zeros(1, np.int64)
     return oc.MeshTrees.trusted(
         triangles=np.arange(9.0)[None],
@@ -86,7 +86,7 @@ def triangle_tree() -> oc.MeshTrees:
 
 
 def clouds() -> list[NDArray[np.floating]]:
-    """Return points of both kinds, contiguous and not."""
+    """Return points of both floating point types, contiguous and not."""
     return [np.zeros((4, size), kind)[:, :3] for size in (3, 4) for kind in ("f4", "f8")]
 
 

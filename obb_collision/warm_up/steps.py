@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Steps that use the kernels: running a step compiles or loads those it is named after.
+"""Steps that use kernels: running a step compiles or loads the kernels that it is named after.
 
-A kernel is compiled per kind of argument, so a step calls what users call, with arrays laid out
-as they come by every way: contiguous or not, read-only or not, of one object or many.
+A kernel is compiled for each type of argument. So a step calls the functions that users call, with
+arrays of every layout: contiguous or not, read-only or not, of one object or many.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ from obb_collision.warm_up.samples import (
 BOXES = "boxes"
 """The step that every check of a scene needs."""
 COARSE = "accuracy below obb"
-"""The step of the levels that look at less than the box."""
+"""The step of the levels below obb."""
 BOUNDS, TREES, HULLS = "bounds of boxes", "trees", "pairs of capsules and hulls"
 SWEPT = "motion of convex bodies"
 SURFACES, CONVEX_PAIRS = "distances of meshes", "pairs of convex bodies"
@@ -96,29 +96,29 @@ def effect_level_step(name: str, level: Accuracy) -> str:
 
 
 def task_of(step: str) -> Callable[[], None]:
-    """Return what a step runs. KeyError for an unknown one."""
+    """Return the function of a step; KeyError for an unknown step."""
     task = STEPS[step]
     return resolve_name(task) if isinstance(task, str) else task
 
 
 @cache
 def run(step: str) -> None:
-    """Run a step, once per process: then it has the kernels. KeyError for an unknown one."""
+    """Run a step, once per process; KeyError for an unknown step."""
     task_of(step)()
 
 
 def possible_steps() -> list[str]:
-    """Return the steps that can be run here: those of messages only where ROS is."""
+    """Return the steps that can be run here; that of messages needs ROS."""
     ros = all(find_spec(name) for name in ("rclpy", "visualization_msgs"))
     return [step for step in STEPS if ros or step not in NEEDS_ROS]
 
 
 def _boxes() -> None:
-    """Run what every check needs, whatever the objects are, on the level "obb"."""
+    """Run checks of all kinds of objects, on the level "obb"."""
     row_of_boxes(FEW_OBJECTS).check()
-    scene = row_of_boxes()  # meanwhile, another process compiles ``_bounds``
+    scene = row_of_boxes()  # another process compiles ``_bounds`` meanwhile
     quaternions_from_matrices(scene.boxes.arrays.rotations)  # of markers
-    for moved in (0, 1, 1, OBJECTS // 3, OBJECTS // 2):  # of the last, a new tree is made
+    for moved in (0, 1, 1, OBJECTS // 3, OBJECTS // 2):  # the last one builds a new tree
         poses = scene.objects.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
         scene.move_indices(np.arange(moved), poses)
         _ = scene.check().colliding
@@ -129,7 +129,10 @@ def _boxes() -> None:
     scene.check()
     scene.remove("at the origin")
     scene.check()
-    _crowds()
+    crowded = oc.Scene(max_pairs=1)
+    for number in range(2 * OBJECTS):
+        crowded.add(str(number), shapes.Box((1.0, 1.0, 1.0)), TURNED)
+    assert crowded.check().truncated
     pairs_of_keys(batch(), np.zeros(2 * FEWEST_NUMBERS, np.int64), False)
     _bounds()  # in this process, too
     scene.region = oc.regions.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
@@ -137,8 +140,8 @@ def _boxes() -> None:
 
 
 def _add_zoo(scene: oc.Scene) -> None:
-    for kind, some in zoo().items():
-        for number, shape in enumerate(some):
+    for kind, members in zoo().items():
+        for number, shape in enumerate(members):
             scene.add(f"{kind} {number}", shape)
 
 
@@ -155,25 +158,17 @@ def _coarse() -> None:
             oc.find_pairs(scene.boxes, accuracy=level)
 
 
-def _crowds() -> None:
-    """Run what more colliding pairs than a limit need: a place full of boxes."""
-    scene = oc.Scene(max_pairs=1)
-    for number in range(2 * OBJECTS):
-        scene.add(str(number), shapes.Box((1.0, 1.0, 1.0)), (0, 0, 0, 0, 0, 0.6, 0.8))
-    assert scene.check().truncated
-
-
 def _meshes() -> None:
-    """Run the level "mesh", first what needs no tree to be built."""
+    """Run the level "mesh", first the kernels that need no tree."""
     body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
     oc.verdicts(body, body)
     _level(Accuracy.MESH)
 
 
 def _level(level: Accuracy) -> None:
-    """Run a level above "obb" on all kinds of shapes, exactly too.
+    """Run a level above "obb" on all kinds of shapes, also with exact verdicts.
 
-    What a budget may take instead are steps of their own, and so are effects on the level.
+    Levels to which a time budget may fall back, and effects on the level, are other steps.
     """
     for exact, padding in ((False, 0.0), (True, 0.0), (False, 0.01)):
         scene = oc.Scene(accuracy=level, exact=exact)
@@ -185,21 +180,21 @@ def _level(level: Accuracy) -> None:
 
 def _add_crowd(scene: oc.Scene, padding: float) -> None:
     """Add shapes of all kinds that overlap."""
-    for number, shape in enumerate(shape for some in zoo().values() for shape in some):
+    for number, shape in enumerate(shape for kind in zoo().values() for shape in kind):
         pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
         scene.add(str(number), shape, pose, padding=padding)
     scene.add("padded", shapes.Sphere(0.2), padding=0.01)
 
 
 def _hulls() -> None:
-    """Run the level "hull", first what takes longest."""
+    """Run the level "hull", first the kernels that take longest."""
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
     convex_may_collide(bodies, bodies, row, row)
     _level(Accuracy.HULL)
 
 
 def _effect_on(name: str, level: Accuracy) -> None:
-    """Run an effect on a level above "obb", first what takes longest; pairs stay on boxes."""
+    """Run an effect on a level above "obb", first the slowest kernels; pairs stay on boxes."""
     if name == "points":
         return _points_on(level)
     if name == "sweep":
@@ -207,14 +202,14 @@ def _effect_on(name: str, level: Accuracy) -> None:
     if level == Accuracy.MESH and name == "clearance":
         _surfaces()
     elif level == Accuracy.MESH and name == "contacts":
-        _mesh_depths()  # meanwhile, another process compiles ``_convex_pairs``
+        _mesh_depths()  # another process compiles ``_convex_pairs`` meanwhile
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
     if name == "contacts":
         _convex_pairs()
     convex_distances(bodies, bodies, row, row)
     if level == Accuracy.MESH and name == "contacts":
         body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
-        oc.contacts(body, body)  # meanwhile, another process compiles ``_trees``
+        oc.contacts(body, body)  # another process compiles ``_trees`` meanwhile
     for padding in (0.0, 0.01):
         scene = oc.Scene()
         scene.set_effect(name, accuracy=level.name.lower())
@@ -225,7 +220,7 @@ def _effect_on(name: str, level: Accuracy) -> None:
 
 
 def _points_on(level: Accuracy) -> None:
-    """Find which points are in shapes, with clouds laid out as they come."""
+    """Find points in shapes, with clouds of every layout."""
     scene = oc.Scene()
     _add_crowd(scene, 0.0)
     scene.set_effect("points", "on", accuracy=level.name.lower())
@@ -242,18 +237,13 @@ def _sweep_boxes() -> None:
     oc.sweeps(moving, moving)
 
 
-def _separate_boxes() -> None:
-    oc.separations(batch(), batch())
-
-
 def _effect(name: str) -> None:
-    """Run an effect on boxes that move, with clouds laid out as they come."""
+    """Run an effect on boxes that move, with clouds of every layout."""
     FIRST.get(name, row_of_boxes)()
     scene = row_of_boxes()
     scene.set_effect(name, "on")
     scene.objects.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
-    given = clouds() if name == "points" else [np.zeros((4, 3))] * 4
-    for number, points in enumerate(given):
+    for number, points in enumerate(clouds() if name == "points" else [np.zeros((4, 3))] * 4):
         scene.obstacle_points = points
         scene.check()
         poses = np.zeros((OBJECTS, 7))
@@ -337,7 +327,7 @@ def _mesh_queries() -> None:
 
 
 def _sweep_on(level: Accuracy) -> None:
-    """Sweep shapes on a level above "obb", first what takes longest; pairs stay on boxes."""
+    """Sweep shapes on a level above "obb", first the slowest kernels; pairs stay on boxes."""
     if level == Accuracy.MESH:
         body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
         oc.sweeps(body, body, duration=1.0)
@@ -355,7 +345,7 @@ def _sweep_on(level: Accuracy) -> None:
 
 
 def _bounds() -> None:
-    """Find which bounds overlap, of all boxes and of some that move."""
+    """Find overlapping bounds, of all boxes and of a few that move."""
     low = np.random.default_rng(0).random((OBJECTS, 3))
     find_candidates(low, low + 0.2)
     many = np.arange(2 * FEWEST_NUMBERS)
@@ -368,7 +358,7 @@ def _bounds() -> None:
 
 
 def _surfaces() -> None:
-    """Find how far a mesh is from another, and from a round shape."""
+    """Compute the distance of a mesh from another, and from a convex body."""
     row = np.zeros(1, np.int64)
     bodies = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
     oc.clearances(bodies, bodies)
@@ -376,7 +366,7 @@ def _surfaces() -> None:
 
 
 def _mesh_depths() -> None:
-    """Find how deep two meshes overlap, whatever contains them."""
+    """Compute how deep two meshes overlap."""
     body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
     pairs, along = np.zeros((1, 2), np.int64), np.eye(3)[:1]
     outer = Separations(pairs, np.full(1, -1.0), along, along.copy())
@@ -400,22 +390,21 @@ def _hulls_of_pairs() -> None:
 
 
 def _convex_pairs() -> None:
-    """Find how far apart two convex bodies are, or how deep they overlap and where."""
+    """Compute distance, depth and contacts of two convex bodies."""
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
-    found, _ = convex_distances(bodies, bodies, row, row)
-    convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4, found)
+    distances, _ = convex_distances(bodies, bodies, row, row)
+    convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4, distances)
 
 
 def _swept_hulls() -> None:
     """Sweep two convex bodies."""
-    bodies, row = convex_bodies(), np.zeros((1, 3))
-    one = np.ones(1)
-    motion = BodyMotion(row, row, 1.0, np.eye(3)[None], row, row, one, one)
+    bodies, row, ones = convex_bodies(), np.zeros((1, 3)), np.ones(1)
+    motion = BodyMotion(row, row, 1.0, np.eye(3)[None], row, row, ones, ones)
     convex_sweeps(bodies, motion, np.zeros((1, 2), np.int64), np.zeros(1), 1e-4)
 
 
 def _robots() -> None:
-    """Run what robots need, with a scene of every kind of shape."""
+    """Run checks, distances, motions and proofs of a robot, with every kind of shape."""
     robot = oc.Robot.from_urdf(ARM)
     robot.link_poses(np.zeros(3))
     scene = oc.Scene()
@@ -438,10 +427,13 @@ def _robots() -> None:
 
 EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level in levels)
 """Effects, each on a level above OBB."""
-FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
-"""What effects take longest for, while another process compiles the rest."""
+FIRST: dict[str, Callable[[], object]] = {
+    "sweep": _sweep_boxes,
+    "separations": lambda: oc.separations(batch(), batch()),
+}
+"""The slowest kernels of effects, to run first while another process compiles the rest."""
 STEPS: dict[str, Callable[[], None] | str] = {
-    # In this order two processes compile the fewest kernels twice.
+    # in this order two processes compile the fewest kernels twice
     BOXES: _boxes,
     BOUNDS: _bounds,
     accuracy_step(Accuracy.MESH): _meshes,
@@ -463,10 +455,10 @@ STEPS: dict[str, Callable[[], None] | str] = {
     "queries of meshes": _mesh_queries,
     "fits": _fits,
     ROBOTS: _robots,
-    # looked up by name, as it is in a layer above
+    # by name, as it is in a layer above
     MESSAGES: "obb_collision.node.inputs.batch:compile_kernels",
 }
-"""What to run, by its name."""
+"""The function of each step, or its name."""
 NEEDS_ROS = (MESSAGES,)
 PARTS = {
     BOXES: (BOUNDS,),
@@ -478,7 +470,7 @@ PARTS = {
     effect_level_step("separations", Accuracy.MESH): (SURFACES, TREES),
     effect_level_step("sweep", Accuracy.MESH): (SWEPT,),
 }
-"""Parts of the longest steps, for a second process: it compiles what they call in the end."""
+"""Parts of the longest steps for a second process: kernels that these call last."""
 
 
 def with_parts(wanted: Iterable[str]) -> list[str]:

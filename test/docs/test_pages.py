@@ -40,6 +40,7 @@ from processes import NEED_ROS, PROGRAMS, function_of, program_of
 
 import obb_collision as oc
 from obb_collision import Accuracy
+from obb_collision.demo.motion import read_motions
 from obb_collision.geometry import representations
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene_files import SceneDescription, describe_scene
@@ -158,7 +159,15 @@ def test_the_commands_are_found() -> None:
     assert set(PROGRAMS) - programs <= {*same, "python -m tools.peers.meshes"}
 
 
-def test_yaml_blocks_are_scenes_or_parameters(tmp_path: Path) -> None:
+AT_REST = """\
+objects:
+- {name: cup/0, shape: sphere, radius: 1}
+- {name: straw/0, shape: sphere, radius: 1}
+robots: [{name: arm, urdf: arm.urdf}]
+"""
+
+
+def test_yaml_blocks_are_scenes_motions_or_parameters(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box().export(tmp_path / "meshes" / "hand.stl")
     for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
@@ -171,8 +180,11 @@ def test_yaml_blocks_are_scenes_or_parameters(tmp_path: Path) -> None:
                 parameters += re.findall(r"^    ([\w.]+):", block, re.MULTILINE)
                 continue
             path = tmp_path / f"scene_{len(scenes)}.yaml"
-            path.write_text(block)
+            path.write_text(AT_REST if "waypoints" in block else block)
             scenes.append(describe_scene(path))
+            if "waypoints" in block:
+                path.with_suffix(".motion.yaml").write_text(block)
+                assert read_motions(scenes[-1], path).moving == [0, 1]
     assert all(scene.objects for scene in scenes)
     assert len(scenes) >= 2
     for name in set(parameters) - {"qos_overrides"}:

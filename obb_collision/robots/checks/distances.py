@@ -294,8 +294,8 @@ def state_distances(
         rows, bodies = rows[kept], bodies[kept]
         bounds, vectors = bounds[kept], vectors[kept]
         gradients = None if gradients is None else gradients[kept]
-    values = *bounds.T, bodies, vectors[:, :2], vectors[:, 2]
-    return StateDistances(*values, prepared.names, rows, gradients)
+    pairs = bodies, vectors[:, :2], vectors[:, 2]
+    return StateDistances(bounds[:, 0], bounds[:, 1], *pairs, prepared.names, rows, gradients)
 
 
 def _least_distances(
