@@ -140,7 +140,7 @@ class Boxes(boxes.Boxes):
         return self.from_obbs(box.transformed(move) for box, move in zip(self, moves, strict=True))
 
     def contains(self, points: ArrayLike, exact: bool = False) -> NDArray[np.bool_]:
-        """Return which box contains which point; the surface counts.
+        """Return which box contains which point, (n,) or (n, p); the surface counts.
 
         Parameters
         ----------
@@ -148,10 +148,6 @@ class Boxes(boxes.Boxes):
             Metres. For many points in many boxes ``points_inside`` is faster.
         exact : bool
             Decide by integer arithmetic what doubles can't tell from the surface, else inside.
-
-        Returns
-        -------
-        (n,) or (n, p) array of bool
 
         Examples
         --------

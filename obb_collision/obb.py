@@ -212,14 +212,11 @@ class OBB(ArrayValue):
         return float(box_volumes(self._half_extents))
 
     def corners(self) -> Floats:
-        """Return the corners.
+        """Return the corners (8, 3), metres.
 
-        Returns
-        -------
-        (8, 3) array
-            Metres. Four on the +z face (of the box's own axes): left-top, left-bottom,
-            right-bottom, right-top; then four on the -z face: right-top, right-bottom,
-            left-bottom, left-top. Right is +x, top is +y.
+        Four on the +z face (of the box's own axes): left-top, left-bottom, right-bottom, right-top;
+        then four on the -z face: right-top, right-bottom, left-bottom, left-top. Right is +x, top
+        is +y.
 
         Examples
         --------
@@ -229,17 +226,12 @@ class OBB(ArrayValue):
         return self._boxes().corners()[0]
 
     def edge_direction(self, i: int) -> Floats:
-        """Return the direction of the four edges along an axis.
+        """Return the direction (3,) of the four edges along an axis, of unit length.
 
         Parameters
         ----------
         i : int
             The axis, 0 to 2.
-
-        Returns
-        -------
-        (3,) array
-            Of unit length.
 
         Examples
         --------
@@ -251,17 +243,12 @@ class OBB(ArrayValue):
         return self._rotation[:, i].copy()
 
     def face_normal(self, i: int) -> Floats:
-        """Return the outward normal of a face.
+        """Return the outward normal (3,) of a face.
 
         Parameters
         ----------
         i : int
             The face: 0 +x, 1 -x, 2 +y, 3 -y, 4 +z, 5 -z of the box's own axes.
-
-        Returns
-        -------
-        (3,) array
-            Of unit length.
 
         Examples
         --------
@@ -318,7 +305,7 @@ class OBB(ArrayValue):
         return OBB(*transform_box(self._center, self._rotation, self._half_extents, matrix))
 
     def contains(self, points: ArrayLike, exact: bool = False) -> bool | NDArray[np.bool_]:
-        """Return which points lie inside; the surface counts.
+        """Return whether a point, or which points (n,), lie inside; the surface counts.
 
         Parameters
         ----------
@@ -326,10 +313,6 @@ class OBB(ArrayValue):
             Metres.
         exact : bool
             Decide by integer arithmetic what doubles can't tell from the surface, else inside.
-
-        Returns
-        -------
-        bool or (n,) array of bool
 
         Examples
         --------
@@ -361,17 +344,11 @@ class OBB(ArrayValue):
         return int(box_verdicts(*both, exact=as_flag(exact, "exact"))[0]) != SEPARATE
 
     def separation(self, other: OBB) -> Separation:
-        """Return the signed gap, its axis, and the verdict.
+        """Return the signed gap, its axis from this box to another, and the verdict.
 
         Parameters
         ----------
         other : OBB
-
-        Returns
-        -------
-        Separation
-            gap (metres; positive apart, negative overlapping), axis ((3,) unit, towards
-            ``other``), verdict.
 
         References
         ----------
@@ -388,16 +365,11 @@ class OBB(ArrayValue):
         return Separation(float(rows.separations[0]), rows.normals[0], verdict)
 
     def overlap_volume(self, other: OBB) -> float:
-        """Return the volume that two boxes share.
+        """Return the volume that two boxes share, cubic metres; see ``overlap_volumes``.
 
         Parameters
         ----------
         other : OBB
-
-        Returns
-        -------
-        float
-            Cubic metres; exactly 0 and exactly all where ``overlap_volumes`` says so.
 
         Examples
         --------
@@ -408,16 +380,11 @@ class OBB(ArrayValue):
         return float(overlap_volumes(*self._with(other))[0])
 
     def iou(self, other: OBB) -> float:
-        """Return intersection over union, from 0 to 1.
+        """Return intersection over union, from 0 to 1; see the function ``iou``.
 
         Parameters
         ----------
         other : OBB
-
-        Returns
-        -------
-        float
-            Exactly 0 and exactly 1 where the function ``iou`` says so.
 
         Examples
         --------

@@ -118,16 +118,12 @@ class AABB(ArrayValue):
         return not bool(apart.any())
 
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
-        """Return which points lie inside; the surface counts.
+        """Return whether a point, or which points (n,), lie inside; the surface counts.
 
         Parameters
         ----------
         points : (3,) or (n, 3) array_like
             Metres.
-
-        Returns
-        -------
-        bool or (n,) array of bool
 
         Examples
         --------
@@ -140,12 +136,7 @@ class AABB(ArrayValue):
         return bool(inside) if single else np.asarray(inside)
 
     def corners(self) -> Floats:
-        """Return the corners.
-
-        Returns
-        -------
-        (8, 3) array
-            Metres, in the order of ``OBB.corners``.
+        """Return the corners (8, 3), metres, in the order of ``OBB.corners``.
 
         Examples
         --------
@@ -292,12 +283,7 @@ class Boxes(ArrayValue, ForKernels):
         return box_volumes(self.half_extents)
 
     def corners(self) -> Floats:
-        """Return the corners of each box.
-
-        Returns
-        -------
-        (n, 8, 3) array
-            Metres, in the order of ``OBB.corners``.
+        """Return the corners (n, 8, 3) of each box, metres, in the order of ``OBB.corners``.
 
         Examples
         --------
@@ -345,14 +331,9 @@ class Boxes(ArrayValue, ForKernels):
         return type(self).trusted(c, r, add_outwards(h, pad[:, None] if by_box else pad))
 
     def world_bounds(self) -> tuple[Floats, Floats]:
-        """Return axis-aligned boxes that certainly contain these, one for each.
+        """Return minima and maxima (n, 3) of axis-aligned boxes that certainly contain these.
 
         Exact where that is representable and the box is axis-aligned, else rounded outwards.
-
-        Returns
-        -------
-        minimum, maximum : (n, 3) arrays
-            Metres.
 
         Examples
         --------

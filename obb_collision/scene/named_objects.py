@@ -58,7 +58,7 @@ class NamedObjects(Changing):
         accuracy: Accuracy | str | None = None,
         replace: bool = True,
     ) -> int:
-        """Add an object, or replace the one of that name, and return its index.
+        """Add an object, or replace the one of that name; return its index, which it keeps.
 
         Parameters
         ----------
@@ -74,11 +74,6 @@ class NamedObjects(Changing):
             By default the scene's.
         replace : bool
             Whether it may replace an object; with False that is a ValueError.
-
-        Returns
-        -------
-        int
-            The index, which the object keeps until it is removed.
 
         Examples
         --------
@@ -354,16 +349,11 @@ class NamedObjects(Changing):
         return self._objects.store.boxes(self.indices)
 
     def pose(self, name: str) -> Floats:
-        """Return the pose of an object.
+        """Return the pose (7,) of an object: x y z (metres) qx qy qz qw, as it was set.
 
         Parameters
         ----------
         name : str
-
-        Returns
-        -------
-        (7,) array
-            x y z (metres) qx qy qz qw, as given.
 
         Examples
         --------

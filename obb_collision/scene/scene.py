@@ -351,12 +351,7 @@ class Scene(NamedObjects):
         return self._checks.report(effects)
 
     def any_collision(self) -> bool:
-        """Return whether anything collides; stops at the first pair.
-
-        Returns
-        -------
-        bool
-            Whether ``check`` without a time budget would report a pair.
+        """Return whether ``check`` without a time budget would report a pair; stops at the first.
 
         Examples
         --------
@@ -383,8 +378,9 @@ class Scene(NamedObjects):
         accuracy: Accuracy | str | None = None,
         ignore: Iterable[str] | str = (),
     ) -> list[str]:
-        """Return the objects that a body would collide with, without adding it.
+        """Return the names of objects that a body would collide with, without adding it.
 
+        In the order of ``indices``, without objects that are not enabled, or not near the region.
         Trees and hulls of the last bodies are retained: the same mesh costs one tree.
 
         Parameters
@@ -399,12 +395,6 @@ class Scene(NamedObjects):
             Its level, by default that of the scene.
         ignore : str or iterable of str
             Names or patterns of objects that do not count.
-
-        Returns
-        -------
-        list of str
-            Names, in the order of ``indices``. Objects that are not enabled, or not near the
-            region, do not count.
 
         Examples
         --------
@@ -435,6 +425,8 @@ class Scene(NamedObjects):
     ) -> RayHits:
         """Return the first object on each ray: for lines of sight, and for simulated sensors.
 
+        ``boxes`` of the result are indices of objects, -1 without one.
+
         Parameters
         ----------
         origins : (m, 3) array_like
@@ -448,11 +440,6 @@ class Scene(NamedObjects):
             triangles. Round shapes are exact, and so is padding; padded meshes are their hulls.
         objects : str or iterable of str
             Names or patterns of the objects that rays can hit.
-
-        Returns
-        -------
-        RayHits
-            ``boxes`` are indices of objects, -1 for none.
 
         Examples
         --------

@@ -237,7 +237,7 @@ class _Document:
         raise MeshError("its vertices have no positions")
 
     def _source(self, source: Any) -> Floats:
-        """Return the positions (n, 3) of a source, none for None."""
+        """Return the positions (n, 3) of a source, (0, 3) without one."""
         if source is None:
             return np.empty((0, 3))
         accessors = [
@@ -278,7 +278,7 @@ def _whole(node: Any, key: str, default: int) -> int:
 
 
 def _corners(node: Any, offset: int, step: int) -> Triangles:
-    """Return the vertices (n,) that an element of numbers names."""
+    """Return the vertices (n,) in the numbers of an element."""
     numbers = integers_of(_words(node))
     if len(numbers) % step:
         raise MeshError(f"{len(numbers)} numbers cannot be divided into corners of {step} numbers")

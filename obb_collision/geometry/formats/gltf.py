@@ -158,7 +158,7 @@ class _Document:
             self._parts.add(*part, matrix)
 
     def _primitive(self, primitive: Object, weights: Any) -> tuple[Floats, Triangles]:
-        """Return vertices and triangles; of points and lines vertices alone."""
+        """Return vertices and triangles; points and lines have no triangles."""
         position = primitive.get("attributes", {}).get("POSITION")
         if position is None:
             raise MeshError("one of its primitives has no POSITION")

@@ -56,7 +56,7 @@ Task: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
 class BuildError(ValueError):
-    """An error with a ``reason``, a short fixed phrase such as those above, and a ``detail``."""
+    """An error of building; ``reason`` is a short fixed phrase, ``detail`` says more."""
 
     def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(reason, detail)

@@ -260,7 +260,7 @@ class ShapeCache:
         return len(self._trees) + len(self._hulls) + len(self._hull_trees)
 
     def shape_for(self, slot: int, shape: Shape | OBB) -> SlotShape:
-        """Return the argument of ``put`` for a slot; reserve memory so that ``put`` cannot fail."""
+        """Prepare a shape of a slot for ``put``, which then needs no memory."""
         if isinstance(shape, (Box, OBB)):
             return SlotShape(slot, shape, kind_of(shape), np.zeros(6))
         body = SlotShape(slot, shape, kind_of(shape), np.array(core_of(shape)))

@@ -126,9 +126,9 @@ def refine(
     budget: Budget | None = None,
     order: Rows | None = None,
 ) -> None:
-    """Decide pairs that OBB doesn't separate on their levels above OBB, while there is time.
+    """Decide pairs on HULL or MESH, in an order, while there is time.
 
-    wanted (m,): their levels; levels, verdicts (m,): so far, updated; order (m,): of the rows.
+    wanted (m,): the level of each pair; levels, verdicts (m,): so far, updated; order (m,): rows.
     """
     rows = np.arange(len(wanted)) if order is None else order
     portions = [slice(None)] if budget is None else budget.portions(len(rows))

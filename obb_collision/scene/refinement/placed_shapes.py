@@ -68,7 +68,7 @@ class PairSides(NamedTuple):
 
 
 class PlacedShapes:
-    """The shapes of a scene as they were at a check, but for boxes.
+    """The shapes of a scene at a check, except boxes.
 
     pairs (m, 2), sorted: the colliding pairs, decided on levels (m,); exact: as for
     ``decide_pairs``; complete: whether no pair is left out.

@@ -94,15 +94,11 @@ class Region(ArrayValue):
         return bool(np.isneginf(self.minimum).all() and np.isposinf(self.maximum).all())
 
     def holds(self, points: ArrayLike) -> Mask:
-        """Return which points are in it.
+        """Return which points (n,) are in it.
 
         Parameters
         ----------
         points : (n, 3) array_like
-
-        Returns
-        -------
-        (n,) array of bool
 
         Examples
         --------
@@ -290,16 +286,12 @@ class RegionMerger(SetOnce):
         self.missing(when)
 
     def missing(self, now: float) -> dict[str, str]:
-        """Return the missing regions, and why.
+        """Return the missing regions, and why, by name.
 
         Parameters
         ----------
         now : float
             Seconds.
-
-        Returns
-        -------
-        dict of str to str
 
         Examples
         --------
@@ -315,7 +307,7 @@ class RegionMerger(SetOnce):
     def take(
         self, region: str, stamp: int, rows: NDArray[Any], now: float, topic: str = "collisions"
     ) -> NDArray[Any] | None:
-        """Take the rows of a region for a stamp; return those of all regions once complete.
+        """Take the rows of a region for a stamp; return the sorted rows of all once complete.
 
         Parameters
         ----------
@@ -330,11 +322,6 @@ class RegionMerger(SetOnce):
             Seconds.
         topic : str
             Of the rows; each topic is joined by itself.
-
-        Returns
-        -------
-        (m,) structured array or None
-            Sorted by these fields.
 
         Examples
         --------

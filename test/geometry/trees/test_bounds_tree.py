@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from each import each
 
-from obb_collision.geometry.trees import morton
+from obb_collision.geometry.trees import bounds_tree
 from obb_collision.geometry.trees.bounds_tree import BoundsTree, move_kernel, overlapping
 from obb_collision.typing import Floats, Rows
 
@@ -48,7 +48,7 @@ def bounds_of(form: str, count: int) -> tuple[Floats, Floats]:
 
 def ordered(minimum: Floats, maximum: Floats) -> Rows:
     order, spare = np.empty((2, len(minimum)), np.int64)
-    morton.morton_order_shared(minimum, maximum, order, spare)
+    bounds_tree.morton_order_shared(minimum, maximum, order, spare)
     return order
 
 
@@ -64,7 +64,7 @@ def test_the_order_has_each_row_once_and_empty_bounds_last_by_any_number_of_thre
     assert empty.tolist() == sorted(empty.tolist())
     full = np.flatnonzero((minimum <= maximum).all(axis=1))
     alone = ordered(minimum[full], maximum[full])
-    monkeypatch.setattr(morton, "is_dealt", lambda count: count > 1)
+    monkeypatch.setattr(bounds_tree, "is_dealt", lambda count: count > 1)
     np.testing.assert_array_equal(ordered(minimum[full], maximum[full]), alone)
 
 
@@ -73,7 +73,7 @@ def test_bounds_on_a_line_are_in_the_order_of_the_line_but_for_those_of_one_cell
     for axis in range(3):
         minimum = 1000.0 * places[:, None] * np.eye(3)[axis]
         order = ordered(minimum, minimum + 1.0)
-        assert np.abs(places[order] - np.arange(300)).max() < morton.CELL
+        assert np.abs(places[order] - np.arange(300)).max() < bounds_tree.CELL
 
 
 @each("form", FORMS)
