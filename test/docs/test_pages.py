@@ -39,9 +39,9 @@ from pages import PAGES, ROOT, code_blocks, page_name, table_rows
 from processes import NEED_ROS, PROGRAMS, function_of, program_of
 
 import obb_collision as oc
+import obb_collision.geometry.representations as representations
 from obb_collision import Accuracy
 from obb_collision.demo.motion import read_motions
-from obb_collision.geometry import representations
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene_files import SceneDescription, describe_scene
 

@@ -30,7 +30,7 @@ from support import refused
 import obb_collision as oc
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.regions import Region, split_regions
-from obb_collision.scene.store.region import coverage
+from obb_collision.scene.store import region as splitting
 
 FAR = 0.5
 """Largest distance that clearances are computed for (m), and the halo."""
@@ -386,16 +386,16 @@ def test_whether_regions_fill_space_once_is_exact(seed: int) -> None:
     regions = [Region([-np.inf] * 3, [np.inf] * 3)]
     for _ in range(30):
         cut(regions, int(rng.integers(len(regions))), float(rng.normal()))
-    assert coverage(regions) == (False, [])
+    assert splitting.coverage(regions) == (False, [])
     row = int(rng.integers(len(regions)))
-    assert coverage(regions[:row] + regions[row + 1 :]) == (True, [])
-    assert coverage([*regions, regions[row]])[1] == [row, len(regions)]
+    assert splitting.coverage(regions[:row] + regions[row + 1 :]) == (True, [])
+    assert splitting.coverage([*regions, regions[row]])[1] == [row, len(regions)]
     low, high = regions[row].minimum, regions[row].maximum
     inner = np.flatnonzero(np.isfinite(high))
     if len(inner):
         end = high.copy()
         end[inner[0]] = np.nextafter(high[inner[0]], -np.inf)
         others = regions[:row] + regions[row + 1 :]
-        assert coverage([*others, Region(low, end)]) == (True, [])
+        assert splitting.coverage([*others, Region(low, end)]) == (True, [])
         end[inner[0]] = np.nextafter(high[inner[0]], np.inf)
-        assert len(others) in coverage([*others, Region(low, end)])[1]
+        assert len(others) in splitting.coverage([*others, Region(low, end)])[1]

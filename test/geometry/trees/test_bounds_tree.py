@@ -21,7 +21,6 @@ import pytest
 from each import each
 
 from obb_collision.geometry.trees import bounds_tree
-from obb_collision.geometry.trees.bounds_tree import BoundsTree, move_kernel, overlapping
 from obb_collision.typing import Floats, Rows
 
 FORMS = ("spread", "line", "outlier", "clusters", "one centre")
@@ -31,15 +30,10 @@ COUNTS = (1, 8, 9, 65, 700)
 def bounds_of(form: str, count: int) -> tuple[Floats, Floats]:
     """Return bounds of a form, some of them empty."""
     rng = np.random.default_rng(count)
-    middles = rng.uniform(-5.0, 5.0, (count, 3))
-    if form == "line":
-        middles *= [1.0, 0.0, 0.0]
-    if form == "outlier":
-        middles[0] = 1e250
-    if form == "clusters":
-        middles = 1e-9 * middles + rng.choice([-1e9, 1e9], (count, 1))
-    if form == "one centre":
-        middles[:] = 0.0
+    scales = {"line": [1.0, 0.0, 0.0], "one centre": 0.0, "clusters": 1e-9}
+    middles = scales.get(form, 1.0) * rng.uniform(-5.0, 5.0, (count, 3))
+    middles[0] = 1e250 if form == "outlier" else middles[0]
+    middles += rng.choice([-1e9, 1e9], (count, 1)) if form == "clusters" else 0.0
     half = rng.uniform(0.0, 1.0, (count, 3))
     minimum, maximum = middles - half, middles + half
     minimum[5::17], maximum[5::17] = np.inf, -np.inf
@@ -82,18 +76,20 @@ def test_a_tree_finds_what_brute_force_does_also_after_bounds_have_moved(
     form: str, count: int
 ) -> None:
     minimum, maximum = bounds_of(form, count)
-    tree, room = BoundsTree.build(minimum, maximum), np.empty(count, np.int64)
+    tree, room = bounds_tree.BoundsTree.build(minimum, maximum), np.empty(count, np.int64)
     places = np.empty(count, np.int64)
     places[tree.order] = np.arange(count)
     for shift in (0.0, 3.0, -1.0):
         moved = np.arange(0, count, 3)
         minimum[moved], maximum[moved] = minimum[moved] + shift, maximum[moved] + shift
-        move_kernel(tree, places[moved])
+        bounds_tree.move_kernel(tree, places[moved])
         for row in range(0, count, 11):
             low, high = minimum[row], maximum[row]
             meet = ((minimum <= high) & (low <= maximum)).all(axis=1)
             for least in (0, count // 2):
-                found = overlapping(tree, tuple(low), tuple(high), least, room)
+                found = bounds_tree.overlapping(tree, tuple(low), tuple(high), least, room)
                 expected = np.flatnonzero(meet & (np.arange(count) >= least))
                 np.testing.assert_array_equal(np.sort(room[:found]), expected)
-            assert overlapping(tree, tuple(low), tuple(high), 0, room[:1]) == min(meet.sum(), 1)
+            assert bounds_tree.overlapping(tree, tuple(low), tuple(high), 0, room[:1]) == min(
+                meet.sum(), 1
+            )

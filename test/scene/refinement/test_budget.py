@@ -29,7 +29,7 @@ from support import refused
 
 import obb_collision as oc
 from obb_collision import Accuracy
-from obb_collision.scene.checker import Checker
+from obb_collision.scene import checker
 from obb_collision.scene.effects import clearance
 from obb_collision.scene.refinement import Budget, mesh_pairs, refine
 
@@ -330,7 +330,9 @@ def test_a_report_that_is_kept_is_on_the_levels_asked_for(
     scene = row_of_rings() if effect else crowd(20)[0]
     scene.time_budget, scene.max_pairs = Budget(1.0, slow), limit
     with monkeypatch.context() as others:  # which have the processor meanwhile
-        others.setattr(Checker, "settle_region", lambda _: setattr(slow, "now", slow.now + 2.0))
+        others.setattr(
+            checker.Checker, "settle_region", lambda _: setattr(slow, "now", slow.now + 2.0)
+        )
         first = scene.check()
     assert effect or OBB in first.accuracies.tolist()
     assert not effect or set(first.accuracies_of("clearance").tolist()) == {OBB}
