@@ -16,7 +16,7 @@
 
 ros2 launch obb_collision obb_collision.launch.py rviz:=true namespace:=cell scene_file:=tabletop
 
-Arguments that are not given leave params_file as it is.
+Arguments that are left out do not change the values of params_file.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CONFIG = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the arguments, and what they start."""
+    """Return the launch description with its arguments."""
     as_in_file = "Empty: leaves params_file as it is."
     return LaunchDescription(
         [
@@ -96,7 +96,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start(context: LaunchContext) -> list[Action]:
-    """Return the node, what activates it, and RViz if asked."""
+    """Return the node, its activation, and RViz if asked for."""
 
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
@@ -134,7 +134,7 @@ def start(context: LaunchContext) -> list[Action]:
 
 
 def activate(node: LifecycleNode) -> list[Action]:
-    """Return what configures a node, and activates it once that is done."""
+    """Return actions that configure a node, then activate it."""
 
     def change(transition: int) -> EmitEvent:
         return EmitEvent(

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Start collision nodes that share a scene by regions, and the merger of what they publish.
+"""Start collision nodes that share a scene by regions, and the merger of their messages.
 
 ros2 launch obb_collision regions.launch.py parts:="3 1 1" minimum:="0 0 0" maximum:="30 20 5"
 
@@ -44,7 +44,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the arguments, and what they start."""
+    """Return the launch description with its arguments."""
     config = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])
     file = DeclareLaunchArgument(
         "params_file",

@@ -46,7 +46,7 @@ PAIRS = 400
 
 
 def feed(digest: Any, value: object) -> None:
-    """Put a result with all that is in it into a hash."""
+    """Add a result, with all its parts, to a hash."""
     if isinstance(value, enum.Enum):
         value = value.value
     if dataclasses.is_dataclass(value) or hasattr(value, "_fields"):
@@ -143,7 +143,7 @@ def of_robots() -> Iterator[tuple[str, object]]:
 
 
 def answers(parts: tuple[Callable[[], Iterator[tuple[str, object]]], ...]) -> dict[str, str]:
-    """Return the hash of each answer, by what was asked."""
+    """Return the hash of each answer by its question."""
     return {name: hashed(value) for part in parts for name, value in part()}
 
 

@@ -93,7 +93,7 @@ NODE = (
 
 
 class Goal(NamedTuple):
-    """One figure: what, beside whom, what is wanted and what was measured; None: not measured."""
+    """A figure: its name, the peer, the goal and the measured value, None if not measured."""
 
     what: str
     beside: str
@@ -105,7 +105,7 @@ class Goal(NamedTuple):
 def ratio(
     what: str, beside: str, wanted: float, ours: float, theirs: float | None, unit: str
 ) -> Goal:
-    """Return how many times as fast ours is; times in the unit, None of who is not installed."""
+    """Return how many times as fast ours is; times in the unit, None if not installed."""
     if theirs is None:
         return missing(what, beside, "not installed")
     times = theirs / ours
@@ -114,7 +114,7 @@ def ratio(
 
 
 def below(what: str, wanted: float, measured: float, unit: str) -> Goal:
-    """Return whether a time is below what is wanted."""
+    """Return whether a time is below the goal."""
     text = f"{digits(measured)} {unit}"
     return Goal(what, "", f"below {wanted:g} {unit}", text, bool(measured < wanted))
 
@@ -125,7 +125,7 @@ def missing(what: str, beside: str, why: str) -> Goal:
 
 
 def node_goals(rows: Sequence[dict[str, Any]]) -> Iterator[Goal]:
-    """Return what the node reaches, from a row per way of sending objects."""
+    """Return the goals of the node, from a row per input."""
     found = {(row["way"], row["objects"]): row for row in rows}
     for way, objects, most, most_99 in NODE:
         row, late = found[way, objects], f", 99 % below {most_99:g} ms" if most_99 else ""
@@ -171,7 +171,7 @@ class Goals:
         return {row.name: row for row in rows}
 
     def beside_mujoco(self) -> Iterator[Goal]:
-        """Measure all moving boxes beside MuJoCo, with what it makes and less."""
+        """Measure moving boxes beside MuJoCo, with and without contacts."""
         for k, boxes in enumerate(SIZES):
             found = self._run(Case(boxes=boxes), [*BESIDE_MUJOCO, MUJOCO])
             for ours, wanted in BESIDE_MUJOCO.items():
@@ -219,7 +219,7 @@ class Goals:
         yield ratio(what, "ours, all moving", FEW_MOVE, few, all_move, "ms")
 
     def small(self) -> Iterator[Goal]:
-        """Measure an unchanged scene, and one of ten boxes that all move."""
+        """Measure an unchanged scene, and a scene of ten moving boxes."""
         half_extents, frames = make_frames("uniform", LARGE[0], 0.0, self._plan.seed)
         scene = _scene(half_extents, frames[0].poses)
         what = f"{LARGE[0]:,} boxes unchanged, the last report"
@@ -260,12 +260,12 @@ class Goals:
         yield from node_goals(self.node_rows)
 
     def starts(self) -> Iterator[Goal]:
-        """Measure what an empty cache costs."""
+        """Measure starts with an empty cache."""
         for what, wanted, seconds in measure_starts(self._show):
             yield below(what, wanted, seconds, "s")
 
     def all(self) -> Iterator[Goal]:
-        """Measure everything; what fails is a goal that was not measured, and the others go on."""
+        """Measure everything; a failure is a goal without a measurement, and others continue."""
         for part in (
             *(self.beside_mujoco, self.beside_coal, self.growth, self.few_move, self.small),
             *(self.node, self.starts, self.per_pair),
@@ -284,7 +284,7 @@ def _scene(half_extents: Any, poses: Any) -> Scene:
 
 
 def _microseconds(run: Callable[[], object]) -> float:
-    """Return the median of many turns; what each returns is released outside of its time."""
+    """Return the median time of many calls; results are released outside of it."""
     times = []
     with own_settings():
         for _ in range(SHORT_TURNS):
@@ -297,7 +297,7 @@ def _microseconds(run: Callable[[], object]) -> float:
 
 @interruptible("python -m tools.goals")
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure all goals and print what is met."""
+    """Measure all goals and print whether they are met."""
     parser = Parser(prog="python -m tools.goals", description="goals, and what was measured")
     option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
     text = "maximum time per scene (s); slower peers are left out"
@@ -327,7 +327,7 @@ COMPILE += "progress = compile_steps(sys.argv[1:]); sys.exit(bool(progress.faile
 
 
 def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, float]]:
-    """Yield what, the seconds wanted, and those it took."""
+    """Yield name, goal (s) and measured seconds."""
     with TemporaryDirectory() as folder:
         home = Path(folder)
         for level, wanted in STARTED.items() if find_spec("rclpy") else ():
@@ -344,7 +344,7 @@ def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, fl
 
 
 def _command(cache: Path, *words: str) -> dict[str, Any]:
-    """Return what starts Python with a cache of kernels and our package."""
+    """Return the command of Python with a cache of kernels and this package."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
     return {"args": [sys.executable, *words], "env": environment, "cwd": Path(__file__).parents[1]}
 
@@ -357,7 +357,7 @@ def _run(cache: Path, *words: str) -> float:
 
 
 def _node(cache: Path, accuracy: str) -> float:
-    """Return the seconds from the start of a node until it says that it is ready."""
+    """Return the seconds from the start of a node until it reports that it is ready."""
     start, code = perf_counter(), "from obb_collision.commands import node; node()"
     output: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     words = "--ros-args", "-p", f"accuracy:={accuracy}"

@@ -71,7 +71,7 @@ SEED = 7
 
 @dataclass(frozen=True)
 class KnownBug:
-    """A report: the pairs it is about, or the closest ones that can be stated exactly.
+    """A report and its pairs, or the closest pairs that can be stated exactly.
 
     report: its sentence; source: where the numbers are from. distances (metres): the exact one of
     each pair, negative for the depth of those that overlap, NaN for any depth; if they are
@@ -147,7 +147,7 @@ def ours(a: Body, b: Body) -> Answer:
 
 
 def fault(answer: Answer, distance: float, bug: KnownBug) -> str:
-    """Return what is wrong with an answer; empty for nothing. distance: NaN for any depth."""
+    """Return the fault of an answer, empty for none. distance: NaN for any depth."""
     if answer.collides != (not distance > 0.0):
         return "says colliding" if answer.collides else "says apart"
     given = answer.distance
@@ -160,7 +160,7 @@ def fault(answer: Answer, distance: float, bug: KnownBug) -> str:
 
 
 def judged(bug: KnownBug, peer: PairPeer | None) -> str:
-    """Return in words how a library does in a case; None: this one."""
+    """Return the verdict on a library in a case, in words; None: this library."""
     faults, asked = [], 0
     for (a, b), distance in zip(bug.pairs, bug.distances, strict=True):
         try:

@@ -67,7 +67,7 @@ FRAME_PERIOD = 0.05
 
 
 class Measured(NamedTuple):
-    """What one way of sending took: samples (n,) in seconds, and the mean number of pairs."""
+    """Latencies of an input: samples (n,) in seconds, and the mean number of pairs."""
 
     way: str
     objects: int
@@ -199,7 +199,7 @@ class Latency:
         return self._time - start
 
     def measure(self, way: str, objects: int, seconds: float) -> Measured:
-        """Send boxes for ``seconds`` in one of WAYS; TimeoutError where a state has no answer."""
+        """Send boxes by an input of WAYS for seconds; TimeoutError without an answer."""
         publishers = self._publishers.values()
         self._spin_until(lambda: all(p.get_subscription_count() for p in publishers))
         self._spin_until(lambda: self._client.count_publishers("collisions"))

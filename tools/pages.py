@@ -41,9 +41,9 @@ def table_of(rows: Sequence[Mapping[str, object]]) -> Table:
 
 
 def write_into(page: Path, blocks: dict[str, str]) -> None:
-    """Replace what stands between ``<!-- speed: NAME -->`` and ``<!-- end -->`` in a page.
+    """Replace the text between ``<!-- speed: NAME -->`` and ``<!-- end -->`` in a page.
 
-    A page that is not there yet gets all blocks.
+    A new page gets all blocks.
     """
     if not page.exists():
         page.write_text("".join(f"<!-- speed: {k} -->\n<!-- end -->\n\n" for k in blocks))
@@ -76,7 +76,7 @@ def _small(table: Table, most: int) -> Table:
 
 
 def _drawn(table: Table) -> Table:
-    """Return what the picture has: of ours one thread, and all peers."""
+    """Return the rows of the picture: ours with one thread, and all peers."""
     ours = tuple(f"{name}, " for name in OWN)
     wanted = tuple(f"{name}, 1 thread" for name in OWN - {SCENE.name})
     return [row for row in table if row[0].startswith(wanted) or not row[0].startswith(ours)]

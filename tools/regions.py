@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Measures what regions give: 1 to 4 processes that share a scene, and objects far from a region.
+"""Measures regions: 1 to 4 processes that share a scene, and objects far from a region.
 
 ``python -m tools.regions``. Boxes of which half a pair each collide move in a long hall that is
 split along x; all processes read the same topic. A sample is the time from just before ``publish``
@@ -55,7 +55,7 @@ PATIENCE = 120.0
 
 
 class Processes:
-    """Collision nodes in processes of their own, a region each, and what they publish."""
+    """Collision nodes with a region each, in separate processes, and their messages."""
 
     def __init__(self, hall: Hall, count: int) -> None:
         self._hall, self._number = hall, 0
@@ -116,7 +116,7 @@ class Processes:
             self.sample()
 
     def cpu_seconds(self) -> list[float]:
-        """Return the processor time that each process has used."""
+        """Return the processor time of each process."""
         ticks = os.sysconf("SC_CLK_TCK")
         found = []
         for process in self.running:
@@ -126,7 +126,7 @@ class Processes:
         return found
 
     def merge_seconds(self) -> float:
-        """Return what joining the last answers takes."""
+        """Return the time to merge the last answers."""
         merger = RegionMerger(self._names, timeout=0.5)
         for now in (0.0, 0.25, 0.5):
             for name in self._names:
@@ -161,7 +161,7 @@ def arguments_of(root: str, name: str, given: dict[str, Any]) -> list[str]:
 
 
 def measure(objects: int, count: int, seconds: float, seed: int) -> dict[str, Any]:
-    """Return what ``count`` processes take for the same boxes."""
+    """Return the latency of ``count`` processes with the same boxes."""
     hall = Hall(objects, seed, LENGTH)
     processes = Processes(hall, count)
     try:
@@ -192,7 +192,7 @@ def measure(objects: int, count: int, seconds: float, seed: int) -> dict[str, An
 
 
 def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
-    """Return what a check takes where all objects move, of all of space and of parts of it.
+    """Return the time of a check of all moving objects, of the whole space and of parts.
 
     Per object away from the region, by a region that no object is near to.
     """

@@ -120,7 +120,7 @@ class Asked:
 
     @property
     def is_known(self) -> bool:
-        """Whether the last answer says something of its states."""
+        """Whether the last answer has a result for its states."""
         return bool((self.rows["reason"] != NOT_KNOWN).all())
 
     def move(self, state: Floats) -> None:

@@ -71,7 +71,7 @@ def scene_of(objects: Sequence[SceneObject]) -> Scene:
 
 
 def free_states(checker: RobotScene, count: int, rng: np.random.Generator) -> Floats:
-    """Return valid states, with joints that slide, such as fingers, at zero."""
+    """Return valid states with prismatic joints, such as fingers, at zero."""
     robot = checker.robots[0]
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
@@ -102,7 +102,7 @@ def sampled(checker: RobotScene, starts: Floats, ends: Floats) -> Mask:
 
 
 def least_times(calls: Sequence[Callable[[], object]], rounds: int = ROUNDS) -> list[float]:
-    """Return the least processor time of each call, in turns (s)."""
+    """Return the least processor time of each call (s), measured in turns."""
     best = [np.inf] * len(calls)
     for _ in range(rounds):
         for n, call in enumerate(calls):

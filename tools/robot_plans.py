@@ -54,7 +54,7 @@ def planner() -> Callable[..., Floats | None]:
 
 
 def sampling(collide: CheckStates) -> AreFree:
-    """Return a check of motions by samples, each done with at its first collision."""
+    """Return a check of motions by samples, which ends at the first collision."""
 
     def is_free(start: Floats, end: Floats) -> bool:
         count = int(np.ceil(DENSITY * float(np.linalg.norm(end - start)))) + 1

@@ -94,7 +94,7 @@ def worlds(options: argparse.Namespace) -> Iterator[tuple[str, list[SceneObject]
 
 
 def case_of(robot: Robot, file: str, objects: Sequence[SceneObject], checker: RobotScene) -> Case:
-    """Return what peers get: the pairs that are checked here."""
+    """Return the case for peers, with the pairs that are checked here."""
     tests = checker._prepared.checked.tests
     count, order = tests.first, checker._prepared.world.names
     columns = [order.index(one.name) for one in objects]
@@ -105,7 +105,7 @@ def case_of(robot: Robot, file: str, objects: Sequence[SceneObject], checker: Ro
 
 
 def random_states(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
-    """Return states within the limits; a turn each way where there are none."""
+    """Return states within the limits; a joint without limits makes a turn each way."""
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     return np.asarray(rng.uniform(low, high, (count, len(low))))
@@ -142,7 +142,7 @@ def timed(seconds: float) -> Row:
 
 
 def kinematics_rows(robot: Robot, options: argparse.Namespace) -> list[Row]:
-    """Measure kinematics, beside pinocchio's where that is installed."""
+    """Measure kinematics, beside pinocchio if it is installed."""
     ways: dict[str, Callable[[Floats], object]] = {OURS: robot.link_poses}
     if find_spec("pinocchio") is not None:
         nothing = Case(
@@ -169,7 +169,7 @@ def chunk_row(robot: Robot, options: argparse.Namespace) -> Row:
 
 
 def run(robot: Robot, options: argparse.Namespace, show: Show) -> list[Row]:
-    """Measure states in all worlds; print what is left out, and why."""
+    """Measure states in all worlds; print omissions with reasons."""
     rows = []
     for world, objects, scene in worlds(options):
         show(f"states among {world}")

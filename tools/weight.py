@@ -64,7 +64,7 @@ class Source:
         self.nodes: list[Any] = list(ast.walk(self.tree))
 
     def all(self, *kinds: type) -> Iterator[Any]:
-        """Yield the nodes of some kinds."""
+        """Yield the nodes of these kinds."""
         return (node for node in self.nodes if isinstance(node, kinds))
 
     @property
@@ -210,7 +210,7 @@ def _is_tall(node: Function) -> bool:
 
 
 def module_graph(sources: Sequence[Source], types: bool) -> dict[str, set[str]]:
-    """Return which modules each imports, within functions as well; types: those for types, too."""
+    """Return the imports of each module, also within functions; types: with those for types."""
     names = (source.name.removesuffix(".py").removesuffix("/__init__") for source in sources)
     paths = {name.replace("/", "."): s for name, s in zip(names, sources, strict=True)}
     graph: dict[str, set[str]] = {}
@@ -222,7 +222,7 @@ def module_graph(sources: Sequence[Source], types: bool) -> dict[str, set[str]]:
 
 
 def circles(graph: Mapping[str, set[str]]) -> set[frozenset[str]]:
-    """Return the groups of modules that all import each other, directly or not."""
+    """Return the groups of modules that import each other, directly or not."""
     reached: dict[str, set[str]] = {}
     for start in graph:
         seen, waiting = set[str](), [start]
@@ -274,7 +274,7 @@ def _public_names(project: Project) -> int:
 
 
 def figures(project: Project) -> Figures:
-    """Return what can be counted in the files, by the names of ``LIMITS``."""
+    """Return the figures that files alone determine, by the names of ``LIMITS``."""
     package, tests = project.package, project.tests
     names = Counter(name for source in package for name in source.definitions)
     running, graph = (module_graph(package, types) for types in (False, True))

@@ -76,7 +76,7 @@ EPSILON = 1e-6
 
 @njit
 def plain_kernel(pairs: RowPairs, epsilon: float, out: np.ndarray, start: int, stop: int) -> None:
-    """Write 0 (apart) or 2 (colliding) for some pairs of rows; arrays as in ``separation``.
+    """Write 0 (apart) or 2 (colliding) for pairs of rows; arrays as in ``separation``.
 
     Of float32 arrays everything is computed in float32. epsilon: added to every absolute value.
     """

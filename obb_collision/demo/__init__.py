@@ -14,8 +14,8 @@
 
 """The demo and the live view, which use the topics like any other program.
 
-``command`` has the console script ``obb_collision_demo``, the node and a moving scene in one
-process with real topics in between, and ``obb_collision view``, a running node's topics in the
-browser. What moves is in ``scene``, what publishes it in ``run``, what follows a node in
-``listener``; what is drawn in ``snapshot``, ``picture`` (a file) and ``view`` (the browser).
+``command`` has the console script ``obb_collision_demo``, a node and a moving scene in one process
+with real topics between them, and ``obb_collision view``, a running node's topics in the browser.
+``motion`` reads how a scene moves, ``scene`` names its shapes, ``run`` publishes it, ``listener``
+follows a node; ``snapshot`` is drawn by ``picture`` (a file) and ``view`` (the browser).
 """

@@ -63,7 +63,7 @@ class DemoScene:
     @property
     def moving_count(self) -> int:
         """How many objects move, the links of robots that move included."""
-        robots = [each.robot for each in self.robots if each.name in self.motions.robots]
+        robots = [entry.robot for entry in self.robots if entry.name in self.motions.robots]
         return len(self.motions.moving) + sum(len(placed) for r in robots for placed in r.shapes)
 
     def points(self, time: float) -> Cloud | None:

@@ -40,7 +40,7 @@ def row_of_boxes(count: int = OBJECTS) -> oc.Scene:
 
 
 def batch() -> oc.Boxes:
-    """Return four such boxes."""
+    """Return four turned boxes in a row."""
     poses = np.tile((0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8), (4, 1))
     poses[:, 0] = 0.75 * np.arange(4)
     return oc.Boxes.from_poses(poses, np.full((4, 3), 0.5))

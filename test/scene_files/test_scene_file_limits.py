@@ -31,9 +31,8 @@ from each import each
 from scenes import counted
 
 import obb_collision as oc
-from obb_collision.scene_files import SceneFileError, load, load_scene
+from obb_collision.scene_files import SceneFileError, find_scene, load, load_scene
 from obb_collision.scene_files import yaml_values as values
-from obb_collision.scene_files.load import find_scene
 
 DATA = Path(__file__).parents[1] / "data" / "moveit"
 CONFIG = Path(__file__).parents[2] / "config"

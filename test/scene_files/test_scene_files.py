@@ -27,8 +27,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obb_collision as oc
+from obb_collision.geometry.poses import unit_quaternions
 from obb_collision.scene_files import SceneFileError, load_scene
-from obb_collision.scene_files.objects import unit
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Sphere
 
 
@@ -80,7 +80,8 @@ def test_meshes_are_found_beside_their_file_and_shared(tmp_path: Path, write: An
 
 NUMBERS = st.floats(-1e6, 1e6).filter(lambda x: x == 0.0 or abs(x) > 1e-6)
 SIZES = st.tuples(*[st.floats(1e-6, 1e6)] * 3)
-PLACES, TURNS = st.tuples(*[NUMBERS] * 3), st.tuples(*[NUMBERS] * 4).filter(any).map(unit)
+PLACES, TURNS = st.tuples(*[NUMBERS] * 3), st.tuples(*[NUMBERS] * 4).filter(any)
+TURNS = TURNS.map(lambda turn: tuple(unit_quaternions(turn).tolist()))
 
 
 @given(st.lists(st.tuples(PLACES, TURNS, SIZES), min_size=1, max_size=4))

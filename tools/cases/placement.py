@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Put two boxes next to each other on purpose: the tools behind `families`.
+"""Place two boxes next to each other on purpose, for ``families``.
 
 All arrays are batches: rotations (n, 3, 3) with the axes as columns, half extents (n, 3),
 centres (n, 3), float64. Nothing here needs to be exact: whatever comes out is a pair of

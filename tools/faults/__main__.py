@@ -31,7 +31,7 @@ from tools.pages import write_into
 
 
 class Fault(NamedTuple):
-    """A fault, what is expected of a node, and the function that makes it and says what it saw."""
+    """A fault, the expected reaction of a node, and the function that makes the fault."""
 
     name: str
     expected: str
@@ -41,7 +41,7 @@ class Fault(NamedTuple):
 
     @property
     def what(self) -> str:
-        """What is done, in a sentence."""
+        """The description of the fault."""
         return (self.make.__doc__ or "").strip()
 
 
@@ -116,7 +116,7 @@ BY_NAME = {fault.name: fault for fault in FAULTS}
 
 
 class Outcome(NamedTuple):
-    """What was seen, whether it was what was expected, and the seconds it took in all."""
+    """The observation, whether it was expected, and the seconds in all."""
 
     fault: Fault
     seen: str
@@ -165,7 +165,7 @@ def _parser() -> Parser:
 
 @interruptible("python -m tools.faults")
 def main(args: Sequence[str] | None = None) -> int:
-    """Make faults; returns 0 only if a node did what was expected of it."""
+    """Make faults; returns 0 only if all reactions were expected."""
     options = _parser().parse_args(args)
     chosen = [BY_NAME[name] for name in options.only or BY_NAME]
     domain = own_domain()

@@ -50,7 +50,7 @@ REPEAT = 0.25
 """Seconds after which a question is asked again: the message may have been dropped by overload."""
 PROBE = "probe"
 PLACES = ((0.0, 0.5, 9.0), (0.0, 9.0, 9.5), (0.0, 9.0, 0.5), (0.0, 5.0, 9.0))
-"""Where three unit cubes are (m), so that another pair collides each time, and once none."""
+"""Places of three unit cubes (m): each has another colliding pair, and one has no pair."""
 PAIRS = ({(1, 2)}, {(2, 3)}, {(1, 3)}, set[tuple[int, int]]())
 KINDS: dict[str, type] = {
     "objects": MarkerArray, "object_transform": TransformStamped, "/clock": Clock,
@@ -76,12 +76,12 @@ class Bench:
         self.levels: set[bytes] = set()
         """Levels of the status so far."""
         self.deadlines: list[float] = []
-        """When the middleware said that no status came in time."""
+        """Times at which the middleware reported a missed deadline of the status."""
         self.listen(f"/faults_{os.getpid()}")  # others may have the same domain
 
     @property
     def client(self) -> Client:
-        """The client of the node that is asked now."""
+        """The client of the current node."""
         return self._clients[-1]
 
     def listen(self, namespace: str) -> None:
@@ -147,7 +147,7 @@ class Bench:
         return time.monotonic() - start
 
     def spin(self, seconds: float) -> None:
-        """Receive for some time."""
+        """Receive messages for a time (s)."""
         end = time.monotonic() + seconds
         self.until(lambda: time.monotonic() > end, "end of a time", seconds + 1.0)
 
@@ -181,7 +181,7 @@ class Bench:
         return time.monotonic() - start
 
     def probes(self, seconds: float) -> float:
-        """Probe for some time; returns the longest time without an answer of the node."""
+        """Probe the node for a time (s); return the longest time without an answer."""
         self.client.answers.clear()
         start = time.time_ns()
         end = time.monotonic() + seconds
@@ -220,18 +220,18 @@ class Bench:
         )
 
     def is_stale(self, *codes: str) -> bool:
-        """Return whether it is not known what collides, for one of the reasons."""
+        """Return whether the status is STALE for one of the reasons."""
         stale = self.status.level == DiagnosticStatus.STALE
         return stale and (not codes or not self.codes.isdisjoint(codes))
 
     @property
     def codes(self) -> set[str]:
-        """What the status says is missing."""
+        """The reason codes of the status."""
         values = {pair.key: pair.value for pair in self.status.values}
         return set(values.get("reasons", "").split())
 
 
 def check(is_so: bool, what: str) -> None:
-    """Raise FoundError with what is seen instead of what was expected."""
+    """Raise FoundError with the observation, unless a condition holds."""
     if not is_so:
         raise FoundError(what)

@@ -100,7 +100,7 @@ def read(node: Node) -> Callable[[], None]:
 
 
 def set_parameters(node: Node) -> Callable[[], None]:
-    """Set parameters, 20 at a time, each time all at once."""
+    """Set parameters, 20 in each request."""
     client = node.create_client(SetParameters, "obb_collision/set_parameters")
     client.wait_for_service()
     random = Random(1)

@@ -57,7 +57,7 @@ def kill_publisher(bench: Bench) -> str:
 
 
 def silence_tracker(bench: Bench) -> str:
-    """Kill one of two publishers: the objects of the other one go on."""
+    """Kill one of two publishers; the other one continues."""
     bench.start(LIMIT, "max_objects:=600")
     sender = bench.peer("sender")
     bench.until(
@@ -213,7 +213,7 @@ def _scheduled(node: Child) -> list[int]:
 
 
 def overload(bench: Bench) -> str:
-    """Send as fast as two processes can, for some seconds."""
+    """Send as fast as two processes can, for seconds."""
     node = bench.start("max_objects:=600")
     senders = [bench.peer("sender") for _ in range(2)]
     bench.until(lambda: bench.client.count("count", "objects") > 500, "objects of the senders")
@@ -241,7 +241,7 @@ def overload(bench: Bench) -> str:
 
 
 def storm_parameters(bench: Bench) -> str:
-    """Set parameters from three processes, right and wrong ones, for some seconds."""
+    """Set valid and invalid parameters from three processes, for seconds."""
     node = bench.start()
     setters = [bench.peer("setter") for _ in range(3)]
     during = measure(node, lambda: bench.probes(SECONDS), LONGEST, "between two answers")

@@ -59,7 +59,7 @@ def refusals(bench: Bench) -> str:
 
 
 def few_descriptors(bench: Bench) -> str:
-    """Leave a node no descriptor, have it load a mesh file, and give it some back."""
+    """Use up a node's descriptors, have it load a mesh file, and free descriptors."""
     node = bench.start(f"mesh_folders:=['{bench.folder}']")
     node.limit(resource.RLIMIT_NOFILE, len(os.listdir(f"/proc/{node.number}/fd")))
     bench.send([mesh_marker(bench.folder, 1)])
@@ -154,7 +154,7 @@ def _cold(bench: Bench, cache: Path, warning: str, limit: int | None = None) -> 
 
 
 def corrupt_cache(bench: Bench) -> str:
-    """Start with a cache in which every file is damaged, each in another way."""
+    """Start with a cache of damaged files, each in another way."""
     cache, random = bench.folder / "cache", Random(1)
     copied = copy_cache(cache)
     check(copied > 0, "there is no cache to damage; start a node once")
@@ -173,7 +173,7 @@ def corrupt_cache(bench: Bench) -> str:
 
 
 def copy_cache(to: Path) -> int:
-    """Copy the kernels of this package from the cache; returns how many there are."""
+    """Copy the kernels of this package from the cache; return their number."""
     for place in places:
         if place.is_dir():
             shutil.copytree(place, to / "obb_collision", dirs_exist_ok=True)
@@ -261,7 +261,7 @@ def stop_clock(bench: Bench) -> str:
 
 
 def refuse_old(bench: Bench) -> str:
-    """Send states that are older than what the node has, object by object."""
+    """Send states that are older than those of the node, object by object."""
     bench.start("order_timeout:=30.0")
     now = time.time()
     bench.move("probe/2", 20.0, now)

@@ -72,7 +72,7 @@ Part = tuple[str, int, int]
 
 
 def attack(options: argparse.Namespace) -> list[Attack]:
-    """Run all parts, by as many processes as asked for; returns what each of them found."""
+    """Run all parts in several processes; return the findings of each."""
     parts = [
         ("robot", 0, options.robots), ("scene", 0, options.scenes),
         ("message", 0, options.messages), ("raw", 0, options.raw),
@@ -93,7 +93,7 @@ def attack(options: argparse.Namespace) -> list[Attack]:
 
 
 def share(part: Part, index: int, count: int) -> Part:
-    """Return one of several shares of a part, in whole batches."""
+    """Return a process's share of a part, in whole batches."""
     what, first, last = part
     batches = -(-(last - first) // BATCH)
     ends = (first + BATCH * (batches * one // count) for one in (index, index + 1))
@@ -121,7 +121,7 @@ def _run(options: argparse.Namespace, parts: list[Part], index: int) -> Attack:
 
 
 def queues(namespace: str) -> Iterator[str]:
-    """Yield the arguments of a node whose queues lose nothing that is sent to it or by it."""
+    """Yield the arguments of a node whose queues lose no message."""
     yield from ("-p", f"qos_overrides.{namespace}/collisions.publisher.depth:={DEPTH}")
     for topic in (*INPUTS, DETECTIONS.topic, f"{ROBOT}/{JOINT_STATES}"):
         start = f"qos_overrides.{namespace}/{topic}.subscription"
@@ -129,7 +129,7 @@ def queues(namespace: str) -> Iterator[str]:
 
 
 class Attack:
-    """Attacks nodes, one after the other, and notes what it finds."""
+    """Attacks nodes one after another, and notes findings."""
 
     def __init__(self, options: argparse.Namespace, folder: Path, index: int) -> None:
         self._options, self._folder = options, folder
@@ -147,7 +147,7 @@ class Attack:
         """Of the output of the node, where something was found."""
 
     def run(self, parts: list[Part]) -> None:
-        """Run parts; FoundError for what should not be."""
+        """Run parts; FoundError for a wrong reaction."""
         for what, first, last in (part for part in parts if part[0] in READERS):
             self._read_files(what, first, last)
         rest = [part for part in parts if part[0] not in READERS and part[1] < part[2]]
@@ -302,7 +302,7 @@ def _parser() -> argparse.ArgumentParser:
 
 @interruptible(PROGRAM)
 def main(args: Sequence[str] | None = None) -> int:
-    """Attack a node; returns 0 only if nothing was found."""
+    """Attack a node; returns 0 only without findings."""
     options = _parser().parse_args(args)
     attacks = attack(options)
     results = [one.result for one in attacks if one.result]

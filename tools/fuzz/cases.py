@@ -86,7 +86,7 @@ def _boxes(messages: Messages, count: int = 30) -> PointCloud2:
 
 
 def _set(of_field: bool = False, /, **values: Any) -> Callable[[PointCloud2, Random], None]:
-    """Return what sets values of a cloud, or of one of its fields."""
+    """Return a case that sets values of a cloud, or of one of its fields."""
 
     def spoil(message: PointCloud2, random: Random) -> None:
         for name, value in values.items():
@@ -108,7 +108,7 @@ def _wrong_rows(message: PointCloud2, random: Random) -> None:
 
 
 def _hostile_values(message: PointCloud2, random: Random) -> None:
-    """Give each field of the first rows each hostile value, a field at a time."""
+    """Set each field of the first rows to each hostile value in turn."""
     data = np.frombuffer(bytes(message.data), np.uint8).reshape(-1, message.point_step).copy()
     wide = [field for field in message.fields if field.datatype == PointField.FLOAT64]
     places = [(field.offset, value) for field in wide for value in NUMBERS]
@@ -129,7 +129,7 @@ def _many_markers(random: Random, messages: Messages) -> Made:
 
 
 def _states(texts: bytes, poses: int) -> bytes:
-    """States of MANY names, as bytes with their lengths, and some number of poses."""
+    """States of MANY names, as bytes with their lengths, and another number of poses."""
     head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0"
     data = head + MANY.to_bytes(4, "little") + texts + poses.to_bytes(4, "little")
     data += bytes(-(len(data) - len(ENCAPSULATION)) % 8)
@@ -141,7 +141,7 @@ def _many_states(random: Random, messages: Messages) -> Made:
 
 
 def _many_names(random: Random, messages: Messages) -> Made:
-    """States of different unknown objects: in one namespace each, or all in one that is known."""
+    """States of unknown objects, in a namespace each, or all in a known one."""
     numbers = range(MANY, 2 * MANY)  # of six digits
     texts = random.choice(
         ([b"n%d/%d\0" % (n, n) for n in numbers], [b"a/%d\0" % n for n in numbers])
@@ -274,7 +274,7 @@ FIXED = {"/clock": 12}
 
 
 class Sent(NamedTuple):
-    """A message to send: its topic, its bytes, and what it is."""
+    """A message to send: topic, bytes and description."""
 
     topic: str
     data: bytes
@@ -314,7 +314,7 @@ class Stream:
         return random.choice(self._own)
 
     def message(self, number: int) -> Sent:
-        """Return a message whose fields are hostile, or that is one of the cases."""
+        """Return a message with hostile fields, or a case."""
         random = self._start("message", number)
         if number < len(CASES) or random.random() < CASE_SHARE:
             names = list(CASES)

@@ -63,7 +63,7 @@ OUTPUTS = {
 
 
 class FoundError(RuntimeError):
-    """What an attack found."""
+    """A finding of an attack."""
 
 
 class Answer(NamedTuple):
@@ -116,7 +116,7 @@ class Client:
         self._audience = Node("audience", context=self._context, namespace=self.namespace)
 
     def listen_to_all(self) -> None:
-        """Subscribe, so that every effect is computed; nobody spins that, which takes time."""
+        """Subscribe, so that every effect is computed; messages are not read, which takes time."""
         for topic, kind in OUTPUTS.items():
             self._audience.create_subscription(kind, topic, lambda message: None, 1, raw=True)
 
@@ -141,7 +141,7 @@ class Client:
         self.validity = [*self.validity[-99:], message]
 
     def answer_at(self, stamp: Any) -> PointCloud2 | None:
-        """Return the answer to the states with a stamp, None while there is none."""
+        """Return the answer to the states with a stamp, None before it arrives."""
         return next((one for one in self.validity if one.header.stamp == stamp), None)
 
     def _take_status(self, message: DiagnosticArray) -> None:
@@ -187,7 +187,7 @@ class Client:
         self.until(child, self.is_all_computed, "effects, all computed", STARTING)
 
     def have_subscribers(self) -> bool:
-        """Return whether the node takes what is published on its own topics."""
+        """Return whether the node subscribes to its topics."""
         inputs = [p for topic, p in self.publishers.items() if not topic.startswith("/")]
         return all(publisher.get_subscription_count() for publisher in inputs)
 
@@ -210,11 +210,11 @@ class Client:
 
     @property
     def parts(self) -> Sequence[DiagnosticStatus]:
-        """What the last diagnostics say of each part of the node."""
+        """The last diagnostics of each part of the node."""
         return () if self.diagnostics is None else self.diagnostics.status
 
     def part(self, name: str) -> DiagnosticStatus:
-        """Return what the last diagnostics say of a part; an empty one where there is none."""
+        """Return the last diagnostics of a part, empty ones if it has none."""
         found = (status for status in self.parts if status.name.endswith(f": {name}"))
         return next(found, DiagnosticStatus())
 
@@ -225,7 +225,7 @@ class Client:
         return sum(float(pair.value) for pair in values)
 
     def status(self) -> str:
-        """Return what the last diagnostics say, in a line."""
+        """Return the last diagnostics in a line."""
         values = [f"{pair.key}: {pair.value}" for part in self.parts for pair in part.values]
         return f"diagnostics: {', '.join([*(part.message for part in self.parts), *values])}"
 
@@ -248,9 +248,9 @@ class Client:
         return found if found.keys() >= NEEDED else {}
 
     def call(self, child: Child, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the node, again where no answer comes.
+        """Call a service of the node, and again if no answer comes.
 
-        The middleware drops an answer while it has not discovered who asked.
+        The middleware drops an answer to a client that it has not discovered.
         """
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f"{NODE}/{name}")
@@ -303,7 +303,7 @@ class Services:
         return self._client.call(self._child, self._kinds[name], name, request)
 
     def attack(self, random: Random) -> str:
-        """Make one hostile request, and undo what it did; returns its kind."""
+        """Make a hostile request, and undo its effect; return its kind."""
         name = random.choice(("parameter", "parameter", "clock", *self._kinds))
         if name == "clock":
             self._disturb_clock(random)
@@ -318,7 +318,7 @@ class Services:
         return name
 
     def _set_back(self, request: Any) -> None:
-        """Undo what a request may have done."""
+        """Undo the effect of a request."""
         if isinstance(request, (SetParameters.Request, SetParametersAtomically.Request)):
             names = {parameter.name for parameter in request.parameters} & self._given.keys()
             present = self._call("get_parameters", GetParameters.Request(names=sorted(names)))

@@ -304,7 +304,7 @@ def mutated_scene(seed: int, number: int) -> bytes:
 
 
 def _with_other_scalar(line: str, random: Random) -> str:
-    """Replace what stands behind a colon or a comma, or the indentation."""
+    """Replace a value after a colon or comma, or the indentation."""
     if random.random() < 0.2:
         return random.choice((" ", "\t", "")) + line.strip()
     places = [at for at, letter in enumerate(line) if letter in ":,[-"]

@@ -59,7 +59,7 @@ LAYOUTS = {"double": "d", "float": "f", "int32": "i", "uint32": "I"}
 
 
 class LookAlike:
-    """A message by its fields, each made by ``of``."""
+    """A message as fields, each made by ``of``."""
 
     def get_fields_and_field_types(self) -> dict[str, str]:
         """Return the types of the fields by their names."""
@@ -73,7 +73,7 @@ def of(kind: str, make: Callable[[], Any]) -> Any:
 
 @dataclass
 class Hypothesis(LookAlike):
-    """What a detection may be."""
+    """A hypothesis of a detection."""
 
     class_id: str = of("string", str)
     score: float = of("double", float)
@@ -172,7 +172,7 @@ BODIES = (1, 1, 1, 2, 3, 0, 4, 5, 6, 7, 8, 10, 11)
 def box_marker(
     key: tuple[str, int], pose: Any, size: Any, header: Header, kind: int = Marker.CUBE
 ) -> Marker:
-    """Return a marker of a box, or of another shape that is as large."""
+    """Return a marker of a box, or of another shape of the same size."""
     marker = Marker(header=header, ns=key[0], id=key[1], type=kind, pose=pose_to_ros(pose))
     marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in size)
     return marker
@@ -253,7 +253,7 @@ class Messages:
         return marker
 
     def markers(self) -> MarkerArray:
-        """Return some markers, rarely very many."""
+        """Return a few markers, or rarely very many."""
         count = 500 if self.random.random() < 0.005 else self.random.randint(0, 8)
         return MarkerArray(markers=[self.marker() for _ in range(count)])
 
@@ -265,7 +265,7 @@ class Messages:
         return message
 
     def states(self) -> MultiDOFJointState:
-        """Return poses of some objects by name, some with twists."""
+        """Return poses of objects by name, or poses with twists."""
         count = self.random.randint(0, 6)
         message = MultiDOFJointState(header=self.header())
         message.joint_names = ["{}/{}".format(*self._key()) for _ in range(count)]
@@ -301,7 +301,7 @@ class Messages:
         return Detections(header, some)
 
     def _bulk(self) -> tuple[Any, Any, Any]:
-        """Return ids, poses and the numbers of namespaces, or None for these."""
+        """Return ids, poses, and numbers of namespaces or None."""
         keys = [self._key() for _ in range(self.random.choice((0, 1, 5, 200)))]
         numbers = np.array([namespace_number(key[0]) for key in keys], np.int64)
         poses = np.array([self._pose() for _ in keys]).reshape(-1, 7)
@@ -322,7 +322,7 @@ class Messages:
         return Clock(clock=stamp_to_ros(time.time_ns() + shift))
 
     def event(self) -> ParameterEvent:
-        """Return what a node says when its parameters have changed."""
+        """Return the event of changed parameters."""
         parameters = [Parameter(name=name) for name in ("use_sim_time", "rate", "nothing")]
         return ParameterEvent(node="/a", new_parameters=parameters, changed_parameters=parameters)
 

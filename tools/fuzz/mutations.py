@@ -112,7 +112,7 @@ LENGTHS = (0, 1, 2, 255, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 8, 2**32 - 1)
 
 
 def damaged(data: bytes, random: Random) -> bytes:
-    """Return the bytes of a serialised message with some changed, lost or added."""
+    """Return the bytes of a serialised message with changed, lost or added ones."""
     spoiled = bytearray(data)
     for _ in range(random.randint(1, 4)):
         place = random.randrange(min(4, len(spoiled)), len(spoiled) + 1)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Good items among hostile ones in the same messages, and which pairs of them collide.
+"""Valid items among hostile ones in the same messages, and their colliding pairs.
 
 A probe is a set of boxes with ids of its own. They arrive by markers, or are put in place by one of
 the topics that move objects, or come as a set of boxes; hostile items stand between them. Which
@@ -89,7 +89,7 @@ class Probe(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """The boxes of a probe, and what stands before them in a message of markers."""
+    """The boxes of a probe, and the markers before them in a message."""
 
     start: list[Marker]
     ids: Any
@@ -188,7 +188,7 @@ class Probes:
         return [("objects", self._array(random, boxes.start, self._cubes(boxes)))]
 
     def _waiting(self, random: Random, boxes: Boxes) -> Message:
-        """Return the message that adds boxes far from each other, but for one pair."""
+        """Return a message that adds boxes far from each other, except for a pair."""
         poses = np.zeros((BOXES, 7))
         poses[:, 0], poses[:, 6] = FAR * np.arange(1, 1 + BOXES), 1.0
         poses[3] = poses[2]

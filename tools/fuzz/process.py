@@ -38,7 +38,7 @@ WAITING = 2
 
 
 class Usage(NamedTuple):
-    """What a process uses: resident memory (bytes), also of its children, descriptors, threads."""
+    """Resources of a process: resident memory (bytes), that of children, descriptors, threads."""
 
     memory: float
     descriptors: float
@@ -53,7 +53,7 @@ FEWEST = 40
 
 
 class Usages:
-    """Samples of what a process uses, of which a share at the beginning is warm-up."""
+    """Samples of the resources of a process; a share at the beginning is warm-up."""
 
     def __init__(self, warm_up: float = WARM_UP, window: float = WARM_UP) -> None:
         self.samples: list[Usage] = []
@@ -73,7 +73,7 @@ class Usages:
         return first, last
 
     def growth(self) -> Usage | None:
-        """Return by how much it uses more at the end; None where there are too few samples."""
+        """Return the growth of a resource, None for too few samples."""
         if len(self.samples) < FEWEST:
             return None
         return Usage(*(round(after - before) for before, after in zip(*self.ends(), strict=True)))
@@ -86,13 +86,13 @@ class Usages:
 
 
 def status_of(number: int, field: str) -> int:
-    """Return a size of a process (bytes), such as VmRSS; 0 of one that has ended."""
+    """Return a size of a process (bytes), such as VmRSS; 0 after its end."""
     lines = Path(f"/proc/{number}/status").read_text().splitlines()
     return sum(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
 
 
 def last_lines(log: Path, count: int = 20) -> list[str]:
-    """Return the last lines of the output of a process, none where it has not started."""
+    """Return the last lines of the output of a process, empty before its start."""
     return log.read_text(errors="replace").splitlines()[-count:] if log.exists() else []
 
 
@@ -108,7 +108,7 @@ to 32 MB: memory grows in steps where large messages come, which would hide what
 
 
 class Child:
-    """A node's process; its output goes to ``log``. module: what is run; more: its environment."""
+    """A node's process; its output goes to ``log``. module: to run; more: its environment."""
 
     def __init__(
         self, arguments: Sequence[str], domain: int, log: Path, module: str = NODE, **more: str
@@ -130,11 +130,11 @@ class Child:
 
     @property
     def exit_code(self) -> int | None:
-        """Exit code, None while it runs; below zero: the signal that ended it."""
+        """Exit code, None while it runs; a negative one is the signal that ended it."""
         return self._process.poll()
 
     def usage(self) -> Usage | None:
-        """Return what it uses, None where the system does not say."""
+        """Return its resources, None if the system does not tell."""
         folder = Path(f"/proc/{self._process.pid}")
         try:
             memory = status_of(self._process.pid, "VmRSS")
@@ -146,7 +146,7 @@ class Child:
         return Usage(memory, files, tasks, children) if memory else None
 
     def delays(self) -> dict[str, float]:
-        """Return for how long (s) each thread was ready and got no processor, by its number."""
+        """Return the time (s) that each thread waited for a processor, by its number."""
         found = {}
         for file in Path(f"/proc/{self._process.pid}/task").glob("*/schedstat"):
             try:
@@ -216,7 +216,7 @@ while os.getppid() == parent:
 
 
 class Canary:
-    """A process that only sleeps, and says how late it woke.
+    """A process that only sleeps, and reports how late it woke.
 
     Whatever keeps it from running keeps others from it, too: other programs, a hypervisor that
     gives the processor away, memory that is being freed.

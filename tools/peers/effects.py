@@ -49,7 +49,7 @@ FARTHEST = 3.0
 
 
 def coal_distances(make: Make, coal: Any, query: PlacedPairs) -> Ask:
-    """Return what asks coal for distances with closest points; negative ones are depths."""
+    """Return a function that asks coal for distances with closest points; negative: depths."""
     made = [make(coal, shape) for shape in query.shapes]
     places = list(map(coal.Transform3s, query.rotations, query.centers))
     calls = [
@@ -66,7 +66,7 @@ def coal_distances(make: Make, coal: Any, query: PlacedPairs) -> Ask:
 
 
 def fcl_distances(make: Make, fcl: Any, query: PlacedPairs) -> Ask:
-    """Return what asks python-fcl for distances with closest points."""
+    """Return a function that asks python-fcl for distances with closest points."""
     objects = _fcl_objects(fcl, make, query)
     request = fcl.DistanceRequest(enable_nearest_points=True)
     return lambda: np.array(
@@ -75,7 +75,7 @@ def fcl_distances(make: Make, fcl: Any, query: PlacedPairs) -> Ask:
 
 
 def fcl_depths(fcl: Any, query: PlacedPairs) -> Ask:
-    """Return what asks python-fcl for contacts of hulls."""
+    """Return a function that asks python-fcl for contacts of hulls."""
     objects = _fcl_objects(fcl, fcl_hull, query)
     request = fcl.CollisionRequest(num_max_contacts=4, enable_contact=True)
 
@@ -100,7 +100,7 @@ def _fcl_objects(fcl: Any, make: Make, query: PlacedPairs) -> list[tuple[Any, An
 
 
 def mujoco_distances(mujoco: Any, query: PlacedPairs) -> Ask:
-    """Return what asks MuJoCo for distances of hulls, negative where they overlap."""
+    """Return a function that asks MuJoCo for distances of hulls, negative in overlap."""
     spec = mujoco.MjSpec()
     for row, shape in enumerate(query.shapes):
         assert isinstance(shape, Mesh)
@@ -137,7 +137,7 @@ def mujoco_distances(mujoco: Any, query: PlacedPairs) -> Ask:
 
 
 def depths(distances: Callable[[Any, PlacedPairs], Ask], module: Any, query: PlacedPairs) -> Ask:
-    """Return what asks for depths, which are negative distances."""
+    """Return a function that asks for depths, which are negative distances."""
     ask = distances(module, query)
     return lambda: -ask()
 

@@ -104,7 +104,7 @@ class Rapier:
         return self._world.narrow_phase.contact_pairs()
 
     def pairs(self, found: Any) -> Rows:
-        """Return the pairs with a point that is not apart: it reports those near, too."""
+        """Return the pairs with a point in contact: it reports near pairs, too."""
         touching = (
             pair
             for pair in found

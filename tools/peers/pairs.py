@@ -49,7 +49,7 @@ FARTHEST = 1000.0
 
 
 class Answer(NamedTuple):
-    """Whether a pair collides, and its distance: negative if so, NaN where none is given."""
+    """Whether a pair collides, and its distance: negative if so, NaN if unknown."""
 
     collides: bool
     distance: float = nan
@@ -57,7 +57,7 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class PairPeer:
-    """A library: its distribution, its module, and how it is asked about a pair.
+    """A library: distribution, module, and the function that asks it about a pair.
 
     ask: takes the module, two bodies, and whether their distance is wanted. how: what it calls.
     """
@@ -69,7 +69,7 @@ class PairPeer:
     how: str = ""
 
     def version(self) -> str | None:
-        """Return the installed version, None where it can't be imported."""
+        """Return the installed version, None if it cannot be imported."""
         try:
             importlib.import_module(self.module)
             return importlib.metadata.version(self.distribution)

@@ -55,7 +55,7 @@ SCENERY_SHARE, CLOUDS = 0.2, 0.2
 
 
 class Session:
-    """The steps of a run, and what came of them: ``child`` is the node."""
+    """The steps of a run and their results; ``child`` is the node."""
 
     def __init__(self, seed: int, objects: int, domain: int, result: Result) -> None:
         self._world, self._random = World(seed, objects), Random(seed)
@@ -97,7 +97,7 @@ class Session:
             self.client.until(child, done, "shapes, all built", STARTING)
 
     def step(self, child: Child) -> None:
-        """Change the scene, and wait for the answer that has all of it, or that is wrong."""
+        """Change the scene, and wait for an answer with all changes, or a wrong one."""
         self._is_answered = False
         start = time.perf_counter()
         self._send(self._world.step())
@@ -110,7 +110,7 @@ class Session:
         self._result.steps += 1
 
     def end(self, child: Child) -> None:
-        """Read the last diagnostics: what was refused, and internal errors."""
+        """Read the last diagnostics: refused messages, and internal errors."""
         for key, count in self.client.last_counts(child):
             if count and key.startswith("rejected: "):
                 self._result.refused[key.partition(": ")[2]] = count

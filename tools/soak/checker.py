@@ -77,7 +77,7 @@ class Result:
     refused: dict[str, int] = field(default_factory=dict)
 
     def faults(self) -> list[str]:
-        """Return what did not hold."""
+        """Return the goals that were missed."""
         found = [self.stopped] if self.stopped else []
         if self.wrong:
             found.append(f"{self.wrong} wrong answers")
@@ -91,7 +91,7 @@ class Result:
         return found
 
     def _held(self) -> dict[str, tuple[float, float]]:
-        """Return what the process held after the warm-up and at the end; memory in MB."""
+        """Return the resources of the process after warm-up and at the end; memory in MB."""
         if not self.usages.samples:
             return {}
         pairs = zip(Usage._fields, *self.usages.ends(), strict=True)
@@ -101,7 +101,7 @@ class Result:
         }
 
     def lines(self) -> list[str]:
-        """Return what to print."""
+        """Return the lines to print."""
         sent = ", ".join(f"{topic} {count}" for topic, count in sorted(self.sent.items()))
         bodies = ", ".join(f"{count} {name}" for name, count in sorted(self.bodies.items()))
         rate = self.checked / self.seconds if self.seconds else 0.0
@@ -209,7 +209,7 @@ SHOWN = 20
 
 
 class Wanted(NamedTuple):
-    """What collides for certain, and what is too close to call."""
+    """Pairs that certainly collide, and pairs that are too close to call."""
 
     pairs: Found
     unsure: set[Pair]
@@ -224,7 +224,7 @@ class Checker:
         self._wanted: dict[tuple[tuple[str, int], ...], Wanted] = {}
 
     def begin(self, changes: dict[str, Change]) -> None:
-        """Begin a step: from now on answers may have some of its changes."""
+        """Begin a step, of which later answers may have changes."""
         self._changes = changes
         self._wanted.clear()
 
@@ -273,7 +273,7 @@ class Checker:
         return bodies
 
     def _truth(self, applied: dict[str, int]) -> Wanted:
-        """Return what collides with some changes: of each topic so many bodies, all for -1."""
+        """Return the pairs after changes: of each topic so many bodies, -1 for all."""
         key = tuple(sorted(applied.items()))
         if key not in self._wanted:
             bodies = self._bodies(applied)
@@ -320,7 +320,7 @@ def found_in(rows: Any) -> Found:
 
 
 def _faults(found: Found, wanted: Wanted) -> dict[str, list[Pair]]:
-    """Return what is wrong with an answer, nothing where it is right."""
+    """Return the faults of an answer, empty for a right one."""
     sure = wanted.pairs.keys() - wanted.unsure
     deep = [p for p in sure & found.keys() if not abs(found[p] - wanted.pairs[p]) <= SURE]
     lists = {

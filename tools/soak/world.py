@@ -82,7 +82,7 @@ Bodies = dict[Key, Body]
 
 @dataclass
 class Change:
-    """What one input changes: bodies that come or move, and keys that go.
+    """The change of an input: new or moved bodies, and removed keys.
 
     single: whether poses are written in single precision; they are rounded already.
     """
@@ -124,7 +124,7 @@ class World:
         return {MARKERS: markers, BOXES: boxes}
 
     def step(self) -> dict[str, Change]:
-        """Return what changes next, by input; ``apply`` makes it so."""
+        """Return the next changes by input, for ``apply``."""
         self.steps += 1
         wanted = [topic for topic in TOPICS if self._random.random() < INCLUDED]
         wanted = wanted or [str(self._random.choice(TOPICS))]
@@ -155,7 +155,7 @@ class World:
         return change
 
     def _come_and_go(self, order: list[Key]) -> Change:
-        """Return a change by markers: some come, some go, some move or have another shape."""
+        """Return a change by markers, which come, go, move or get another shape."""
         change = Change()
         for _ in range(self._random.integers(0, 3)):
             if order and self._random.random() < GONE * len(self.bodies) / self._objects:
@@ -169,7 +169,7 @@ class World:
         return change
 
     def _next_set(self) -> Change:
-        """Return a change by a set of boxes: most move, some come, some go."""
+        """Return a change by a set of boxes: most move, a few come or go."""
         change = Change()
         here = [key for key in self.bodies if key[0] == SET and key != beacon(BOXES)]
         for key in here:
@@ -214,12 +214,12 @@ class World:
 
 
 def beacon(topic: str) -> Key:
-    """Return the key of what an input moves with every change."""
+    """Return the key of the body that an input moves with every change."""
     return (SET if topic == BOXES else "beacon", -1 - TOPICS.index(topic))
 
 
 def anchor(topic: str) -> Key:
-    """Return the key of what the beacon of an input collides with half of the time."""
+    """Return the key of the body with which the beacon of an input collides half of the time."""
     return ("anchor", TOPICS.index(topic))
 
 
@@ -250,7 +250,7 @@ OBSTACLES = 500
 
 
 def messages_of(topic: str, change: Change, header: Header, scenery: list[Marker]) -> list[Any]:
-    """Return what to publish for a change, in the order of its bodies: the beacon last."""
+    """Return the messages of a change, in the order of its bodies, the beacon last."""
     if topic == MARKERS:
         gone = [Marker(ns=ns, id=number, action=Marker.DELETE) for ns, number in change.gone]
         come = [

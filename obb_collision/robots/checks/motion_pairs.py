@@ -92,7 +92,7 @@ def _passes(box: BoxAt, start: Vector, end: Vector, reach: float) -> tuple[bool,
 
 @njit(merge=True)
 def sweep_candidates(
-    question: MotionQuestion, room: MotionRoom, blur: float, one: int, other: int
+    question: MotionQuestion, room: MotionRoom, blur: float, slot_a: int, slot_b: int
 ) -> int:
     """Write the pairs that may collide between the times of two slots; return their number.
 
@@ -101,12 +101,12 @@ def sweep_candidates(
     checked, bends, times = question.checked, room.bends, room.times
     bodies, tests, tree = checked.bodies, checked.tests, room.placed
     nodes, starts, order = tests.nodes, tests.levels, tests.order
-    p, q = slot_of(room.placed, one), slot_of(room.placed, other)
+    p, q = slot_of(room.placed, slot_a), slot_of(room.placed, slot_b)
     candidates, directions, limits = tree.candidates, room.directions, tree.grown
     allowed, ruled = tests.allowed, len(tests.allowed) > 0
     blocks, levels = tree.waiting[0], tree.waiting[1]
     world = BoxArrays(bodies.centers, bodies.rotations, bodies.half_extents)
-    span = times[other] - times[one]
+    span = times[slot_b] - times[slot_a]
     count = 0
     for k in range(len(tests.links) if len(order) else 0):
         group = len(tests.links) - 1 - k
@@ -269,13 +269,13 @@ def collides(question: MotionQuestion, room: MotionRoom, c: int, slot: int, grow
 
 @njit(inline=True, refcount=False)
 def moves_of(
-    question: MotionQuestion, room: MotionRoom, blur: float, c: int, one: int, other: int
+    question: MotionQuestion, room: MotionRoom, blur: float, c: int, slot_a: int, slot_b: int
 ) -> tuple[float, float]:
     """Return bounds of the way of a point of candidate c between two slots, and of its bend."""
     bodies, bends = question.checked.bodies, room.bends
-    p, q = slot_of(room.placed, one), slot_of(room.placed, other)
+    p, q = slot_of(room.placed, slot_a), slot_of(room.placed, slot_b)
     i, j, m = p.candidates[c, 0], p.candidates[c, 1], p.candidates[c, 2]
-    span = abs(room.times[other] - room.times[one])
+    span = abs(room.times[slot_b] - room.times[slot_a])
     if m < 0:
         bend = bend_of(span, bends.bodies[j, 3], bends.bodies[j, 4], blur)
     else:
@@ -299,7 +299,7 @@ def _slack_in(bodies: LinkBodies, i: int, p: Placed, q: Placed) -> float:
 
 @njit(inline=True, refcount=False)
 def stays_apart(
-    question: MotionQuestion, room: MotionRoom, blur: float, c: int, one: int, other: int
+    question: MotionQuestion, room: MotionRoom, blur: float, c: int, slot_a: int, slot_b: int
 ) -> bool:
     """Return whether candidate c is certainly free between the times of two slots.
 
@@ -307,12 +307,12 @@ def stays_apart(
     are repeated with a distance of all that the pair moves.
     """
     if question.level < HULL:
-        way, bend = moves_of(question, room, blur, c, one, other)
-        return not collides(question, room, c, one, way + bend)
+        way, bend = moves_of(question, room, blur, c, slot_a, slot_b)
+        return not collides(question, room, c, slot_a, way + bend)
     bodies, bends = question.checked.bodies, room.bends
-    p, q = slot_of(room.placed, one), slot_of(room.placed, other)
+    p, q = slot_of(room.placed, slot_a), slot_of(room.placed, slot_b)
     i, j, m = p.candidates[c, 0], p.candidates[c, 1], p.candidates[c, 2]
-    span, slack = room.times[other] - room.times[one], _slack_in(bodies, j, p, q)
+    span, slack = room.times[slot_b] - room.times[slot_a], _slack_in(bodies, j, p, q)
     if m < 0:
         bend = bend_of(span, bends.bodies[j, 3], bends.bodies[j, 4], blur)
         slack += LINK_PLACING * bodies.reaches[i]

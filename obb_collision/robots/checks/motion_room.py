@@ -114,7 +114,7 @@ class MotionRoom(NamedTuple):
     directions: Floats  #: (c, 3) from the second body of each candidate to the first
     stack: Floats  #: (DEPTH + 2, 2) intervals of a pair to halve, the earliest last
     slots: Integers  #: (DEPTH + 2, 2) the slots of their ends
-    found: Findings
+    result: Findings
 
 
 @njit(inline=True, refcount=False)
@@ -304,12 +304,12 @@ def place(question: MotionQuestion, n: int, time: float, slot: int, room: Motion
 
 
 @njit(refcount=False)
-def free_slot(times: Floats, time: float, one: int, other: int) -> int:
+def free_slot(times: Floats, time: float, slot_a: int, slot_b: int) -> int:
     """Return the slot of a time, or one that may be overwritten: none of two that are in use."""
     slot = 2
     for k in range(2, SLOTS):
         if times[k] == time:
             return k
-        if k != one and k != other and (slot in (one, other) or math.isnan(times[k])):
+        if k != slot_a and k != slot_b and (slot in (slot_a, slot_b) or math.isnan(times[k])):
             slot = k
     return slot

@@ -145,36 +145,36 @@ def _check_motion(
     question: MotionQuestion, hits: MotionHits, spans: OpenSpans, n: int, room: MotionRoom
 ) -> None:
     """Check motion n piece by piece; without ``first`` from the end, where most collisions are."""
-    candidates, times, found = room.placed.candidates, room.times, room.found
+    candidates, times, result = room.placed.candidates, room.times, room.result
     joints, first = room.bends.joints, question.first
     blur = set_joints(question.checked.tree, question.starts, question.ends, n, joints)
     set_bends(question, room.bends)
-    found.limits[0], found.certain[0], found.tried[0], found.written[0] = np.inf, True, 0, 0
+    result.limits[0], result.certain[0], result.tried[0], result.written[0] = np.inf, True, 0, 0
     hits.pairs[n, 0] = hits.pairs[n, 1] = -1
     times[:] = np.nan
     pieces = _pieces(question, room.bends)
     for piece in range(pieces):
         number = piece if first else pieces - 1 - piece
         low, high = number / pieces, (number + 1) / pieces
-        one, other = number % 2, (number + 1) % 2  # neighbours share a state
+        slot_a, slot_b = number % 2, (number + 1) % 2  # neighbours share a state
         for k in range(2 if first else 3):
             at, slot = (
-                (low, one) if k == 0 else (high, other) if k == 1 else (0.5 * (low + high), 2)
+                (low, slot_a) if k == 0 else (high, slot_b) if k == 1 else (0.5 * (low + high), 2)
             )
             place(question, n, at, slot, room)
-        count = _open_candidates(question, room, blur, one, other)
-        best = _first_colliding(question, room, count, other) if not first else -1
+        count = _open_candidates(question, room, blur, slot_a, slot_b)
+        best = _first_colliding(question, room, count, slot_b) if not first else -1
         for c in range(count if best < 0 else 0):
-            if _search(question, spans, n, c, blur, (low, high), (one, other), room):
+            if _search(question, spans, n, c, blur, (low, high), (slot_a, slot_b), room):
                 best = c
                 if not first:
                     break
         if best >= 0:
             hits.pairs[n, 0], hits.pairs[n, 1] = candidates[best, 0], candidates[best, 1]
             break
-    spans.counts[n] = found.written[0]
-    hits.fractions[n] = np.nan if found.limits[0] == np.inf else found.limits[0]
-    hits.undecided[n] = not found.certain[0]
+    spans.counts[n] = result.written[0]
+    hits.fractions[n] = np.nan if result.limits[0] == np.inf else result.limits[0]
+    hits.undecided[n] = not result.certain[0]
 
 
 @njit(merge=True)
@@ -192,13 +192,13 @@ def _pieces(question: MotionQuestion, bends: Bends) -> int:
 
 @njit(merge=True)
 def _open_candidates(
-    question: MotionQuestion, room: MotionRoom, blur: float, one: int, other: int
+    question: MotionQuestion, room: MotionRoom, blur: float, slot_a: int, slot_b: int
 ) -> int:
     """Write the candidates that are not certainly free between two slots; return their number."""
     candidates, directions = room.placed.candidates, room.directions
     kept = 0
-    for c in range(sweep_candidates(question, room, blur, one, other)):
-        if not stays_apart(question, room, blur, c, one, other):
+    for c in range(sweep_candidates(question, room, blur, slot_a, slot_b)):
+        if not stays_apart(question, room, blur, c, slot_a, slot_b):
             for k in range(3):
                 candidates[kept, k], directions[kept, k] = candidates[c, k], directions[c, k]
             kept += 1
@@ -211,7 +211,7 @@ def _first_colliding(question: MotionQuestion, room: MotionRoom, count: int, las
     for k in range(2 * count):
         c, slot = k % count, last if k < count else 2
         if not _by_meshes(question, room, c) and collides(question, room, c, slot, 0.0):
-            room.found.limits[0] = room.times[slot]
+            room.result.limits[0] = room.times[slot]
             return c
     return -1
 
@@ -238,7 +238,7 @@ def _search(
 
     Return whether it collides, or is undecided, before the limit; the limit becomes that time.
     """
-    found, times, stack, slots = room.found, room.times, room.stack, room.slots
+    result, times, stack, slots = room.result, room.times, room.stack, room.slots
     meshes, resolution = _by_meshes(question, room, c), question.resolution
     stack[0, 0], stack[0, 1], slots[0, 0], slots[0, 1] = *span, *ends
     depth, hit = 1, np.inf
@@ -248,16 +248,16 @@ def _search(
             (stack[depth, 0], stack[depth, 1]),
             (slots[depth, 0], slots[depth, 1]),
         )
-        if first >= found.limits[0]:
+        if first >= result.limits[0]:
             continue
-        found.tried[0] += 1
+        result.tried[0] += 1
         middle = 0.5 * (first + last)
         s = free_slot(times, middle, a, b)
         for k in range(3):
             at, slot = (first, a) if k == 0 else (last, b) if k == 1 else (middle, s)
             place(question, n, at, slot, room)
         touches = collides(question, room, c, s, 0.0)
-        ended = not first < middle < last or depth + 2 > DEPTH or found.tried[0] >= MOST_STATES
+        ended = not first < middle < last or depth + 2 > DEPTH or result.tried[0] >= MOST_STATES
         if not ended:
             way, bend = moves_of(question, room, blur, c, a, b)
             ended = way + bend <= 2.0 * resolution
@@ -267,17 +267,17 @@ def _search(
         if touches:
             hit = middle
             if not question.first or ended:
-                found.limits[0], found.certain[0] = middle if not ended else first, True
+                result.limits[0], result.certain[0] = middle if not ended else first, True
                 return True
             depth = 0  # waiting intervals are later
         elif ended:
-            found.limits[0], found.certain[0] = first, hit < np.inf
+            result.limits[0], result.certain[0] = first, hit < np.inf
             for k in range(PROBES):
                 at = last + (2.0**k - 1.0) * (last - first)
-                if found.certain[0] or at > 1.0:
+                if result.certain[0] or at > 1.0:
                     break
                 place(question, n, at, s, room)
-                found.certain[0] = collides(question, room, c, s, 0.0)
+                result.certain[0] = collides(question, room, c, s, 0.0)
             return True
         for half in range(1 if touches else 0, 2):
             x, y = (s, b) if half == 0 else (a, s)
@@ -285,9 +285,9 @@ def _search(
                 stack[depth, 0], stack[depth, 1] = times[x], times[y]
                 slots[depth, 0], slots[depth, 1] = x, y
                 depth += 1
-    if not hit < found.limits[0]:
+    if not hit < result.limits[0]:
         return False
-    found.limits[0], found.certain[0] = hit, True
+    result.limits[0], result.certain[0] = hit, True
     return True
 
 
@@ -296,7 +296,7 @@ def _write_span(
     spans: OpenSpans, n: int, c: int, span: tuple[float, float], room: MotionRoom
 ) -> None:
     """Count an interval of a pair that hulls do not decide; write it if there is room."""
-    written, candidates = room.found.written, room.placed.candidates
+    written, candidates = room.result.written, room.placed.candidates
     if len(spans.pairs):
         row = spans.ends[n] - spans.counts[n] + written[0]
         spans.spans[row, 0], spans.spans[row, 1] = span

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,6 @@ from support import by_threads, refused
 
 import obb_collision as oc
 from obb_collision.geometry.poses import compose_poses
-from obb_collision.robots.checks.reports import StateDistances
 
 MOBILE = """<robot name="mobile">
   <link name="world"/>
@@ -370,7 +370,7 @@ REACH = 3.0**0.5
 """How far padding reaches at corners of boxes; at edges of cylinders less."""
 
 
-def check_nearest(checker: oc.RobotScene, states: np.ndarray, found: StateDistances) -> None:
+def check_nearest(checker: oc.RobotScene, states: np.ndarray, found: Any) -> None:
     """Check points, and that nothing is nearer: where padded by half of it, links do not touch.
 
     Where they are padded by the upper bound they do.
