@@ -56,7 +56,8 @@ DEFAULT_PORT = 8080
 MIN_OBJECTS = 2
 MAX_OBJECTS = 5000
 MAX_SECONDS = 86400.0
-MAX_RATE = 200.0
+#: Publications of moving objects per second, Hz.
+RATE = 30.0
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -95,8 +96,6 @@ def make_parser() -> argparse.ArgumentParser:
         text="number of objects of a random scene, instead of a scene file",
     )
     option(parser, "--seed", SEED, 4, "seed of the random scene")
-    text = "rate at which moving objects are published (Hz)"
-    option(parser, "--rate", real(1.0, MAX_RATE), 30.0, text)
     text = f"show the scene live at http://localhost:PORT (default: {DEFAULT_PORT}); needs viser"
     port = whole(0, 65535)
     parser.add_argument("--view", type=port, nargs="?", const=DEFAULT_PORT, help=text)
@@ -158,7 +157,7 @@ def _make_demo(
     demo = Demo(
         context,
         scene,
-        options.rate,
+        RATE,
         seconds,
         say,
         live=view is not None,
