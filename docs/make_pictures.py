@@ -208,7 +208,7 @@ def draw_safety_stop() -> None:
         axes = panels["a"]
         gaps.append((end + SILENCE, gaps[-1][1]))
         shown = [(when - begin, gap) for when, gap in gaps if when >= begin]
-        axes.plot(*zip(*shown, strict=True), color=plots.OURS, linewidth=3)
+        axes.plot(*zip(*shown, strict=True), color=plots.OUR_COLOR, linewidth=3)
         axes.axhline(0.5, color="0.3", linestyle="--", linewidth=1)
         times = [float(when) - begin for when, _ in said] + [end + SILENCE - begin]
         for (_, words), since, until in zip(said, times[:-1], times[1:], strict=True):

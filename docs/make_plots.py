@@ -33,7 +33,13 @@ import numpy as np
 
 from obb_collision.benchmarks import plots
 from obb_collision.benchmarks.contest import ContestRow, Price
-from obb_collision.benchmarks.effects import ALL, OFF, PAIRS, CostRow, EffectRow
+from obb_collision.benchmarks.effects import (
+    ALL_EFFECTS,
+    EFFECTS_OFF,
+    PAIRS_ALONE,
+    CostRow,
+    EffectRow,
+)
 from obb_collision.benchmarks.steps import StepRow
 
 FOLDER = Path(__file__).parent
@@ -109,11 +115,11 @@ def _effect_costs() -> list[CostRow]:
             if not cell:
                 continue
             number = float(cell.replace(",", ""))
-            base = number if name == OFF else base
+            base = number if name == EFFECTS_OFF else base
             step = base + number if cell.startswith("+") else number
-            name = ALL if name.startswith("all") else name
+            name = ALL_EFFECTS if name.startswith("all") else name
             rows.append(CostRow(scene, name, int(objects), step, 0.0, 0.0, 0.0))
-    assert {PAIRS, OFF, ALL} <= {row.variant for row in rows}
+    assert {PAIRS_ALONE, EFFECTS_OFF, ALL_EFFECTS} <= {row.variant for row in rows}
     return rows
 
 
@@ -146,7 +152,7 @@ def draw_promises() -> None:
         levels = [row for row in _price().rows if not row.peer]
         names = [f"{row.name}\n{plots.time(row.pair_ns)} per pair" for row in levels]
         shares = [100.0 * row.false_of_reports for row in levels]
-        bars = panels["a"].barh(names, shares, color=plots.OURS)
+        bars = panels["a"].barh(names, shares, color=plots.OUR_COLOR)
         panels["a"].bar_label(bars, [f"{share:.0f} %" for share in shares], padding=4)
         panels["a"].set_title("You see what accuracy costs")
         panels["a"].set_xlabel("share of the alarms that are false")
@@ -156,7 +162,7 @@ def draw_promises() -> None:
             sum(int(n) for row in rows for n in row[column].split("/"))
             for column in range(1, len(checkers) + 1)
         ]
-        colors = [plots.OURS, *["#b9bec5"] * len(checkers)][: len(checkers)]
+        colors = [plots.OUR_COLOR, *["#b9bec5"] * len(checkers)][: len(checkers)]
         bars = panels["b"].barh(checkers, wrong, color=colors)
         panels["b"].bar_label(bars, [f"{count:,}" for count in wrong], padding=4)
         panels["b"].set_title("It is right")
@@ -164,10 +170,12 @@ def draw_promises() -> None:
 
         costs = _effect_costs()
         scene = max({row.scene for row in costs}, key=[row.scene for row in costs].count)
-        variants = [row.variant for row in costs if row.scene == scene and row.variant != PAIRS]
+        variants = [
+            row.variant for row in costs if row.scene == scene and row.variant != PAIRS_ALONE
+        ]
         plots.draw_effect_costs(panels["c"], costs, variants, [scene])
         panels["c"].set_title("You pay for what you ask for")
-        assert ALL in variants
+        assert ALL_EFFECTS in variants
         for name in "ab":
             panels[name].invert_yaxis()
             panels[name].margins(x=0.22)
@@ -243,7 +251,7 @@ def draw_iou() -> None:
     found = program_of("tutorials/perceived_boxes_iou.md")
     looks = {
         "truth": {"facecolor": "0.85", "edgecolor": "none"},
-        "seen": {"fill": False, "edgecolor": plots.OURS, "linewidth": 2.5},
+        "seen": {"fill": False, "edgecolor": plots.OUR_COLOR, "linewidth": 2.5},
     }
     texts = {
         row: f"{iou:.2f}" for row, iou in zip(found["pairs"][:, 0], found["scores"], strict=True)
@@ -257,7 +265,7 @@ def draw_iou() -> None:
         for row, corners in enumerate(found["seen"].corners()):
             text = f"{row}: IoU {texts[row]}" if row in texts else f"{row}: no truth"
             x, y = corners[:, 0].mean(), corners[:, 1].max() + (1.2 if row == 1 else 0.3)
-            axes.text(x, y, text, color=plots.OURS, weight="bold", ha="center")
+            axes.text(x, y, text, color=plots.OUR_COLOR, weight="bold", ha="center")
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", ylim=(-5, 7.5))
         axes.set_title("Detections 1 and 2 are one car: non-maximum suppression keeps 1")
         figure.legend(loc="outside right center")

@@ -25,13 +25,13 @@ from obb_collision.geometry.boxes import AABB
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
-from obb_collision.queries.meshes.meshes import triangle_pairs
+from obb_collision.queries.meshes.mesh_mesh import triangle_pairs
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.planes import HalfSpaces
 from obb_collision.queries.questions import clearances, contacts, separations, sweeps, verdicts
 from obb_collision.queries.rays.rays import cast_rays, cast_segments
-from obb_collision.queries.sweep.moving import MovingBoxes
+from obb_collision.queries.sweep.motion import MovingBoxes
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.robots.robot import Robot

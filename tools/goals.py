@@ -40,21 +40,21 @@ from obb_collision._threads import threads
 from obb_collision.benchmarks import contest
 from obb_collision.benchmarks.contestants import (
     COAL,
-    CONTACTS,
+    FIND_PAIRS,
     FORMS,
     MUJOCO,
-    PAIRS,
     PEERS,
-    SCENE,
-    SEPARATIONS,
+    SCENE_CONTACTS,
+    SCENE_PAIRS,
+    SCENE_SEPARATIONS,
     Contestant,
     make_frames,
 )
 from obb_collision.benchmarks.corpora import generated_corpus
 from obb_collision.benchmarks.measuring import Show, as_text, digits, machine, machine_line
-from obb_collision.benchmarks.speed import best_coal, differences, joined, slopes
+from obb_collision.benchmarks.speed import best_coal, differences, joined_notes, slopes
 from obb_collision.benchmarks.steps import (
-    STEPS,
+    LEAST_STEPS,
     Case,
     Note,
     StepPlan,
@@ -69,7 +69,7 @@ from tools.pages import as_markdown, write_into
 
 #: How many times as fast as MuJoCo, at these sizes.
 SIZES = (1_000, 10_000)
-BESIDE_MUJOCO = {PAIRS: (4.0, 8.0), SEPARATIONS: (3.0, 6.0), CONTACTS: (2.0, 4.0)}
+BESIDE_MUJOCO = {FIND_PAIRS: (4.0, 8.0), SCENE_SEPARATIONS: (3.0, 6.0), SCENE_CONTACTS: (2.0, 4.0)}
 #: How many times as fast as coal, in every form; and at most, from one size to one ten times that.
 BESIDE_COAL, GROWTH = 8.0, 12.0
 FORM_BOXES, LARGE = 10_000, (10_000, 100_000, 1_000_000)
@@ -183,16 +183,16 @@ class Goals:
         """Measure every form beside the best broad phase of coal."""
         for form in FORMS:
             case = Case(form, FORM_BOXES)
-            found = self._run(case, [SEPARATIONS, *COAL])
-            what, best = f"{SEPARATIONS.name}, {form}", best_coal(self.rows, case)
+            found = self._run(case, [SCENE_SEPARATIONS, *COAL])
+            what, best = f"{SCENE_SEPARATIONS.name}, {form}", best_coal(self.rows, case)
             name, theirs = (best.name, best.median_ms) if best else ("coal", None)
-            ours = found[SEPARATIONS.name].median_ms
+            ours = found[SCENE_SEPARATIONS.name].median_ms
             yield ratio(what, name, BESIDE_COAL, ours, theirs, "ms")
 
     def growth(self) -> Iterator[Goal]:
         """Measure how time grows from ten thousand boxes to a million."""
-        sizes = [self._run(Case(boxes=n), [PAIRS, SEPARATIONS]) for n in LARGE]
-        for one in (PAIRS, SEPARATIONS):
+        sizes = [self._run(Case(boxes=n), [FIND_PAIRS, SCENE_SEPARATIONS]) for n in LARGE]
+        for one in (FIND_PAIRS, SCENE_SEPARATIONS):
             for k in (1, 2):
                 a, b = (sizes[j][one.name].median_ms for j in (k - 1, k))
                 what = f"{one.name}, {LARGE[k]:,} boxes"
@@ -205,7 +205,7 @@ class Goals:
         scenes = []
         for moving in (1.0, 0.01):
             half_extents, frames = make_frames("uniform", LARGE[0], moving, self._plan.seed)
-            scenes.append((SCENE.make(half_extents, frames[0].poses), frames))
+            scenes.append((SCENE_PAIRS.make(half_extents, frames[0].poses), frames))
         times = np.empty((BOXES_TURNS, 2))
         with own_settings():
             for turn in range(BOXES_TURNS):
@@ -307,10 +307,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     print(machine_line(machine(one.distribution for one in PEERS)))
     with Progress() as bar:
-        run = Goals(StepPlan(options.seconds, options.limit, STEPS, options.seed), bar.show)
+        run = Goals(StepPlan(options.seconds, options.limit, LEAST_STEPS, options.seed), bar.show)
         goals = list(run.all())
     print(as_text(goal_table(goals)))
-    print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))
+    print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined_notes(run.notes)]))
     if options.markdown:
         blocks = {"goals": as_markdown(goal_table(goals))}
         if run.node_rows:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from obb_collision.benchmarks.contestants import OWN, SCENE, SEPARATIONS
+from obb_collision.benchmarks.contestants import OUR_NAMES, SCENE_PAIRS, SCENE_SEPARATIONS
 from obb_collision.benchmarks.measuring import Table
 from obb_collision.benchmarks.speed import differences, slopes, tables
 from obb_collision.benchmarks.steps import StepRow
@@ -70,13 +70,13 @@ def blocks_of(rows: Sequence[StepRow], notes: Sequence[str]) -> dict[str, str]:
 
 def _small(table: Table, most: int) -> Table:
     """Return the head, ours with one thread, one with the most, and the best-known peers."""
-    quick = f"{SEPARATIONS.name}, {most} thread"
-    wanted = (*(f"{name}, 1 thread" for name in OWN - {SCENE.name}), quick, *SMALL)
+    quick = f"{SCENE_SEPARATIONS.name}, {most} thread"
+    wanted = (*(f"{name}, 1 thread" for name in OUR_NAMES - {SCENE_PAIRS.name}), quick, *SMALL)
     return [table[0], *(line for line in table[1:] if line[0].startswith(wanted))]
 
 
 def _drawn(table: Table) -> Table:
     """Return the rows of the picture: ours with one thread, and all peers."""
-    ours = tuple(f"{name}, " for name in OWN)
-    wanted = tuple(f"{name}, 1 thread" for name in OWN - {SCENE.name})
+    ours = tuple(f"{name}, " for name in OUR_NAMES)
+    wanted = tuple(f"{name}, 1 thread" for name in OUR_NAMES - {SCENE_PAIRS.name})
     return [row for row in table if row[0].startswith(wanted) or not row[0].startswith(ours)]

@@ -44,7 +44,14 @@ from obb_collision.geometry.shapes.meshes import Mesh
 #: first time: a minute on a busy machine.
 LEAST_SHARE = 0.6
 #: Shares of the parts in the time that is left when they begin: meshes of files take the most.
-SHARES = {"boxes": 0.15, "fits": 0.2, "reading": 0.1, "effects": 0.2, "generated": 0.5, "files": 1}
+TIME_SHARES = {
+    "boxes": 0.15,
+    "fits": 0.2,
+    "reading": 0.1,
+    "effects": 0.2,
+    "generated": 0.5,
+    "files": 1,
+}
 #: Pairs per effect.
 EFFECT_PAIRS = 600
 
@@ -61,7 +68,7 @@ class FitRow(NamedTuple):
 
 @dataclass
 class AccuracyResult:
-    """All that was measured."""
+    """The measurements of a run."""
 
     prices: list[Price] = field(default_factory=list)
     fits: list[FitRow] = field(default_factory=list)
@@ -83,7 +90,7 @@ def run(options: argparse.Namespace, show: Show) -> AccuracyResult:
     end = max(start + options.seconds, perf_counter() + LEAST_SHARE * options.seconds)
 
     def share(part: str) -> float:
-        return SHARES[part] * max(0.0, end - perf_counter())
+        return TIME_SHARES[part] * max(0.0, end - perf_counter())
 
     corpora = {"boxes": boxes, "generated": generated}
     if options.meshes:
@@ -116,7 +123,9 @@ def _warm_up(generated: Corpus, seed: int) -> None:
 def as_json(result: AccuracyResult, options: argparse.Namespace) -> dict[str, Any]:
     """Return everything measured, for a file."""
     prices = [
-        asdict(price) | {"rows": [row.as_dict() for row in price.rows]} for price in result.prices
+        asdict(price)
+        | {"rows": [asdict(r) | {"false_of_reports": r.false_of_reports} for r in price.rows]}
+        for price in result.prices
     ]
     return {
         "seed": options.seed,
@@ -134,21 +143,21 @@ def measure_fits(corpora: Iterable[Corpus], seconds: float, show: Show) -> list[
     end = perf_counter() + seconds
     rows = zip_longest(*(corpus.shapes.values() for corpus in corpora))
     meshes = [shape for row in rows for shape in row if isinstance(shape, Mesh)]
-    found: list[list[tuple[float, float]]] = []
+    fits: list[list[tuple[float, float]]] = []
     for k, mesh in enumerate(meshes):
-        if found and perf_counter() > end:
+        if fits and perf_counter() > end:
             break
         show(f"fits {k + 1}/{len(meshes)}")
         boxes = [_fit(mesh._points(), fit) for fit in FITS]
         if min(volume for volume, _ in boxes) > 0.0:
-            found.append(boxes)
-    if not found:
+            fits.append(boxes)
+    if not fits:
         return []
-    volumes, spent = np.moveaxis(np.array(found), 2, 0)
+    volumes, spent = np.moveaxis(np.array(fits), 2, 0)
     ratios = volumes / volumes.min(axis=1, keepdims=True)
     figures = np.exp(np.log(ratios).mean(axis=0)), ratios.max(axis=0), 1e3 * spent.mean(axis=0)
     return [
-        FitRow(fit, len(found), *values)
+        FitRow(fit, len(fits), *values)
         for fit, values in zip(FITS, np.array(figures).T.tolist(), strict=True)
     ]
 
@@ -212,7 +221,7 @@ def format_result(result: AccuracyResult) -> str:
 
 
 def _claims(prices: Sequence[Price]) -> list[str]:
-    """Return the promises of the levels, and whether the run confirms them."""
+    """Return the promises about the levels, and whether the run confirms them."""
     missed, pairs = (sum(getattr(p, key) for p in prices) for key in ("missed", "pairs"))
     lines = [
         f"No level may miss what a more exact one reports: {missed} missed on {pairs:,} pairs."

@@ -37,8 +37,8 @@ from obb_collision.cli import (
 from obb_collision.words import shown
 
 #: Forms of scenes, and the peers of a full step.
-FORMS = ("uniform", "plane", "line", "walls", "clusters", "identical", "decades", "far")
-PEERS = ("MuJoCo", "coal tree", "coal SSaP", "coal naive", "python-fcl")
+FORM_NAMES = ("uniform", "plane", "line", "walls", "clusters", "identical", "decades", "far")
+PEER_NAMES = ("MuJoCo", "coal tree", "coal SSaP", "coal naive", "python-fcl")
 
 
 @interruptible("obb_collision accuracy")
@@ -80,7 +80,7 @@ def _peer_of(names: Sequence[str]) -> Callable[[str], str]:
     return convert
 
 
-def speed_parser(program: str, peers: Sequence[str] = PEERS) -> Parser:
+def speed_parser(program: str, peers: Sequence[str] = PEER_NAMES) -> Parser:
     """Return the parser of the command line."""
     parser = Parser(
         prog=program,
@@ -89,7 +89,7 @@ def speed_parser(program: str, peers: Sequence[str] = PEERS) -> Parser:
     )
     add, cores = parser.add_argument, sorted({1, os.cpu_count() or 1})
     add("--sizes", type=whole(1, 10**7), nargs="+", help="numbers of boxes")
-    add("--forms", choices=FORMS, nargs="+", help="forms of the scenes")
+    add("--forms", choices=FORM_NAMES, nargs="+", help="forms of the scenes")
     add("--moving", type=real(0.0, 1.0), nargs="+", help="fractions of the boxes that move")
     add(
         "--threads",

@@ -12,25 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The price on one corpus: what every level and peer reports, and the time it takes.
+"""The price on one corpus: the reports of every level and peer, and their times.
 
 A level is used as in a ``Scene``: those above ``obb`` decide only the pairs that ``obb`` reports.
+
+Peers are python-fcl and coal on pairs of boxes, hulls and meshes, called one pair at a time from
+Python, as they are used: shapes and transforms are made beforehand, and a query sets poses where a
+peer stores them in objects. A peer that is not installed is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+import importlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter, thread_time
 from typing import Any, NamedTuple
 
 import numpy as np
+from trimesh.convex import convex_hull
 
 from obb_collision.accuracy import ALL_LEVELS, BOX_LEVELS
 from obb_collision.benchmarks.corpora import Corpus, random_poses
 from obb_collision.benchmarks.measuring import Show, take_turns
-from obb_collision.benchmarks.peers import BOX_PEERS, MESH_PEERS, Ask, Query
 from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.shapes.meshes import Mesh
@@ -38,26 +43,27 @@ from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.pool import Hulls, mesh_tree
 from obb_collision.scene.refinement.ladder import decide_pairs
 from obb_collision.scene.scene import Scene
-from obb_collision.typing import Floats, Rows
+from obb_collision.shapes import Box, Shape
+from obb_collision.typing import Floats, Mask, Rows
 
 #: Cubic metres per body of one metre diagonal: gives about two candidate pairs per body.
 VOLUME_PER_BODY = 0.3
 #: Poses that the steps go through in turn.
-FRAMES = 4
+CONTEST_FRAMES = 4
 #: Shares of preparing shapes, deciding and timing pairs in the time of a corpus; the steps get the
 #: rest.
 PREPARING, ASKING, TIMING = 0.4, 0.25, 0.2
-#: Levels that must report all that the next one does, each.
+#: Pairs of levels: the first must report all pairs of the second.
 NESTED = (("sphere", "obb"), ("aabb", "obb"), ("obb", "hull"), ("hull", "mesh"))
 #: Our level that a peer's shape is compared with.
-OURS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
+OUR_LEVELS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
 #: Bytes of one object that a level reads, float64; a hull or mesh is stored once per shape.
-BYTES = {"sphere": 8.0 * 4, "aabb": 8.0 * 6, "obb": 8.0 * 15}
+LEVEL_BYTES = {"sphere": 8.0 * 4, "aabb": 8.0 * 6, "obb": 8.0 * 15}
 
 
 @dataclass
 class ContestRow:
-    """A level or peer: what it costs and how often it is wrong; None if not measured."""
+    """The cost and the errors of a level or peer; None where not measured."""
 
     name: str
     peer: bool
@@ -69,25 +75,21 @@ class ContestRow:
     false: int = 0  #: reports of bodies whose triangles do not collide
     missed: int = 0  #: bodies whose triangles collide, not reported
 
-    def count(self, found: Rows, truth: Rows) -> None:
-        """Add the pairs that were found, as sorted numbers."""
-        self.reports += len(found)
-        self.false += len(np.setdiff1d(found, truth))
-        self.missed += len(np.setdiff1d(truth, found))
+    def count(self, reported: Rows, truth: Rows) -> None:
+        """Add the pairs that were reported, as sorted numbers."""
+        self.reports += len(reported)
+        self.false += len(np.setdiff1d(reported, truth))
+        self.missed += len(np.setdiff1d(truth, reported))
 
     @property
     def false_of_reports(self) -> float:
         """Share of the reports that are false."""
         return self.false / max(1, self.reports)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return all numbers, the share included."""
-        return asdict(self) | {"false_of_reports": self.false_of_reports}
-
 
 @dataclass
 class Price:
-    """The rows of a corpus and what compares two of them."""
+    """The rows of a corpus, and ratios between them."""
 
     corpus: str
     note: str
@@ -147,21 +149,17 @@ class Contest:
                 self.price.missing.append(peer.label)
         self.price.rows += [ContestRow(label, peer=True) for label in self.peers]
 
-    def _throw(self) -> None:
-        """Move all bodies to random poses."""
-        self._poses = random_poses(len(self._shapes), VOLUME_PER_BODY, self._rng)
-        self.scene.move_indices(self.scene.indices, self._poses)
-
     def _ask_peers(self, pairs: Rows) -> dict[str, Ask]:
-        """Return by name what asks a peer for pairs (m, 2)."""
+        """Return, by the names of the peers, functions that decide pairs (m, 2)."""
         query = Query(self._shapes, *as_poses(self._poses), pairs)
         return {label: load(query) for label, load in self.peers.items()}
 
     def count(self, pairs: int, end: float) -> Rows:
-        """Count false and missed reports in throw after throw; return the last candidates."""
+        """Count false and missed reports for random poses; return the last candidates."""
         price = self.price
         while True:
-            self._throw()
+            self._poses = random_poses(len(self._shapes), VOLUME_PER_BODY, self._rng)
+            self.scene.move_indices(self.scene.indices, self._poses)
             reports = {level: report_pairs(self.scene, level) for level in self.levels}
             candidates = reports["aabb"]
             reports |= {
@@ -184,7 +182,7 @@ class Contest:
                 return candidates
 
     def time_pairs(self, candidates: Rows, count: int, seconds: float) -> None:
-        """Time all on the same random candidates, in the order in which they come.
+        """Time all contestants on the same random candidates, in their order.
 
         Before its turn each level decides as many other pairs of the same bodies: in a scene the
         bodies are in the caches as well, and the processor would predict the branches of repeated
@@ -209,14 +207,15 @@ class Contest:
         times = take_turns(asked, seconds, {level: partial(choose, level) for level in self.levels})
         for row in self.price.rows:
             row.pair_ns = 1e9 * times.best(row.name) / max(1, len(chosen))
-        ours = {label: OURS[label.split()[-1]] for label in self.peers}
+        ours = {label: OUR_LEVELS[label.split()[-1]] for label in self.peers}
         self.price.ratios = {label: times.ratio(label, level) for label, level in ours.items()}
 
     def time_steps(self, seconds: float) -> None:
         """Time setting every pose and finding every pair in a ``Scene``, on each level in turn."""
         scene, steps = self.scene, 0
         frames = [
-            random_poses(len(self._shapes), VOLUME_PER_BODY, self._rng) for _ in range(FRAMES)
+            random_poses(len(self._shapes), VOLUME_PER_BODY, self._rng)
+            for _ in range(CONTEST_FRAMES)
         ]
 
         def choose(level: str) -> None:
@@ -224,7 +223,7 @@ class Contest:
 
         def step() -> None:
             nonlocal steps
-            scene.move_indices(scene.indices, frames[steps // len(self.levels) % FRAMES])
+            scene.move_indices(scene.indices, frames[steps // len(self.levels) % CONTEST_FRAMES])
             scene.check()
             steps += 1
 
@@ -240,7 +239,7 @@ class Contest:
 def measure(corpus: Corpus, plan: ContestPlan, seed: int, show: Show) -> Price:
     """Measure all levels and the installed peers on a corpus, in about ``plan.seconds``.
 
-    Of its shapes those that are prepared in their share of the time, one at least.
+    Only shapes prepared in their share of the time take part, but at least one.
     """
     start = perf_counter()
     shapes = dict(corpus.shapes)
@@ -260,20 +259,20 @@ def measure(corpus: Corpus, plan: ContestPlan, seed: int, show: Show) -> Price:
     show(f"{corpus.name}: time per step, in turn")
     contest.time_steps(start + plan.seconds - perf_counter())
     for level in contest.levels:
-        row, (size, ms) = contest.price.row(level), (BYTES.get(level, 0.0), 0.0)
+        row, (size, ms) = contest.price.row(level), (LEVEL_BYTES.get(level, 0.0), 0.0)
         if once:
-            size, ms = np.mean([one[level] for one in once], axis=0).tolist()
+            size, ms = np.mean([costs[level] for costs in once], axis=0).tolist()
         row.bytes, row.prepare_ms = size, ms
     return contest.price
 
 
 def _prepare(shape: Mesh) -> dict[str, tuple[float, float]]:
-    """Return by level the bytes of a mesh, and the milliseconds that what it needs takes once."""
+    """Return, by level, the bytes of a mesh and the milliseconds to prepare its data once."""
     start = thread_time()
     fit_points(shape._points())
     box_ms = 1e3 * (thread_time() - start)
     _ = shape.local_box  # the same again, kept: trees begin with it
-    found = {level: (size, box_ms) for level, size in BYTES.items()}
+    costs = {level: (size, box_ms) for level, size in LEVEL_BYTES.items()}
     for level, make in (
         ("hull", lambda: Hulls.of(hull_mesh(shape)[0])),
         ("mesh", lambda: mesh_tree(shape).arrays),
@@ -281,5 +280,130 @@ def _prepare(shape: Mesh) -> dict[str, tuple[float, float]]:
         start = thread_time()
         arrays: Any = make()
         took = 1e3 * (thread_time() - start)
-        found[level] = float(sum(array.nbytes for array in arrays)), box_ms + took
-    return found
+        costs[level] = float(sum(array.nbytes for array in arrays)), box_ms + took
+    return costs
+
+
+Ask = Callable[[], Mask]
+
+
+class Query(NamedTuple):
+    """Pairs (m, 2) of bodies, their poses, and the shape ``rows[k]`` of body k."""
+
+    rows: Rows
+    centers: Floats
+    rotations: Floats
+    pairs: Rows
+
+
+def _hull(shape: Shape) -> Any:
+    assert isinstance(shape, Mesh)
+    return convex_hull(np.unique(shape._points(), axis=0))
+
+
+def peer_box(peer: Any, shape: Shape) -> Any:
+    """Return the box of python-fcl or coal."""
+    assert isinstance(shape, Box)
+    return peer.Box(*shape.size)
+
+
+def fcl_hull(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's convex body, with the hull that trimesh finds."""
+    hull = _hull(shape)
+    faces = np.column_stack([np.full(len(hull.faces), 3), hull.faces]).ravel()
+    return fcl.Convex(np.asarray(hull.vertices), len(hull.faces), faces)
+
+
+def fcl_mesh(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's triangle tree."""
+    assert isinstance(shape, Mesh)
+    model = fcl.BVHModel()
+    model.beginModel(len(shape.vertices), len(shape.faces))
+    model.addSubModel(shape.vertices, shape.faces)
+    model.endModel()
+    return model
+
+
+def ask_fcl(fcl: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that queries python-fcl for all pairs; each body is an object of it."""
+    places = map(fcl.Transform, query.rotations, query.centers)
+    items = [fcl.CollisionObject(made[row], t) for row, t in zip(query.rows, places, strict=True)]
+    pairs, request = query.pairs.tolist(), fcl.CollisionRequest()
+
+    def run() -> Mask:
+        collide, result = fcl.collide, fcl.CollisionResult
+        hits = [collide(items[i], items[j], request, result()) > 0 for i, j in pairs]
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+def coal_mesh(coal: Any, shape: Shape) -> Any:
+    """Return coal's triangle tree."""
+    assert isinstance(shape, Mesh)
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(shape.faces), len(shape.vertices))
+    model.addVertices(shape.vertices)
+    model.addTriangles(shape.faces)
+    model.endModel()
+    return model
+
+
+def coal_hull(coal: Any, shape: Shape) -> Any:
+    """Return coal's convex body, with the hull that coal finds."""
+    hull = _hull(shape)
+    model = coal_mesh(coal, Mesh(hull.vertices, hull.faces))
+    model.buildConvexHull(True, "Qt")
+    return model.convex
+
+
+def ask_coal(coal: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that queries coal for all pairs, without contact points."""
+    shapes = [made[row] for row in query.rows]
+    places = list(map(coal.Transform3s, query.rotations, query.centers))
+    pairs = query.pairs.tolist()
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = False
+
+    def run() -> Mask:
+        collide, clear, hits = coal.collide, result.clear, []
+        for i, j in pairs:
+            hit = collide(shapes[i], places[i], shapes[j], places[j], request, result) > 0
+            if hit:
+                clear()  # a full result would end the next search
+            hits.append(hit)
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+class Peer(NamedTuple):
+    """A peer: its distribution, the kind of shape, its module, and functions to call it."""
+
+    name: str
+    shape: str
+    module: str
+    make: Callable[[Any, Shape], Any]
+    ask: Callable[[Any, list[Any], Query], Ask]
+
+    @property
+    def label(self) -> str:
+        """The name of the peer and the kind of shape."""
+        return f"{self.name} {self.shape}"
+
+    def load(self, shapes: Iterable[Shape]) -> Callable[[Query], Ask]:
+        """Make the shapes and return the function that prepares a query."""
+        module = importlib.import_module(self.module)
+        return partial(self.ask, module, [self.make(module, shape) for shape in shapes])
+
+
+BOX_PEERS = (
+    Peer("python-fcl", "box", "fcl", peer_box, ask_fcl),
+    Peer("coal", "box", "coal", peer_box, ask_coal),
+)
+MESH_PEERS = (
+    Peer("python-fcl", "hull", "fcl", fcl_hull, ask_fcl),
+    Peer("coal", "hull", "coal", coal_hull, ask_coal),
+    Peer("python-fcl", "mesh", "fcl", fcl_mesh, ask_fcl),
+    Peer("coal", "mesh", "coal", coal_mesh, ask_coal),
+)

@@ -15,8 +15,8 @@
 """Contestants of the full step, this library and its peers, and the scenes that they get.
 
 Each is built once from half extents and first poses, because a tree is only as good as the poses
-it is built from. ``step`` takes a frame in the form that suits it, sets the poses of what moved,
-updates, and returns what it found as it comes; ``pairs`` turns that into rows outside the timing.
+it is built from. ``step`` takes a frame in the form that suits it, sets the poses of the
+moved boxes, updates, and returns its raw answer; ``pairs`` turns that into rows outside the timing.
 
 Scenes have every form that a broad phase meets. A box collides with an eighth to two others on
 average. All that move do so a little in each frame, as in a simulation or at the rate of a robot:
@@ -45,20 +45,20 @@ from obb_collision.typing import Floats, Rows
 EXTENTS = (0.05, 0.5)
 MEAN = 0.275
 #: Cubic metres per box, and per box of a cluster; square metres in a plane, metres on a line.
-VOLUME, CLUSTER_VOLUME, AREA, LENGTH = 1.75, 0.6, 1.75, 1.5
+VOLUME_PER_BOX, CLUSTER_VOLUME, AREA_PER_BOX, LENGTH_PER_BOX = 1.75, 0.6, 1.75, 1.5
 #: Boxes of a cluster, metres between clusters, and walls and floors through a scene.
-CLUSTER, APART, WALLS = 50, 20.0, 12
+CLUSTER_BOXES, CLUSTER_DISTANCE, WALLS = 50, 20.0, 12
 #: Half thickness of a wall, metres.
 THICKNESS = 0.05
 #: Edge of a crate and distance of their centres, metres.
 CRATE, PITCH = 0.5, 0.51
 #: Coordinates far from the origin, metres; decades of sizes around a metre, each way.
-FAR, DECADES = 1e7, 3.0
+FAR_OFFSET, DECADES = 1e7, 3.0
 #: Maximum displacement of a box of mean size along each axis per frame, metres, and maximum
 #: rotation about each, radians. Smaller boxes move less.
-STEP, TURN = 0.02, 0.05
+FRAME_STEP, FRAME_TURN = 0.02, 0.05
 #: Frames of motion, which are gone through there and back.
-FRAMES = 8
+MOTION_FRAMES = 8
 
 
 @dataclass(frozen=True)
@@ -90,25 +90,25 @@ def _in_room(rng: np.random.Generator, n: int, volume: float) -> Floats:
 
 def uniform(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Boxes of 0.1 to 1 m all over a room."""
-    return _extents(rng, n), _in_room(rng, n, VOLUME * n)
+    return _extents(rng, n), _in_room(rng, n, VOLUME_PER_BOX * n)
 
 
 def plane(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Boxes with their centres in a plane."""
-    half = 0.5 * np.sqrt(AREA * n)
+    half = 0.5 * np.sqrt(AREA_PER_BOX * n)
     return _extents(rng, n), rng.uniform(-half, half, (n, 3)) * [1.0, 1.0, 0.0]
 
 
 def line(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Boxes with their centres on a line."""
-    return _extents(rng, n), rng.uniform(0.0, LENGTH * n, (n, 1)) * [1.0, 0.0, 0.0]
+    return _extents(rng, n), rng.uniform(0.0, LENGTH_PER_BOX * n, (n, 1)) * [1.0, 0.0, 0.0]
 
 
 def walls(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Walls and floors across a room of small boxes."""
     half_extents, centers = uniform(rng, n)
     count = min(WALLS, n // 2)
-    half_extents[:count] = 0.5 * (VOLUME * n) ** (1 / 3)
+    half_extents[:count] = 0.5 * (VOLUME_PER_BOX * n) ** (1 / 3)
     half_extents[np.arange(count), np.arange(count) % 3] = THICKNESS
     across = np.arange(count) % 3 == np.arange(3)[:, None]
     centers[:count] *= across.T
@@ -117,9 +117,9 @@ def walls(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
 
 def clusters(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Tight clusters, far from one another."""
-    count = -(-n // CLUSTER)
-    places = _in_room(rng, count, count * APART**3)
-    inside = _in_room(rng, n, CLUSTER * CLUSTER_VOLUME)
+    count = -(-n // CLUSTER_BOXES)
+    places = _in_room(rng, count, count * CLUSTER_DISTANCE**3)
+    inside = _in_room(rng, n, CLUSTER_BOXES * CLUSTER_VOLUME)
     return _extents(rng, n), places[np.arange(n) % count] + inside
 
 
@@ -134,13 +134,13 @@ def decades(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Sizes over six decades, from millimetres to kilometres."""
     sizes = 10.0 ** rng.uniform(-DECADES, DECADES, (n, 1))
     reach = np.mean((sizes + rng.permutation(sizes)) ** 3) / (2.0 * MEAN) ** 3
-    return sizes * rng.uniform(0.5, 1.0, (n, 3)), _in_room(rng, n, n * VOLUME * reach)
+    return sizes * rng.uniform(0.5, 1.0, (n, 3)), _in_room(rng, n, n * VOLUME_PER_BOX * reach)
 
 
 def far(rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
     """Boxes all over a room, with coordinates of ten million metres."""
     half_extents, centers = uniform(rng, n)
-    return half_extents, centers + FAR
+    return half_extents, centers + FAR_OFFSET
 
 
 #: Half extents (n, 3) and centres (n, 3) by name.
@@ -149,32 +149,29 @@ FORMS: dict[str, Callable[[np.random.Generator, int], tuple[Floats, Floats]]] = 
     for maker in (uniform, plane, line, walls, clusters, identical, decades, far)
 }
 #: Forms whose boxes stay parallel to the axes.
-PARALLEL = {"identical"}
+PARALLEL_FORMS = {"identical"}
 
 
 def make_frames(form: str, count: int, moving: float, seed: int) -> tuple[Floats, list[Frame]]:
-    """Return half extents (n, 3) and frames in which a share of the boxes moves.
-
-    The first frame is where all begin.
-    """
+    """Return half extents (n, 3) and frames in which a share of the boxes moves."""
     rng = np.random.default_rng(seed)
     half_extents, centers = FORMS[form](rng, count)
-    rotations = Rotation.identity(count) if form in PARALLEL else Rotation.random(count, rng)
+    rotations = Rotation.identity(count) if form in PARALLEL_FORMS else Rotation.random(count, rng)
     if form == "walls":
         straight = np.arange(count) < min(WALLS, count // 2)
         rotations = Rotation.from_quat(
             np.where(straight[:, None], [0.0, 0.0, 0.0, 1.0], rotations.as_quat())
         )
     rows = np.sort(rng.choice(count, round(moving * count), replace=False))
-    steps = STEP * np.minimum(1.0, half_extents[rows].mean(axis=1, keepdims=True) / MEAN)
-    turns = np.minimum(TURN, STEP / half_extents[rows].max(axis=1, keepdims=True))
-    turns *= form not in PARALLEL
+    steps = FRAME_STEP * np.minimum(1.0, half_extents[rows].mean(axis=1, keepdims=True) / MEAN)
+    turns = np.minimum(FRAME_TURN, FRAME_STEP / half_extents[rows].max(axis=1, keepdims=True))
+    turns *= form not in PARALLEL_FORMS
     poses = np.concatenate([centers, rotations.as_quat()], axis=1)
     frames = [Frame(poses, rows)]
-    for _ in range(FRAMES - 1):
+    for _ in range(MOTION_FRAMES - 1):
         poses = poses.copy()
         poses[rows, :3] += steps * rng.uniform(-1.0, 1.0, (len(rows), 3))
-        if len(rows):  # before 1.15 scipy makes no rotations of none
+        if len(rows):  # scipy before 1.15 makes no empty rotations
             turned = Rotation.from_rotvec(turns * rng.uniform(-1.0, 1.0, (len(rows), 3)))
             poses[rows, 3:] = (turned * Rotation.from_quat(poses[rows, 3:])).as_quat()
         frames.append(Frame(poses, rows))
@@ -183,8 +180,8 @@ def make_frames(form: str, count: int, moving: float, seed: int) -> tuple[Floats
 
 #: More contacts than there are: the searches of coal and python-fcl end at a maximum.
 MOST_CONTACTS = 10**8
-#: Share of the boxes below which those that moved are given to the broad phase one by one.
-FEW = 0.5
+#: Share of moved boxes below which the broad phase is updated box by box.
+FEW_MOVED = 0.5
 #: The broad phases of coal by a short name: those that miss no pair, and are best somewhere.
 COAL_MANAGERS = {
     "tree": "DynamicAABBTreeCollisionManager",
@@ -196,12 +193,12 @@ WXYZ = [0, 1, 2, 6, 3, 4, 5]
 
 
 class Stepper(Protocol):
-    """One way to do the step."""
+    """A way to do the step."""
 
     def step(self, frame: Frame) -> Any:
         """Set the poses and find the pairs."""
 
-    def pairs(self, found: Any) -> Rows:
+    def pairs(self, answer: Any) -> Rows:
         """Return the pairs (m, 2) of what ``step`` returned, in any order."""
 
 
@@ -215,9 +212,9 @@ class OurPairs:
         """Build the boxes and find the pairs."""
         return find_pairs(Boxes.from_poses(frame.poses, self._half_extents))
 
-    def pairs(self, found: Any) -> Rows:
+    def pairs(self, answer: Any) -> Rows:
         """Return the colliding pairs of the last step."""
-        return found
+        return answer
 
 
 class OurScene:
@@ -235,15 +232,15 @@ class OurScene:
             self._scene.move_indices(self._indices[frame.rows], frame.moved)
         return self._scene.check(self._effects)
 
-    def pairs(self, found: Any) -> Rows:
+    def pairs(self, answer: Any) -> Rows:
         """Return the pairs of the report."""
-        return found.pairs
+        return answer.pairs
 
 
 class Contestant(NamedTuple):
-    """Somebody who does the step: a name, the module and distribution, and how it is built.
+    """A library that does the step: its name, module and distribution, and how it is built.
 
-    threads: those it uses, None for as many as this library is set to.
+    threads: how many it uses, None for as many as this library is set to.
     """
 
     name: str
@@ -280,18 +277,18 @@ class Mujoco:
         self._mujoco.mj_collision(self._model, self._data)
         return self._data.contact.geom.copy()
 
-    def pairs(self, found: Any) -> Rows:
+    def pairs(self, answer: Any) -> Rows:
         """Return the pairs of the contacts."""
-        return as_rows(found)
+        return pair_array(answer)
 
 
-def as_rows(pairs: Any) -> Rows:
+def pair_array(pairs: Any) -> Rows:
     """Return pairs (m, 2) from an iterable of them."""
     return np.array(list(pairs), np.int64).reshape(-1, 2)
 
 
 class Managed:
-    """Objects in a manager that has a broad phase, as python-fcl and coal have them."""
+    """Objects in a manager with a broad phase, as in python-fcl and coal."""
 
     def __init__(
         self, shapes: Sequence[Any], poses: Floats, kinds: tuple[Any, Any], manager: Any
@@ -313,14 +310,14 @@ class Managed:
         for item, rotation, center in zip(moved, frame.rotations, frame.moved[:, :3], strict=True):
             item.setTransform(transform(rotation, center))
             self._bound(item)
-        if len(moved) < FEW * len(self._objects):
+        if len(moved) < FEW_MOVED * len(self._objects):
             for item in moved:
                 self._manager.update(item)
         else:
             self._manager.update()
 
     def _bound(self, item: Any) -> None:
-        """Let an object that has moved compute its bounds, if it does not by itself."""
+        """Update the bounds of a moved object, if the library does not."""
 
 
 class PythonFcl(Managed):
@@ -341,9 +338,9 @@ class PythonFcl(Managed):
         self._manager.collide(data, self._fcl.defaultCollisionCallback)
         return data.result.contacts
 
-    def pairs(self, found: Any) -> Rows:
+    def pairs(self, answer: Any) -> Rows:
         """Return the pairs of the contacts."""
-        return as_rows((self._number[id(c.o1)], self._number[id(c.o2)]) for c in found)
+        return pair_array((self._number[id(c.o1)], self._number[id(c.o2)]) for c in answer)
 
 
 class Coal(Managed):
@@ -368,22 +365,22 @@ class Coal(Managed):
         self._manager.collide(callback)
         return callback.data.result
 
-    def pairs(self, found: Any) -> Rows:
+    def pairs(self, answer: Any) -> Rows:
         """Return the pairs of the contacts."""
-        contacts = (found.getContact(k) for k in range(found.numContacts()))
-        return as_rows((c.o1.cost_density, c.o2.cost_density) for c in contacts)
+        contacts = (answer.getContact(k) for k in range(answer.numContacts()))
+        return pair_array((c.o1.cost_density, c.o2.cost_density) for c in contacts)
 
 
 def _ours(name: str, make: Callable[[Floats, Floats], Stepper]) -> Contestant:
     return Contestant(name, "numba", make, threads=None)
 
 
-PAIRS = _ours("find_pairs", OurPairs)
-SCENE = _ours("Scene", partial(OurScene, ()))
-SEPARATIONS = _ours("Scene, separations", partial(OurScene, ("separations",)))
-CONTACTS = _ours("Scene, contacts", partial(OurScene, ("contacts",)))
-OURS = (PAIRS, SCENE, SEPARATIONS, CONTACTS)
-OWN = {one.name for one in OURS}
+FIND_PAIRS = _ours("find_pairs", OurPairs)
+SCENE_PAIRS = _ours("Scene", partial(OurScene, ()))
+SCENE_SEPARATIONS = _ours("Scene, separations", partial(OurScene, ("separations",)))
+SCENE_CONTACTS = _ours("Scene, contacts", partial(OurScene, ("contacts",)))
+OURS = (FIND_PAIRS, SCENE_PAIRS, SCENE_SEPARATIONS, SCENE_CONTACTS)
+OUR_NAMES = {contestant.name for contestant in OURS}
 
 MUJOCO = Contestant("MuJoCo", "mujoco", Mujoco, "mujoco")
 COAL = tuple(

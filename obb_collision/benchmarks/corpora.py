@@ -36,7 +36,7 @@ from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 
 #: Full edges of the boxes of corpus (a) before scaling, metres.
-EDGES = (0.1, 1.0)
+BOX_EDGES = (0.1, 1.0)
 #: Meshes of files have this many triangles: fewer are boxes or signs, more take their time to read.
 FILE_FACES = (100, 25_000)
 #: Below this volume, cubic metres at one metre of diagonal, a shape is flat: no volume to compare.
@@ -59,7 +59,7 @@ class Corpus:
 
 def box_corpus(count: int, seed: int) -> Corpus:
     """Return ``count`` boxes with random edges."""
-    edges = np.random.default_rng(seed).uniform(*EDGES, (count, 3))
+    edges = np.random.default_rng(seed).uniform(*BOX_EDGES, (count, 3))
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
     return Corpus("boxes", {f"box {k}": Box(edge) for k, edge in enumerate(edges)})
 
@@ -72,7 +72,7 @@ def generated_corpus(seed: int) -> Corpus:
 
 
 def file_corpus(folder: Path, seconds: float) -> Corpus:
-    """Return meshes of a folder and those within, as many as are read in ``seconds``, at random."""
+    """Return random meshes of a folder and its subfolders, as many as are read in ``seconds``."""
     files = sorted(mesh_files(folder))
     shapes: dict[str, Mesh | Box] = {}
     end = perf_counter() + seconds
@@ -86,7 +86,7 @@ def file_corpus(folder: Path, seconds: float) -> Corpus:
 
 
 def _read(file: Path) -> Mesh | None:
-    """Return the mesh of a file at unit size; None if it is not one to measure with."""
+    """Return the mesh of a file at unit size; None if it is not suitable."""
     try:
         mesh = Mesh.from_file(file)
     except ValueError:
@@ -114,15 +114,6 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         sheet = sheet.subdivide()
     waves = np.sin(5.0 * sheet.vertices[:, 0]) * np.cos(4.0 * sheet.vertices[:, 1])
     sheet.vertices[:, 2] += 0.15 * waves
-    wheel: list[list[float]] = [
-        [1, -1],
-        [2, -1],
-        [2, -0.3],
-        [6, -0.3],
-        [6, -1.5],
-        [7, -1.5],
-    ]  # its lower half
-    knobs = [creation.icosphere(2, radius=2.0).apply_translation([0, 0, z]) for z in (-4.0, 4.0)]
     needle, chip = rng.normal(size=(2, 60, 3)) * [[[0.1, 0.1, 1.0]], [[1.0, 0.8, 0.1]]]
     return {
         "box": creation.box((1.0, 0.7, 0.4)),
@@ -138,37 +129,49 @@ def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
         "washer": creation.annulus(0.2, 0.6, 0.05, sections=48),
         "ring": creation.torus(0.7, 0.08, 48, 16),
         "torus": creation.torus(0.6, 0.3, 48, 24),
-        "goblet": _turned([[0, 0], [5, 0], [1, 1], [1, 5], [4, 7], [5, 11], [4.6, 11], [0, 7]]),
-        "hourglass": _turned([[0, 0], [4, 0], [4, 1], [0.6, 5], [4, 9], [4, 10], [0, 10]]),
-        "wheel": _turned(
-            [*wheel, *([radius, -height] for radius, height in wheel[::-1]), wheel[0]]
-        ),
+        **_turned_meshes(),
         "needle": convex_hull(needle),
         "chip": convex_hull(chip),
         "bumpy ball": bumpy,
         "open bowl": bowl,
         "wavy sheet": sheet,
-        "bracket": _boxes([[0, 0, 0, 10, 3, 1], [-4.5, 0, 4, 1, 3, 8]]),
-        "table": _boxes(
-            [[0, 0, 5, 10, 8, 0.5]] + [[x, y, 2.5, 0.6, 0.6, 5] for x in (-4, 4) for y in (-3, 3)]
-        ),
-        "stairs": _boxes([[k, 0, 0.5 * k, 1.2, 4, 0.6] for k in range(8)]),
-        "jack": _boxes([[0, 0, 0, 10, 1, 1], [0, 0, 0, 1, 10, 1], [0, 0, 0, 1, 1, 10]]),
-        "dumbbell": util.concatenate([knobs[0], creation.cylinder(0.5, 8.0), knobs[1]]),
+        **_joined_meshes(),
         "spring": _spring(),
         "axes": creation.axis(origin_size=0.1, axis_length=1.0),
     }
 
 
-def _turned(profile: list[list[float]]) -> Any:
-    """Turn a profile (radius, height) about z."""
-    return creation.revolve(np.array(profile, float), sections=32)
+def _turned_meshes() -> dict[str, Any]:
+    """Return profiles (radius, height) turned about z."""
+    lower = np.array([[1, -1], [2, -1], [2, -0.3], [6, -0.3], [6, -1.5], [7, -1.5]])
+    profiles = {
+        "goblet": [[0, 0], [5, 0], [1, 1], [1, 5], [4, 7], [5, 11], [4.6, 11], [0, 7]],
+        "hourglass": [[0, 0], [4, 0], [4, 1], [0.6, 5], [4, 9], [4, 10], [0, 10]],
+        "wheel": np.concatenate([lower, lower[::-1] * [1, -1], lower[:1]]),
+    }
+    return {
+        name: creation.revolve(np.array(profile, float), sections=32)
+        for name, profile in profiles.items()
+    }
 
 
-def _boxes(rows: list[list[float]]) -> Any:
-    """Join boxes, each its centre and edges."""
-    parts = [creation.box(row[3:]).apply_translation(row[:3]) for row in rows]
-    return util.concatenate(parts)
+def _joined_meshes() -> dict[str, Any]:
+    """Return boxes, each its centre and edges, and other meshes in one."""
+    legs = [[x, y, 2.5, 0.6, 0.6, 5] for x in (-4, 4) for y in (-3, 3)]
+    boxes: dict[str, list[list[float]]] = {
+        "bracket": [[0, 0, 0, 10, 3, 1], [-4.5, 0, 4, 1, 3, 8]],
+        "table": [[0, 0, 5, 10, 8, 0.5], *legs],
+        "stairs": [[k, 0, 0.5 * k, 1.2, 4, 0.6] for k in range(8)],
+        "jack": [[0, 0, 0, 10, 1, 1], [0, 0, 0, 1, 10, 1], [0, 0, 0, 1, 1, 10]],
+    }
+    joined = {
+        name: util.concatenate([creation.box(r[3:]).apply_translation(r[:3]) for r in rows])
+        for name, rows in boxes.items()
+    }
+    knobs = [creation.icosphere(2, radius=2.0).apply_translation([0, 0, z]) for z in (-4.0, 4.0)]
+    return joined | {
+        "dumbbell": util.concatenate([knobs[0], creation.cylinder(0.5, 8.0), knobs[1]])
+    }
 
 
 def _spring() -> Any:

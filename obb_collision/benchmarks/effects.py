@@ -48,12 +48,12 @@ from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
 
 #: Of the scenes of the package those whose objects are all in the file: links come by topics.
-SCENES = tuple(name for name in READY if name != "arm_cell")
+COST_SCENES = tuple(name for name in READY if name != "arm_cell")
 #: Poses are published at this rate (Hz) and a step is one of them.
-RATE = 30.0
+FRAME_RATE = 30.0
 #: States that every turn goes through, ten seconds, and as many to warm up with.
-FRAMES = 300
-PAIRS, OFF, ALL = "pairs alone", "effects off", "all"
+SCENE_FRAMES = 300
+PAIRS_ALONE, EFFECTS_OFF, ALL_EFFECTS = "pairs alone", "effects off", "all"
 
 
 class CostRow(NamedTuple):
@@ -63,7 +63,7 @@ class CostRow(NamedTuple):
     variant: str
     objects: int
     step_us: float  #: median
-    extra_us: float  #: median of what the same step took beyond the one with the effects off
+    extra_us: float  #: median of the extra time over the same step with the effects off
     ratio: float  #: median of step to step with the effects off
     ran_on: float  #: pairs or points that the effects ran on, mean of a step
 
@@ -100,7 +100,7 @@ class Variant:
 
 
 class PairsOnly(Variant):
-    """The same without the machinery of effects: only what finds the pairs."""
+    """A scene without effects: each step only finds the pairs."""
 
     def step(self, frame: Moment) -> None:
         """Set a state and find the pairs."""
@@ -113,35 +113,30 @@ def frames_of(motions: Motions) -> list[Moment]:
     description = motions.description
     scene = description.build()
     frames = []
-    for number in range(FRAMES):
-        poses, twists = motions.states(number / RATE)
+    for number in range(SCENE_FRAMES):
+        poses, twists = motions.states(number / FRAME_RATE)
         points = None
         if description.lidar is not None:
             scene.move(description.names, poses)
-            points = description.lidar.scan(scene, number / RATE)
+            points = description.lidar.scan(scene, number / FRAME_RATE)
         frames.append(Moment(poses, twists, points))
     return frames
-
-
-def effects_of(description: SceneDescription) -> tuple[str, ...]:
-    """Return the effects of a file, and ``separations``, which every user of pairs has."""
-    choices = description.effects
-    named = [name for name in EFFECTS if name in choices and choices[name].mode != "off"]
-    return tuple(dict.fromkeys(["separations", *named]))
 
 
 def run_scene(name: str, seconds: float) -> list[CostRow]:
     """Measure a scene file for about ``seconds``."""
     description = load_scene(name)
-    motions = read_motions(description, find_scene(name))
-    names, frames = effects_of(description), frames_of(motions)
+    choices = description.effects
+    frames = frames_of(read_motions(description, find_scene(name)))
+    on = [name for name in EFFECTS if name in choices and choices[name].mode != "off"]
+    names = tuple(dict.fromkeys(["separations", *on]))  # which every user of pairs has
     variants: dict[str, Variant] = {
-        PAIRS: PairsOnly(description, ()),
-        OFF: Variant(description, ()),
+        PAIRS_ALONE: PairsOnly(description, ()),
+        EFFECTS_OFF: Variant(description, ()),
     }
     variants |= {effect: Variant(description, (effect,)) for effect in names}
     if len(names) > 1:
-        variants[ALL] = Variant(description, names)
+        variants[ALL_EFFECTS] = Variant(description, names)
     for frame in frames:
         for variant in variants.values():
             variant.step(frame)
@@ -165,7 +160,7 @@ def run_scene(name: str, seconds: float) -> list[CostRow]:
 def _row(
     description: SceneDescription, key: str, times: dict[str, list[float]], count: int
 ) -> CostRow:
-    steps, base = 1e6 * np.array(times[key]), 1e6 * np.array(times[OFF])
+    steps, base = 1e6 * np.array(times[key]), 1e6 * np.array(times[EFFECTS_OFF])
     return CostRow(
         scene=description.name,
         variant=key,
@@ -180,14 +175,14 @@ def _row(
 def run_effects(seconds: float, show: Show) -> list[CostRow]:
     """Measure all scenes that come with the package."""
     rows: list[CostRow] = []
-    for name in SCENES:
+    for name in COST_SCENES:
         show(f"{name} ...")
-        rows += run_scene(name, seconds / len(SCENES))
+        rows += run_scene(name, seconds / len(COST_SCENES))
     return rows
 
 
 def cost_table(rows: list[CostRow]) -> Table:
-    """Return the table."""
+    """Return the costs of effects as a table."""
     lines = [["scene", "step with", "µs", "more, µs", "ratio", "ran on"]]
     for r in rows:
         figures = [f"{r.step_us:.1f}", f"{r.extra_us:.1f}", f"{r.ratio:.3f}", f"{r.ran_on:.1f}"]
@@ -200,17 +195,17 @@ def off_lines(rows: list[CostRow]) -> list[str]:
     return [
         f"{row.scene}: effects off / pairs alone {1.0 / row.ratio:.3f}"
         for row in rows
-        if row.variant == PAIRS
+        if row.variant == PAIRS_ALONE
     ]
 
 
 #: What is measured, and how far the centres of a pair are apart (m; shapes measure 1 m across).
-SPREADS = {"clearance": (0.5, 1.3), "contacts": (0.05, 0.4), "sweep": (1.0, 1.6)}
+CENTER_DISTANCES = {"clearance": (0.5, 1.3), "contacts": (0.05, 0.4), "sweep": (1.0, 1.6)}
 #: What is read of each: a distance, a depth (m), a time (s) at 1 m/s.
-VALUES = {"clearance": "distances", "contacts": "depths", "sweep": "times"}
+EFFECT_VALUES = {"clearance": "distances", "contacts": "depths", "sweep": "times"}
 #: Metres between pairs, each of which is alone; speed of approach, m/s, and for how long, s.
-CELL, SPEED, HORIZON = 6.0, 1.0, 1.5
-OPTIONS = {"clearance": {"max_distance": 3.0}, "sweep": {"horizon": HORIZON}}
+CELL_SIZE, SPEED, HORIZON = 6.0, 1.0, 1.5
+EFFECT_OPTIONS = {"clearance": {"max_distance": 3.0}, "sweep": {"horizon": HORIZON}}
 
 
 @dataclass
@@ -243,7 +238,7 @@ Peers = Mapping[str, Callable[[], Floats]]
 
 
 def no_peers(effect: str, query: PlacedPairs) -> Peers:
-    """Compare with none: developers' tools have them."""
+    """Return no peers: only developers' tools have some."""
     return {}
 
 
@@ -262,7 +257,7 @@ def measure_effects(
     """Measure all effects on pairs of a corpus in about ``seconds``, beside peers."""
     rows: list[EffectRow] = []
     shapes = list(corpus.shapes.values())
-    for number, effect in enumerate(SPREADS):
+    for number, effect in enumerate(CENTER_DISTANCES):
         show(f"{corpus.name}: {effect} on every level")
         rng = np.random.default_rng([seed, number])
         chosen = rng.integers(0, len(shapes), (pairs, 2))
@@ -272,18 +267,18 @@ def measure_effects(
                 level: partial(_values, scene, effect, level)
                 for level in ("obb", *(level.label for level in LEVELS[effect]))
             }
-            found = {level: run() for level, run in runs.items()}
-            kept = _comparable(effect, list(found.values()))
-            values = {k: np.array([own[pair] for pair in kept]) for k, own in found.items()}
+            by_level = {level: run() for level, run in runs.items()}
+            kept = _comparable(effect, list(by_level.values()))
+            values = {k: np.array([own[pair] for pair in kept]) for k, own in by_level.items()}
             both = np.array(kept, np.int64).reshape(-1, 2)
             query = PlacedPairs(shapes, chosen.ravel()[both], *as_poses(poses), both)
             asked = peers(effect, query)
             values |= {label: ask() for label, ask in asked.items()}
-            times = take_turns(runs | dict(asked), seconds / len(SPREADS))
+            times = take_turns(runs | dict(asked), seconds / len(CENTER_DISTANCES))
         for name in values:
-            count = len(found[name]) if name in found else len(kept)
+            count = len(by_level[name]) if name in by_level else len(kept)
             pair_ns = 1e9 * times.best(name) / max(1, count)
-            rows.append(_row_of(effect, name, values, list(found)[-1], pair_ns))
+            rows.append(_row_of(effect, name, values, list(by_level)[-1], pair_ns))
     return rows
 
 
@@ -294,8 +289,8 @@ def _scene_of_pairs(
     scene = Scene(accuracy="mesh")
     offsets = _unit(rng.normal(size=(len(chosen), 3)))
     side = int(np.ceil(len(chosen) ** (1 / 3)))
-    cells = CELL * np.stack(np.unravel_index(np.arange(len(chosen)), (side,) * 3), axis=1)
-    far = rng.uniform(*SPREADS[effect], (len(chosen), 1))
+    cells = CELL_SIZE * np.stack(np.unravel_index(np.arange(len(chosen)), (side,) * 3), axis=1)
+    far = rng.uniform(*CENTER_DISTANCES[effect], (len(chosen), 1))
     centers = np.stack([cells, cells + far * offsets], axis=1).reshape(-1, 3)
     poses = np.column_stack([centers, _unit(rng.normal(size=(len(centers), 4)))])
     for n, row in enumerate(chosen.ravel().tolist()):
@@ -308,22 +303,22 @@ def _scene_of_pairs(
 
 
 def _values(scene: Scene, effect: str, level: str) -> Values:
-    """Return the values of an effect on a level: computed anew, after another level."""
-    options: dict[str, Any] = OPTIONS.get(effect, {})
+    """Return the values of an effect on a level."""
+    options: dict[str, Any] = EFFECT_OPTIONS.get(effect, {})
     scene.set_effect(effect, accuracy=level, **options)
     result: Any = scene.check(effect).result(effect)
-    found = result.predicted if isinstance(result, SweptPairs) else result
-    values = getattr(found, VALUES[effect]).tolist()
-    return dict(zip(map(tuple, found.pairs.tolist()), values, strict=True))
+    arrays = result.predicted if isinstance(result, SweptPairs) else result
+    values = getattr(arrays, EFFECT_VALUES[effect]).tolist()
+    return dict(zip(map(tuple, arrays.pairs.tolist()), values, strict=True))
 
 
-def _comparable(effect: str, found: Sequence[Values]) -> list[tuple[int, int]]:
-    """Return the pairs that all levels decide; of distances, those apart on the finest."""
+def _comparable(effect: str, levels: Sequence[Values]) -> list[tuple[int, int]]:
+    """Return the pairs that all levels decide; of distances, those apart on the finest level."""
     return [
         pair
-        for pair in sorted(set.intersection(*map(set, found)))
-        if np.isfinite([values[pair] for values in found]).all()
-        and (effect != "clearance" or found[-1][pair] > 0.0)
+        for pair in sorted(set.intersection(*map(set, levels)))
+        if np.isfinite([values[pair] for values in levels]).all()
+        and (effect != "clearance" or levels[-1][pair] > 0.0)
     ]
 
 

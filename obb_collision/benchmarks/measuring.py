@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Turns of several ways to do the same, tables of what they took, and the machine they ran on.
+"""Timing of contestants in turns, tables of their times, and the machine.
 
 Others may use the machine: processor time does not run while they do, and a contestant with a bad
 turn has other turns. The best turn is the time of a contestant; the median over the turns of the
@@ -72,7 +72,7 @@ def take_turns(
 ) -> Times:
     """Time all contestants turn by turn for about ``seconds``; ``prepare`` is not measured.
 
-    They should have run once before, so that nothing is compiled here.
+    Each must have run once before, so that nothing is compiled here.
     """
     clock = thread_time if threads() == 1 else perf_counter
     spent: dict[str, list[float]] = {name: [] for name in contestants}
@@ -114,7 +114,7 @@ def machine(distributions: Iterable[str]) -> dict[str, Any]:
 
 
 def machine_line(facts: Mapping[str, Any]) -> str:
-    """Return the same in a line."""
-    named = (f"{name} {found or 'not installed'}" for name, found in facts["versions"].items())
+    """Return ``machine`` as a line of text."""
+    named = (f"{name} {number or 'not installed'}" for name, number in facts["versions"].items())
     head = f"{facts['machine']}, {facts['cores']} cores, Python {facts['python']}"
     return ", ".join([head, *named])

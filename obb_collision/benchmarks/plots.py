@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures of what was measured; PNG or SVG by the name of the file. They need matplotlib."""
+"""Plots of measurements; PNG or SVG by the name of the file. They need matplotlib."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from obb_collision.benchmarks.contest import Price
-from obb_collision.benchmarks.contestants import OWN, SCENE
-from obb_collision.benchmarks.effects import ALL, PAIRS, CostRow, EffectRow
+from obb_collision.benchmarks.contestants import OUR_NAMES, SCENE_PAIRS
+from obb_collision.benchmarks.effects import ALL_EFFECTS, PAIRS_ALONE, CostRow, EffectRow
 from obb_collision.benchmarks.steps import StepRow
 
 #: The look of all pictures of the project.
@@ -43,13 +43,13 @@ STYLE: Any = {
     "legend.frameon": False,
     "svg.hashsalt": "obb_collision",
 }
-OURS = "#1f5fa8"
+OUR_COLOR = "#1f5fa8"
 #: Colour, line and mark: ours one family, thick and filled; each peer another colour, thin.
 LOOKS: dict[str, tuple[str, Any, str]] = {
     "find_pairs": ("#08306b", "-", "o"),
-    "Scene, separations": (OURS, "-", "o"),
+    "Scene, separations": (OUR_COLOR, "-", "o"),
     "Scene, contacts": ("#6baed6", "-", "o"),
-    "obb_collision": (OURS, "-", "o"),
+    "obb_collision": (OUR_COLOR, "-", "o"),
     "MuJoCo": ("#7a3b96", "--", "s"),
     "parry3d": ("#a50f15", "--", "D"),
     "rapier3d": ("#b8860b", (0, (5, 1)), "P"),
@@ -59,11 +59,15 @@ LOOKS: dict[str, tuple[str, Any, str]] = {
     "pybullet": ("0.55", (0, (1, 1)), "X"),
 }
 #: Effects in the picture of accuracy, and the titles of their panels.
-EFFECTS = {"clearance": "Clearance", "contacts": "Depth of contacts", "sweep": "Time of impact"}
-#: Marks of the scenes in the picture of what effects cost.
-MARKS = "osD^"
+EFFECT_TITLES = {
+    "clearance": "Clearance",
+    "contacts": "Depth of contacts",
+    "sweep": "Time of impact",
+}
+#: Marks of the scenes in the picture of the costs of effects.
+SCENE_MARKS = "osD^"
 #: Where a label may stand: points from its spot, and its alignments; the first free one is taken.
-PLACES = [
+LABEL_PLACES = [
     (x * scale, y * scale, ("right", "center", "left")[1 + (x > 0) - (x < 0)], va)
     for scale in (1.0, 2.0, 2.5, 3.0, 4.5)
     for x, y, va in (
@@ -77,10 +81,7 @@ PLACES = [
 def picture(
     path: Path, size: tuple[float, float], mosaic: Any = "a", **options: Any
 ) -> Iterator[Any]:
-    """Give a figure in the project's style, with named panels, and save it at the end.
-
-    Yields (figure, panels by name).
-    """
+    """Yield (figure, panels by name) in the project's style, and save the figure at the end."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -92,7 +93,7 @@ def picture(
 
 def look(name: str) -> dict[str, Any]:
     """Return the colour, line and mark of a contestant."""
-    is_ours = name in OWN or name == "obb_collision"
+    is_ours = name in OUR_NAMES or name == "obb_collision"
     key = name if is_ours else name.split(" ")[0]
     color, line, mark = LOOKS[key]
     width = 3.0 if is_ours else 1.4
@@ -110,7 +111,7 @@ def place_labels(axes: Any, labels: Sequence[tuple[str, float, float, dict[str, 
         spots += [at for a, b in pairwise(ends) for at in np.linspace(a, b, 100)]
     taken: list[Any] = []
     for text, x, y, style in labels:
-        for right, up, ha, va in PLACES:
+        for right, up, ha, va in LABEL_PLACES:
             note = axes.annotate(
                 text, (x, y), (right, up), textcoords="offset points", ha=ha, va=va, **style
             )  # fmt: skip
@@ -126,7 +127,7 @@ def place_labels(axes: Any, labels: Sequence[tuple[str, float, float, dict[str, 
 
 
 def name_values(axis: Any, shown: Callable[[float], str]) -> None:
-    """Write the values of an axis in words."""
+    """Format the values of an axis."""
     axis.set_major_formatter(lambda value, _: shown(value))
     axis.set_minor_formatter("")
 
@@ -146,7 +147,7 @@ def time(nanoseconds: float) -> str:
 def save_accuracy(prices: Sequence[Price], effects: Sequence[EffectRow], path: Path) -> None:
     """Draw levels and peers on the last corpus measured, and below the errors of effects."""
     price = [price for price in prices if price.rows][-1]
-    rows: Any = [["levels"] * len(EFFECTS), list(EFFECTS)][: 2 if effects else 1]
+    rows: Any = [["levels"] * len(EFFECT_TITLES), list(EFFECT_TITLES)][: 2 if effects else 1]
     with picture(path, (11.0, 4.6 * len(rows)), rows) as (figure, panels):
         axes = panels.pop("levels")
         levels = [(r.name, r.peer, r.pair_ns, 100.0 * r.false_of_reports) for r in price.rows]
@@ -160,7 +161,7 @@ def save_accuracy(prices: Sequence[Price], effects: Sequence[EffectRow], path: P
         for effect, panel in panels.items():
             own = [row for row in effects if row.effect == effect]
             drawn.append((panel, [(r.name, r.peer, r.pair_ns, 1e3 * r.mean_error) for r in own]))
-            panel.set_title(EFFECTS[effect])
+            panel.set_title(EFFECT_TITLES[effect])
             panel.set_ylabel("mean error, mm")
         for panel, spots in drawn:
             _draw_spots(panel, spots)
@@ -208,7 +209,7 @@ def save_speed(rows: Sequence[StepRow], path: Path) -> None:
     with picture(path, (13.0 if len(forms) > 1 else 9.0, 5.0), [panels]) as (figure, axes):
         for name in sorted({short_name(row.name) for row in sizes}, key=list(LOOKS).index):
             own = sorted((r.boxes, r.median_ms) for r in sizes if short_name(r.name) == name)
-            label = f"obb_collision: {name}" if name in OWN else name
+            label = f"obb_collision: {name}" if name in OUR_NAMES else name
             axes["sizes"].loglog(*zip(*own, strict=True), label=label, **look(name))
         axes["sizes"].set(xlabel="boxes, all over a room", ylabel="ms per step")
         axes["sizes"].set_title("New poses in, colliding pairs out; ours on one thread")
@@ -228,8 +229,8 @@ def save_speed(rows: Sequence[StepRow], path: Path) -> None:
 
 
 def short_name(name: str) -> str:
-    """Return the name of a contestant without its way, as of a broad phase."""
-    return name if name in OWN else name.split(" ")[0]
+    """Return the name of a contestant without its variant, such as a broad phase."""
+    return name if name in OUR_NAMES else name.split(" ")[0]
 
 
 def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
@@ -237,10 +238,10 @@ def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
     best: dict[tuple[object, str], StepRow] = {}
     for row in rows:
         name = short_name(row.name)
-        if name == SCENE.name:
+        if name == SCENE_PAIRS.name:
             continue
         rival = best.get((row.case, name))
-        key = "threads" if name in OWN else "median_ms"
+        key = "threads" if name in OUR_NAMES else "median_ms"
         if rival is None or getattr(row, key) < getattr(rival, key):
             best[row.case, name] = row
     return list(best.values())
@@ -249,7 +250,8 @@ def best_rows(rows: Sequence[StepRow]) -> list[StepRow]:
 def save_effect_costs(rows: Sequence[CostRow], path: Path) -> None:
     """Draw how many times as long as the pairs alone a step takes with each effect."""
     variants = sorted(
-        {row.variant: 0 for row in rows if row.variant != PAIRS}, key=lambda name: name == ALL
+        {row.variant: 0 for row in rows if row.variant != PAIRS_ALONE},
+        key=lambda name: name == ALL_EFFECTS,
     )
     scenes = list(dict.fromkeys(row.scene for row in rows))
     with picture(path, (9.0, 0.55 * len(variants) + 1.8)) as (figure, panels):
@@ -264,8 +266,10 @@ def draw_effect_costs(
 ) -> None:
     """Draw the ratios of steps to the pairs alone: a row per variant, a mark per scene."""
     rows = [row for row in rows if row.scene in scenes]
-    base = {row.scene: row.step_us for row in rows if row.variant == PAIRS}
-    for scene, mark, color in zip(scenes, MARKS, ("#08306b", OURS, "#6baed6"), strict=False):
+    base = {row.scene: row.step_us for row in rows if row.variant == PAIRS_ALONE}
+    for scene, mark, color in zip(
+        scenes, SCENE_MARKS, ("#08306b", OUR_COLOR, "#6baed6"), strict=False
+    ):
         own = [row for row in rows if row.scene == scene and row.variant in variants]
         ratios = [row.step_us / base[scene] for row in own]
         places = [variants.index(row.variant) for row in own]

@@ -30,17 +30,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.benchmarks.contestants import FORMS, OURS, OWN, PEERS, SEPARATIONS, Contestant
+from obb_collision.benchmarks.contestants import (
+    FORMS,
+    OUR_NAMES,
+    OURS,
+    PEERS,
+    SCENE_SEPARATIONS,
+    Contestant,
+)
 from obb_collision.benchmarks.effects import cost_table, off_lines, run_effects
 from obb_collision.benchmarks.measuring import Show, Table, as_text, digits, machine, machine_line
 from obb_collision.benchmarks.steps import Case, Note, StepPlan, StepRow, run_case
 
 SIZES = (10, 100, 1_000, 10_000, 100_000, 1_000_000)
-SHARES = (0.1, 0.01, 0.0)
+MOVING_SHARES = (0.1, 0.01, 0.0)
 #: Seconds for the effects in all their scenes, at least.
 EFFECTS_SECONDS = 20.0
 #: Shares of moving boxes in words.
-SAID = {1.0: "all moving", 0.0: "none moving"}
+SHARE_WORDS = {1.0: "all moving", 0.0: "none moving"}
 COAL_LINE = "coal, best broad phase"
 
 
@@ -51,7 +58,7 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
         shares = options.moving or [1.0]
         return [Case(form, n, share) for form, share, n in product(forms, shares, sizes)]
     cases = [Case(boxes=n) for n in SIZES] + [Case(form) for form in FORMS if form != "uniform"]
-    return cases + [Case(moving=share) for share in SHARES]
+    return cases + [Case(moving=share) for share in MOVING_SHARES]
 
 
 class SpeedResult(NamedTuple):
@@ -63,18 +70,18 @@ class SpeedResult(NamedTuple):
 
 
 def measure(options: argparse.Namespace, peers: Sequence[Contestant], show: Show) -> SpeedResult:
-    """Measure the full step of ours and of peers, or the effects; notes: who is left out."""
+    """Measure the full step of ours and of peers, or the effects; notes: peers left out."""
     if options.effects:
         return SpeedResult(run_effects(max(options.seconds, EFFECTS_SECONDS), show))
-    wanted = [one for one in peers if any(part in one.name for part in options.peers or [""])]
-    notes = [("not installed:", one.name) for one in wanted if not one.installed]
+    wanted = [p for p in peers if any(part in p.name for part in options.peers or [""])]
+    notes = [("not installed:", peer.name) for peer in wanted if not peer.installed]
     plan = StepPlan(options.seconds, options.limit, options.steps, options.seed)
     rows = list[StepRow]()
     for case in cases_of(options):
-        found, more = run_case(case, [*OURS, *wanted], options.threads, plan, show)
-        rows += found
+        case_rows, more = run_case(case, [*OURS, *wanted], options.threads, plan, show)
+        rows += case_rows
         notes += more
-    return SpeedResult(rows, machine(one.distribution for one in peers), joined(notes))
+    return SpeedResult(rows, machine(peer.distribution for peer in peers), joined_notes(notes))
 
 
 def report(result: SpeedResult, options: argparse.Namespace) -> None:
@@ -105,17 +112,17 @@ def label(row: StepRow) -> str:
 
 def share(moving: float) -> str:
     """Return a share of moving boxes in words."""
-    return SAID.get(moving, f"{100 * moving:g} % moving")
+    return SHARE_WORDS.get(moving, f"{100 * moving:g} % moving")
 
 
 def reference(rows: Iterable[StepRow]) -> StepRow | None:
-    """Return our row that others are compared with: separations, as many threads as there are."""
-    ours = [row for row in rows if row.name == SEPARATIONS.name]
+    """Return the row that others are compared with: our separations, on the most threads."""
+    ours = [row for row in rows if row.name == SCENE_SEPARATIONS.name]
     return max(ours, key=lambda row: row.threads, default=None)
 
 
 #: What a table has in its columns: the part of a case, and how that is written.
-ACROSS: dict[str, tuple[Callable[[Case], object], Callable[[Case], str]]] = {
+TABLE_COLUMNS: dict[str, tuple[Callable[[Case], object], Callable[[Case], str]]] = {
     "sizes": (lambda case: (case.form, case.moving), lambda case: f"{case.boxes:,}"),
     "forms": (lambda case: (case.boxes, case.moving), lambda case: case.form),
     "moving": (lambda case: (case.form, case.boxes), lambda case: share(case.moving)),
@@ -125,11 +132,11 @@ ACROSS: dict[str, tuple[Callable[[Case], object], Callable[[Case], str]]] = {
 def tables(rows: Sequence[StepRow]) -> dict[str, Table]:
     """Return tables by title: a line per contestant, milliseconds in the columns.
 
-    In brackets how many times as long as ours with separations it took.
+    In brackets: the ratio to our time with separations.
     """
-    found: dict[str, Table] = {}
+    by_title: dict[str, Table] = {}
     cases = list(dict.fromkeys(row.case for row in rows))
-    for kind, (fixed, head) in ACROSS.items():
+    for kind, (fixed, head) in TABLE_COLUMNS.items():
         for group in dict.fromkeys(map(fixed, cases)):
             own = [case for case in cases if fixed(case) == group]
             if len(own) > 1 or (len(cases) == 1 and kind == "sizes"):
@@ -139,12 +146,12 @@ def tables(rows: Sequence[StepRow]) -> dict[str, Table]:
                     "forms": f"forms: {first.boxes:,} boxes, {share(first.moving)}",
                     "moving": f"moving: {first.form}, {first.boxes:,} boxes",
                 }
-                found[what[kind]] = _grid(rows, own, head)
-    return found
+                by_title[what[kind]] = _grid(rows, own, head)
+    return by_title
 
 
 def _grid(rows: Sequence[StepRow], cases: list[Case], head: Callable[[Case], str]) -> Table:
-    """Return a line per contestant; coal has one, with the quickest that misses nothing."""
+    """Return a line per contestant; for coal only its quickest broad phase that misses no pair."""
     own = [row for row in rows if row.case in cases]
     lines: dict[str, dict[Case, str]] = {}
     for row in sorted(own, key=_order):
@@ -157,12 +164,12 @@ def _grid(rows: Sequence[StepRow], cases: list[Case], head: Callable[[Case], str
 
 
 def _order(row: StepRow) -> tuple[int, int]:
-    names = [one.name for one in (*OURS, *PEERS)]
+    names = [contestant.name for contestant in (*OURS, *PEERS)]
     return names.index(row.name) if row.name in names else len(names), row.threads
 
 
 def best_coal(rows: Sequence[StepRow], case: Case) -> StepRow | None:
-    """Return the quickest broad phase of coal in a case, of those that miss no pair in any."""
+    """Return the quickest broad phase of coal in a case, of those that never miss a pair."""
     coal = [row for row in rows if row.name.startswith("coal ")]
     bad = {row.name for row in coal if row.missed}
     own = [row for row in coal if row.case == case and row.name not in bad]
@@ -178,7 +185,7 @@ def _cell(row: StepRow, rows: Sequence[StepRow]) -> str:
 
 
 def differences(rows: Iterable[StepRow]) -> list[str]:
-    """Return a line for everybody whose pairs are not ours, and how near they are to touching."""
+    """Return a line for each contestant whose pairs differ from ours, and by how much."""
     return [
         f"* {row.name}, {row.boxes:,} boxes, {row.form}: {row.missed} of {row.pairs + row.missed} "
         f"pairs missed, {row.false} false, up to {row.off_m:.1e} m from touching"
@@ -191,7 +198,7 @@ def slopes(rows: Sequence[StepRow]) -> list[str]:
     """Return a line for each of ours: how time grows from size to size, and its exponent."""
     lines = []
     most = max(row.threads for row in rows)
-    rows = [row for row in rows if row.name in OWN and row.threads == most]
+    rows = [row for row in rows if row.name in OUR_NAMES and row.threads == most]
     groups = dict.fromkeys((label(row), row.form, row.moving) for row in rows)
     for group in groups:
         own = [row for row in rows if (label(row), row.form, row.moving) == group]
@@ -207,7 +214,7 @@ def slopes(rows: Sequence[StepRow]) -> list[str]:
     return lines
 
 
-def joined(notes: Iterable[Note]) -> list[str]:
+def joined_notes(notes: Iterable[Note]) -> list[str]:
     """Return a line per reason, with all its cases."""
     lines: dict[str, dict[str, None]] = {}
     for why, where in notes:

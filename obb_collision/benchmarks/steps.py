@@ -31,8 +31,8 @@ import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.benchmarks.contestants import (
+    FIND_PAIRS,
     OURS,
-    PAIRS,
     Contestant,
     Frame,
     Stepper,
@@ -43,13 +43,13 @@ from obb_collision.boxes import Boxes
 from obb_collision.queries.questions import separations
 from obb_collision.typing import Floats, Rows
 
-#: Why somebody is left out: who and why, and in which case.
+#: Why a contestant is left out: its name and the reason, and the case.
 Note = tuple[str, str]
 
 #: Boxes that everybody is tried with first, and how time grows with more, to predict it.
-TRIAL, GROWTH = 2_000, 1.1
+TRIAL_BOXES, TIME_GROWTH = 2_000, 1.1
 #: Steps that are timed at least, unless that takes longer than the limit; then these.
-STEPS, FEWEST = 20, 3
+LEAST_STEPS, FEWEST_STEPS = 20, 3
 
 
 class Case(NamedTuple):
@@ -61,7 +61,7 @@ class Case(NamedTuple):
 
 
 class StepRow(NamedTuple):
-    """What one contestant took in one case, and how its pairs differ from ours."""
+    """The times of a contestant in a case, and how its pairs differ from ours."""
 
     name: str
     threads: int
@@ -88,7 +88,7 @@ class StepPlan(NamedTuple):
 
     seconds: float = 2.0
     limit: float = 40.0
-    steps: int = STEPS
+    steps: int = LEAST_STEPS
     seed: int = 0
 
 
@@ -105,14 +105,14 @@ class StepEntry(NamedTuple):
         """Do a step and note its time."""
         set_threads(self.threads)
         start = perf_counter()
-        found = self.peer.step(frame)
+        answer = self.peer.step(frame)
         self.times.append(perf_counter() - start)
-        return found
+        return answer
 
 
 @contextmanager
 def own_settings() -> Iterator[None]:
-    """Set the garbage collector and the threads back at the end."""
+    """Restore the garbage collector and the number of threads at the end."""
     gc.collect()
     gc.disable()
     try:
@@ -122,11 +122,11 @@ def own_settings() -> Iterator[None]:
         gc.enable()
 
 
-def _enter(one: Contestant, number: int, half_extents: Floats, poses: Floats) -> StepEntry:
+def _enter(contestant: Contestant, number: int, half_extents: Floats, poses: Floats) -> StepEntry:
     set_threads(number)
     start = perf_counter()
-    peer = one.make(half_extents, poses)
-    return StepEntry(one, number, peer, perf_counter() - start, [])
+    peer = contestant.make(half_extents, poses)
+    return StepEntry(contestant, number, peer, perf_counter() - start, [])
 
 
 def _codes(pairs: Rows, count: int) -> Rows:
@@ -138,21 +138,21 @@ def _codes(pairs: Rows, count: int) -> Rows:
 def choose(
     case: Case, contestants: Sequence[Contestant], plan: StepPlan
 ) -> tuple[list[Contestant], list[Note]]:
-    """Return who takes part in a case, after a trial with few boxes, and notes about the others."""
-    count = min(case.boxes, TRIAL)
+    """Return the contestants of a case, by a trial with few boxes, and notes about the others."""
+    count = min(case.boxes, TRIAL_BOXES)
     half_extents, frames = make_frames(case.form, count, case.moving, plan.seed)
     chosen, notes = list[Contestant](), list[Note]()
-    growth = (case.boxes / count) ** GROWTH
-    for one in contestants:
-        entry = _enter(one, threads(), half_extents, frames[0].poses)
+    growth = (case.boxes / count) ** TIME_GROWTH
+    for contestant in contestants:
+        entry = _enter(contestant, threads(), half_extents, frames[0].poses)
         for frame in frames[:3]:
             entry.step(frame)
         needed = growth * (entry.build_s + plan.steps * min(entry.times))
-        if one in OURS or needed <= plan.limit:
-            chosen.append(one)
+        if contestant in OURS or needed <= plan.limit:
+            chosen.append(contestant)
         else:
             what = f"{case.boxes:,} boxes ({case.form}: {needed:.0f} s)"
-            notes.append((f"{one.name} would take too long for", what))
+            notes.append((f"{contestant.name} would take too long for", what))
     return chosen, notes
 
 
@@ -167,16 +167,16 @@ def run_case(
     what = f"{case.boxes:,} boxes, {case.form}, {case.moving:.0%} moving"
     with own_settings():
         show(f"{what}: trial")
-        chosen, notes = choose(case, [one for one in contestants if one.installed], plan)
+        chosen, notes = choose(case, [c for c in contestants if c.installed], plan)
         half_extents, frames = make_frames(case.form, case.boxes, case.moving, plan.seed)
         entries = []
-        for one in chosen:
-            show(f"{what}: {one.name}")
-            several = numbers if one in OURS else (max(numbers),) if one.threads is None else (1,)
+        for contestant in chosen:
+            show(f"{what}: {contestant.name}")
+            several = numbers if contestant in OURS else (contestant.threads or max(numbers),)
             for number in several:
-                entries.append(_enter(one, number, half_extents, frames[0].poses))
-        founds, frame = _take_turns(entries, frames, plan, lambda n: show(f"{what}: step {n}"))
-        return _rows(case, entries, founds, frame, half_extents), notes
+                entries.append(_enter(contestant, number, half_extents, frames[0].poses))
+        answers, frame = _take_turns(entries, frames, plan, lambda n: show(f"{what}: step {n}"))
+        return _rows(case, entries, answers, frame, half_extents), notes
 
 
 def _take_turns(
@@ -185,12 +185,12 @@ def _take_turns(
     plan: StepPlan,
     show: Callable[[int], None],
 ) -> tuple[list[Any], Frame]:
-    """Let all step until each has enough; return what they found in the last frame, and that."""
+    """Let all step until each has enough turns; return their last answers and that frame."""
     for entry in entries:
-        entry.step(frames[0])  # what is made once
+        entry.step(frames[0])  # fills caches
         entry.times.clear()
     start, turn, done = perf_counter(), 0, False
-    founds: list[Any] = [None] * len(entries)
+    answers: list[Any] = [None] * len(entries)
     order = np.random.default_rng(plan.seed)
     while not done:
         turn += 1
@@ -198,29 +198,29 @@ def _take_turns(
         frame.rotations  # noqa: B018 - made before, and kept
         spent = perf_counter() - start
         done = spent >= plan.seconds and (
-            turn > plan.steps or (turn > FEWEST and spent > plan.limit)
+            turn > plan.steps or (turn > FEWEST_STEPS and spent > plan.limit)
         )
         for k in order.permutation(len(entries)).tolist():  # the predecessor matters
-            found = entries[k].step(frame)
+            answer = entries[k].step(frame)
             if done:
-                founds[k] = found
-            del found  # no report is in use during the next step
+                answers[k] = answer
+            del answer  # no report is in use during the next step
         show(turn)
-    return founds, frame
+    return answers, frame
 
 
 def _rows(
     case: Case,
     entries: Sequence[StepEntry],
-    founds: Sequence[Any],
+    answers: Sequence[Any],
     frame: Frame,
     half_extents: Floats,
 ) -> list[StepRow]:
     boxes = Boxes.from_poses(frame.poses, half_extents)
-    truth = _codes(PAIRS.make(half_extents, frame.poses).step(frame), case.boxes)
+    truth = _codes(FIND_PAIRS.make(half_extents, frame.poses).step(frame), case.boxes)
     rows = []
-    for entry, found in zip(entries, founds, strict=True):
-        codes = _codes(entry.peer.pairs(found), case.boxes)
+    for entry, answer in zip(entries, answers, strict=True):
+        codes = _codes(entry.peer.pairs(answer), case.boxes)
         missed, false = np.setdiff1d(truth, codes), np.setdiff1d(codes, truth)
         differing = np.stack(np.divmod(np.concatenate([missed, false]), case.boxes), axis=1)
         off = np.abs(separations(boxes, boxes, differing).separations).max(initial=0.0)

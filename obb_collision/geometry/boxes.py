@@ -42,7 +42,7 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.geometry.values import ArrayValue, ForKernels
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
-from obb_collision.numerics.error_free import two_sum_error
+from obb_collision.numerics.exact import two_sum_error
 from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
 from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown

@@ -26,8 +26,8 @@ ROUNDOFF = 2.0**-53
 #: Largest magnitude accepted (metres). Sums of a few such numbers still can't overflow.
 MAX_MAGNITUDE = 1e300
 
-#: Largest entry of R^T R - I kept bit for bit: what products of a few rotations or the conversion
-#: of a quaternion leave behind. The certified test allows for four times as much.
+#: Rotations with entries of R^T R - I up to this are kept bit for bit: products of a few rotations
+#: and conversions of quaternions are that accurate. The certified test allows for four times that.
 ORTHONORMAL_ROUNDING = 16 * ROUNDOFF
 
 #: Bound of a gap from the matrix of dot products, relative to T (``queries.verdict.verdict``).
@@ -39,14 +39,14 @@ BOUND_SLACK = 8 * ROUNDOFF
 #: A time is a quotient of two differences, by way of a reciprocal: off by 4 roundoffs.
 TIME_ROUNDING = 8 * ROUNDOFF
 
-#: Added to a bound of a gap or a half extent, and
+#: Added to the bound of a gap or a half extent (metres): more than what gradual underflow can take
+#: from their few products, 2^-1075 each time.
 UNDERFLOW = 2.0**-1060
-#: to a world bound (metres): more than what gradual underflow can take from the few products
-#: of each (2^-1075 each time).
+#: Added to a world bound (metres) for the same reason.
 BOUND_UNDERFLOW = 2.0**-1065
-#: The same for what is moved by the relative pose of two meshes, with its many more products, and
+#: Added to bounds of points moved by the relative pose of two meshes, which takes more products.
 MESH_UNDERFLOW = 2.0**-1050
-#: for products of coordinates, whose factors may have lost as much.
+#: Added to bounds of products of coordinates, whose factors may have lost as much.
 PRODUCT_UNDERFLOW = 2.0**-1000
 
 #: Squared lengths below this may have lost digits to underflow.
@@ -58,10 +58,10 @@ PARALLEL = 2.0**-900
 #: uncertain for a rough gap along it.
 SHORT_SQUARE = 2.0**-40
 
-#: A vector whose length fell below this fraction when made orthogonal to another was parallel to
-#: it: what is left of it is mostly rounding.
+#: A vector made orthogonal to another was parallel to it if its length fell below this fraction:
+#: the rest is mostly rounding.
 DEPENDENT = 1e-8
-#: Extents below this fraction of the largest count as none: rounding leaves less than 1e-15 of a
+#: Extents below this fraction of the largest count as zero: rounding leaves less than 1e-15 of a
 #: plane, real thin things are above 1e-9.
 FLAT = 1e-12
 #: An earlier candidate for a box wins unless a later one is smaller by more than this fraction of

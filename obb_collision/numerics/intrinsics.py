@@ -14,10 +14,9 @@
 
 """Instructions of the processor that numba does not offer: eight numbers at once, and prefetching.
 
-numba compares one after another in a loop, each after the one before: 5 ns for four points and not
-for forty. So LLVM is told. Every processor can do it, by several steps where its vectors are
-shorter. Without prefetching, rows in an order that is not theirs take two to nine times as long
-with a hundred thousand boxes and more.
+In a loop numba compares numbers one by one: four points take 5 ns. As vectors of LLVM forty do;
+processors with shorter vectors take several steps. Without prefetching, rows in random order take
+two to nine times as long with a hundred thousand boxes and more.
 """
 
 from __future__ import annotations
@@ -67,12 +66,12 @@ def _row_in_lanes(context: Any, blocks: Any, first: Any, last: Any, x: Any, y: A
     number, index = ir.DoubleType(), ir.IntType(64)
     doubles, longs = ir.VectorType(number, LANES), ir.VectorType(index, LANES)
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        array = context.make_array(blocks)(context, builder, given[0])
-        axes = [_spread(builder, doubles, given[k]) for k in (3, 4, 5)]
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(blocks)(context, builder, arguments[0])
+        axes = [_spread(builder, doubles, arguments[k]) for k in (3, 4, 5)]
         best = cgutils.alloca_once_value(builder, ir.Constant(doubles, [float("-inf")] * LANES))
-        where = cgutils.alloca_once_value(builder, _spread(builder, longs, given[1]))
-        with cgutils.for_range(builder, given[2], start=given[1], intp=index) as loop:
+        where = cgutils.alloca_once_value(builder, _spread(builder, longs, arguments[1]))
+        with cgutils.for_range(builder, arguments[2], start=arguments[1], intp=index) as loop:
             start = builder.mul(loop.index, ir.Constant(index, 3 * LANES))
             terms = []
             for k in range(3):
@@ -93,10 +92,10 @@ def _row_in_lanes(context: Any, blocks: Any, first: Any, last: Any, x: Any, y: A
 
 def _spread(builder: Any, kind: Any, number: Any) -> Any:
     """Return a vector with a number in every lane."""
-    none = ir.Constant(kind, ir.Undefined)
-    one = builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
+    undefined = ir.Constant(kind, ir.Undefined)
+    first = builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
     lanes = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(one, none, lanes)
+    return builder.shuffle_vector(first, undefined, lanes)
 
 
 def _first_of_largest(builder: Any, best: Any, where: Any) -> Any:
@@ -113,7 +112,7 @@ def _first_of_largest(builder: Any, best: Any, where: Any) -> Any:
 
 
 def _better(builder: Any, first: tuple[Any, Any], second: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Return the one of two values and rows with the larger value; of equal ones the lesser row."""
+    """Return the value and row with the larger value; of equal values the lesser row."""
     more = builder.fcmp_ordered(">", second[0], first[0])
     same = builder.fcmp_ordered("==", second[0], first[0])
     sooner = builder.and_(same, builder.icmp_signed("<", second[1], first[1]))
@@ -126,20 +125,19 @@ _farthest_row: Any = _row_in_python if config.DISABLE_JIT else intrinsic(_row_in
 
 
 def _fetch_in_python(array: Any, index: int) -> None:
-    """Do nothing: there is no such thing."""
+    """Do nothing: Python has no prefetching."""
 
 
 def _fetch_in_llvm(context: Any, array: Any, index: Any) -> Any:
-    """Ask for the memory of an element; index: its place in a C-contiguous array, all in one."""
+    """Prefetch an element; index: its place in the flattened C-contiguous array."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         text, number = ir.IntType(8).as_pointer(), ir.IntType(32)
-        data = context.make_array(array)(context, builder, given[0]).data
+        data = context.make_array(array)(context, builder, arguments[0]).data
         name = "llvm.prefetch.p0i8"
-        known = builder.module.globals.get(name)
         kind = ir.FunctionType(ir.VoidType(), [text, number, number, number])
-        fetch = known or ir.Function(builder.module, kind, name)
-        place = builder.bitcast(builder.gep(data, [given[1]]), text)
+        fetch = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
+        place = builder.bitcast(builder.gep(data, [arguments[1]]), text)
         builder.call(fetch, [place, number(0), number(3), number(1)])  # to read, near, data
         return context.get_dummy_value()
 
@@ -151,14 +149,14 @@ fetch: Any = _fetch_in_python if config.DISABLE_JIT else intrinsic(_fetch_in_llv
 
 @njit(refcount=False)
 def fetch_row(array: Any, row: int, size: int) -> None:
-    """Ask for a row of ``size`` doubles, at most nine, of a C-contiguous array."""
+    """Prefetch a row of ``size`` doubles, at most nine, of a C-contiguous array."""
     fetch(array, row * size)
     fetch(array, row * size + size - 1)
 
 
 @njit(refcount=False)
 def fetch_box(boxes: Any, row: int) -> None:
-    """Ask for a box of ``BoxArrays``."""
+    """Prefetch a box of ``BoxArrays``."""
     fetch_row(boxes.centers, row, 3)
     fetch_row(boxes.rotations, row, 9)
     fetch_row(boxes.half_extents, row, 3)
@@ -166,7 +164,7 @@ def fetch_box(boxes: Any, row: int) -> None:
 
 @njit(refcount=False)
 def fetch_pairs(boxes: Any, pairs: Any, start: int, stop: int) -> None:
-    """Ask for the boxes of pairs ``start`` to ``stop`` of rows (m, 2), as many as there are."""
+    """Prefetch the boxes of pairs ``start`` to ``stop`` of (m, 2), as far as there are any."""
     for n in range(start, min(stop, len(pairs))):
         fetch_box(boxes, pairs[n, 0])
         fetch_box(boxes, pairs[n, 1])

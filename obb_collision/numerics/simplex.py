@@ -14,8 +14,8 @@
 
 """The point of a simplex that is nearest to the origin, and the corners it needs.
 
-Ericson, Real-Time Collision Detection, 2005, 5.1.5 and 5.1.6. Plain floating point: who uses it
-proves what it finds some other way.
+Ericson, Real-Time Collision Detection, 2005, 5.1.5 and 5.1.6. In plain floating point: callers
+prove the result by other means.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import cross, dot, minus, plus, scaled
 from obb_collision.typing import Vector
 
-#: Its point, and whatever else comes with it.
-Corner = Any
-NO_CORNER = ((0.0, 0.0, 0.0),)
+#: A tuple: a point first, then data of the caller.
+AnyCorner = Any
+BARE_CORNER = ((0.0, 0.0, 0.0),)
 
 
 class Simplex(NamedTuple):
-    """One to four corners, and weights of those nearest to the origin."""
+    """One to four corners, and the weights of the point nearest to the origin."""
 
     size: int  #: how many corners; 4: the origin lies inside, 0: none yet
-    a: Corner
-    b: Corner
-    c: Corner
-    d: Corner
-    weights: Vector  #: of a, b and c; the others have none
+    a: AnyCorner
+    b: AnyCorner
+    c: AnyCorner
+    d: AnyCorner
+    weights: Vector  #: of a, b and c; that of d is zero
     nearest: Vector
 
 
 @njit(inline=True)
-def no_simplex(none: Corner) -> Simplex:
-    """Return a simplex without corners; none: any corner."""
+def no_simplex(filler: AnyCorner) -> Simplex:
+    """Return a simplex without corners; filler: any corner, for its type."""
     zero = 0.0, 0.0, 0.0
-    return Simplex(0, none, none, none, none, zero, zero)
+    return Simplex(0, filler, filler, filler, filler, zero, zero)
 
 
 @njit(inline=True)
-def with_corner(simplex: Simplex, new: Corner) -> Simplex:
-    """Return the simplex with another corner, without those that the nearest point needs not."""
+def with_corner(simplex: Simplex, new: AnyCorner) -> Simplex:
+    """Add a corner, and drop those that the point nearest to the origin does not need."""
     if simplex.size == 0:
         return on_corner(new)
     if simplex.size == 1:
@@ -65,13 +65,13 @@ def with_corner(simplex: Simplex, new: Corner) -> Simplex:
 
 
 @njit(inline=True)
-def on_corner(a: Corner) -> Simplex:
+def on_corner(a: AnyCorner) -> Simplex:
     """Return the simplex of one corner."""
     return Simplex(1, a, a, a, a, (1.0, 0.0, 0.0), a[0])
 
 
 @njit(inline=True)
-def on_segment(a: Corner, b: Corner) -> Simplex:
+def on_segment(a: AnyCorner, b: AnyCorner) -> Simplex:
     """Return the part of a segment nearest to the origin."""
     edge = minus(b[0], a[0])
     along, back = -dot(edge, a[0]), dot(edge, b[0])
@@ -84,7 +84,7 @@ def on_segment(a: Corner, b: Corner) -> Simplex:
 
 
 @njit
-def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
+def on_triangle(a: AnyCorner, b: AnyCorner, c: AnyCorner) -> Simplex:
     """Return the part of a triangle nearest to the origin."""
     u, v = minus(b[0], a[0]), minus(c[0], a[0])
     d1, d2, d3, d4 = -dot(u, a[0]), -dot(v, a[0]), -dot(u, b[0]), -dot(v, b[0])
@@ -107,7 +107,7 @@ def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
 
 @njit(inline=True)
 def _above(a: Vector, u: Vector, v: Vector, y: float, z: float) -> Vector:
-    """Return the point of a plane nearest to the origin: along its normal, not by weights.
+    """Return the point of a plane nearest to the origin, along its normal instead of by weights.
 
     Two digits better where the plane is close: the sum of weighted corners cancels.
     """
@@ -119,8 +119,8 @@ def _above(a: Vector, u: Vector, v: Vector, y: float, z: float) -> Vector:
 
 
 @njit
-def _in_tetrahedron(a: Corner, b: Corner, c: Corner, d: Corner) -> Simplex:
-    """Take the nearest of the faces that have the origin on their outer side."""
+def _in_tetrahedron(a: AnyCorner, b: AnyCorner, c: AnyCorner, d: AnyCorner) -> Simplex:
+    """Return the nearest of the faces that have the origin on their outer side."""
     best, zero = np.inf, (0.0, 0.0, 0.0)
     part = Simplex(4, a, b, c, d, zero, zero)
     for _ in range(4):
@@ -135,6 +135,6 @@ def _in_tetrahedron(a: Corner, b: Corner, c: Corner, d: Corner) -> Simplex:
 
 @njit
 def outside(a: Vector, b: Vector, c: Vector, other: Vector) -> bool:
-    """Return whether the plane of a, b and c has the origin and the other corner on two sides."""
+    """Return whether the plane of a, b and c is between the origin and the other corner."""
     normal = cross(minus(b, a), minus(c, a))
     return -dot(normal, a) * dot(normal, minus(other, a)) <= 0.0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sorting whole numbers by their digits, which takes time in proportion to how many there are."""
+"""Radix sort of whole numbers: time grows in proportion to their number."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from obb_collision._threads import RANGES, ranges, run_parts, threads
 
 #: Bits of a digit: the counts of its values stay in the fastest memory.
 DIGIT_BITS = 11
-DIGITS = 1 << DIGIT_BITS
+DIGIT_VALUES = 1 << DIGIT_BITS
 #: Up to this many are sorted by insertion: counting the values of digits takes longer.
-FEW = 48
+FEW_NUMBERS = 48
 
 
 @njit
 def bits_of(number: int) -> int:
-    """Return how many bits a whole number takes, which is not negative."""
+    """Return how many bits a whole number takes; it is not negative."""
     bits = 0
     while number >> bits > 0:
         bits += 1
@@ -44,29 +44,29 @@ def bits_of(number: int) -> int:
 def sort_numbers(numbers: np.ndarray, spare: np.ndarray, low: int, high: int) -> None:
     """Sort numbers (n,) int64, none negative, by their bits ``low`` to ``high`` - 1; stable.
 
-    spare (n,) int64: room.
+    spare (n,) int64: work space.
     """
     count = len(numbers)
-    if count <= FEW:
+    if count <= FEW_NUMBERS:
         _insert(numbers, low)
         return
     passes = (high - low + DIGIT_BITS - 1) // DIGIT_BITS
-    counts = np.zeros((passes, DIGITS), np.int64)
+    counts = np.zeros((passes, DIGIT_VALUES), np.int64)
     for number in numbers:
         for k in range(passes):
-            counts[k, (number >> (low + DIGIT_BITS * k)) & (DIGITS - 1)] += 1
+            counts[k, (number >> (low + DIGIT_BITS * k)) & (DIGIT_VALUES - 1)] += 1
     here, there = numbers, spare
     elsewhere = False
     for k in range(passes):
         shift = low + DIGIT_BITS * k
         places = counts[k]
-        if places[(here[0] >> shift) & (DIGITS - 1)] == count:
+        if places[(here[0] >> shift) & (DIGIT_VALUES - 1)] == count:
             continue  # all have the same digit
         place = 0
-        for digit in range(DIGITS):
+        for digit in range(DIGIT_VALUES):
             place, places[digit] = place + places[digit], place
         for number in here:
-            digit = (number >> shift) & (DIGITS - 1)
+            digit = (number >> shift) & (DIGIT_VALUES - 1)
             there[places[digit]] = number
             places[digit] += 1
         here, there = there, here
@@ -86,7 +86,7 @@ def _insert(numbers: np.ndarray, low: int) -> None:
         numbers[k] = number
 
 
-#: Highest bits by which numbers are dealt: buckets for some threads that fit into fast memory.
+#: Highest bits by which numbers are dealt to buckets, which must fit into fast memory.
 BUCKET_BITS = 8
 BUCKETS = 1 << BUCKET_BITS
 #: Numbers below which a second thread does not pay: sorting them takes 500 us.
@@ -94,7 +94,7 @@ FEWEST_NUMBERS = 1 << 16
 
 
 def is_dealt(count: int) -> bool:
-    """Return whether so many numbers are worth being dealt, which one thread takes as long for."""
+    """Return whether to deal so many numbers to buckets; one thread takes as long without."""
     return count >= 2 * FEWEST_NUMBERS
 
 

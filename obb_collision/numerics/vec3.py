@@ -26,11 +26,12 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.error_free import determinant, length
+from obb_collision.numerics.exact import determinant, length
 from obb_collision.typing import Axes, Floats, Vector
 
 #: Squares of a length below this may have lost digits.
 LEAST_SQUARE = 1e-280
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @njit
@@ -53,7 +54,7 @@ def cross(u: Vector, v: Vector) -> Vector:
 
 @njit
 def careful_cross(u: Vector, v: Vector) -> Vector:
-    """Return the cross product without cancellation: see ``error_free.determinant``."""
+    """Return the cross product without cancellation: see ``exact.determinant``."""
     return (
         determinant(u[1], u[2], v[1], v[2]),
         determinant(u[2], u[0], v[2], v[0]),
@@ -98,7 +99,7 @@ def norm(v: Vector) -> float:
 
 
 def lengths(vectors: Floats) -> Floats:
-    """Return (n,) what ``norm`` does, of vectors (n, 3)."""
+    """Return the Euclidean lengths (n,) of vectors (n, 3)."""
     out = np.empty(len(vectors))
     fill_lengths(np.ascontiguousarray(vectors), out)
     return out
@@ -153,13 +154,13 @@ def clamped(v: Vector, limits: Vector) -> Vector:
 
 @njit
 def pick(v: Vector, i: int) -> float:
-    """Return component i, which is not a constant."""
+    """Return component i, an index that is known at run time only."""
     return v[0] if i == 0 else v[1] if i == 1 else v[2]
 
 
 @njit
 def pick_axis(axes: Axes, i: int) -> Vector:
-    """Return axis i, which is not a constant."""
+    """Return axis i, an index that is known at run time only."""
     return axes[0] if i == 0 else axes[1] if i == 1 else axes[2]
 
 

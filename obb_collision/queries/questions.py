@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Questions about pairs of bodies: each a table from the kinds of both to what answers it.
+"""Questions about pairs of bodies: each a table from the kinds of both to a function.
 
 ``f(a, b, pairs=None)``: each row of a against the same row of b, or, with pairs (m, 2), rows of a
 against rows of b.
@@ -32,8 +32,7 @@ from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.queries.clearance.clearance import Clearances, box_clearances
 from obb_collision.queries.contacts.contacts import Contacts, box_contacts
 from obb_collision.queries.mesh_contacts.surfaces import mesh_contacts, mesh_separations
-from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
-from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.mesh_mesh import MeshClearances, mesh_clearances, mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.primitives.capsules import (
     capsule_clearances,
@@ -45,8 +44,8 @@ from obb_collision.queries.primitives.planes import (
     half_space_separations,
     half_space_verdicts,
 )
-from obb_collision.queries.sweep.meshes import mesh_sweeps
-from obb_collision.queries.sweep.moving import MovingBoxes
+from obb_collision.queries.sweep.mesh_body import mesh_sweeps
+from obb_collision.queries.sweep.motion import MovingBoxes
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, box_sweeps
 from obb_collision.queries.verdict.verdict import (
     CertifiedSeparations,
@@ -56,48 +55,51 @@ from obb_collision.queries.verdict.verdict import (
     box_verdicts,
 )
 
-Body = Boxes | Capsules | PlacedMeshes
-Table = dict[tuple[type, type], Callable[..., Any]]
+AnyBody = Boxes | Capsules | PlacedMeshes
+KindTable = dict[tuple[type, type], Callable[..., Any]]
 
-VERDICTS: Table = {
+VERDICT_TABLE: KindTable = {
     (Boxes, Boxes): box_verdicts,
     (Boxes, HalfSpaces): half_space_verdicts,
     (Capsules, Boxes): capsule_verdicts,
     (Capsules, Capsules): capsule_verdicts,
     (PlacedMeshes, PlacedMeshes): mesh_verdicts,
 }
-SEPARATIONS: Table = {
+SEPARATION_TABLE: KindTable = {
     (Boxes, Boxes): box_separations,
     (Boxes, HalfSpaces): half_space_separations,
     (Capsules, Boxes): capsule_separations,
     (Capsules, Capsules): capsule_separations,
     (PlacedMeshes, PlacedMeshes): mesh_separations,
 }
-CLEARANCES: Table = {
+CLEARANCE_TABLE: KindTable = {
     (Boxes, Boxes): box_clearances,
     (Capsules, Boxes): capsule_clearances,
     (Capsules, Capsules): capsule_clearances,
     (PlacedMeshes, PlacedMeshes): mesh_clearances,
 }
-CONTACTS: Table = {(Boxes, Boxes): box_contacts, (PlacedMeshes, PlacedMeshes): mesh_contacts}
-SWEEPS: Table = {
+CONTACT_TABLE: KindTable = {
+    (Boxes, Boxes): box_contacts,
+    (PlacedMeshes, PlacedMeshes): mesh_contacts,
+}
+SWEEP_TABLE: KindTable = {
     **{(a, b): box_sweeps for a in (MovingBoxes, Boxes) for b in (MovingBoxes, Boxes)},
     (PlacedMeshes, PlacedMeshes): mesh_sweeps,
 }
 
 
 def _answer(
-    table: Table, a: Any, b: Any, pairs: ArrayLike | None, shared: dict[str, Any], **own: Any
+    table: KindTable, a: Any, b: Any, pairs: ArrayLike | None, shared: dict[str, Any], **own: Any
 ) -> Any:
     """Return the answer of the function that a question's table has for both kinds.
 
-    shared: options of all kinds; own: those of some, not given where they are None. Raises
-    TypeError naming the argument for other kinds.
+    shared: options of all kinds; own: options of some kinds, left out if None. Raises TypeError
+    naming the argument for other kinds.
     """
     for (first, second), answer in table.items():
         if isinstance(a, first) and isinstance(b, second):
-            given = {name: value for name, value in own.items() if value is not None}
-            return answer(a, b, pairs, **shared, **given)
+            options = {name: value for name, value in own.items() if value is not None}
+            return answer(a, b, pairs, **shared, **options)
     firsts = dict.fromkeys(first for first, _ in table)
     seconds = [second for first, second in table if isinstance(a, first)]
     for value, name, kinds in ((a, "a", firsts), (b, "b", seconds)):
@@ -106,8 +108,8 @@ def _answer(
 
 
 def verdicts(
-    a: Body,
-    b: Body | HalfSpaces,
+    a: AnyBody,
+    b: AnyBody | HalfSpaces,
     pairs: ArrayLike | None = None,
     *,
     exact: bool = False,
@@ -160,7 +162,7 @@ def verdicts(
     [2]
     """
     exactly = as_flag(exact, "exact") or None
-    return _answer(VERDICTS, a, b, pairs, {}, exact=exactly, effort=effort, depth=depth)
+    return _answer(VERDICT_TABLE, a, b, pairs, {}, exact=exactly, effort=effort, depth=depth)
 
 
 @overload
@@ -181,8 +183,8 @@ def separations(
 
 
 def separations(
-    a: Body,
-    b: Body | HalfSpaces,
+    a: AnyBody,
+    b: AnyBody | HalfSpaces,
     pairs: ArrayLike | None = None,
     *,
     radii_a: ArrayLike | None = None,
@@ -231,7 +233,7 @@ def separations(
     >>> found.separations.tolist(), found.normals[1].tolist()
     ([-0.5, 2.0], [1.0, 0.0, 0.0])
     """
-    return _answer(SEPARATIONS, a, b, pairs, {}, radii_a=radii_a, radii_b=radii_b)
+    return _answer(SEPARATION_TABLE, a, b, pairs, {}, radii_a=radii_a, radii_b=radii_b)
 
 
 def contacts(
@@ -291,7 +293,7 @@ def contacts(
     ([0.25], [[0.0, 0.0, 1.0]], [4])
     """
     shared = {"max_points": max_points}
-    return _answer(CONTACTS, a, b, pairs, shared, radii_a=radii_a, radii_b=radii_b)
+    return _answer(CONTACT_TABLE, a, b, pairs, shared, radii_a=radii_a, radii_b=radii_b)
 
 
 @overload
@@ -317,8 +319,8 @@ def clearances(
 
 
 def clearances(
-    a: Body,
-    b: Body,
+    a: AnyBody,
+    b: AnyBody,
     pairs: ArrayLike | None = None,
     *,
     max_distance: float = np.inf,
@@ -370,7 +372,7 @@ def clearances(
     [1.5]
     """
     shared = {"max_distance": max_distance}
-    return _answer(CLEARANCES, a, b, pairs, shared, radii_a=radii_a, radii_b=radii_b)
+    return _answer(CLEARANCE_TABLE, a, b, pairs, shared, radii_a=radii_a, radii_b=radii_b)
 
 
 def sweeps(
@@ -428,7 +430,7 @@ def sweeps(
 
     References
     ----------
-    Ericson, Real-Time Collision Detection (2005), 5.5; Mirtich, Timewarp Rigid Body Simulation
+    Ericson, Real-Time Collision Detection (2005), 5.5; Mirtich, Timewarp Rigid AnyBody Simulation
     (SIGGRAPH 2000).
 
     Examples
@@ -447,7 +449,7 @@ def sweeps(
     [4.0]
     """
     return _answer(
-        SWEEPS, a, b, pairs, {"tolerance": tolerance},
+        SWEEP_TABLE, a, b, pairs, {"tolerance": tolerance},
         contacts=None if as_flag(contacts, "contacts") else False, duration=duration,
         twists_a=twists_a, twists_b=twists_b, radii_a=radii_a, radii_b=radii_b,
     )  # fmt: skip

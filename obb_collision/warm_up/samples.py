@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import obb_collision as oc
 from obb_collision import shapes
 from obb_collision.geometry.trees.pool import Hulls
-from obb_collision.queries.convex.support import BOX, ConvexBodies
+from obb_collision.queries.convex.support import BOX_CORE, ConvexBodies
 
 FEW_OBJECTS, OBJECTS = 8, 256
 """Numbers of objects: few, for which there is a separate kernel, and enough for a tree."""
@@ -65,7 +65,7 @@ def convex_bodies() -> ConvexBodies:
     """Return one convex body, without building a hull."""
     radii, centers = np.ones(1), np.zeros((1, 3))
     hulls, row = Hulls.of(np.array(TETRAHEDRON)), np.zeros(1, np.int64)
-    kinds, sizes = np.full(1, BOX, np.int8), np.ones((1, 4))
+    kinds, sizes = np.full(1, BOX_CORE, np.int8), np.ones((1, 4))
     return ConvexBodies(kinds, sizes, radii, hulls, row, centers, np.eye(3)[None])
 
 

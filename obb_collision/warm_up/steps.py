@@ -40,9 +40,9 @@ from obb_collision.queries.convex.distances import (
     mesh_body_distances,
 )
 from obb_collision.queries.mesh_contacts.surfaces import within
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes.hull_hull import PlacedHulls, hulls_may_collide
 from obb_collision.queries.primitives.capsules import capsule_verdicts
-from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
+from obb_collision.queries.sweep.convex_convex import BodyMotion, convex_sweeps
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, KeptTree, find_candidates
 from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys

@@ -207,7 +207,7 @@ def test_pairs_that_differ_are_counted_with_their_distance_from_touching() -> No
 
 def test_who_would_take_too_long_is_left_out_with_a_note() -> None:
     plan = StepPlan(seconds=0.0, steps=1, limit=1e-9)
-    both = [contestants.PAIRS, stand_in("slow", np.copy)]
+    both = [contestants.FIND_PAIRS, stand_in("slow", np.copy)]
     rows, notes = run_case(Case(boxes=50), both, [1], plan, quiet)
     assert [row.name for row in rows] == ["find_pairs"]
     assert notes[0][0] == "slow would take too long for"
@@ -244,8 +244,8 @@ def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_by_default_every_size_form_and_share_of_motion_is_measured() -> None:
-    assert tuple(contestants.FORMS) == command.FORMS
-    assert tuple(one.name for one in contestants.PEERS) == command.PEERS
+    assert tuple(contestants.FORMS) == command.FORM_NAMES
+    assert tuple(one.name for one in contestants.PEERS) == command.PEER_NAMES
     cases = speed.cases_of(command.speed_parser("speed").parse_args([]))
     assert [c.boxes for c in cases[:6]] == [10, 100, 1_000, 10_000, 100_000, 1_000_000]
     assert {c.form for c in cases} == set(contestants.FORMS)
@@ -256,19 +256,19 @@ def test_every_scene_has_its_effects_alone_and_together_printed_and_drawn(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(effects, "FRAMES", 30)
+    monkeypatch.setattr(effects, "SCENE_FRAMES", 30)
     monkeypatch.setattr(speed, "EFFECTS_SECONDS", 0.0)
     file, picture = tmp_path / "costs.json", tmp_path / "effects.svg"
     given = ["--effects", "--seconds", "0.001", "--picture", str(picture), "--json", str(file)]
     assert command.speed(given) == 0
     text = capsys.readouterr().out
     costs = [effects.CostRow(**row) for row in json.loads(file.read_text())["rows"]]
-    for name in effects.SCENES:
+    for name in effects.COST_SCENES:
         own = {row.variant: row for row in costs if row.scene == name}
-        assert list(own)[:3] == [effects.PAIRS, effects.OFF, "separations"]
-        assert list(own)[-1] == effects.ALL
-        assert own[effects.OFF].ran_on == own[effects.PAIRS].ran_on == 0.0
-        assert own[effects.OFF].ratio == 1.0
+        assert list(own)[:3] == [effects.PAIRS_ALONE, effects.EFFECTS_OFF, "separations"]
+        assert list(own)[-1] == effects.ALL_EFFECTS
+        assert own[effects.EFFECTS_OFF].ran_on == own[effects.PAIRS_ALONE].ran_on == 0.0
+        assert own[effects.EFFECTS_OFF].ratio == 1.0
         assert f"{name}: effects off / pairs alone" in text
     busy = {(row.scene, row.variant) for row in costs if row.ran_on > 0}
     assert {("tabletop", "clearance"), ("warehouse", "sweep"), ("lidar_zone", "points")} <= busy

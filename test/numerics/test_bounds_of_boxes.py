@@ -49,7 +49,7 @@ from obb_collision.numerics.constants import (
     UNDERFLOW,
 )
 from obb_collision.numerics.vec3 import vector
-from obb_collision.queries.clearance import NEAR, PROVEN
+from obb_collision.queries.clearance import CERTAINLY_APART, PROVEN
 from obb_collision.queries.points import INSIDE_BOUND, contains
 from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.rays.boxes import (
@@ -232,7 +232,7 @@ def test_gap_bounds_and_best_faces() -> None:
                     error = Fraction(value) - gap * Fraction(scale) - bound
                     ratios.append(abs(error) / bound)
         face = Fraction(best_face(pair)[0]) / Fraction(scale)
-        near = Fraction(NEAR) * Fraction(size) / Fraction(scale)
+        near = Fraction(CERTAINLY_APART) * Fraction(size) / Fraction(scale)
         ratios.append(abs(face - max(gaps[:6])) / near)
     check_ratios(ratios)
 

@@ -45,16 +45,15 @@ from obb_collision.queries.meshes import (
 from obb_collision.queries.meshes.placed import (
     POINT_BOUND,
     back_of,
-    box_gap,
     faces_gap,
     moved,
     moved_node,
+    node_gap,
     place_at,
     relative_pose,
 )
 from obb_collision.queries.meshes.triangles import (
     DETERMINANT_ROUNDING,
-    SEPARATE,
     WIDTH,
     classify_by_axes,
     determinant_bound,
@@ -153,7 +152,7 @@ def test_triangles_with_twice_the_digits() -> None:
             first, second = (place_at(centers, turn, k) for k in (0, 1))
             triangle = triangle_at(triangles, n)
             answers.append(classify_by_axes(triangle, first, triangle, second))
-        return np.array(answers) == SEPARATE
+        return np.array(answers) == oc.Verdict.SEPARATE
 
     def quantity(n: int, distance: float) -> Fraction:
         rows = [exact(row) for row in rotations[n]]
@@ -186,7 +185,7 @@ def test_boxes_of_trees(which: str) -> None:
     def apart(distances: Floats) -> np.ndarray:
         a, b = rows(distances)
         if which == "all axes":
-            return np.array([box_gap(a, n, b, n, pose) == np.inf for n in range(len(a))])
+            return np.array([node_gap(a, n, b, n, pose) == np.inf for n in range(len(a))])
         if which == "faces, a moved":
             a, b = b, a
         to = pose if which == "faces, b moved" else back_of(pose)

@@ -49,9 +49,21 @@ from obb_collision.queries.sweep.bounds import (
     free_slice,
     turning,
 )
-from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, offset_and_way, rotated
-from obb_collision.queries.sweep.moving import ANGLE_SLACK, CORNER_SLACK
-from obb_collision.queries.sweep.rigid import ARM_ROUNDING, GAP_ROUNDING, POSITION, SPIN, TURNING
+from obb_collision.queries.sweep.motion import (
+    ANGLE_SLACK,
+    CORNER_SLACK,
+    OUTWARD,
+    bounding_radii,
+    offset_and_way,
+    rotated,
+)
+from obb_collision.queries.sweep.rigid import (
+    ANGLE_ROUNDING,
+    ARM_ROUNDING,
+    GAP_ROUNDING,
+    POSITION_ROUNDING,
+    ROTATION_ROUNDING,
+)
 from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
     new_placed,
@@ -108,7 +120,7 @@ def test_offsets() -> None:
         _, last, way = offset_and_way(starts, velocities, 0.7, 0, 1)
         first = minus(exact(starts[1]), exact(starts[0]))
         rate = minus(exact(velocities[1]), exact(velocities[0]))
-        bound = Fraction(POSITION) * (norm(first) + norm(exact(way)))
+        bound = Fraction(POSITION_ROUNDING) * (norm(first) + norm(exact(way)))
         ratios.append(norm(minus(exact(last), along(first, Fraction(0.7), rate))) / bound)
     check_ratios(ratios)
 
@@ -133,7 +145,9 @@ def test_rotations_at_a_time() -> None:
     ratios = []
     for rotation, way, time in random_turns():
         found = rotated(columns(rotation), vector(way), time)
-        bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(way)) * Fraction(time)
+        bound = Fraction(ROTATION_ROUNDING) + Fraction(ANGLE_ROUNDING) * norm(
+            exact(way)
+        ) * Fraction(time)
         for column, expected in zip(found, exactly_turned(rotation, way, time), strict=True):
             ratios.append(norm(minus(exact(column), expected)) / bound)
     check_ratios(ratios)

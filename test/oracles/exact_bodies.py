@@ -30,12 +30,12 @@ from exact_vectors import Box, Vector, along, cross, determinant, dot, exact, mi
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.queries.convex.support import (
-    BOX,
-    CONE,
-    CORNERS,
-    CYLINDER,
-    ROUND,
-    SEGMENT,
+    BOX_CORE,
+    CONE_CORE,
+    CYLINDER_CORE,
+    HULL_CORE,
+    ROUND_CORE,
+    SEGMENT_CORE,
     ConvexBodies,
 )
 from obb_collision.typing import Floats, Mask
@@ -164,18 +164,18 @@ def beyond(body: ConvexBodies, points: Floats) -> Floats:
     p = np.einsum("nij,ni->nj", body.rotations, points - body.centers)
     sizes, half = body.sizes[:, :3], body.sizes[:, 3]
     kind = int(body.kinds[0])
-    if kind == CORNERS:
+    if kind == HULL_CORE:
         return np.zeros(len(p))
-    if kind == BOX:
+    if kind == BOX_CORE:
         return (np.abs(p) - sizes).max(axis=1)
-    if kind == SEGMENT:
+    if kind == SEGMENT_CORE:
         p[:, 2] -= np.clip(p[:, 2], -half, half)
         return np.linalg.norm(p, axis=1) - body.radii
     thin = np.where(sizes > 0.0, 0.0, np.abs(p)).max(axis=1)
-    if kind == ROUND:
+    if kind == ROUND_CORE:
         return np.maximum(thin, beyond_ellipse(p, sizes))
     along = np.abs(p[:, 2]) - half
-    if kind == CYLINDER:
+    if kind == CYLINDER_CORE:
         return np.maximum(along, beyond_ellipse(p[:, :2], sizes[:, :2]))
     flat = half == 0.0
     width = np.where(flat, 1.0, (half - p[:, 2]) / np.where(flat, 1.0, 2.0 * half))
@@ -203,14 +203,14 @@ def exact_reach(body: ConvexBodies, n: Long) -> Long:
     x, y, z, half = (sizes[:, k] for k in range(4))
     rim = np.sqrt((x * m[:, 0]) ** 2 + (y * m[:, 1]) ** 2)
     kind = int(body.kinds[0])
-    if kind == CORNERS:
+    if kind == HULL_CORE:
         points = np.array([corners_of(body, i) for i in range(len(m))]).astype(np.longdouble)
         core = np.einsum("nkj,nj->nk", points, m).max(axis=1)
-    elif kind == BOX:
+    elif kind == BOX_CORE:
         core = (np.abs(m) * sizes[:, :3]).sum(axis=1)
-    elif kind == CYLINDER:
+    elif kind == CYLINDER_CORE:
         core = rim + half * np.abs(m[:, 2])
-    elif kind == CONE:
+    elif kind == CONE_CORE:
         core = np.maximum(half * m[:, 2], rim - half * m[:, 2])
     else:
         core = np.sqrt(rim**2 + (z * m[:, 2]) ** 2) + half * np.abs(m[:, 2])

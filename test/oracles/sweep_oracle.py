@@ -37,7 +37,7 @@ from sweep_motions import places_at, turned_by
 
 from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep import TOLERANCE, BodyMotion, Sweeps
-from obb_collision.queries.sweep.rigid import FLOOR
+from obb_collision.queries.sweep.rigid import TOLERANCE_FLOOR
 
 Pair = tuple[Any, Any]
 Rows = np.ndarray
@@ -260,7 +260,7 @@ def check_promises(
     assert np.isfinite(found.positions[hits]).all()
     times, early = found.times[hits], found.times[hits] > 0.0
     radii = np.linalg.norm(course.half_extents, axis=1)[rows[hits]] * (1.0 + 1e-14)
-    near = np.maximum(tolerance * radii.min(axis=1), FLOOR * radii.max(axis=1))
+    near = np.maximum(tolerance * radii.min(axis=1), TOLERANCE_FLOOR * radii.max(axis=1))
     if isinstance(course, PoseCourse):
         ways = np.abs(course.end.centers - course.start.centers) + np.abs(course.start.centers)
         near += 1e-12 * ways[rows[hits]].sum(axis=(1, 2))

@@ -30,13 +30,13 @@ from obb_collision import Boxes, MeshTrees, PlacedMeshes
 from obb_collision.geometry.trees import HullPool, Hulls
 from obb_collision.queries.convex import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import (
-    BOX,
-    CONE,
-    CORNERS,
-    CYLINDER,
+    BOX_CORE,
+    CONE_CORE,
+    CYLINDER_CORE,
+    HULL_CORE,
     NO_HULLS,
-    ROUND,
-    SEGMENT,
+    ROUND_CORE,
+    SEGMENT_CORE,
     ConvexBodies,
 )
 from obb_collision.typing import Floats, Integers
@@ -44,8 +44,8 @@ from obb_collision.typing import Floats, Integers
 #: Corners per hull, and how many hulls there are.
 CORNERS_EACH, HULLS = 10, 16
 KINDS = {
-    "hull": CORNERS, "box": BOX, "capsule": SEGMENT, "ellipsoid": ROUND, "cylinder": CYLINDER,
-    "cone": CONE,
+    "hull": HULL_CORE, "box": BOX_CORE, "capsule": SEGMENT_CORE, "ellipsoid": ROUND_CORE,
+    "cylinder": CYLINDER_CORE, "cone": CONE_CORE,
 }  # fmt: skip
 #: Those for which meshes have kernels of their own, and their sizes beside these.
 ROUND_KINDS = {
@@ -84,13 +84,13 @@ def bodies(
     sizes, radii = np.zeros((count, 4)), np.zeros(count)
     sizes[:, :3] = rng.uniform(0.2, 1.0, (count, 3)) * scale
     sizes[:, 3] = rng.uniform(0.2, 1.0, count) * scale[2]
-    if kind in (CORNERS, SEGMENT):
+    if kind in (HULL_CORE, SEGMENT_CORE):
         sizes[:, :3] = 0.0
-    if kind in (CORNERS, BOX, ROUND):
+    if kind in (HULL_CORE, BOX_CORE, ROUND_CORE):
         sizes[:, 3] = 0.0
-    if kind in (CYLINDER, CONE):
+    if kind in (CYLINDER_CORE, CONE_CORE):
         sizes[:, 2] = 0.0
-    if kind == SEGMENT:
+    if kind == SEGMENT_CORE:
         radii = rng.uniform(0.2, 1.0, count) * radius
     rotations = np.empty((0, 3, 3))
     if count:  # scipy 1.11 makes no array of none
@@ -115,7 +115,7 @@ def around(body: ConvexBodies, reach: float = 0.0) -> Boxes:
 
 def reach_of(body: ConvexBodies) -> Floats:
     """Return how far bodies reach at most from their centres (n,)."""
-    core = np.where(body.kinds == CORNERS, body.hulls.radii[body.rows], 0.0)
+    core = np.where(body.kinds == HULL_CORE, body.hulls.radii[body.rows], 0.0)
     return core + np.abs(body.sizes).sum(axis=1) + body.radii
 
 
@@ -165,9 +165,9 @@ def _distinct(points: bytes) -> Floats:
 
 def corners_of(body: ConvexBodies, i: int) -> Floats:
     """Return the corners (n, 3) of body i in its own frame: of a hull, a box or a segment."""
-    if body.kinds[i] == BOX:
+    if body.kinds[i] == BOX_CORE:
         return CORNER_SIGNS * body.sizes[i, :3]
-    if body.kinds[i] == CORNERS:
+    if body.kinds[i] == HULL_CORE:
         row = body.rows[i]
         blocks = body.hulls.blocks[body.hulls.starts[row] : body.hulls.starts[row + 1]]
         return _distinct(blocks.transpose(0, 2, 1).tobytes())
@@ -253,5 +253,5 @@ def family(name: str, kinds: tuple[str, str], count: int, seed: int) -> Pair:
     scale, change = FAMILIES[name]
     rng, size = np.random.default_rng(seed), np.array(scale)
     given = rng, size, 0.5 * size.min(), 3 if "triangle" in kinds else CORNERS_EACH
-    a, b = (bodies(KINDS.get(kind, CORNERS), count, *given) for kind in kinds)
+    a, b = (bodies(KINDS.get(kind, HULL_CORE), count, *given) for kind in kinds)
     return change((a, b), seed)

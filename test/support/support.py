@@ -31,7 +31,7 @@ from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.clearance import Clearances
 from obb_collision.queries.contacts import Contacts
 from obb_collision.queries.sweep import TOLERANCE, Sweeps
-from obb_collision.queries.verdict.blocks import witness_kernel
+from obb_collision.queries.verdict.witness import witness_kernel
 from obb_collision.typing import Floats
 from tools.cases.families import generate
 

@@ -28,7 +28,7 @@ from convex_bodies import CORNER_SIGNS, corners_of, family, moved
 from numpy.typing import NDArray
 
 from obb_collision import Boxes
-from obb_collision.queries.convex.support import BOX, CORNERS, SEGMENT, ConvexBodies
+from obb_collision.queries.convex.support import BOX_CORE, HULL_CORE, SEGMENT_CORE, ConvexBodies
 from obb_collision.queries.sweep import BodyMotion
 from obb_collision.typing import Floats, Integers
 from tools.cases.placement import log_uniform, random_rotations, turns
@@ -337,7 +337,7 @@ def radii_of(bodies: ConvexBodies) -> Floats:
     radii = np.hypot(
         np.hypot(bodies.sizes[:, 0], bodies.sizes[:, 1]), bodies.sizes[:, 2] + bodies.sizes[:, 3]
     )
-    for n in np.flatnonzero(np.isin(bodies.kinds, (CORNERS, BOX, SEGMENT))).tolist():
+    for n in np.flatnonzero(np.isin(bodies.kinds, (HULL_CORE, BOX_CORE, SEGMENT_CORE))).tolist():
         corners = corners_of(bodies, n)
         radii[n] = np.hypot(np.hypot(corners[:, 0], corners[:, 1]), corners[:, 2]).max()
     return np.asarray((radii + bodies.radii) * (1.0 + 1e-14))

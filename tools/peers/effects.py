@@ -33,10 +33,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from obb_collision.benchmarks.accuracy import EFFECT_PAIRS, effect_table
+from obb_collision.benchmarks.contest import coal_hull, coal_mesh, fcl_hull, fcl_mesh
 from obb_collision.benchmarks.corpora import file_corpus, generated_corpus
 from obb_collision.benchmarks.effects import Peers, PlacedPairs, measure_effects
 from obb_collision.benchmarks.measuring import as_text
-from obb_collision.benchmarks.peers import coal_hull, coal_mesh, fcl_hull, fcl_mesh
 from obb_collision.cli import SEED, Parser, interruptible, mesh_folder, option, real, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Shape

@@ -32,7 +32,7 @@ import numpy as np
 
 from obb_collision._threads import threads
 from obb_collision.benchmarks.command import speed_parser
-from obb_collision.benchmarks.contestants import PEERS, Contestant, Frame, as_rows
+from obb_collision.benchmarks.contestants import PEERS, Contestant, Frame, pair_array
 from obb_collision.benchmarks.measuring import machine_line
 from obb_collision.benchmarks.speed import measure, report
 from obb_collision.cli import Progress, interruptible, new_file
@@ -73,7 +73,7 @@ class Pybullet:
     def pairs(self, found: Any) -> Rows:
         """Return the pairs of the points that are not apart: it reports those near, too."""
         number = {body: k for k, body in enumerate(self._bodies)}
-        return as_rows((number[p[1]], number[p[2]]) for p in found if p[8] <= 0.0)
+        return pair_array((number[p[1]], number[p[2]]) for p in found if p[8] <= 0.0)
 
 
 class Rapier:
@@ -111,7 +111,7 @@ class Rapier:
             if any(point.dist <= 0.0 for m in pair.manifolds for point in m.points)
         )
         number = self._number
-        return as_rows((number[p.collider1.index], number[p.collider2.index]) for p in touching)
+        return pair_array((number[p.collider1.index], number[p.collider2.index]) for p in touching)
 
 
 ENGINES = (

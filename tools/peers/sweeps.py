@@ -43,7 +43,7 @@ from obb_collision import sweeps, verdicts
 from obb_collision.benchmarks.measuring import as_text
 from obb_collision.boxes import Boxes
 from obb_collision.cli import Parser, interruptible, option, whole
-from obb_collision.queries.sweep.moving import MovingBoxes
+from obb_collision.queries.sweep.motion import MovingBoxes
 from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats

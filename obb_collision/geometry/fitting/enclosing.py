@@ -44,7 +44,7 @@ from obb_collision.numerics.constants import (
     ROUNDOFF,
     VOLUME_TIE,
 )
-from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
+from obb_collision.numerics.exact import Exact, exact_axes, exact_cross, exact_dot, exact_integers
 from obb_collision.typing import Floats
 
 #: Rounding error of one coordinate R^T (p - center), relative to abs(R)^T abs(p - center): one
@@ -73,7 +73,7 @@ def round_up(numerator: int, denominator: int) -> float:
 class ExactFrame:
     """R^-1 exactly: coordinate i of a vector v is (normals[i].v) * 2**power / determinant."""
 
-    normals: tuple[Vector, Vector, Vector]
+    normals: tuple[Exact, Exact, Exact]
     determinant: int
     power: int
 
@@ -81,8 +81,8 @@ class ExactFrame:
     def of(cls, rotation: Floats) -> ExactFrame:
         """Return the frame of the stored columns of a rotation (3, 3)."""
         (x, y, z), power = exact_axes(rotation)
-        normals = (cross(y, z), cross(z, x), cross(x, y))
-        return cls(normals, dot(normals[0], x), power)
+        normals = (exact_cross(y, z), exact_cross(z, x), exact_cross(x, y))
+        return cls(normals, exact_dot(normals[0], x), power)
 
     def lift(self, product: int, power: int) -> float:
         """Return abs(normal.v) = product / 2**power as a coordinate, exactly rounded up."""
@@ -147,7 +147,7 @@ def _coordinate_bounds(rotation: Floats, largest: Floats, reach: Floats, exponen
     # which is below abs(E) + 2 abs(E)^2 for E this small. E itself is rounded: see the factor.
     axes, power = exact_axes(rotation)
     unit = 1 << 2 * power
-    gram = [[dot(a, b) for b in axes] for a in axes]
+    gram = [[exact_dot(a, b) for b in axes] for a in axes]
     defect = np.array(
         [[abs(gram[i][j] - unit * (i == j)) / unit for j in range(3)] for i in range(3)]
     )
@@ -162,7 +162,7 @@ def _exact_reach(points: Floats, center: Floats, frame: ExactFrame, axis: int) -
         (numbers[k] - numbers[0], numbers[k + 1] - numbers[1], numbers[k + 2] - numbers[2])
         for k in range(3, len(numbers), 3)
     ]
-    return frame.lift(max(abs(dot(frame.normals[axis], offset)) for offset in offsets), power)
+    return frame.lift(max(abs(exact_dot(frame.normals[axis], offset)) for offset in offsets), power)
 
 
 #: Axes that changed by no more than this, the error of the product and its normalisation, have not
@@ -189,7 +189,7 @@ def transform_box(
     if moves[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"matrix must have the last row 0 0 0 1, got {moves[3].tolist()}")
     columns, _ = exact_axes(moves[:3, :3])
-    if dot(cross(columns[0], columns[1]), columns[2]) == 0:
+    if exact_dot(exact_cross(columns[0], columns[1]), columns[2]) == 0:
         raise ValueError("matrix must be invertible, its determinant is zero")
     frame = _choose_frame(moves[:3, :3], rotation, half_extents)
     try:
@@ -272,8 +272,8 @@ def _enclose(
     exact = ExactFrame.of(frame)
     reach = np.empty(3)
     for i, normal in enumerate(exact.normals):
-        across = sum(abs(dot(normal, side)) for side in sides) << power - side_power
-        reach[i] = exact.lift(across + abs(dot(normal, (x, y, z))), power)
+        across = sum(abs(exact_dot(normal, side)) for side in sides) << power - side_power
+        reach[i] = exact.lift(across + abs(exact_dot(normal, (x, y, z))), power)
     if reach.max() > MAX_MAGNITUDE:
         raise OverflowError
     return new_center, frame, reach
@@ -288,14 +288,18 @@ def _moved_center(center: Floats, moves: Floats) -> tuple[list[int], int]:
     return moved, entry_power + point_power
 
 
-def _moved_sides(rotation: Floats, half_extents: Floats, moves: Floats) -> tuple[list[Vector], int]:
+def _moved_sides(rotation: Floats, half_extents: Floats, moves: Floats) -> tuple[list[Exact], int]:
     """Return the three half edges of the moved box as integer vectors over 2**power."""
     entries, entry_power = exact_integers(moves[:3, :3].ravel().tolist())
     axes, axis_power = exact_axes(rotation)
     lengths, length_power = exact_integers(half_extents.tolist())
     rows = [(entries[k], entries[k + 1], entries[k + 2]) for k in (0, 3, 6)]
-    sides: list[Vector] = [
-        (length * dot(rows[0], axis), length * dot(rows[1], axis), length * dot(rows[2], axis))
+    sides: list[Exact] = [
+        (
+            length * exact_dot(rows[0], axis),
+            length * exact_dot(rows[1], axis),
+            length * exact_dot(rows[2], axis),
+        )
         for axis, length in zip(axes, lengths, strict=True)
     ]
     return sides, entry_power + axis_power + length_power

@@ -14,7 +14,6 @@
 
 """Distances of boxes, and their closest points."""
 
-from obb_collision.queries.clearance.clearance import Clearances
-from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
+from obb_collision.queries.clearance.clearance import CERTAINLY_APART, PROVEN, Clearances
 
-__all__ = ["NEAR", "PROVEN", "Clearances"]
+__all__ = ["CERTAINLY_APART", "PROVEN", "Clearances"]

@@ -16,8 +16,8 @@
 
 Seen along the normal, each box turns one face most to the other: the reference and the incident
 face (Ericson 2005, 5.5; Gregorius, GDC 2013). Both are laid on the plane of the first along the
-normal and clipped against each other (Sutherland, Hodgman 1974). At each vertex of what they have
-in common the depth is the distance between the two faces along the normal. Vertices where the faces
+normal and clipped against each other (Sutherland, Hodgman 1974). At each vertex of the common
+part the depth is the distance between the two faces along the normal. Vertices where the faces
 have passed each other are the patch; the deepest of them has the depth of the pair. This holds for
 all 15 axes: of two edges that cross, or a vertex in a face, only one vertex is left; of an edge
 on a face two. No other case is needed, so none can flip into another: nearly equal axes have
@@ -43,7 +43,7 @@ from obb_collision.typing import Floats
 
 #: Rows of a polygon. A quad clipped by four lines has at most eight vertices; where rounding bends
 #: a sliver, each line can add half as many again as there are.
-CAPACITY = 24
+POLYGON_ROWS = 24
 
 #: Two features count as equal within this, and the first is taken: noise far below can't flip it.
 FEATURE_TIE = 2.0**-24
@@ -54,7 +54,7 @@ CLIP_SLACK = 512 * ROUNDOFF
 
 #: Faces that have not quite met at a vertex count as in contact there up to this distance, and
 #: points may be that far outside of a box: resting boxes keep their vertices.
-KEEP = 2.0**-31
+IN_CONTACT = 2.0**-31
 
 
 @njit
@@ -95,26 +95,26 @@ def copy_vertex(source: Floats, k: int, target: Floats, m: int) -> None:
 @njit
 def clip(polygon: Floats, count: int, column: int, sign: float, limit: float, out: Floats) -> int:
     """Write the part of the polygon with sign * column <= limit (Sutherland, Hodgman 1974)."""
-    found = 0
+    written = 0
     for k in range(count):
         following = k + 1 if k + 1 < count else 0
         here = sign * polygon[k, column] - limit
         there = sign * polygon[following, column] - limit
         if here <= 0.0:
-            copy_vertex(polygon, k, out, found)
-            found += 1
+            copy_vertex(polygon, k, out, written)
+            written += 1
         if (here < 0.0 and there > 0.0) or (here > 0.0 and there < 0.0):
             ratio = here / (here - there)
             for c in range(3):
-                out[found, c] = polygon[k, c] + ratio * (polygon[following, c] - polygon[k, c])
-            out[found, column] = sign * limit
-            found += 1
-    return found
+                out[written, c] = polygon[k, c] + ratio * (polygon[following, c] - polygon[k, c])
+            out[written, column] = sign * limit
+            written += 1
+    return written
 
 
 #: A vertex is left out where it changes the patch by less than this part of the shorter edge: where
 #: two nearly parallel edges cross, a place that noise moves far along them.
-SLIGHT = 1.0 / 8.0
+SLIGHT_TURN = 1.0 / 8.0
 
 #: Direction on the face, an angle of 1 rad, by which vertices of equal depth are ordered: far from
 #: any multiple of 15 degrees, so that it has no ties where boxes were placed by hand.
@@ -126,21 +126,21 @@ ORDER_T = 0.8414709848078965
 def reduce_patch(polygon: Floats, count: int, limit: int, spare: Floats) -> int:
     """Keep the vertices in contact and of these at most ``limit``, the deepest first.
 
-    Whichever vertex changes the polygon least when left out goes first: the change is its distance
-    from the line between its neighbours (the Hausdorff distance of the two polygons). Vertices that
-    change next to nothing always go. Nearly equal choices are made by order around the polygon from
-    the deepest vertex, not by noise.
+    The vertex that changes the polygon least is left out first. The change is its distance from the
+    line between its neighbours (the Hausdorff distance of the two polygons). Vertices that change
+    next to nothing are always left out. Nearly equal choices follow the order around the polygon
+    from the deepest vertex, so that noise cannot change them.
 
-    Where all vertices are equally deep, ``limit`` of them are chosen before looking which are in
-    contact: of boxes that only just touch noise decides that.
+    Where all vertices are equally deep, ``limit`` of them are chosen before those in contact: of
+    boxes that only just touch, noise decides which are.
     """
     _start_at_deepest(polygon, count, math.inf, spare)
-    count = _leave_out(polygon, count, limit if _is_level(polygon, count) else CAPACITY)
-    if count > 0 and polygon[0, 2] > KEEP:
-        _start_at_deepest(polygon, count, KEEP, spare)
+    count = _leave_out(polygon, count, limit if _is_level(polygon, count) else POLYGON_ROWS)
+    if count > 0 and polygon[0, 2] > IN_CONTACT:
+        _start_at_deepest(polygon, count, IN_CONTACT, spare)
     kept = min(count, 1)
     for k in range(1, count):
-        if polygon[k, 2] <= KEEP:
+        if polygon[k, 2] <= IN_CONTACT:
             copy_vertex(polygon, k, polygon, kept)
             kept += 1
     if kept == count and count <= limit:
@@ -159,9 +159,9 @@ def _is_level(polygon: Floats, count: int) -> bool:
 
 @njit
 def _start_at_deepest(polygon: Floats, count: int, highest: float, spare: Floats) -> None:
-    """Turn the order of vertices so that the deepest is first; of equally deep ones see ORDER.
+    """Rotate the vertices so that the deepest is first; of equally deep ones see ORDER.
 
-    One above ``highest`` is not preferred to the deepest.
+    A vertex above ``highest`` is not preferred to the deepest.
     """
     lowest = math.inf
     for k in range(count):
@@ -184,7 +184,7 @@ def _start_at_deepest(polygon: Floats, count: int, highest: float, spare: Floats
 def _leave_out(polygon: Floats, count: int, limit: int) -> int:
     """Leave out vertices, never the first, until at most ``limit`` and no needless ones are left.
 
-    Return how many there are.
+    Returns their number.
     """
     while count > 1:
         least = math.inf
@@ -220,6 +220,6 @@ def _square_change(polygon: Floats, count: int, k: int, any_turn: bool) -> float
         s -= ratio * u
         t -= ratio * v
     change = s * s + t * t
-    if not any_turn and change <= SLIGHT * SLIGHT * shorter:
+    if not any_turn and change <= SLIGHT_TURN * SLIGHT_TURN * shorter:
         return 0.0
     return change

@@ -16,7 +16,7 @@
 
 The feature of a body along the normal: its corners that reach farther than the other body's
 nearest plane, in the plane across the normal the polygon about them, or a segment or a point. Of
-ends of cylinders and cones RIM points of the rim stand for it. The overlay of both polygons
+ends of cylinders and cones RIM_POINTS points of the rim stand for it. The overlay of both polygons
 (Sutherland and Hodgman; Ericson 2005, 5.5) has the contacts. Its points in the one body's plane lie
 in that body, in the other's plane in the other one; a contact is halfway between.
 
@@ -41,6 +41,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import (
+    ZERO,
     components,
     cross,
     dot,
@@ -54,38 +55,39 @@ from obb_collision.queries.contacts.contacts import NO_AXIS, ContactArrays, Cont
 from obb_collision.queries.convex.distance import unit_of
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
 from obb_collision.queries.convex.support import (
-    BOX,
-    CONE,
-    CORNERS,
-    CYLINDER,
+    BOX_CORE,
+    CONE_CORE,
+    CYLINDER_CORE,
+    HULL_CORE,
     ConvexBodies,
     Core,
     body_place,
     core_at,
     support,
 )
-from obb_collision.queries.meshes.placed import Pose, moved, relative_pose
+from obb_collision.queries.meshes.placed import PairPose, moved, relative_pose
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Vector
 
 #: Points that stand for the rim of an end of a cylinder, or of the base of a cone.
-RIM = 16
-#: Points of a feature at most. Of more the polygon is made as they come, and the next ones join its
-#: corners, or every second corner if they are more than half as many.
+RIM_POINTS = 16
+#: Points of a feature at most. If there are more, the polygon is made early, and later points join
+#: its corners, or every second corner if they are more than half as many.
 MOST_POINTS = 128
-#: Distances over which points are sorted by insertion, one after another (Ciura 2001).
-GAPS = (57, 23, 10, 4, 1)
-#: Corners that are this little lower than the foremost one belong to the feature, relative to S:
-#: as in contacts of boxes.
+#: Gaps of Shell sort (Ciura 2001).
+SORT_GAPS = (57, 23, 10, 4, 1)
+#: Corners at most this far below the foremost one belong to the feature, relative to S: as in
+#: contacts of boxes.
 FEATURE_DEPTH = 2.0**-31
 #: Rounding of distances from lines, relative to S: 2048 unit roundoffs, where 20 are needed. Sides
-#: that are not longer are none. And how far what is in both polygons may be from that which clips,
-#: and different tips are apart at least.
-LINE_SLACK, BOTH = 2.0**-42, 2.0**-36
+#: that are not longer are ignored.
+LINE_SLACK = 2.0**-42
+#: Maximum distance of the overlay from the clipping polygon, and minimum distance of two tips.
+CLIP_DISTANCE = 2.0**-36
 #: Cosine between two sides that make a tip, of 2^-12 rad: others lose less than 1e-11 of S.
-BACK = -1.0 + 2.0**-25
+TIP_COSINE = -1.0 + 2.0**-25
 #: Components of flat points: along both axes across the normal, and how far below the foremost.
-FLAT_POINT = 3
+FLAT_COLUMNS = 3
 
 
 class Flat(NamedTuple):
@@ -105,13 +107,6 @@ class FlatFrame(NamedTuple):
 
 
 @njit
-def flat_room() -> Flat:
-    """Return room for one pair after another."""
-    shape = (2 * MOST_POINTS, FLAT_POINT)
-    return Flat(np.empty(shape), np.empty(shape), np.empty(shape))
-
-
-@njit
 def frame_of(n: Vector) -> FlatFrame:
     """Return axes across a unit vector."""
     other = (1.0, 0.0, 0.0) if abs(n[0]) < 0.5 else (0.0, 1.0, 0.0)
@@ -120,17 +115,14 @@ def frame_of(n: Vector) -> FlatFrame:
 
 
 @njit(merge=True)
-def overlay(a: Core, b: Core, pose: Pose, frame: FlatFrame, depth: float, flat: Flat) -> int:
+def overlay(a: Core, b: Core, pose: PairPose, frame: FlatFrame, depth: float, flat: Flat) -> int:
     """Write the overlay of the features of two cores to ``flat.a``; return its corners.
 
-    None for two segments or points, and where features do not lie over each other.
-
-    depth: of the cores along the normal of the frame.
+    Zero corners for two segments or points, and where features do not lie over each other. depth:
+    of the cores along the normal of the frame.
     """
     below = max(depth, 0.0) + FEATURE_DEPTH * pose.size
-    still = Pose(
-        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0), 0.0, 0.0, 0.0
-    )
+    still = PairPose(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), ZERO, 0.0, 0.0, 0.0)
     first = _feature(a, still, frame, below, 1.0, flat.a, flat.spare)
     second = _feature(b, pose, frame, below, -1.0, flat.b, flat.spare)
     if second < 3 <= first:
@@ -139,7 +131,7 @@ def overlay(a: Core, b: Core, pose: Pose, frame: FlatFrame, depth: float, flat: 
             write_at(flat.a, k, there)
             write_at(flat.b, k, here)
         first, second = second, first
-    if second < 3:  # two segments, or points: where they are nearest is known
+    if second < 3:  # two segments, or points: their nearest points are the contact
         return 0
     slack, sharp, far = LINE_SLACK * pose.size, False, np.inf
     before = opening = 0.0, 0.0, 0.0
@@ -149,25 +141,25 @@ def overlay(a: Core, b: Core, pose: Pose, frame: FlatFrame, depth: float, flat: 
         length = fast_norm(way)
         if length > slack:
             way = scaled(way, 1.0 / length)
-            sharp |= dot(before, way) < BACK
+            sharp |= dot(before, way) < TIP_COSINE
             opening = way if opening[0] == 0.0 == opening[1] else opening
             before = way
             first = _clipped(flat, first, start, end)
-    if not (sharp or dot(before, opening) < BACK):
+    if not (sharp or dot(before, opening) < TIP_COSINE):
         return first
     apart = 0.0
     for k in range(first):
         far = min(far, _bring_in(flat.a, k, flat.b, second, slack))
         apart = max(apart, fast_norm(_way(vector_at(flat.a, 0), vector_at(flat.a, k))))
-    return first if far <= BOTH * pose.size or apart > BOTH * pose.size else 0
+    return first if far <= CLIP_DISTANCE * pose.size or apart > CLIP_DISTANCE * pose.size else 0
 
 
 @njit
 def _bring_in(points: Floats, row: int, polygon: Floats, count: int, slack: float) -> float:
-    """Put a point that is not certainly in a polygon on its outline; return how far it moved.
+    """Move a point that may be outside of a polygon to its outline; return how far it moved.
 
-    Within, the nearest point of the outline is across a side, not at its end. Sides shorter than
-    ``slack`` have no direction.
+    Of a point inside, the nearest point of the outline is on a side, not at its end. Sides shorter
+    than ``slack`` have no direction.
     """
     p, q = vector_at(points, row), vector_at(polygon, 0)
     least, within = fast_norm(_way(p, q)), False
@@ -195,7 +187,13 @@ def _way(a: Vector, b: Vector) -> Vector:
 
 @njit
 def _feature(
-    core: Core, pose: Pose, frame: FlatFrame, below: float, way: float, out: Floats, spare: Floats
+    core: Core,
+    pose: PairPose,
+    frame: FlatFrame,
+    low: float,
+    way: float,
+    out: Floats,
+    room: Floats,
 ) -> int:
     """Write the polygon about the points of a core near its end along the normal, times ``way``.
 
@@ -208,75 +206,72 @@ def _feature(
     for k in range(_candidates(core)):
         p = moved(pose, _candidate(core, turned, k))
         drop = top - dot(n, p)
-        if drop > below:
+        if drop > low:
             continue
         if count == MOST_POINTS:
-            count = _polygon(out, count, spare)
-            if count > MOST_POINTS // 2:
-                count = _thinned(out, count)
+            count = _polygon(out, count, room)
+            if count > MOST_POINTS // 2:  # keep every second corner
+                count //= 2
+                for m in range(count):
+                    write_at(out, m, vector_at(out, 2 * m))
         out[count, 0], out[count, 1] = dot(frame.x, p), dot(frame.y, p)
         out[count, 2] = max(drop, 0.0)
         count += 1
     if count == 0:
         out[0, 0], out[0, 1], out[0, 2] = dot(frame.x, foremost), dot(frame.y, foremost), 0.0
         count = 1
-    return _polygon(out, count, spare)
-
-
-@njit
-def _thinned(points: Floats, count: int) -> int:
-    """Keep every second corner of a polygon; return how many."""
-    for k in range(count // 2):
-        write_at(points, k, vector_at(points, 2 * k))
-    return count // 2
+    return _polygon(out, count, room)
 
 
 @njit
 def _candidates(core: Core) -> int:
-    """Return how many points may be in a feature of a core."""
-    if core.kind == CORNERS:
+    """Return the number of points that may be in a feature of a core."""
+    if core.kind == HULL_CORE:
         return (core.last - core.first) * LANES
-    if core.kind == BOX:
+    if core.kind == BOX_CORE:
         return 8
-    if core.kind == CYLINDER:
-        return 2 * RIM + 2
-    if core.kind == CONE:
-        return RIM + 2
+    if core.kind == CYLINDER_CORE:
+        return 2 * RIM_POINTS + 2
+    if core.kind == CONE_CORE:
+        return RIM_POINTS + 2
     return 2
 
 
 @njit
 def _candidate(core: Core, n: Vector, k: int) -> Vector:
     """Return the point with number k; n: the normal in the frame of the core."""
-    if core.kind == CORNERS:
+    if core.kind == HULL_CORE:
         blocks, block, lane = core.blocks, core.first + k // LANES, k % LANES
         return blocks[block, 0, lane], blocks[block, 1, lane], blocks[block, 2, lane]
     (x, y, z), half = core.size, core.half
-    if core.kind == BOX:
+    if core.kind == BOX_CORE:
         return (x if k & 1 else -x), (y if k & 2 else -y), (z if k & 4 else -z)
-    if core.kind == CONE and k == RIM + 1:
+    if core.kind == CONE_CORE and k == RIM_POINTS + 1:
         return 0.0, 0.0, half
-    if core.kind == CYLINDER or core.kind == CONE:
-        last = 2 * RIM if core.kind == CYLINDER else RIM
+    if core.kind == CYLINDER_CORE or core.kind == CONE_CORE:
+        last = 2 * RIM_POINTS if core.kind == CYLINDER_CORE else RIM_POINTS
         if k < last:
-            angle = 2.0 * math.pi * (k % RIM) / RIM
-            height = -half if k < RIM else half
+            angle = 2.0 * math.pi * (k % RIM_POINTS) / RIM_POINTS
+            height = -half if k < RIM_POINTS else half
             return x * math.cos(angle), y * math.sin(angle), height
         rim = support(core, (n[0], n[1], 0.0))
         return rim[0], rim[1], -half if k == last else half
-    point = support(core, n)  # of what is swept along a segment, at either end
+    point = support(core, n)  # of a core swept along a segment, at either end
     back = math.copysign(2.0 * half, n[2]) if k else 0.0  # as the support: -0.0 is below
     return point[0], point[1], point[2] - back
 
 
 @njit
 def _polygon(points: Floats, count: int, spare: Floats) -> int:
-    """Make points (count, 3) the polygon about them, counterclockwise (Andrew 1979)."""
-    for gap in GAPS:
+    """Replace points (count, 3) by their convex hull, counterclockwise (Andrew 1979)."""
+    for gap in SORT_GAPS:
         for i in range(gap, count):
             k = i
-            while k >= gap and _is_before(points, k, k - gap):
-                for c in range(FLAT_POINT):
+            while k >= gap and (
+                points[k, 0] < points[k - gap, 0]
+                or (points[k, 0] == points[k - gap, 0] and points[k, 1] < points[k - gap, 1])
+            ):
+                for c in range(FLAT_COLUMNS):
                     points[k, c], points[k - gap, c] = points[k - gap, c], points[k, c]
                 k -= gap
     size = 0
@@ -301,15 +296,8 @@ def _polygon(points: Floats, count: int, spare: Floats) -> int:
 
 
 @njit
-def _is_before(points: Floats, i: int, k: int) -> bool:
-    if points[i, 0] != points[k, 0]:
-        return points[i, 0] < points[k, 0]
-    return points[i, 1] < points[k, 1]
-
-
-@njit
 def _side(a: Vector, b: Vector, p: Vector) -> float:
-    """Return a number above zero where p is to the left of the line from a to b."""
+    """Return a positive number where p is to the left of the line from a to b."""
     return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 
 
@@ -325,7 +313,7 @@ def _clipped(flat: Flat, count: int, start: Vector, end: Vector) -> int:
             size += 1
         if (side > 0.0 > next_side) or (side < 0.0 < next_side):
             t = side / (side - next_side)
-            for c in range(FLAT_POINT):
+            for c in range(FLAT_COLUMNS):
                 flat.spare[size, c] = here[c] + t * (there[c] - here[c])
             size += 1
     size = min(size, 2 * MOST_POINTS - 2)
@@ -336,9 +324,9 @@ def _clipped(flat: Flat, count: int, start: Vector, end: Vector) -> int:
 
 @njit
 def spread(points: Floats, count: int, limit: int) -> int:
-    """Move at most ``limit`` of count points to the front; return how many.
+    """Move at most ``limit`` of count points to the front; return their number.
 
-    The least low one first, then repeatedly the one farthest from those taken (Gonzalez 1985).
+    First the deepest, then repeatedly the point farthest from those before (Gonzalez 1985).
     """
     limit = min(limit, count)
     for taken in range(limit):
@@ -352,7 +340,7 @@ def spread(points: Floats, count: int, limit: int) -> int:
                 best, far = k, reach
         if taken > 0 and not far > 0.0:
             return taken
-        for c in range(FLAT_POINT):
+        for c in range(FLAT_COLUMNS):
             points[taken, c], points[best, c] = points[best, c], points[taken, c]
     return limit
 
@@ -370,27 +358,28 @@ def convex_contacts(
     max_points: int,
     distances: ConvexDistances,
 ) -> Contacts:
-    """Return the contacts of bodies ``i[n]`` of a and ``j[n]`` of b; pairs (m, 2): their names.
+    """Return the contacts of bodies ``i[n]`` of a and ``j[n]`` of b.
 
-    distances: of these pairs, without a limit.
+    pairs (m, 2): copied to the result. distances: of these pairs, without a limit.
     """
-    found = Contacts.blank(pairs, max_points)
-    found.axes[:] = NO_AXIS
-    found.normals[:] = distances.normals
-    given = distances.lower, distances.positions_a, distances.positions_b
+    contacts = Contacts.blank(pairs, max_points)
+    contacts.axes[:] = NO_AXIS
+    contacts.normals[:] = distances.normals
+    nearest = distances.lower, distances.positions_a, distances.positions_b
     both = RowPairs(a.arrays, i, b.arrays, j)
-    run(_contact_kernel, len(i), FEWEST_CONVEX_CONTACTS, both, given, found.arrays)
-    return found
+    run(_contact_kernel, len(i), FEWEST_CONVEX_CONTACTS, both, nearest, contacts.arrays)
+    return contacts
 
 
 @njit
 def _contact_kernel(
-    pairs: RowPairs, given: ContactArrays, out: ContactArrays, start: int, stop: int
+    pairs: RowPairs, nearest: ContactArrays, out: ContactArrays, start: int, stop: int
 ) -> None:
     a, rows_a, b, rows_b = pairs
-    lower, nearest_a, nearest_b = given
+    lower, nearest_a, nearest_b = nearest
     normals, depths, counts, positions, position_depths, _ = out
-    flat = flat_room()
+    shape = (2 * MOST_POINTS, FLAT_COLUMNS)
+    flat = Flat(np.empty(shape), np.empty(shape), np.empty(shape))  # for one pair after another
     for row in range(start, stop):
         positions[row], position_depths[row] = np.nan, np.nan
         counts[row] = 0

@@ -33,6 +33,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.numerics.simplex import no_simplex
 from obb_collision.numerics.vec3 import (
+    ZERO,
     cross,
     dot,
     minus,
@@ -42,25 +43,25 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.convex.distance import CLOSE, PlaneGap, Search, corner_of, gap_along
+from obb_collision.queries.convex.distance import CLOSE, GapSearch, PlaneGap, core_gap, corner_of
 from obb_collision.queries.convex.simplex import NO_CORNER, Corner, careful_plane
 from obb_collision.queries.convex.support import Core
-from obb_collision.queries.meshes.placed import Pose, moved
+from obb_collision.queries.meshes.placed import PairPose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
 #: Corners of the polytope at most: hulls take 10 to 40, pairs of ellipsoids up to 150.
 MOST_CORNERS = 256
 MOST_FACES = 2 * MOST_CORNERS
-#: A corner this little beyond a face is on it; sizes are near one.
+#: A corner beyond a face by at most this is on it; sizes are near one.
 ON_FACE = 1e-15
 #: A face of which two edges enclose an angle with a sine below this is computed with twice the
 #: digits.
-SHARP_EDGES = 1e-4
+NEEDLE_SINE = 1e-4
 
 
-class Polytope(NamedTuple):
-    """What the polytope of one pair is kept in."""
+class DepthRoom(NamedTuple):
+    """Work space for the polytope of one pair."""
 
     w: Floats  #: (MOST_CORNERS, 3)
     p: Floats
@@ -71,9 +72,9 @@ class Polytope(NamedTuple):
 
 
 @njit
-def room_for_depth() -> Polytope:
-    """Return room for one pair after another."""
-    return Polytope(
+def room_for_depth() -> DepthRoom:
+    """Return work space for one pair after another."""
+    return DepthRoom(
         np.empty((MOST_CORNERS, 3)),
         np.empty((MOST_CORNERS, 3)),
         np.empty((MOST_CORNERS, 3)),
@@ -84,15 +85,15 @@ def room_for_depth() -> Polytope:
 
 
 @njit(refcount=False)
-def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Polytope) -> Search:
+def deepest(a: Core, b: Core, pose: PairPose, apart: GapSearch, room: DepthRoom) -> GapSearch:
     """Return the direction along which two cores overlap least, and points that touch then.
 
-    found: what a search for their distance found.
+    apart: the search for their distance.
     """
     unit = unit_scale(pose.size)[0]
     close = CLOSE * unit * pose.size
-    best, normal, p, q = found.gap, found.normal, found.p, found.q
-    faces = _start(a, b, pose, unit, found.normal, room)
+    best, normal, p, q = apart.gap, apart.normal, apart.p, apart.q
+    faces = _start(a, b, pose, unit, apart.normal, room)
     corners = 4
     while faces > 0:
         nearest = 0
@@ -100,49 +101,49 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Polytope) -> Sear
             if room.planes[k, 3] < room.planes[nearest, 3]:
                 nearest = k
         n = vector_at(room.planes, nearest)
-        gap = gap_along(a, b, pose, n)
+        gap = core_gap(a, b, pose, n)
         if gap.value >= best:
             best, normal = gap.value, n
         beyond = -gap.value * unit - room.planes[nearest, 3]
         if beyond <= close or corners == MOST_CORNERS:
             p, q = _touching(room, faces, nearest, close, gap)
             if norm(minus(p, moved(pose, q))) > close / unit - best:  # needles: it has no plane
-                p, q = found.p, found.q
+                p, q = apart.p, apart.q
             break
         _put(room, corners, corner_of(gap, pose, unit))
         faces = _grown(room, faces, corners, pose, unit)
         corners += 1
     if faces == 0:
         best, normal = _flat(a, b, pose, best, normal, room)
-    return Search(best, normal, 0.0, p, q, no_simplex(NO_CORNER))
+    return GapSearch(best, normal, 0.0, p, q, no_simplex(NO_CORNER))
 
 
 @njit(refcount=False)
-def _put(room: Polytope, row: int, corner: Corner) -> None:
+def _put(room: DepthRoom, row: int, corner: Corner) -> None:
     for k in range(3):
         room.w[row, k], room.p[row, k], room.q[row, k] = corner.w[k], corner.p[k], corner.q[k]
 
 
 @njit(refcount=False)
-def _corner_at(room: Polytope, row: int) -> Corner:
+def _corner_at(room: DepthRoom, row: int) -> Corner:
     return Corner(vector_at(room.w, row), vector_at(room.p, row), vector_at(room.q, row))
 
 
 @njit(refcount=False)
-def _swap(room: Polytope, i: int, j: int) -> None:
+def _swap(room: DepthRoom, i: int, j: int) -> None:
     first, second = _corner_at(room, i), _corner_at(room, j)
     _put(room, i, second)
     _put(room, j, first)
 
 
 @njit(refcount=False)
-def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Polytope) -> int:
-    """Make a tetrahedron of the corners farthest along some directions; return its faces or 0."""
+def _start(a: Core, b: Core, pose: PairPose, unit: float, normal: Vector, room: DepthRoom) -> int:
+    """Write a tetrahedron of foremost corners along some directions; return its faces or 0."""
     n = 0
     for k in range(4):
-        axis = normal if k == 3 else replaced((0.0, 0.0, 0.0), k, 1.0)
+        axis = normal if k == 3 else replaced(ZERO, k, 1.0)
         for way in (axis, negated(axis)):
-            _put(room, n, corner_of(gap_along(a, b, pose, way), pose, unit))
+            _put(room, n, corner_of(core_gap(a, b, pose, way), pose, unit))
             n += 1
     for k in range(1, 4):
         far = _farthest_from(room, k, n)
@@ -152,14 +153,14 @@ def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Poly
             first = _across(line)
             for way in (first, cross(line, first)):
                 for side in (way, negated(way)):
-                    _put(room, n, corner_of(gap_along(a, b, pose, side), pose, unit))
+                    _put(room, n, corner_of(core_gap(a, b, pose, side), pose, unit))
                     n += 1
             far = _farthest_from(room, k, n)
         if k == 3:
             height = _height(room, k, far)
             face = cross(_edge(room, 0, 1), _edge(room, 0, 2))
             for way in (face, negated(face)):
-                _put(room, n, corner_of(gap_along(a, b, pose, _unit(way)), pose, unit))
+                _put(room, n, corner_of(core_gap(a, b, pose, _unit(way)), pose, unit))
                 if _height(room, 3, n) > height:
                     height, far = _height(room, 3, n), n
                 n += 1
@@ -189,13 +190,13 @@ def _across(u: Vector) -> Vector:
 
 
 @njit(refcount=False)
-def _edge(room: Polytope, i: int, j: int) -> Vector:
+def _edge(room: DepthRoom, i: int, j: int) -> Vector:
     return minus(vector_at(room.w, j), vector_at(room.w, i))
 
 
 @njit(refcount=False)
-def _farthest_from(room: Polytope, k: int, n: int) -> int:
-    """Return which of corners k to n - 1 is farthest from what the first k span."""
+def _farthest_from(room: DepthRoom, k: int, n: int) -> int:
+    """Return which of corners k to n - 1 is farthest from the span of the first k."""
     far = k
     for row in range(k + 1, n):
         if _height(room, k, row) > _height(room, k, far):
@@ -204,8 +205,8 @@ def _farthest_from(room: Polytope, k: int, n: int) -> int:
 
 
 @njit(refcount=False)
-def _height(room: Polytope, k: int, row: int) -> float:
-    """Return how far a corner is from what the first k corners span."""
+def _height(room: DepthRoom, k: int, row: int) -> float:
+    """Return how far a corner is from the span of the first k corners."""
     v = _edge(room, 0, row)
     if k == 1:
         return norm(v)
@@ -216,14 +217,16 @@ def _height(room: Polytope, k: int, row: int) -> float:
 
 
 @njit(refcount=False)
-def _put_face(room: Polytope, row: int, i: int, j: int, k: int, pose: Pose, unit: float) -> None:
-    """Write a face and its plane; infinitely far where it has none."""
+def _put_face(
+    room: DepthRoom, row: int, i: int, j: int, k: int, pose: PairPose, unit: float
+) -> None:
+    """Write a face and its plane, infinitely far for a face without one."""
     room.faces[row, 0], room.faces[row, 1], room.faces[row, 2] = i, j, k
     u, v = _edge(room, i, j), _edge(room, i, k)
     n = cross(u, v)
     square = dot(n, n)
     far = 0.0
-    if square > SHARP_EDGES * SHARP_EDGES * dot(u, u) * dot(v, v):
+    if square > NEEDLE_SINE * NEEDLE_SINE * dot(u, u) * dot(v, v):
         n = scaled(n, 1.0 / math.sqrt(square))
         far = dot(n, vector_at(room.w, i))
     else:
@@ -235,10 +238,10 @@ def _put_face(room: Polytope, row: int, i: int, j: int, k: int, pose: Pose, unit
 
 
 @njit(refcount=False)
-def _grown(room: Polytope, faces: int, corner: int, pose: Pose, unit: float) -> int:
-    """Replace the faces that a new corner is beyond by those it makes; return how many there are.
+def _grown(room: DepthRoom, faces: int, corner: int, pose: PairPose, unit: float) -> int:
+    """Replace the faces that a corner is beyond by new ones; return the number of faces.
 
-    -1 where that cannot be done.
+    -1 if rounding prevents it.
     """
     w, edges, row = vector_at(room.w, corner), 0, 0
     while row < faces:
@@ -261,8 +264,8 @@ def _grown(room: Polytope, faces: int, corner: int, pose: Pose, unit: float) -> 
 
 
 @njit(refcount=False)
-def _toggled(room: Polytope, edges: int, i: int, j: int) -> int:
-    """Add an edge to those of the hole, or remove it, if the face on its other side goes, too."""
+def _toggled(room: DepthRoom, edges: int, i: int, j: int) -> int:
+    """Add an edge to those of the hole; remove it if the face on its other side goes, too."""
     for e in range(edges):
         if room.edges[e, 0] == j and room.edges[e, 1] == i:
             for k in range(2):
@@ -274,11 +277,11 @@ def _toggled(room: Polytope, edges: int, i: int, j: int) -> int:
 
 @njit(refcount=False)
 def _touching(
-    room: Polytope, faces: int, nearest: int, close: float, gap: PlaneGap
+    room: DepthRoom, faces: int, nearest: int, close: float, gap: PlaneGap
 ) -> tuple[Vector, Vector]:
     """Return the points of both cores where the polytope is nearest to the origin.
 
-    Of faces in one plane: in that which the foot of the origin lies in.
+    Of faces in one plane: in the face that contains the foot of the origin.
     """
     best, least, y, z = -1, np.inf, 0.0, 0.0
     for k in range(faces):
@@ -296,8 +299,8 @@ def _touching(
 
 
 @njit(refcount=False)
-def _foot(room: Polytope, face: int) -> tuple[float, float]:
-    """Return where the origin is over a face, by its two edges; NaN if it has no plane."""
+def _foot(room: DepthRoom, face: int) -> tuple[float, float]:
+    """Return the foot of the origin on a face, by its two edges; NaN for a face without a plane."""
     i, j, k = room.faces[face, 0], room.faces[face, 1], room.faces[face, 2]
     u, v, start = _edge(room, i, j), _edge(room, i, k), vector_at(room.w, i)
     n = cross(u, v)
@@ -317,7 +320,7 @@ def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector
 
 @njit(refcount=False)
 def _flat(
-    a: Core, b: Core, pose: Pose, best: float, normal: Vector, room: Polytope
+    a: Core, b: Core, pose: PairPose, best: float, normal: Vector, room: DepthRoom
 ) -> tuple[float, Vector]:
     """Return the best gap of a flat difference: along its normals."""
     u, v = _edge(room, 0, 1), _edge(room, 0, 2)
@@ -326,7 +329,7 @@ def _flat(
         first = _across(_unit(u))
     for n in (first, cross(_unit(u), first)):
         for way in (n, negated(n)):
-            gap = gap_along(a, b, pose, _unit(way))
+            gap = core_gap(a, b, pose, _unit(way))
             if gap.value > best:
                 best, normal = gap.value, _unit(way)
     return best, normal

@@ -47,15 +47,23 @@ from obb_collision.numerics.vec3 import (
     scaled,
 )
 from obb_collision.queries.convex.simplex import Corner
-from obb_collision.queries.convex.support import BOX, CONE, CYLINDER, ROUND, SEGMENT, Core
-from obb_collision.queries.meshes.placed import Pose, moved
+from obb_collision.queries.convex.support import (
+    BOX_CORE,
+    CONE_CORE,
+    CYLINDER_CORE,
+    HULL_CORE,
+    ROUND_CORE,
+    SEGMENT_CORE,
+    Core,
+)
+from obb_collision.queries.meshes.placed import PairPose, moved
 from obb_collision.typing import Vector
 
 
 class Feet(NamedTuple):
     """Two points, and how far they are apart."""
 
-    v: Vector  #: from the one of a to that of b, in the frame of a
+    v: Vector  #: from the point of a to that of b, in the frame of a
     square: float  #: of its length
     p: Vector  #: of a, in its frame
     q: Vector  #: of b, in its own
@@ -63,12 +71,12 @@ class Feet(NamedTuple):
 
 @njit(inline=True, refcount=False)
 def no_feet(p: Vector, q: Vector) -> Feet:
-    """Return the feet of bodies that have none: infinitely far."""
+    """Return feet infinitely far apart, for cores without any."""
     return Feet(p, np.inf, p, q)
 
 
 @njit(inline=True, refcount=False)
-def feet(a: Core, b: Core, pose: Pose, p: Vector, q: Vector) -> Feet:
+def feet(a: Core, b: Core, pose: PairPose, p: Vector, q: Vector) -> Feet:
     """Return the nearer of p with its foot on b, and q with its foot on a.
 
     p, q: of a and b, in their frames; infinitely far apart where neither has feet.
@@ -90,24 +98,24 @@ def feet(a: Core, b: Core, pose: Pose, p: Vector, q: Vector) -> Feet:
 
 @njit(inline=True, refcount=False)
 def has_feet(core: Core) -> bool:
-    """Return whether a core is one of those that feet are known of."""
-    return core.kind == BOX or core.kind == CYLINDER or core.kind == CONE or core.kind == SEGMENT
+    """Return whether the foot of a point on this kind of core has a formula."""
+    return core.kind != HULL_CORE and core.kind != ROUND_CORE
 
 
 @njit(refcount=False)
 def _foot(kind: int, size: Vector, half: float, p: Vector) -> Vector:
-    """Return the point of a core nearest to p; of ellipses one that is near."""
+    """Return the point of a core nearest to p; near an ellipse only roughly."""
     x, y, z = size
-    if kind == BOX:
+    if kind == BOX_CORE:
         return clamp(p[0], x), clamp(p[1], y), clamp(p[2], z)
-    if kind == SEGMENT:
+    if kind == SEGMENT_CORE:
         return 0.0, 0.0, clamp(p[2], half)
     far = math.sqrt(p[0] * p[0] + p[1] * p[1])
     if not far > 0.0:
         return 0.0, 0.0, clamp(p[2], half)
     u, v = p[0] / far, p[1] / far
     rim = x if x == y else x * y / math.sqrt(y * y * u * u + x * x * v * v)
-    if kind == CYLINDER or p[2] <= -half:
+    if kind == CYLINDER_CORE or p[2] <= -half:
         r, height = min(far, rim), clamp(p[2], half)
     else:
         along = (rim * (rim - far) + 2.0 * half * (p[2] + half)) / (rim * rim + 4.0 * half * half)
@@ -117,12 +125,12 @@ def _foot(kind: int, size: Vector, half: float, p: Vector) -> Vector:
 
 
 @njit(refcount=False)
-def across(kind: int, size: Vector, half: float, p: Vector, foot: Vector) -> Vector:
-    """Return the other end of the edge, side or face that has p, a foremost point, and its foot."""
+def opposite_end(kind: int, size: Vector, half: float, p: Vector, foot: Vector) -> Vector:
+    """Return the far end of the edge, side or face that has the foremost point p and its foot."""
     if foot == p:
         return p
     x, y, z = size
-    if kind == BOX:
+    if kind == BOX_CORE:
         return (
             -p[0] if abs(foot[0]) < x else p[0],
             -p[1] if abs(foot[1]) < y else p[1],
@@ -130,7 +138,7 @@ def across(kind: int, size: Vector, half: float, p: Vector, foot: Vector) -> Vec
         )
     if not abs(foot[2]) < half:
         return p
-    if kind != CONE:
+    if kind != CONE_CORE:
         return p[0], p[1], -p[2]
     if p[2] < 0.0:
         return 0.0, 0.0, half
@@ -138,22 +146,21 @@ def across(kind: int, size: Vector, half: float, p: Vector, foot: Vector) -> Vec
     return foot[0] * wider, foot[1] * wider, -half
 
 
+#: Scale of second derivatives, half axes, and the foremost point about their centre.
 Bend = tuple[float, Vector, Vector]
-"""What a second derivative is multiplied by, half axes, and the foremost point about their centre.
-"""
 
 
 @njit(refcount=False)
 def is_curved(core: Core) -> bool:
-    """Return whether a core has foremost points that move with the direction."""
-    return core.kind == ROUND or core.kind == CYLINDER or core.kind == CONE
+    """Return whether the foremost points of a core move with the direction."""
+    return core.kind == ROUND_CORE or core.kind == CYLINDER_CORE or core.kind == CONE_CORE
 
 
 @njit(inline=True, refcount=False)
 def turned_to(
-    a: Core, b: Core, pose: Pose, n: Vector, unit: float, simplex: Simplex, new: Corner
+    a: Core, b: Core, pose: PairPose, n: Vector, unit: float, simplex: Simplex, new: Corner
 ) -> Simplex:
-    """Return the simplex of the same features with their foremost points along n, and of ``new``.
+    """Return the simplex of the features of ``simplex`` and ``new``, with foremost points along n.
 
     Features are corners, ends of segments, rims, apexes and smooth surfaces; new: foremost along n.
     """
@@ -176,11 +183,11 @@ def turned_to(
 
 @njit(inline=True)
 def _on_feature(core: Core, old: Vector, n: Vector, new: Vector) -> Vector:
-    """Return the foremost point along n of the feature of an old one; new: that of the core."""
-    if core.kind == ROUND:
+    """Return the foremost point along n of the feature of ``old``; new: that of the core."""
+    if core.kind == ROUND_CORE:
         return new
-    if core.kind == CYLINDER or (core.kind == CONE and old[2] < 0.0):
-        if core.kind == CYLINDER or new[2] < 0.0:
+    if core.kind == CYLINDER_CORE or (core.kind == CONE_CORE and old[2] < 0.0):
+        if core.kind == CYLINDER_CORE or new[2] < 0.0:
             return new[0], new[1], old[2]
         x, y, _ = core.size
         u, v = x * n[0], y * n[1]
@@ -192,12 +199,12 @@ def _on_feature(core: Core, old: Vector, n: Vector, new: Vector) -> Vector:
 
 @njit(inline=True, refcount=False)
 def steeper(
-    a: Core, b: Core, pose: Pose, n: Vector, simplex: Simplex, unit: float, gap: float
+    a: Core, b: Core, pose: PairPose, n: Vector, simplex: Simplex, unit: float, gap: float
 ) -> Vector:
     """Return a unit vector along which the gap is probably larger, or n.
 
-    simplex: of one or two features, with their foremost points along n; gap: along n, positive.
-    Two have the same gap along what is returned, as nearly as their curvatures say.
+    simplex: one or two features, with their foremost points along n; gap: along n, positive.
+    Of two features both have the same gap along it, as nearly as their curvatures say.
     """
     first, second, weights = simplex.a, simplex.b, simplex.weights
     u = (0.0, -n[2], n[1]) if abs(n[0]) < 0.5 else (-n[1], n[0], 0.0)
@@ -232,10 +239,10 @@ def steeper(
 def _bend(core: Core, p: Vector, q: Vector, weights: Vector, n: Vector, gap: float) -> Bend:
     """Return the bend of the features of p and q, foremost along n, relative to the gap."""
     (x, y, z), e, weight = core.size, p, 1.0
-    if core.kind == ROUND:
+    if core.kind == ROUND_CORE:
         e = p[0], p[1], p[2] - math.copysign(core.half, n[2])
-    elif core.kind == CYLINDER or core.kind == CONE:
-        if core.kind == CONE:
+    elif core.kind == CYLINDER_CORE or core.kind == CONE_CORE:
+        if core.kind == CONE_CORE:
             weight = (weights[0] if p[2] < 0.0 else 0.0) + (weights[1] if q[2] < 0.0 else 0.0)
             e = p if p[2] < 0.0 else q
         e, z = (e[0], e[1], 0.0), 0.0
@@ -247,7 +254,7 @@ def _bend(core: Core, p: Vector, q: Vector, weights: Vector, n: Vector, gap: flo
 
 @njit(inline=True)
 def _bent(x: float, y: float, z: float, bend: Bend, u: Vector, v: Vector) -> Vector:
-    """Return second derivatives along u, v and both, with those of a bend."""
+    """Return second derivatives along u, v and both, with those of a bend added."""
     scale, (a, b, c), e = bend
     s, t = (a * u[0], b * u[1], c * u[2]), (a * v[0], b * v[1], c * v[2])
     k, m = dot(e, u), dot(e, v)

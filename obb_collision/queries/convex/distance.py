@@ -17,13 +17,13 @@
 The search is that of Gilbert, Johnson and Keerthi 1988, in the frame of a. However it went, the
 gap along any direction, the reach of the one body less that of the other, is at most the signed
 distance; that of two points of the bodies is at least that. So the answer rests on both being
-close, and says how close they are. Boxes, cylinders, cones and segments are first asked for the
-foot of the other's foremost point; with curved ones it then climbs (``directions``). Where plain
+close, and says how close they are. For boxes, cylinders, cones and segments it first tries the
+foot of the other's foremost point; for curved bodies it then climbs (``directions``). Where plain
 doubles leave both farther apart than ``CLOSE`` (bodies nearly in touch, needles), the search goes
 on with twice the digits (``simplex.careful_nearest``).
 
 Error analysis, with u and S as in ``queries.meshes.placed``: both reaches along a unit vector
-are off by at most 200 u S (``queries.meshes.convex``), points of curved cores by 16 u S more.
+are off by at most 200 u S (``queries.meshes.hull_hull``), points of curved cores by 16 u S more.
 CONVEX_ROUNDING is 512 u.
 """
 
@@ -52,116 +52,116 @@ from obb_collision.numerics.vec3 import (
     scaled,
 )
 from obb_collision.queries.convex.directions import (
-    across,
     feet,
     has_feet,
     is_curved,
     no_feet,
+    opposite_end,
     steeper,
     turned_to,
 )
 from obb_collision.queries.convex.simplex import (
     NO_CORNER,
     Corner,
+    are_same,
     careful_nearest,
-    is_known,
     is_zero,
 )
-from obb_collision.queries.convex.support import SEGMENT, Core, support
-from obb_collision.queries.meshes.placed import Pose, moved
+from obb_collision.queries.convex.support import SEGMENT_CORE, Core, support
+from obb_collision.queries.meshes.placed import PairPose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Vector
 
 Weights = tuple[float, float, float, float]
-"""Of four corners; not negative, and one in sum."""
+"""Weights of four corners: not negative, with the sum 1."""
 #: Bound on the error of a gap, relative to S (derivation above).
 CONVEX_ROUNDING = 512 * ROUNDOFF
 #: The search ends when the points are farther apart than the plane shows by less than this,
-#: relative to S: a tenth of what is promised.
+#: relative to S: a tenth of the promised accuracy.
 CLOSE = 1e-10
 #: Directions tried in plain doubles: hulls take 3 to 10, others 2 to 4, some cylinders 30.
-DIRECTIONS = 60
+MOST_DIRECTIONS = 60
 #: The climb by curvature ends when that many directions showed no larger gap.
-LAPSES = 3
+MOST_LAPSES = 3
 #: ... and with twice the digits.
-CAREFUL_DIRECTIONS = 100
-#: Feet are looked for along that many directions, where no core is curved along the first alone:
-#: that to a corner's foot is the last one, that to a rim's may turn it to another place.
-LOOKS = 2
+MOST_CAREFUL_DIRECTIONS = 100
+#: Directions along which feet are tried; only the first where no core is curved. The direction to
+#: the foot of a corner is final, that to the foot of a rim may turn to another place.
+MOST_FEET = 2
 #: The search in plain doubles ends when a corner brings it nearer by less than this fraction.
-STALLED = 1e-13
+STALLED_GAIN = 1e-13
 #: Six times the volume that the origin makes with each face of a tetrahedron that it is certainly
 #: in; sizes are near one, and volumes off by 1e-15.
-INSIDE = 1e-10
+CERTAIN_VOLUME = 1e-10
 
 
 class PlaneGap(NamedTuple):
-    """What two bodies leave between them along a direction, and their foremost points."""
+    """The gap of two cores along a direction, and their foremost points."""
 
-    value: float  #: of the cores, metres; negative where they overlap along it
+    value: float  #: metres; negative where they overlap along it
     p: Vector  #: of a, in its frame
     q: Vector  #: of b, in its own
 
 
-class Search(NamedTuple):
-    """What a search found, of two cores, metres, in the frame of a."""
+class GapSearch(NamedTuple):
+    """The result of a search for the distance of two cores: metres, in the frame of a."""
 
     gap: float  #: the largest along any direction tried
     normal: Vector  #: that direction, unit, from a to b
     distance: float  #: of the two points; 0 where the cores overlap
     p: Vector  #: of a, in its frame
     q: Vector  #: of b, in its own
-    simplex: Simplex  #: what was nearest; the origin inside of size 4, or (nearly) on it
+    simplex: Simplex  #: nearest to the origin, which is in or nearly on one of size 4
 
 
 @njit(refcount=False)
-def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> PlaneGap:
+def core_gap(a: Core, b: Core, pose: PairPose, n: Vector) -> PlaneGap:
     """Return the gap of two cores along n, unit, from a to b."""
     return _gap_here(a, b, pose, n)
 
 
 @njit(inline=True, refcount=False)
-def _gap_here(a: Core, b: Core, pose: Pose, n: Vector) -> PlaneGap:
-    """Return the same, compiled into the loop that asks."""
+def _gap_here(a: Core, b: Core, pose: PairPose, n: Vector) -> PlaneGap:
+    """Inlined variant of ``core_gap``."""
     m = components(pose.axes, n)
     p, q = support(a, n), support(b, negated(m))
     return PlaneGap(dot(m, q) + dot(n, pose.offset) - dot(n, p), p, q)
 
 
 @njit
-def rounding(pose: Pose) -> float:
+def rounding(pose: PairPose) -> float:
     """Return a bound on the error of a gap."""
     return CONVEX_ROUNDING * pose.size + MESH_UNDERFLOW
 
 
 @njit(refcount=False)
-def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
-    """Return the distance of two cores, or whatever shows a gap larger than ``stop``.
+def search(a: Core, b: Core, pose: PairPose, start: Vector, stop: float) -> GapSearch:
+    """Return the distance of two cores; the search ends at a gap larger than ``stop``.
 
-    start: the direction to try first, from a to b, such as the normal of a moment ago; zero for
-    that of the centres.
+    start: the direction to try first, from a to b, such as the normal of an earlier search; zero
+    for that of the centres.
     """
     unit = unit_scale(pose.size)[0]
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
     best, normal, simplex, reached = -np.inf, n, no_simplex(NO_CORNER), np.inf
-    if a.kind == SEGMENT and b.kind == SEGMENT:
-        found = _of_segments(a, b, pose)
-        if found.distance - found.gap <= CLOSE * pose.size:
-            return found
+    if a.kind == SEGMENT_CORE and b.kind == SEGMENT_CORE:
+        nearest = _of_segments(a, b, pose)
+        if nearest.distance - nearest.gap <= CLOSE * pose.size:
+            return nearest
     curved = is_curved(a) or is_curved(b)
-    room, lapses = CLOSE * pose.size, 0 if curved else LAPSES
-    looks = (LOOKS if curved else 1) if has_feet(a) or has_feet(b) else 0
+    room, lapses = CLOSE * pose.size, 0 if curved else MOST_LAPSES
+    looks = (MOST_FEET if curved else 1) if has_feet(a) or has_feet(b) else 0
     near, length = no_feet(n, n), np.inf
-    for _ in range(DIRECTIONS):
+    for _ in range(MOST_DIRECTIONS):
         gap = _gap_here(a, b, pose, n)
-        better, climbs = gap.value > best, gap.value > room and lapses < LAPSES
+        better, climbs = gap.value > best, gap.value > room and lapses < MOST_LAPSES
         if better:
             best, normal = gap.value, n
         elif climbs:
             lapses += 1
         if best > stop and simplex.size == 0:
-            return Search(best, normal, np.inf, gap.p, gap.q, simplex)
+            return GapSearch(best, normal, np.inf, gap.p, gap.q, simplex)
         if best > stop or reached - unit * best <= unit * room:
             break
         if looks > 0:
@@ -170,11 +170,11 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             if LEAST_SQUARE < other.square < near.square:
                 near, length = other, math.sqrt(other.square)
         if length - best <= room:
-            return Search(best, normal, length, near.p, near.q, simplex)
+            return GapSearch(best, normal, length, near.p, near.q, simplex)
         new = corner_of(gap, pose, unit)
         if simplex.size == 0 and length < np.inf:
-            p = across(a.kind, a.size, a.half, gap.p, near.p)
-            q = across(b.kind, b.size, b.half, gap.q, near.q)
+            p = opposite_end(a.kind, a.size, a.half, gap.p, near.p)
+            q = opposite_end(b.kind, b.size, b.half, gap.q, near.q)
             simplex = on_corner(new)
             if p != gap.p or q != gap.q:
                 new = corner_of(PlaneGap(0.0, p, q), pose, unit)
@@ -183,7 +183,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             continue
         if climbs:
             simplex = turned_to(a, b, pose, n, unit, simplex, new)
-        elif not unit * gap.value < (1.0 - STALLED) * reached:
+        elif not unit * gap.value < (1.0 - STALLED_GAIN) * reached:
             break
         simplex = with_corner(simplex, new)
         if climbs and simplex.size == 4:  # flat: there is a gap, so that the origin is not inside
@@ -199,11 +199,11 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             n = steeper(a, b, pose, n, simplex, unit, gap.value)
         else:
             n = unit_of(plus(normal, n))[0]
-    return _finished(a, b, pose, unit, stop, Search(best, normal, 0.0, n, n, simplex))
+    return _finished(a, b, pose, unit, stop, GapSearch(best, normal, 0.0, n, n, simplex))
 
 
 @njit(inline=True, refcount=False)
-def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
+def _of_segments(a: Core, b: Core, pose: PairPose) -> GapSearch:
     """Return the distance of two segments along their z axes (Ericson 2005, 5.1.9)."""
     axis, offset = pose.axes[2], pose.offset
     c, far = axis[2], dot(axis, offset)
@@ -213,29 +213,31 @@ def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
     p, q = (0.0, 0.0, clamp(offset[2] + t * c, a.half)), (0.0, 0.0, t)
     v = minus(moved(pose, q), p)
     if is_zero(v):
-        return Search(-np.inf, v, np.inf, p, q, no_simplex(NO_CORNER))
+        return GapSearch(-np.inf, v, np.inf, p, q, no_simplex(NO_CORNER))
     n, length = unit_of(v)
-    return Search(gap_along(a, b, pose, n).value, n, length, p, q, no_simplex(NO_CORNER))
+    return GapSearch(core_gap(a, b, pose, n).value, n, length, p, q, no_simplex(NO_CORNER))
 
 
 @njit(refcount=False)
-def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: float) -> int:
-    """Return 1 for two cores nearer than ``near``, 0 where a gap is more than ``needed``, else -1.
+def cores_overlap(
+    a: Core, b: Core, pose: PairPose, start: Vector, needed: float, near: float
+) -> int:
+    """Return 1 for two cores nearer than ``near``, 0 for a gap above ``needed``, else -1.
 
-    The directions are those of ``search``, but those that decide are the last; -1 is for it.
+    Tries the directions of ``search``, without its last steps: -1 leaves the pair to it.
     """
     unit = unit_scale(pose.size)[0]
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
     best, simplex, reached = -np.inf, no_simplex(NO_CORNER), np.inf
-    for _ in range(DIRECTIONS):
-        gap = gap_along(a, b, pose, n)
+    for _ in range(MOST_DIRECTIONS):
+        gap = core_gap(a, b, pose, n)
         if gap.value > needed:
             return 0
         best = max(best, gap.value)
         if reached - unit * best <= CLOSE * unit * pose.size:
             return -1
-        if simplex.size > 0 and not reached - unit * gap.value > STALLED * reached:
+        if simplex.size > 0 and not reached - unit * gap.value > STALLED_GAIN * reached:
             return -1
         simplex = with_corner(simplex, corner_of(gap, pose, unit))
         if simplex.size == 4:
@@ -262,30 +264,32 @@ def unit_of(v: Vector) -> tuple[Vector, float]:
 
 
 @njit(inline=True)
-def corner_of(gap: PlaneGap, pose: Pose, unit: float) -> Corner:
+def corner_of(gap: PlaneGap, pose: PairPose, unit: float) -> Corner:
     """Return the foremost point of the difference along a direction, scaled."""
     return Corner(scaled(minus(gap.p, moved(pose, gap.q)), unit), gap.p, gap.q)
 
 
 @njit(refcount=False)
-def _finished(a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search) -> Search:
-    """Return a search with its points; with twice the digits where it is not close enough."""
-    simplex = found.simplex
+def _finished(
+    a: Core, b: Core, pose: PairPose, unit: float, stop: float, last: GapSearch
+) -> GapSearch:
+    """Add the points to a search; continue with twice the digits where it is not close enough."""
+    simplex = last.simplex
     reached, room = fast_norm(simplex.nearest), CLOSE * unit * pose.size
-    if simplex.size < 4 and (reached - unit * found.gap <= room or found.gap > stop):
+    if simplex.size < 4 and (reached - unit * last.gap <= room or last.gap > stop):
         x, y, z = simplex.weights
         weights, (s, t, u) = (x, y, z, 0.0), (simplex.a, simplex.b, simplex.c)
         point = _weighted(s.w, t.w, u.w, u.w, weights)
         if fast_norm(minus(point, simplex.nearest)) <= room:  # not so for needles
             p, q = _weighted(s.p, t.p, u.p, u.p, weights), _weighted(s.q, t.q, u.q, u.q, weights)
-            return Search(found.gap, found.normal, reached / unit, p, q, simplex)
+            return GapSearch(last.gap, last.normal, reached / unit, p, q, simplex)
     if simplex.size == 4:
         weights = _weights_inside(simplex)
         if weights[3] > 0.0:
             s, t, u, v = simplex.a, simplex.b, simplex.c, simplex.d
             p, q = _weighted(s.p, t.p, u.p, v.p, weights), _weighted(s.q, t.q, u.q, v.q, weights)
-            return Search(found.gap, found.normal, 0.0, p, q, simplex)
-    return _careful_search(a, b, pose, unit, stop, found)
+            return GapSearch(last.gap, last.normal, 0.0, p, q, simplex)
+    return _careful_search(a, b, pose, unit, stop, last)
 
 
 @njit
@@ -298,31 +302,31 @@ def _weights_inside(simplex: Simplex) -> Weights:
     total = x + y + z + w
     if total < 0.0:
         x, y, z, w, total = -x, -y, -z, -w, -total
-    if min(min(x, y), min(z, w)) > INSIDE:
+    if min(min(x, y), min(z, w)) > CERTAIN_VOLUME:
         return x / total, y / total, z / total, w / total
     return 0.0, 0.0, 0.0, 0.0
 
 
 @njit(merge=True)
 def _careful_search(
-    a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search
-) -> Search:
-    """Go on with a search with twice the digits."""
-    best, normal, count = found.gap, found.normal, found.simplex.size
-    s, t, u, v = found.simplex.a, found.simplex.b, found.simplex.c, found.simplex.d
+    a: Core, b: Core, pose: PairPose, unit: float, stop: float, last: GapSearch
+) -> GapSearch:
+    """Continue a search with twice the digits."""
+    best, normal, count = last.gap, last.normal, last.simplex.size
+    s, t, u, v = last.simplex.a, last.simplex.b, last.simplex.c, last.simplex.d
     near = careful_nearest(s, t, u, v, count, pose, unit)
     weights = near.weights
-    for _ in range(CAREFUL_DIRECTIONS):
+    for _ in range(MOST_CAREFUL_DIRECTIONS):
         if near.inside or is_zero(near.point):
             break
         count, s, t, u, weights = _needed(s, t, u, v, weights)
         n, reached = unit_of(negated(near.point))
-        gap = gap_along(a, b, pose, n)
+        gap = core_gap(a, b, pose, n)
         if gap.value >= best:
             best, normal = gap.value, n
         new = corner_of(gap, pose, unit)
-        known = is_known(new, s) or is_known(new, t) or is_known(new, u)
-        if known or best > stop or reached - unit * best <= CLOSE * unit * pose.size:
+        repeated = are_same(new, s) or are_same(new, t) or are_same(new, u)
+        if repeated or best > stop or reached - unit * best <= CLOSE * unit * pose.size:
             break
         t, u, v = new if count == 1 else t, new if count == 2 else u, new
         count += 1
@@ -331,14 +335,14 @@ def _careful_search(
     p, q = _weighted(s.p, t.p, u.p, v.p, weights), _weighted(s.q, t.q, u.q, v.q, weights)
     reached = 0.0 if near.inside else norm(near.point) / unit
     size = 4 if near.inside else count
-    return Search(best, normal, reached, p, q, Simplex(size, s, t, u, v, near.point, near.point))
+    return GapSearch(best, normal, reached, p, q, Simplex(size, s, t, u, v, near.point, near.point))
 
 
 @njit
 def _needed(
     s: Corner, t: Corner, u: Corner, v: Corner, weights: Weights
 ) -> tuple[int, Corner, Corner, Corner, Weights]:
-    """Return how many corners have weights, at most three, these first, and the weights."""
+    """Return the number of corners with weights, at most three, these first, and the weights."""
     count, x, y, z = 0, 0.0, 0.0, 0.0
     first = second = third = s
     for k in range(4):

@@ -32,12 +32,12 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.intrinsics import LANES
-from obb_collision.numerics.vec3 import combined, fast_norm, minus, plus, scaled
-from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
-from obb_collision.queries.convex.distance import CLOSE, overlaps, rounding, search, unit_of
+from obb_collision.numerics.vec3 import ZERO, combined, fast_norm, minus, plus, scaled
+from obb_collision.queries.convex.depth import DepthRoom, deepest, room_for_depth
+from obb_collision.queries.convex.distance import CLOSE, cores_overlap, rounding, search, unit_of
 from obb_collision.queries.convex.simplex import is_zero
 from obb_collision.queries.convex.support import (
-    CORNERS,
+    HULL_CORE,
     ConvexBodies,
     Core,
     Cores,
@@ -45,30 +45,35 @@ from obb_collision.queries.convex.support import (
     borrowed_core,
     core_at,
 )
-from obb_collision.queries.meshes.inside import OUTSIDE, point_side
-from obb_collision.queries.meshes.one_tree import Waiting, descend_nearest, no_waiting
+from obb_collision.queries.meshes.inside import OUTSIDE_MESH, point_side
 from obb_collision.queries.meshes.placed import (
     NodeBox,
+    PairPose,
     Place,
     PlacedMeshes,
-    Pose,
     body_at,
     moved,
     relative_pose,
 )
-from obb_collision.queries.meshes.two_trees import NODE_BOUND, SLACK, boxes_apart
+from obb_collision.queries.meshes.trees import (
+    NODE_BOUND,
+    SAME_DISTANCE,
+    NodeStack,
+    boxes_apart,
+    descend_nearest,
+    node_stack,
+)
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
 FEWEST_CONVEX_DISTANCES = 64
-NO_START = 0.0, 0.0, 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class ConvexDistances:
-    """How far m pairs of bodies a, b are apart; metres, world frame."""
+    """Distances of m pairs of bodies a, b; metres, world frame."""
 
     lower: Floats
     """(m,) certainly at most the distance, and minus at least the depth where they overlap."""
@@ -87,12 +92,12 @@ DistanceArrays = tuple[np.ndarray, Floats, Floats]
 
 
 def distance_arrays(count: int) -> DistanceArrays:
-    """Return room for the distances of pairs."""
+    """Return arrays for the distances of pairs."""
     return np.empty(count, np.bool_), np.empty((2, count)), np.empty((3, count, 3))
 
 
-class Distance(NamedTuple):
-    """The distance of one pair of bodies; as ``ConvexDistances``."""
+class BodyDistance(NamedTuple):
+    """The distance of a pair of bodies, as in ``ConvexDistances``."""
 
     lower: float
     upper: float
@@ -106,7 +111,7 @@ def convex_distances(
 ) -> tuple[ConvexDistances, Mask]:
     """Return the distances of bodies ``i[n]`` of a and ``j[n]`` of b, and which are within a limit.
 
-    Of pairs that are certainly beyond it the distances are only that.
+    Beyond the limit only the lower bounds count.
     """
     near, bounds, vectors = out = distance_arrays(len(i))
     pairs = RowPairs(a.arrays, i, b.arrays, j)
@@ -136,21 +141,21 @@ def _distance_kernel(
     a, rows_a, b, rows_b = pairs
     near, bounds, vectors = out
     for n in range(start, stop):
-        found = body_distance(a, rows_a[n], b, rows_b[n], NO_START, limit, room)
-        near[n] = found.lower <= limit
-        bounds[0, n], bounds[1, n] = found.lower, found.upper
+        pair = body_distance(a, rows_a[n], b, rows_b[n], ZERO, limit, room)
+        near[n] = pair.lower <= limit
+        bounds[0, n], bounds[1, n] = pair.lower, pair.upper
         for k in range(3):
-            vectors[0, n, k], vectors[1, n, k] = found.a[k], found.b[k]
-            vectors[2, n, k] = found.normal[k]
+            vectors[0, n, k], vectors[1, n, k] = pair.a[k], pair.b[k]
+            vectors[2, n, k] = pair.normal[k]
 
 
 @njit(refcount=False)
 def body_distance(
-    a: Cores, i: int, b: Cores, j: int, start: Vector, limit: float, room: Polytope
-) -> Distance:
-    """Return the distance of body i of a and body j of b; beyond a limit only that it is.
+    a: Cores, i: int, b: Cores, j: int, start: Vector, limit: float, room: DepthRoom
+) -> BodyDistance:
+    """Return the distance of body i of a and body j of b, minus the depth where they overlap.
 
-    Minus the depth where they overlap.
+    Beyond a limit only the lower bound counts.
 
     start: unit, world frame: the direction to try first, from a to b; zero for that of the centres.
     """
@@ -158,31 +163,31 @@ def body_distance(
     place_a, place_b = body_place(a, i), body_place(b, j)
     pose = relative_pose(place_a, place_b, core_a.reach + core_b.reach)
     radii, slack = core_a.radius + core_b.radius, rounding(pose)
-    found = search(core_a, core_b, pose, turned_back(place_a, start), limit + radii + slack)
-    if found.gap <= CLOSE * pose.size and (
-        found.distance - found.gap > CLOSE * pose.size or found.gap <= 0.0
+    search_end = search(core_a, core_b, pose, turned_back(place_a, start), limit + radii + slack)
+    if search_end.gap <= CLOSE * pose.size and (
+        search_end.distance - search_end.gap > CLOSE * pose.size or search_end.gap <= 0.0
     ):
-        found = deepest(core_a, core_b, pose, found, room)
-    normal = combined(place_a.axes, found.normal)
-    p, q = in_world(place_a, found.p), in_world(place_b, found.q)
+        search_end = deepest(core_a, core_b, pose, search_end, room)
+    normal = combined(place_a.axes, search_end.normal)
+    p, q = in_world(place_a, search_end.p), in_world(place_b, search_end.q)
     if radii > 0.0:
-        way = towards(p, q, normal) if found.distance > 0.0 else normal
+        way = towards(p, q, normal) if search_end.distance > 0.0 else normal
         p, q = plus(p, scaled(way, core_a.radius)), minus(q, scaled(way, core_b.radius))
-    upper = fast_norm(minus(q, p)) if found.distance > radii else 0.0
-    return Distance(found.gap - radii - slack, upper, p, q, normal)
+    upper = fast_norm(minus(q, p)) if search_end.distance > radii else 0.0
+    return BodyDistance(search_end.gap - radii - slack, upper, p, q, normal)
 
 
 @njit(refcount=False)
 def may_collide(a: Cores, i: int, b: Cores, j: int) -> bool:
-    """Return whether body i of a and body j of b are not certainly apart, as below, but sooner."""
+    """Return whether body i of a and body j of b are not certainly apart."""
     core_a, core_b = borrowed_core(a, i), borrowed_core(b, j)
     pose = relative_pose(body_place(a, i), body_place(b, j), core_a.reach + core_b.reach)
     radii = core_a.radius + core_b.radius
     needed = radii + rounding(pose)
-    known = overlaps(core_a, core_b, pose, NO_START, needed, radii - CLOSE * pose.size)
-    if known < 0:
-        return not search(core_a, core_b, pose, NO_START, needed).gap > needed
-    return known == 1
+    overlap = cores_overlap(core_a, core_b, pose, ZERO, needed, radii - CLOSE * pose.size)
+    if overlap < 0:
+        return not search(core_a, core_b, pose, ZERO, needed).gap > needed
+    return overlap == 1
 
 
 @njit
@@ -210,24 +215,23 @@ def turned_back(place: Place, v: Vector) -> Vector:
 
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
-FEWEST_MESHES = 16
-NOWHERE = 0.0, 0.0, 0.0
+FEWEST_MESH_DISTANCES = 16
 
 
 class CoreRoom(NamedTuple):
     """Work space."""
 
-    waiting: Waiting
+    waiting: NodeStack
     corners: Floats  #: (1, 3, LANES) of a triangle, as of a hull
 
 
 @njit
 def core_room() -> CoreRoom:
     """Return work space for one pair after another."""
-    return CoreRoom(no_waiting(), np.empty((1, 3, LANES)))
+    return CoreRoom(node_stack(), np.empty((1, 3, LANES)))
 
 
-class Near(NamedTuple):
+class MeshCoreDistance(NamedTuple):
     """How far a mesh and a core are apart, metres: bounds, points and direction."""
 
     lower: float
@@ -247,13 +251,13 @@ def mesh_body_distances(
 ) -> tuple[ConvexDistances, Mask]:
     """Return the distances of mesh ``i[n]``, with its radius, and body ``j[n]``; 0 if they collide.
 
-    And (m,) which are within a limit; rows of the others are not written to. Bodies have no
-    corners: hulls have trees.
+    And (m,) which are within a limit; rows of the others are not written. Bodies have no corners:
+    hulls have trees.
     """
     near, bounds, vectors = out = distance_arrays(len(i))
     i, j = np.ascontiguousarray(i), np.ascontiguousarray(j)
     pairs = RowPairs(meshes.arrays, i, bodies.arrays, j)
-    run(_mesh_kernel, len(i), FEWEST_MESHES, pairs, radii, limit, out)
+    run(_mesh_kernel, len(i), FEWEST_MESH_DISTANCES, pairs, radii, limit, out)
     return ConvexDistances(*bounds, *vectors), near
 
 
@@ -271,20 +275,20 @@ def _mesh_kernel(
         reach = 2.0 * (a.trees.radii[mesh.mesh] + radius) + core.reach
         pose, both = relative_pose(mesh.place, place, reach), radius + core.radius
         slack = rounding(pose)
-        found = mesh_apart(a.trees, mesh.mesh, core, pose, limit + both + slack, room)
-        least = max(found.lower - both - slack, 0.0)
-        near[row] = least <= limit and found.upper < np.inf
+        apart = mesh_apart(a.trees, mesh.mesh, core, pose, limit + both + slack, room)
+        least = max(apart.lower - both - slack, 0.0)
+        near[row] = least <= limit and apart.upper < np.inf
         if not near[row]:
             continue
-        p, q = in_world(mesh.place, found.p), in_world(place, found.q)
-        way = towards(found.p, moved(pose, found.q), found.normal)
+        p, q = in_world(mesh.place, apart.p), in_world(place, apart.q)
+        way = towards(apart.p, moved(pose, apart.q), apart.normal)
         # where along no direction a gap is certain, that of the points is as good
-        n = combined(mesh.place.axes, found.normal if found.lower > slack else way)
+        n = combined(mesh.place.axes, apart.normal if apart.lower > slack else way)
         way = combined(mesh.place.axes, way)
-        most = max(found.upper - both + slack, 0.0) if found.upper > 0.0 else 0.0
-        share = 1.0 if found.upper >= both else found.upper / both
+        most = max(apart.upper - both + slack, 0.0) if apart.upper > 0.0 else 0.0
+        share = 1.0 if apart.upper >= both else apart.upper / both
         p, q = plus(p, scaled(way, share * radius)), minus(q, scaled(way, share * core.radius))
-        n = n if most > 0.0 else NOWHERE
+        n = n if most > 0.0 else ZERO
         bounds[0, row], bounds[1, row] = least, most
         for k in range(3):
             vectors[0, row, k], vectors[1, row, k], vectors[2, row, k] = p[k], q[k], n[k]
@@ -292,22 +296,22 @@ def _mesh_kernel(
 
 @njit(refcount=False)
 def mesh_apart(
-    trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: CoreRoom
-) -> Near:
+    trees: TreeArrays, mesh: int, core: Core, pose: PairPose, limit: float, room: CoreRoom
+) -> MeshCoreDistance:
     """Return how far a mesh and a core are apart, but for rounding; infinite past a limit."""
-    found = nearest_triangle(trees, mesh, core, pose, limit, room)
-    if not (found.lower > 0.0 and trees.solid[mesh]):
-        return found
-    if point_side(trees, mesh, pose.offset, pose.point_bound, room.waiting) == OUTSIDE:
-        return found
-    return Near(0.0, 0.0, found.normal, pose.offset, NOWHERE)
+    nearest = nearest_triangle(trees, mesh, core, pose, limit, room)
+    if not (nearest.lower > 0.0 and trees.solid[mesh]):
+        return nearest
+    if point_side(trees, mesh, pose.offset, pose.point_bound, room.waiting) == OUTSIDE_MESH:
+        return nearest
+    return MeshCoreDistance(0.0, 0.0, nearest.normal, pose.offset, ZERO)
 
 
 class CoreSeen(NamedTuple):
-    """A core seen from a mesh."""
+    """A core in the frame of a mesh."""
 
     core: Core
-    pose: Pose
+    pose: PairPose
     box: NodeBox
     unit: float  #: a power of two that scales both to about 1
     corners: Floats  #: work space, as of ``CoreRoom``
@@ -317,33 +321,34 @@ class Nearest(NamedTuple):
     """The nearest triangle so far."""
 
     limit: float
-    lower: float  #: none of those looked at is nearer
-    triangle: Near
+    lower: float  #: lower bound of the distances of the triangles examined
+    triangle: MeshCoreDistance
 
 
 @njit(refcount=False)
 def nearest_triangle(
-    trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: CoreRoom
-) -> Near:
-    """Return how far the surface of a mesh and a core are apart."""
+    trees: TreeArrays, mesh: int, core: Core, pose: PairPose, limit: float, room: CoreRoom
+) -> MeshCoreDistance:
+    """Return the distance of the surface of a mesh and a core."""
     seen = seen_core(core, pose, room)
-    start = Nearest(limit, limit, Near(limit, np.inf, NOWHERE, NOWHERE, NOWHERE))
-    found, passed = descend_nearest(
+    start = Nearest(limit, limit, MeshCoreDistance(limit, np.inf, ZERO, ZERO, ZERO))
+    nearest, passed = descend_nearest(
         trees, trees.roots[mesh], seen, core_apart, _with_triangle, start, room.waiting
     )
-    lower, best = min(found.lower, passed - NODE_BOUND * pose.size), found.triangle
-    return Near(max(lower, 0.0), best.upper, best.normal, best.p, best.q)
+    lower, best = min(nearest.lower, passed - NODE_BOUND * pose.size), nearest.triangle
+    return MeshCoreDistance(max(lower, 0.0), best.upper, best.normal, best.p, best.q)
 
 
 @njit(merge=True)
-def seen_core(core: Core, pose: Pose, room: CoreRoom) -> CoreSeen:
-    """Return a core as a question to a tree."""
-    return CoreSeen(core, pose, box_of(core, pose), unit_scale(pose.size)[0], room.corners)
+def seen_core(core: Core, pose: PairPose, room: CoreRoom) -> CoreSeen:
+    """Return a core without corners as the question of a descent."""
+    box = NodeBox(pose.offset, pose.axes, (core.size[0], core.size[1], core.size[2] + core.half))
+    return CoreSeen(core, pose, box, unit_scale(pose.size)[0], room.corners)
 
 
 @njit(merge=True)
 def core_apart(seen: CoreSeen, nodes: Floats, n: int) -> float:
-    """Return how far the box of a node and that of a core are apart at least, metres."""
+    """Return a lower bound of the distance of the boxes of a node and a core, metres."""
     return boxes_apart(nodes, n, seen.box, seen.unit) / seen.unit
 
 
@@ -353,29 +358,21 @@ def _with_triangle(
 ) -> Nearest:
     limit, lower, best = nearest
     triangle = triangle_core(trees, k, seen.corners)
-    found = search(triangle, seen.core, seen.pose, best.normal, limit)
-    lower = min(lower, found.gap)
-    if found.gap > limit or not found.distance < best.upper:
+    apart = search(triangle, seen.core, seen.pose, best.normal, limit)
+    lower = min(lower, apart.gap)
+    if apart.gap > limit or not apart.distance < best.upper:
         return Nearest(limit, lower, best)
-    limit = min(limit, found.distance - SLACK * seen.pose.size) if found.distance > 0.0 else -np.inf
-    best = Near(found.gap, found.distance, found.normal, found.p, found.q)
+    nearer = apart.distance - SAME_DISTANCE * seen.pose.size
+    limit = min(limit, nearer) if apart.distance > 0.0 else -np.inf
+    best = MeshCoreDistance(apart.gap, apart.distance, apart.normal, apart.p, apart.q)
     return Nearest(limit, lower, best)
-
-
-@njit
-def box_of(core: Core, pose: Pose) -> NodeBox:
-    """Return the box of a core that has no corners, seen from the mesh."""
-    return NodeBox(pose.offset, pose.axes, (core.size[0], core.size[1], core.size[2] + core.half))
 
 
 @njit(inline=True, refcount=False)
 def triangle_core(trees: TreeArrays, k: int, room: Floats) -> Core:
-    """Return triangle k as a core, whose corners are written to (1, 3, LANES).
-
-    For kernels that count no references either.
-    """
+    """Return triangle k as a core, its corners in ``room`` (1, 3, LANES); counts no references."""
     for lane in range(LANES):
         corner = 3 * min(lane, 2)
         for axis in range(3):
             room[0, axis, lane] = trees.triangles[k, corner + axis]
-    return Core(CORNERS, NOWHERE, 0.0, room, 0, 1, 0.0, 0.0)
+    return Core(HULL_CORE, ZERO, 0.0, room, 0, 1, 0.0, 0.0)

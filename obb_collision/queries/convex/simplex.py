@@ -32,19 +32,19 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.error_free import (
-    Pair,
+from obb_collision.numerics.exact import (
+    Wide,
+    WideVector,
     add,
-    as_pairs,
+    as_wide,
     multiply,
     subtract,
     subtract_vectors,
+    wide_cross,
+    wide_dot,
 )
-from obb_collision.numerics.error_free import Vector as Wide
-from obb_collision.numerics.error_free import cross as wide_cross
-from obb_collision.numerics.error_free import dot as wide_dot
-from obb_collision.numerics.vec3 import max_abs, norm, scaled
-from obb_collision.queries.meshes.placed import Pose
+from obb_collision.numerics.vec3 import ZERO, max_abs, norm, scaled
+from obb_collision.queries.meshes.placed import PairPose
 from obb_collision.typing import Vector
 
 
@@ -56,11 +56,9 @@ class Corner(NamedTuple):
     q: Vector  #: of b, in its own
 
 
-NO_CORNER = Corner((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
+NO_CORNER = Corner(ZERO, ZERO, ZERO)
 #: Sine of the angle below which two edges have no plane, even with twice the digits.
-ON_LINE = 2.0**-80
+COLLINEAR_SINE = 2.0**-80
 
 
 class WideNearest(NamedTuple):
@@ -68,40 +66,40 @@ class WideNearest(NamedTuple):
 
     point: Vector
     weights: tuple[float, float, float, float]
-    inside: bool  #: the corners are four, and the origin lies among them
+    inside: bool  #: whether there are four corners, and the origin lies among them
 
 
 @njit
 def careful_nearest(
-    a: Corner, b: Corner, c: Corner, d: Corner, count: int, pose: Pose, unit: float
+    a: Corner, b: Corner, c: Corner, d: Corner, count: int, pose: PairPose, unit: float
 ) -> WideNearest:
-    """Return the nearest point of the first ``count`` corners; unit: a power of two that scales."""
+    """Return the nearest point of the first ``count`` corners; unit: a power of two, the scale."""
     corners = _wide(a, pose, unit), _wide(b, pose, unit), _wide(c, pose, unit), _wide(d, pose, unit)
-    found, weights = corners[0], (1.0, 0.0, 0.0, 0.0)
+    nearest, weights = corners[0], (1.0, 0.0, 0.0, 0.0)
     best = np.inf, 0.0
     for i in range(count):
         v = corners[i]
         square = wide_dot(v, v)
         if _less(square, best):
-            best, found, weights = square, v, _weights(i, 1.0, i, 0.0, i, 0.0)
+            best, nearest, weights = square, v, _weights(i, 1.0, i, 0.0, i, 0.0)
         for j in range(i + 1, count):
             sound, y, v = _on_line(corners[i], corners[j])
             square = wide_dot(v, v)
             if sound and _less(square, best):
-                best, found, weights = square, v, _weights(i, 1.0 - y, j, y, j, 0.0)
+                best, nearest, weights = square, v, _weights(i, 1.0 - y, j, y, j, 0.0)
             for k in range(j + 1, count):
                 sound, y, z, v = _on_plane(corners[i], corners[j], corners[k])
                 square = wide_dot(v, v)
                 if sound and _less(square, best):
-                    best, found = square, v
+                    best, nearest = square, v
                     weights = _weights(i, 1.0 - y - z, j, y, k, z)
     inside = count == 4 and _holds_origin(corners[0], corners[1], corners[2], corners[3])
-    return WideNearest((found[0][0], found[1][0], found[2][0]), weights, inside)
+    return WideNearest((nearest[0][0], nearest[1][0], nearest[2][0]), weights, inside)
 
 
 @njit
-def _less(a: Pair, b: Pair) -> bool:
-    """Return whether a < b: also where a face and its edge differ in the last digits only."""
+def _less(a: Wide, b: Wide) -> bool:
+    """Return whether a < b, compared with all digits."""
     return a[0] < b[0] or (a[0] == b[0] and a[1] < b[1])
 
 
@@ -109,7 +107,7 @@ def _less(a: Pair, b: Pair) -> bool:
 def _weights(
     i: int, x: float, j: int, y: float, k: int, z: float
 ) -> tuple[float, float, float, float]:
-    """Return four weights, of which those of corners i, j and k are given, the last one first."""
+    """Return weights of four corners: x, y, z of corners i, j, k, of equal ones the first."""
     return (
         _weight(0, i, x, j, y, k, z),
         _weight(1, i, x, j, y, k, z),
@@ -124,7 +122,7 @@ def _weight(row: int, i: int, x: float, j: int, y: float, k: int, z: float) -> f
 
 
 @njit
-def _wide(corner: Corner, pose: Pose, unit: float) -> Wide:
+def _wide(corner: Corner, pose: PairPose, unit: float) -> WideVector:
     """Return p - (axes q + offset)."""
     x, y, z = pose.axes
     q = corner.q
@@ -138,13 +136,13 @@ def _wide(corner: Corner, pose: Pose, unit: float) -> Wide:
 @njit
 def _component(
     p: float, x: float, y: float, z: float, q: Vector, offset: float, unit: float
-) -> Pair:
-    turned = wide_dot(as_pairs((x, y, z)), as_pairs((q[0] * unit, q[1] * unit, q[2] * unit)))
+) -> Wide:
+    turned = wide_dot(as_wide((x, y, z)), as_wide((q[0] * unit, q[1] * unit, q[2] * unit)))
     return subtract(subtract((p * unit, 0.0), (offset * unit, 0.0)), turned)
 
 
 @njit
-def _divide(a: Pair, b: Pair) -> Pair:
+def _divide(a: Wide, b: Wide) -> Wide:
     """Return a / b, to about 10 u^2."""
     first = a[0] / b[0]
     rest = subtract(a, multiply(b, (first, 0.0)))
@@ -152,29 +150,25 @@ def _divide(a: Pair, b: Pair) -> Pair:
 
 
 @njit
-def _scaled(v: Wide, s: Pair) -> Wide:
+def _scaled(v: WideVector, s: Wide) -> WideVector:
     return multiply(v[0], s), multiply(v[1], s), multiply(v[2], s)
 
 
 @njit
-def _plus(u: Wide, v: Wide) -> Wide:
-    return add(u[0], v[0]), add(u[1], v[1]), add(u[2], v[2])
-
-
-@njit
-def _on_line(a: Wide, b: Wide) -> tuple[bool, float, Wide]:
-    """Return whether the point of a line nearest to the origin lies between a and b, and where."""
+def _on_line(a: WideVector, b: WideVector) -> tuple[bool, float, WideVector]:
+    """Return whether the foot of the origin on a line lies between a and b, and where."""
     edge = subtract_vectors(b, a)
     length, along = wide_dot(edge, edge), wide_dot(edge, a)
     if not length[0] > 0.0:
         return False, 0.0, a
     y = _divide((-along[0], -along[1]), length)
-    return 0.0 <= y[0] <= 1.0, y[0], _plus(a, _scaled(edge, y))
+    v = _scaled(edge, y)
+    return 0.0 <= y[0] <= 1.0, y[0], (add(a[0], v[0]), add(a[1], v[1]), add(a[2], v[2]))
 
 
 @njit
-def _on_plane(a: Wide, b: Wide, c: Wide) -> tuple[bool, float, float, Wide]:
-    """Return whether the point of a plane nearest to the origin lies in a triangle, and where."""
+def _on_plane(a: WideVector, b: WideVector, c: WideVector) -> tuple[bool, float, float, WideVector]:
+    """Return whether the foot of the origin on a plane lies in a triangle, and where."""
     u, v = subtract_vectors(b, a), subtract_vectors(c, a)
     normal = wide_cross(u, v)
     square = wide_dot(normal, normal)
@@ -188,30 +182,29 @@ def _on_plane(a: Wide, b: Wide, c: Wide) -> tuple[bool, float, float, Wide]:
 
 
 @njit
-def careful_plane(a: Corner, b: Corner, c: Corner, pose: Pose, unit: float) -> tuple[Vector, float]:
-    """Return the unit normal of a triangle and how far its plane is along it.
-
-    Infinitely far, where the three are on a line.
-    """
+def careful_plane(
+    a: Corner, b: Corner, c: Corner, pose: PairPose, unit: float
+) -> tuple[Vector, float]:
+    """Return the unit normal of a triangle and the offset of its plane, infinite for a line."""
     corner = _wide(a, pose, unit)
     u = subtract_vectors(_wide(b, pose, unit), corner)
     v = subtract_vectors(_wide(c, pose, unit), corner)
     normal = wide_cross(u, v)
     n = normal[0][0], normal[1][0], normal[2][0]
     length = norm(n)
-    if not length > ON_LINE * math.sqrt(wide_dot(u, u)[0] * wide_dot(v, v)[0]):
+    if not length > COLLINEAR_SINE * math.sqrt(wide_dot(u, u)[0] * wide_dot(v, v)[0]):
         return (1.0, 0.0, 0.0), np.inf
     n = scaled(n, 1.0 / length)
-    return n, wide_dot(as_pairs(n), corner)[0]
+    return n, wide_dot(as_wide(n), corner)[0]
 
 
 @njit
-def _holds_origin(a: Wide, b: Wide, c: Wide, d: Wide) -> bool:
+def _holds_origin(a: WideVector, b: WideVector, c: WideVector, d: WideVector) -> bool:
     """Return whether the origin lies in a tetrahedron that is not flat."""
     volume = _side(a, b, c, d)
     if volume == 0.0:
         return False
-    zero = as_pairs((0.0, 0.0, 0.0))
+    zero = as_wide(ZERO)
     return (
         _side(a, b, c, zero) * volume >= 0.0
         and _side(b, a, d, zero) * _side(b, a, d, c) >= 0.0
@@ -221,20 +214,20 @@ def _holds_origin(a: Wide, b: Wide, c: Wide, d: Wide) -> bool:
 
 
 @njit
-def _side(a: Wide, b: Wide, c: Wide, d: Wide) -> float:
-    """Return the sign of d beyond the plane of a, b and c."""
+def _side(a: WideVector, b: WideVector, c: WideVector, d: WideVector) -> float:
+    """Return the sign of the side of the plane of a, b and c that d is on."""
     normal = wide_cross(subtract_vectors(b, a), subtract_vectors(c, a))
     value = wide_dot(normal, subtract_vectors(d, a))[0]
     return 1.0 if value > 0.0 else -1.0 if value < 0.0 else 0.0
 
 
 @njit
-def is_known(new: Corner, corner: Corner) -> bool:
+def are_same(new: Corner, corner: Corner) -> bool:
     """Return whether two corners come from the same points."""
     return new.p == corner.p and new.q == corner.q
 
 
 @njit
 def is_zero(v: Vector) -> bool:
-    """Return whether a vector has no direction."""
+    """Return whether a vector is zero, or NaN."""
     return not max_abs(v) > 0.0

@@ -48,16 +48,16 @@ from obb_collision.queries.meshes.placed import Meshes, Place, PlacedMeshes, pla
 from obb_collision.typing import Floats, Rows, Vector
 
 #: Kinds of cores; sizes are (x, y, z, half).
-CORNERS = 0  #: corners of a hull; no sizes
-BOX = 1  #: half extents x, y, z
-SEGMENT = 2  #: from -half to half along z; a point, if half is zero
-ROUND = 3  #: an ellipsoid with half axes x, y, z, swept along that segment
-CYLINDER = 4  #: half axes x, y of its ends, at -half and half
-CONE = 5  #: the same of its base, at -half; its apex is at half
+HULL_CORE = 0  #: corners of a hull; no sizes
+BOX_CORE = 1  #: half extents x, y, z
+SEGMENT_CORE = 2  #: from -half to half along z; a point, if half is zero
+ROUND_CORE = 3  #: an ellipsoid with half axes x, y, z, swept along that segment
+CYLINDER_CORE = 4  #: half axes x, y of its ends, at -half and half
+CONE_CORE = 5  #: the same of its base, at -half; its apex is at half
 
 
 class Cores(NamedTuple):
-    """n bodies, for kernels; body i is at centers[i], turned by rotations[i]."""
+    """The arrays of n bodies for kernels; body i is at centers[i], turned by rotations[i]."""
 
     kinds: np.ndarray  #: (n,) int8
     sizes: Floats  #: (n, 4)
@@ -81,9 +81,9 @@ class Core(NamedTuple):
     radius: float
 
 
-#: Those that are neither polytopes nor segments.
-CURVED = (ROUND, CYLINDER, CONE)
-#: What stands for the hulls of bodies without corners.
+#: Kinds of cores that are neither polytopes nor segments.
+CURVED_CORES = (ROUND_CORE, CYLINDER_CORE, CONE_CORE)
+#: Placeholder for the hulls of bodies without corners.
 NO_HULLS = Hulls.of(np.zeros((1, 3)))
 
 
@@ -107,14 +107,14 @@ class ConvexBodies:
 
     @property
     def arrays(self) -> Cores:
-        """The same, for kernels."""
+        """The fields, for kernels."""
         return Cores(*vars(self).values())
 
 
 class Solids(NamedTuple):
-    """Placed meshes with radii (n,) about them, or convex bodies: of the others there are none.
+    """Either placed meshes, with radii (n,) about them, or convex bodies; the other set is empty.
 
-    Both in one kernel: one for each kind takes twice as long to compile.
+    One kernel takes both: a kernel for each kind takes twice as long to compile.
     """
 
     meshes: Meshes
@@ -127,8 +127,8 @@ def solids_of(bodies: PlacedMeshes | ConvexBodies, radii: Floats) -> Solids:
     rows, places = np.empty(0, np.int64), (np.empty((0, 3)), np.empty((0, 3, 3)))
     if isinstance(bodies, ConvexBodies):
         return Solids(Meshes(no_trees(), rows, *places), radii, bodies.arrays)
-    none = Cores(np.empty(0, np.int8), np.empty((0, 4)), np.empty(0), NO_HULLS, rows, *places)
-    return Solids(bodies.arrays, radii, none)
+    empty = Cores(np.empty(0, np.int8), np.empty((0, 4)), np.empty(0), NO_HULLS, rows, *places)
+    return Solids(bodies.arrays, radii, empty)
 
 
 @njit
@@ -140,20 +140,20 @@ def core_at(bodies: Cores, i: int) -> Core:
 
 @njit(inline=True, refcount=False)
 def borrowed_core(bodies: Cores, i: int) -> Core:
-    """Return the core of body i, for kernels that count no references either."""
+    """Return the core of body i, for kernels that count no references."""
     kind, size, half, first, last, reach, radius = _numbers_at(bodies, i)
     return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
 
 
 @njit(inline=True, refcount=False)
 def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, float, float]:
-    """Return the fields of a core other than the corners of all hulls."""
-    kind = bodies.kinds[i] + 0  # int64, as kinds written out are: int8 would compile all twice
+    """Return the fields of a core without the corners of all hulls."""
+    kind = bodies.kinds[i] + 0  # int64 like the constants: int8 would compile all twice
     size, half = vector_at(bodies.sizes, i), bodies.sizes[i, 3]
     first = last = 0
     radius = bodies.radii[i]
     reach = sum_abs(size) + half + 2.0 * radius
-    if kind == CORNERS:
+    if kind == HULL_CORE:
         row = bodies.rows[i]
         first, last = bodies.hulls.starts[row], bodies.hulls.starts[row + 1]
         reach = bodies.hulls.radii[row] + 2.0 * radius
@@ -162,21 +162,21 @@ def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, fl
 
 @njit(inline=True, refcount=False)
 def body_place(bodies: Cores, i: int) -> Place:
-    """Return where body i is."""
+    """Return the pose of body i."""
     return place_at(bodies.centers, bodies.rotations, i)
 
 
 @njit(refcount=False)
 def support(core: Core, n: Vector) -> Vector:
     """Return a point of the core that reaches farthest along n, of whatever length."""
-    if core.kind == CORNERS:
+    if core.kind == HULL_CORE:
         return farthest(core.blocks, core.first, core.last, n)
     (x, y, z), half = core.size, math.copysign(core.half, n[2])
-    if core.kind == BOX:
+    if core.kind == BOX_CORE:
         return math.copysign(x, n[0]), math.copysign(y, n[1]), math.copysign(z, n[2])
-    if core.kind == SEGMENT:
+    if core.kind == SEGMENT_CORE:
         return 0.0, 0.0, half
-    if core.kind == ROUND:
+    if core.kind == ROUND_CORE:
         u = x * n[0], y * n[1], z * n[2]
         length = fast_norm(u)
         if length > 0.0:
@@ -187,24 +187,24 @@ def support(core: Core, n: Vector) -> Vector:
     rim = (0.0, 0.0, half)
     if length > 0.0:
         rim = x * (u[0] / length), y * (u[1] / length), half
-    if core.kind == CYLINDER:
+    if core.kind == CYLINDER_CORE:
         return rim
     if length - core.half * n[2] < core.half * n[2]:
         return 0.0, 0.0, core.half
     return rim[0], rim[1], -core.half
 
 
-#: Kind, sizes (4) and radius, as in ``Bodies``.
+#: Kind, sizes (4) and radius, as in ``Cores``.
 CoreSizes = tuple[int, float, float, float, float, float]
 
 
 def core_of(shape: Shape) -> CoreSizes:
-    """Return the core of a shape, none of its sizes too small; of a hull or mesh only the kind."""
+    """Return the core of a shape, sizes rounded up; of a hull or mesh only the kind."""
     if not isinstance(shape, (Sphere, Ellipsoid, Capsule, Cylinder, Cone)):
-        return CORNERS, 0.0, 0.0, 0.0, 0.0, 0.0
+        return HULL_CORE, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = shape.local_box[2].tolist()
     if isinstance(shape, (Cylinder, Cone)):
-        kind = CONE if isinstance(shape, Cone) else CYLINDER
+        kind = CONE_CORE if isinstance(shape, Cone) else CYLINDER_CORE
         return kind, x, y, 0.0, z, 0.0
     half = 0.0
     if isinstance(shape, Capsule):
@@ -212,5 +212,5 @@ def core_of(shape: Shape) -> CoreSizes:
         lengths = Fraction(shape.radius) * scale, Fraction(shape.length) / 2 * scale
         z, half = (round_up(length.numerator, length.denominator) for length in lengths)
     if len(set(shape.scale)) == 1 and not isinstance(shape, Ellipsoid):
-        return SEGMENT, 0.0, 0.0, 0.0, half, z
-    return ROUND, x, y, z, half, 0.0
+        return SEGMENT_CORE, 0.0, 0.0, 0.0, half, z
+    return ROUND_CORE, x, y, z, half, 0.0

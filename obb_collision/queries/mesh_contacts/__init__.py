@@ -14,8 +14,8 @@
 
 """Depths of meshes that overlap, and where their surfaces cross."""
 
-from obb_collision.queries.mesh_contacts.body_depths import within_bodies
-from obb_collision.queries.mesh_contacts.push import way_out
+from obb_collision.queries.mesh_contacts.mesh_convex import within_bodies
+from obb_collision.queries.mesh_contacts.mesh_mesh import way_out
 from obb_collision.queries.mesh_contacts.surfaces import hulls_of
 
 __all__ = ["hulls_of", "way_out", "within_bodies"]

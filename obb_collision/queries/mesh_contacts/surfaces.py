@@ -14,7 +14,7 @@
 
 """Signed separations of meshes, and the points where their surfaces cross.
 
-Separations are the distance of those that are apart, the depth of the others.
+Separations are the distance of meshes that are apart, and minus the depth of others.
 """
 
 from __future__ import annotations
@@ -28,18 +28,25 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import in_blocks
-from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
+from obb_collision.numerics.vec3 import ZERO, combined, dot, minus, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import NO_AXIS, ContactArrays, Contacts, as_max_points
 from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import convex_distances, turned_back
-from obb_collision.queries.convex.support import CORNERS, ConvexBodies
-from obb_collision.queries.mesh_contacts.depths import depth_kernel
-from obb_collision.queries.mesh_contacts.push import CONTACTS, contacts_of, seen_from_first, way_out
-from obb_collision.queries.meshes.mesh_clearance import as_radii, clearances_of
+from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
+from obb_collision.queries.mesh_contacts.mesh_mesh import (
+    CONTACT_ROOM,
+    DepthArrays,
+    contacts_of,
+    depth_kernel,
+    replace_outer,
+    seen_from_first,
+    way_out,
+)
+from obb_collision.queries.meshes.mesh_mesh import as_radii, clearances_of
 from obb_collision.queries.meshes.placed import MeshPair, PlacedMeshes, body_at
+from obb_collision.queries.meshes.trees import TreeRoom, scaled_triangles, tree_room
 from obb_collision.queries.meshes.triangle_distance import closest_points, crossing, foot
 from obb_collision.queries.meshes.triangles import Triangle
-from obb_collision.queries.meshes.two_trees import TreeRoom, tree_room, triangles_of
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.pair_rows import RowPairs, as_sides
 from obb_collision.queries.verdict.verdict import Separations
@@ -61,36 +68,31 @@ def mesh_separations(
     i, j = as_sides(a, b, pairs)
     first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
     convex_a, convex_b = hulls_of(a, i, first), hulls_of(b, j, second)
-    found, _ = convex_distances(convex_a, convex_b, i, j)
-    middles = 0.5 * (found.positions_a + found.positions_b)
-    outer = Separations(np.stack([i, j], axis=1), found.lower, found.normals, middles)
+    hulls, _ = convex_distances(convex_a, convex_b, i, j)
+    middles = 0.5 * (hulls.positions_a + hulls.positions_b)
+    outer = Separations(np.stack([i, j], axis=1), hulls.lower, hulls.normals, middles)
     return within(outer, a, first, b, second)
 
 
 def within(
     outer: Separations, a: PlacedMeshes, radii_a: Floats, b: PlacedMeshes, radii_b: Floats
 ) -> Separations:
-    """Return the separations of meshes, given those (m,) of convex bodies that contain them.
+    """Return the separations of meshes, from those (m,) of convex bodies that contain them.
 
-    outer.pairs: rows of a and of b. The arrays given are written to.
+    outer.pairs: rows of a and of b. The arrays of ``outer`` are overwritten.
     """
     i, j = np.ascontiguousarray(outer.pairs.T)
-    values, normals, positions = outer.separations, outer.normals, outer.positions
     near, _ = clearances_of(a, radii_a, b, radii_b, i, j, np.inf)
-    apart = near.upper > 0.0
-    farther = apart & ~(values > near.distances)
-    values[farther], normals[farther] = near.distances[farther], near.normals[farther]
-    positions[farther] = 0.5 * (near.positions_a + near.positions_b)[farther]
-    deep = np.flatnonzero(~apart & (values <= 0.0))
-    depths, n, middles = np.maximum(-values[deep], 0.0), normals[deep], positions[deep]
-    pairs, found = RowPairs(a.arrays, i[deep], b.arrays, j[deep]), (depths, n, middles)
-    run(depth_kernel, len(deep), FEWEST_MESH_DEPTHS, pairs, (radii_a, radii_b), found)
-    values[deep], normals[deep], positions[deep] = -depths, n, middles
-    return outer
+
+    def shorten(deep: Integers, depths: DepthArrays) -> None:
+        pairs = RowPairs(a.arrays, i[deep], b.arrays, j[deep])
+        run(depth_kernel, len(deep), FEWEST_MESH_DEPTHS, pairs, (radii_a, radii_b), depths)
+
+    return replace_outer(outer, near.distances, near, shorten)
 
 
 def hulls_of(bodies: PlacedMeshes, rows: Integers, radii: Floats) -> ConvexBodies:
-    """Return the convex bodies about meshes, with radii; only those of rows are there."""
+    """Return the convex hulls of meshes, with radii; only those of rows are built."""
     trees = bodies.trees
     used, where = np.unique(bodies.meshes[rows], return_inverse=True)
     blocks = [np.zeros((1, 3, 8))]
@@ -101,7 +103,7 @@ def hulls_of(bodies: PlacedMeshes, rows: Integers, radii: Floats) -> ConvexBodie
     reach = [np.abs(block).sum(axis=1).max() for block in blocks]
     own = np.zeros(len(bodies), np.int64)
     own[rows] = where.ravel() + 1
-    kinds, sizes = np.full(len(bodies), CORNERS, np.int8), np.zeros((len(bodies), 4))
+    kinds, sizes = np.full(len(bodies), HULL_CORE, np.int8), np.zeros((len(bodies), 4))
     hulls = Hulls(np.concatenate(blocks), starts, np.array(reach))
     return ConvexBodies(kinds, sizes, radii, hulls, own, *bodies.arrays[2:])
 
@@ -109,18 +111,18 @@ def hulls_of(bodies: PlacedMeshes, rows: Integers, radii: Floats) -> ConvexBodie
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PATCHES = 16
 #: Points this near to both surfaces, relative to S, are on the curve.
-ON_CURVE = 1e-13
-#: Depths that differ by less than this, relative to S, are one.
+CURVE_SLACK = 1e-13
+#: Depths that differ by less than this, relative to S, count as equal.
 DEPTH_TIE = 2.0**-24
-#: Points of one pair of triangles: three edges of either.
-POINTS = 6
+#: Points of a pair of triangles: three edges of each.
+POINTS_PER_CONTACT = 6
 
 
 class Curve(NamedTuple):
-    """Points of both surfaces, scaled, in the frame of a, and how deep it is there, metres."""
+    """Points where both surfaces cross, scaled, in the frame of a, and the depths there, metres."""
 
-    points: Floats  #: (POINTS CONTACTS, 3)
-    depths: Floats  #: (POINTS CONTACTS,)
+    points: Floats  #: (POINTS_PER_CONTACT CONTACT_ROOM, 3)
+    depths: Floats  #: (POINTS_PER_CONTACT CONTACT_ROOM,)
 
 
 def mesh_contacts(
@@ -132,24 +134,24 @@ def mesh_contacts(
     radii_a: ArrayLike = 0.0,
     radii_b: ArrayLike = 0.0,
 ) -> Contacts:
-    """Return the contacts of meshes, with radii: points of the curve where their surfaces cross."""
+    """Return the contacts of meshes, with radii: points of the curve where surfaces cross."""
     limit = as_max_points(max_points)
-    found = mesh_separations(a, b, pairs, radii_a=radii_a, radii_b=radii_b)
-    return patches_of(found, a, b, *as_sides(a, b, pairs), limit)
+    separations = mesh_separations(a, b, pairs, radii_a=radii_a, radii_b=radii_b)
+    return patches_of(separations, a, b, *as_sides(a, b, pairs), limit)
 
 
 def patches_of(
-    found: Separations, a: PlacedMeshes, b: PlacedMeshes, i: Integers, j: Integers, max_points: int
+    outer: Separations, a: PlacedMeshes, b: PlacedMeshes, i: Integers, j: Integers, max_points: int
 ) -> Contacts:
-    """Return the contacts of pairs i (m,) of a and j (m,) of b with their separations (m,)."""
-    result = Contacts.blank(found.pairs, max_points)
-    result.normals[:], result.axes[:] = found.normals, NO_AXIS
-    result.depths[:] = np.maximum(-found.separations, 0.0)
-    result.counts[:] = found.separations <= 0.0
+    """Return the contacts of pairs i (m,) of a and j (m,) of b; outer: their separations (m,)."""
+    result = Contacts.blank(outer.pairs, max_points)
+    result.normals[:], result.axes[:] = outer.normals, NO_AXIS
+    result.depths[:] = np.maximum(-outer.separations, 0.0)
+    result.counts[:] = outer.separations <= 0.0
     result.positions[:], result.position_depths[:] = np.nan, np.nan
-    some = result.counts > 0
-    result.positions[some, 0] = found.positions[some]
-    result.position_depths[some, 0] = result.depths[some]
+    touching = result.counts > 0
+    result.positions[touching, 0] = outer.positions[touching]
+    result.position_depths[touching, 0] = result.depths[touching]
     both = RowPairs(a.arrays, i, b.arrays, j)
     run(_patch_kernel, len(i), FEWEST_PATCHES, both, result.arrays)
     return result
@@ -157,15 +159,16 @@ def patches_of(
 
 @njit
 def _patch_kernel(pairs: RowPairs, out: ContactArrays, start: int, stop: int) -> None:
-    """Write the points of pairs whose surfaces cross, in place of the one that is there."""
-    curve = Curve(np.empty((POINTS * CONTACTS, 3)), np.empty(POINTS * CONTACTS))
-    room = tree_room(CONTACTS)
+    """Write the points of pairs whose surfaces cross, in place of the single one before."""
+    most = POINTS_PER_CONTACT * CONTACT_ROOM
+    curve = Curve(np.empty((most, 3)), np.empty(most))
+    room = tree_room(CONTACT_ROOM)
     normals, depths, counts, positions, position_depths, _ = out
     for row in range(start, stop):
         if counts[row] == 0:
             continue
         place = body_at(pairs.a, pairs.rows_a[row]).place
-        bodies = seen_from_first(pairs, row, (0.0, 0.0, 0.0))
+        bodies = seen_from_first(pairs, row, ZERO)
         n = turned_back(place, vector_at(normals, row))
         count = _write_curve(bodies, n, depths[row], room, curve)
         back = unit_scale(bodies.pose.size)[1]
@@ -181,52 +184,52 @@ def _patch_kernel(pairs: RowPairs, out: ContactArrays, start: int, stop: int) ->
 
 @njit(merge=True)
 def _write_curve(bodies: MeshPair, n: Vector, depth: float, room: TreeRoom, curve: Curve) -> int:
-    """Write where triangles cross; return the number of points."""
+    """Write the points where triangles cross; return their number."""
     unit, back = unit_scale(bodies.pose.size)
-    frame, found = frame_of(n), 0
+    frame, count = frame_of(n), 0
     _, contacts = contacts_of(bodies, room)
     for k in range(contacts):
-        p, q = triangles_of(bodies, room.contacts[k, 1], room.contacts[k, 2], unit)
-        first = found
-        found = _add_crossings(q, p, curve, _add_crossings(p, q, curve, found))
-        if found == first:
+        p, q = scaled_triangles(bodies, room.contacts[k, 1], room.contacts[k, 2], unit)
+        first = count
+        count = _add_crossings(q, p, curve, _add_crossings(p, q, curve, count))
+        if count == first:
             _, x, y = closest_points(p, q)
-            found = _add(curve, found, x, y)
+            count = _add(curve, count, x, y)
         way = min(max(way_out(p, q, frame, -np.inf) * back, 0.0), depth)
-        for point in range(first, found):
+        for point in range(first, count):
             curve.depths[point] = way
-    return found
+    return count
 
 
 @njit
-def _add_crossings(p: Triangle, q: Triangle, curve: Curve, found: int) -> int:
-    """Add where edges of p cross q; return the number of points."""
+def _add_crossings(p: Triangle, q: Triangle, curve: Curve, count: int) -> int:
+    """Add the points where edges of p cross q; return the number of points."""
     for _ in range(3):
         x = crossing(p[0], p[1], q)
         y = foot(x, q)
         d = minus(y, x)
-        if dot(d, d) <= ON_CURVE * ON_CURVE:
-            found = _add(curve, found, x, y)
+        if dot(d, d) <= CURVE_SLACK * CURVE_SLACK:
+            count = _add(curve, count, x, y)
         p = p[1], p[2], p[0]
-    return found
+    return count
 
 
 @njit
-def _add(curve: Curve, found: int, x: Vector, y: Vector) -> int:
+def _add(curve: Curve, count: int, x: Vector, y: Vector) -> int:
     middle = scaled(plus(x, y), 0.5)
     for k in range(3):
-        curve.points[found, k] = middle[k]
-    return found + 1
+        curve.points[count, k] = middle[k]
+    return count + 1
 
 
 @njit
 def _chosen(curve: Curve, count: int, limit: int, tie: float) -> int:
-    """Move at most ``limit`` of count points to the front; return how many.
+    """Move at most ``limit`` of count points to the front; return their number.
 
-    The deepest first, of many the one farthest from the middle, then repeatedly the one farthest
-    from those taken (Gonzalez 1985).
+    First the deepest (of equal ones that farthest from the middle), then repeatedly the point
+    farthest from those before (Gonzalez 1985).
     """
-    limit, middle, deepest = min(limit, count), (0.0, 0.0, 0.0), 0.0
+    limit, middle, deepest = min(limit, count), ZERO, 0.0
     for k in range(count):
         middle = plus(middle, scaled(vector_at(curve.points, k), 1.0 / count))
         deepest = max(deepest, curve.depths[k])
@@ -242,7 +245,7 @@ def _chosen(curve: Curve, count: int, limit: int, tie: float) -> int:
                 reach = min(reach, dot(d, d))
             if reach > far:
                 best, far = k, reach
-        if taken > 0 and not far > ON_CURVE * ON_CURVE:
+        if taken > 0 and not far > CURVE_SLACK * CURVE_SLACK:
             return taken
         for c in range(3):
             here = curve.points[taken, c]

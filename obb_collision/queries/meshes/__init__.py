@@ -14,10 +14,10 @@
 
 """Placed meshes and hulls: verdicts, distances, and the trees behind them."""
 
-from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes.hull_hull import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
-from obb_collision.queries.meshes.mesh_clearance import MeshClearances
-from obb_collision.queries.meshes.two_trees import DISTANCE_BOUND
+from obb_collision.queries.meshes.mesh_mesh import MeshClearances
+from obb_collision.queries.meshes.trees import DISTANCE_BOUND
 
 __all__ = [
     "DISTANCE_BOUND",

@@ -19,10 +19,10 @@ it enters it: the surface winds about the point. That holds for solids that over
 cavities whose faces point inwards. Where faces point this way and that, so that in and out mean
 nothing, it is inside if the ray crosses the surface an odd number of times.
 
-A crossing counts only if three orientations and the side of the point are certain; a ray that
-passes too near to an edge, or a point too near to the surface, gives no answer, and the next
-direction is tried, at last those out of the box of the mesh: from beside a thin mesh some of these
-lead away from it. Triangles are found through the tree: every node that the ray may hit.
+A crossing counts only if three orientations and the side of the point are certain; if a ray
+passes too near to an edge, or the point is too near to the surface, the next direction is tried.
+The last ones lead out of the box of the mesh: beside a thin mesh some of these lead away from it.
+Triangles are found through the tree: every node that the ray may hit.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.numerics import exact
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled, sum_abs
-from obb_collision.queries.meshes.one_tree import LARGEST, Waiting, descend_nearest
-from obb_collision.queries.meshes.triangles import corner, determinant_bound
+from obb_collision.numerics.exact import Exact, exact_cross, exact_dot
+from obb_collision.numerics.vec3 import dot, max_abs, minus, scaled, sum_abs
+from obb_collision.queries.meshes.trees import LARGEST_LIMIT, NodeStack, descend_nearest
+from obb_collision.queries.meshes.triangles import corner, sign
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
-OUTSIDE, INSIDE, UNKNOWN = 0, 1, -1
+OUTSIDE_MESH, INSIDE_MESH, UNKNOWN_SIDE = 0, 1, -1
 #: Instead of the sign of a crossing: undecided, as the ray passes too near to an edge.
 GRAZES = 2
 
 #: Directions in no special position, tried in order until a ray grazes nothing.
-DIRECTIONS = np.array(
+RAY_DIRECTIONS = np.array(
     [
         [1.41421356, 1.73205081, 2.23606798],
         [-2.64575131, 3.31662479, 0.60555127],
@@ -61,36 +61,36 @@ DIRECTIONS = np.array(
 #: Relative slack of the slab test: rounding takes 4 roundoffs, axes orthonormal to 16 take 28.
 SLAB_SLACK = 32 * ROUNDOFF
 #: Below this speed across a slab the times of entering and leaving are not asked for ...
-SLOW = 1e-9
+SLOW_SPEED = 1e-9
 #: ... above it they are off by less than 1e-6 of their size (20 roundoffs of the speed).
 TIME_SLACK = 1e-5
 
 
 @njit(refcount=False)
-def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, waiting: Waiting) -> int:
-    """Return INSIDE or OUTSIDE of a closed mesh where certain, else UNKNOWN.
+def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, room: NodeStack) -> int:
+    """Return INSIDE_MESH or OUTSIDE_MESH of a closed mesh where certain, else UNKNOWN_SIDE.
 
     point: in the frame of the mesh, each component off by at most ``error``.
     """
     root = trees.roots[mesh]
     if outside_box(trees.nodes, root, point, error):
-        return OUTSIDE
+        return OUTSIDE_MESH
     unit, _ = unit_scale(trees.radii[mesh] + max_abs(point))
-    for k in range(len(DIRECTIONS) + 6):
+    for k in range(len(RAY_DIRECTIONS) + 6):
         ray = _direction(trees.nodes, root, k)
-        found = _crossings(trees, root, Crossing(point, ray, error, unit), waiting)
-        if found.limit > 0.0:
-            inside = found.leaves != 0 if trees.winding[mesh] else found.leaves % 2 == 1
-            return INSIDE if inside else OUTSIDE
-    return UNKNOWN
+        crossings = _crossings(trees, root, CrossingRay(point, ray, error, unit), room)
+        if crossings.limit > 0.0:
+            outside = crossings.leaves == 0 if trees.winding[mesh] else crossings.leaves % 2 == 0
+            return OUTSIDE_MESH if outside else INSIDE_MESH
+    return UNKNOWN_SIDE
 
 
 @njit(refcount=False)
 def _direction(nodes: Floats, root: int, k: int) -> Vector:
-    """Return a direction in no special position, or behind these one out of the box of a mesh."""
-    n = k - len(DIRECTIONS)
+    """Return a direction in no special position; the last ones lead out of the box of the mesh."""
+    n = k - len(RAY_DIRECTIONS)
     if n < 0:
-        return DIRECTIONS[k, 0], DIRECTIONS[k, 1], DIRECTIONS[k, 2]
+        return RAY_DIRECTIONS[k, 0], RAY_DIRECTIONS[k, 1], RAY_DIRECTIONS[k, 2]
     turn = 1.0 if n % 2 == 0 else -1.0
     axis = n // 2
     return (
@@ -112,8 +112,8 @@ def outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
     return False
 
 
-class Crossing(NamedTuple):
-    """A ray that crosses a surface."""
+class CrossingRay(NamedTuple):
+    """A ray against a surface."""
 
     point: Vector
     ray: Vector
@@ -121,37 +121,37 @@ class Crossing(NamedTuple):
     unit: float  #: a power of two that scales the mesh to about 1, so that no product overflows
 
 
-class Crossings(NamedTuple):
-    """Those of a ray so far."""
+class CrossingCount(NamedTuple):
+    """The crossings of a ray so far."""
 
     limit: float  #: -inf once it has grazed an edge
     leaves: int  #: how often it leaves the surface, less how often it enters
 
 
 @njit(refcount=False)
-def _crossings(trees: TreeArrays, root: int, ray: Crossing, waiting: Waiting) -> Crossings:
-    none = Crossings(LARGEST, 0)
-    return descend_nearest(trees, root, ray, _enters, _with_crossing, none, waiting)[0]
+def _crossings(trees: TreeArrays, root: int, ray: CrossingRay, waiting: NodeStack) -> CrossingCount:
+    start = CrossingCount(LARGEST_LIMIT, 0)
+    return descend_nearest(trees, root, ray, _enters, _with_crossing, start, waiting)[0]
 
 
 @njit(merge=True)
-def _enters(ray: Crossing, nodes: Floats, n: int) -> float:
+def _enters(ray: CrossingRay, nodes: Floats, n: int) -> float:
     return entry(nodes, n, ray.point, ray.ray, ray.error)
 
 
 @njit(merge=True)
 def _with_crossing(
-    ray: Crossing, trees: TreeArrays, n: int, _: float, found: Crossings
-) -> Crossings:
-    sign = 0
+    ray: CrossingRay, trees: TreeArrays, n: int, _: float, crossings: CrossingCount
+) -> CrossingCount:
+    side = 0
     if trees.counted[n]:
-        sign = _crosses(trees.triangles, n, ray.point, ray.ray, ray.error, ray.unit)
-    return Crossings(-np.inf if sign == GRAZES else found.limit, found.leaves + sign)
+        side = _crosses(trees.triangles, n, ray.point, ray.ray, ray.error, ray.unit)
+    return CrossingCount(-np.inf if side == GRAZES else crossings.limit, crossings.leaves + side)
 
 
 @njit(refcount=False)
 def entry(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> float:
-    """Return a time before the ray from p along w can enter the box of a node; inf: never."""
+    """Return a time before the ray from p along w can enter the box of a node; inf if never."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
     size = abs(dx) + abs(dy) + abs(dz) + nodes[n, 12] + nodes[n, 13] + nodes[n, 14]
     slack = 2.0 * error + SLAB_SLACK * size
@@ -161,7 +161,7 @@ def entry(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> float:
         start = x * dx + y * dy + z * dz
         speed = x * w[0] + y * w[1] + z * w[2]
         half = nodes[n, 12 + k] + slack
-        if abs(speed) < SLOW:
+        if abs(speed) < SLOW_SPEED:
             slow = slow or abs(start) > half
             continue
         near, far = (-half - start) / speed, (half - start) / speed
@@ -176,31 +176,32 @@ def entry(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> float:
 
 @njit(refcount=False)
 def _stays_out(nodes: Floats, n: int, d: Vector, w: Vector, slack: float, latest: float) -> bool:
-    """Return whether a ray from d, seen from the centre, is out of a slab until it leaves others.
+    """Return whether a ray from d, seen from the centre, is outside of a slab until ``latest``.
 
-    Of slabs that it is slow across.
+    Of slabs that it crosses slowly.
     """
     for k in range(3):
         axis = nodes[n, 3 + k], nodes[n, 6 + k], nodes[n, 9 + k]
         speed = abs(dot(axis, w))
         # the speed is off by less than 32 roundoffs of the ray's direction
         way = (speed + SLAB_SLACK * sum_abs(w)) * latest
-        if speed < SLOW and abs(dot(axis, d)) - nodes[n, 12 + k] > way + slack:
+        if speed < SLOW_SPEED and abs(dot(axis, d)) - nodes[n, 12 + k] > way + slack:
             return True
     return False
 
 
 @njit(refcount=False)
 def _crosses(triangles: Floats, n: int, p: Vector, w: Vector, error: float, unit: float) -> int:
-    """Return 1 or -1 if the ray certainly leaves or enters by a triangle, 0 if it misses it."""
+    """Return 1 or -1 if a ray certainly leaves or enters at a triangle, 0 if it misses it."""
     a = scaled(minus(corner(triangles, n, 0), p), unit)
     b = scaled(minus(corner(triangles, n, 3), p), unit)
     c = scaled(minus(corner(triangles, n, 6), p), unit)
     error *= unit
-    ab, bc, ca = _ray_sign(w, a, b, error), _ray_sign(w, b, c, error), _ray_sign(w, c, a, error)
+    off = 2.0 * error  # the ray's direction is exact
+    ab, bc, ca = sign(w, a, b, off), sign(w, b, c, off), sign(w, c, a, off)
     if min(ab, bc, ca) < 0 < max(ab, bc, ca):
         return 0
-    volume = _volume_sign(a, b, c, error)
+    volume = sign(a, b, c, off)
     if ab == bc == ca != 0 and volume != 0:
         return ab if volume == ab else 0
     # All three corners behind the start: no crossing, however near to an edge.
@@ -211,31 +212,16 @@ def _crosses(triangles: Floats, n: int, p: Vector, w: Vector, error: float, unit
     return GRAZES
 
 
-@njit
-def _ray_sign(w: Vector, a: Vector, b: Vector, error: float) -> int:
-    value = dot(w, cross(a, b))
-    # the ray's direction is exact: no part of the error comes from it
-    bound = determinant_bound(max_abs(w), max_abs(a), max_abs(b), 2.0 * error)
-    return 1 if value > bound else (-1 if value < -bound else 0)
-
-
-@njit
-def _volume_sign(a: Vector, b: Vector, c: Vector, error: float) -> int:
-    value = dot(a, cross(b, c))
-    bound = determinant_bound(max_abs(a), max_abs(b), max_abs(c), 2.0 * error)
-    return 1 if value > bound else (-1 if value < -bound else 0)
-
-
-def inside_exactly(corners: list[exact.Vector], winding: bool) -> bool:
+def inside_exactly(corners: list[Exact], winding: bool) -> bool:
     """Return whether a point is inside a closed mesh, or on its surface, in exact integers.
 
     corners: the point, then three corners of each counted triangle; winding: see ``MeshTrees``.
-    Tens of microseconds a triangle. Raises RuntimeError if all directions graze an edge, which
-    takes malice.
+    Takes tens of microseconds per triangle. Raises RuntimeError if all rays graze an edge, which
+    only a contrived mesh does.
     """
     point, rest = corners[0], corners[1:]
     moved = [(v[0] - point[0], v[1] - point[1], v[2] - point[2]) for v in rest]
-    for direction in np.rint(DIRECTIONS * 1e8).astype(int).tolist():
+    for direction in np.rint(RAY_DIRECTIONS * 1e8).astype(int).tolist():
         ray = (direction[0], direction[1], direction[2])
         hits = [_exact_crossing(ray, *moved[k : k + 3]) for k in range(0, len(moved), 3)]
         if GRAZES not in hits:
@@ -244,16 +230,16 @@ def inside_exactly(corners: list[exact.Vector], winding: bool) -> bool:
     raise RuntimeError("every ray from the point grazes an edge of the mesh")
 
 
-def _exact_crossing(w: exact.Vector, a: exact.Vector, b: exact.Vector, c: exact.Vector) -> int:
+def _exact_crossing(w: Exact, a: Exact, b: Exact, c: Exact) -> int:
     """Return 1 for leaving, -1 for entering, 0 for no crossing, GRAZES where it touches an edge."""
     sides = [
-        exact.dot(w, exact.cross(a, b)),
-        exact.dot(w, exact.cross(b, c)),
-        exact.dot(w, exact.cross(c, a)),
+        exact_dot(w, exact_cross(a, b)),
+        exact_dot(w, exact_cross(b, c)),
+        exact_dot(w, exact_cross(c, a)),
     ]
     if min(sides) < 0 < max(sides):
         return 0
     if 0 in sides:
-        return GRAZES if max(exact.dot(w, a), exact.dot(w, b), exact.dot(w, c)) >= 0 else 0
-    sign = 1 if sides[0] > 0 else -1
-    return sign if exact.dot(a, exact.cross(b, c)) * sign > 0 else 0
+        return GRAZES if max(exact_dot(w, a), exact_dot(w, b), exact_dot(w, c)) >= 0 else 0
+    side = 1 if sides[0] > 0 else -1
+    return side if exact_dot(a, exact_cross(b, c)) * side > 0 else 0

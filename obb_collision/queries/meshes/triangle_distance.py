@@ -19,8 +19,8 @@ the projections is at most the distance, and the distance of any two points is a
 
 The search is that of Gilbert, Johnson and Keerthi 1988 on the differences of the corners, which
 meets the distance from both sides in some four steps. Where rounding leaves it open (slivers,
-nearly parallel edges, triangles that nearly touch), ``careful_gap`` tries every direction that can
-be the one between the closest features, with twice the digits, and ``closest_points`` all features.
+nearly parallel edges, triangles that nearly touch), ``careful_triangle_gap`` tries, with twice the
+digits, every direction between two features, and ``closest_points`` tries all features.
 
 Corners are scaled so that the largest is about one; a projection on a unit direction is then off by
 less than 8 unit roundoffs.
@@ -33,19 +33,19 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics import error_free as dd
-from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
+from obb_collision.numerics.exact import WideVector, wide_cross, wide_difference
+from obb_collision.numerics.simplex import BARE_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import careful_cross, dot, max_abs, minus, plus, scaled
 from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.primitives.segments import nearest_of_segments
 from obb_collision.typing import Vector
 
-#: The search ends when both bounds agree to this, 7e-15 of coordinates about one,
-AGREED = 2.0**-47
+#: The search ends when both bounds agree to this, 7e-15 of coordinates near 1,
+BOUNDS_AGREE = 2.0**-47
 #: or after this many steps: most pairs take four.
-STEPS = 24
+MOST_STEPS = 24
 #: Two points of triangles, and the square of their distance.
-Points = tuple[float, Vector, Vector]
+TrianglePoints = tuple[float, Vector, Vector]
 
 
 @njit
@@ -54,13 +54,12 @@ def triangle_bounds(
 ) -> tuple[float, float, Vector]:
     """Return a lower and an upper bound of the distance, and the unit direction of the lower.
 
-    n: a direction from q to p to begin with. The search ends once the lower bound is ``enough``;
-    then the upper one may be infinite, and where rounding puts the origin in the simplex or on it:
-    flat ones seem to hold it while triangles are apart.
+    n: the direction to begin with, from q to p. The upper bound may be infinite if the lower one
+    reached ``enough``, or if rounding puts the origin in a flat simplex.
     """
     lower, upper, best = 0.0, np.inf, n
-    simplex = no_simplex(NO_CORNER)
-    for _ in range(STEPS):
+    simplex = no_simplex(BARE_CORNER)
+    for _ in range(MOST_STEPS):
         square = dot(n, n)
         if not square > 0.0:
             break
@@ -70,7 +69,7 @@ def triangle_bounds(
         gap = low - high
         if gap > lower:
             lower, best = gap, n
-        if lower >= enough or upper - lower <= AGREED:
+        if lower >= enough or upper - lower <= BOUNDS_AGREE:
             break
         simplex = with_corner(simplex, (minus(first, second),))
         n = simplex.nearest
@@ -98,8 +97,8 @@ def _highest(t: Triangle, n: Vector) -> tuple[Vector, float]:
 
 
 @njit
-def gap_along(p: Triangle, q: Triangle, n: Vector) -> tuple[float, Vector]:
-    """Return the gap of triangles along a direction or its reverse, and the unit from q to p."""
+def triangle_gap(p: Triangle, q: Triangle, n: Vector) -> tuple[float, Vector]:
+    """Return the larger gap of triangles along n and -n, and that direction, unit, from q to p."""
     largest = max_abs(n)
     if not largest > 0.0:
         return -np.inf, n
@@ -111,8 +110,8 @@ def gap_along(p: Triangle, q: Triangle, n: Vector) -> tuple[float, Vector]:
 
 
 @njit
-def careful_gap(p: Triangle, q: Triangle) -> tuple[float, Vector]:
-    """Return the largest gap over all directions between closest features, and its direction.
+def careful_triangle_gap(p: Triangle, q: Triangle) -> tuple[float, Vector]:
+    """Return the largest gap over all directions between two features, and its direction.
 
     Normals of the faces, normals common to two edges, from a corner straight to an edge, and from
     corner to corner. Products are taken with twice the digits, so that a direction is right to a
@@ -121,12 +120,16 @@ def careful_gap(p: Triangle, q: Triangle) -> tuple[float, Vector]:
     best = (-np.inf, (1.0, 0.0, 0.0))
     for _ in range(3):
         for _ in range(3):
-            u, v, w = _difference(p[1], p[0]), _difference(q[1], q[0]), _difference(q[0], p[0])
-            best = _wider(best, p, q, dd.cross(u, v))
-            best = _wider(best, p, q, dd.cross(dd.cross(u, w), u))
-            best = _wider(best, p, q, dd.cross(dd.cross(v, w), v))
-            best = _wider(best, p, q, dd.cross(u, _difference(p[2], p[0])))
-            best = _wider(best, p, q, dd.cross(v, _difference(q[2], q[0])))
+            u, v, w = (
+                wide_difference(p[1], p[0]),
+                wide_difference(q[1], q[0]),
+                wide_difference(q[0], p[0]),
+            )
+            best = _wider(best, p, q, wide_cross(u, v))
+            best = _wider(best, p, q, wide_cross(wide_cross(u, w), u))
+            best = _wider(best, p, q, wide_cross(wide_cross(v, w), v))
+            best = _wider(best, p, q, wide_cross(u, wide_difference(p[2], p[0])))
+            best = _wider(best, p, q, wide_cross(v, wide_difference(q[2], q[0])))
             best = _wider(best, p, q, w)
             q = q[1], q[2], q[0]
         p = p[1], p[2], p[0]
@@ -134,24 +137,18 @@ def careful_gap(p: Triangle, q: Triangle) -> tuple[float, Vector]:
 
 
 @njit
-def _difference(u: Vector, v: Vector) -> dd.Vector:
-    return dd.subtract_vectors(dd.as_pairs(u), dd.as_pairs(v))
-
-
-@njit
 def _wider(
-    best: tuple[float, Vector], p: Triangle, q: Triangle, n: dd.Vector
+    best: tuple[float, Vector], p: Triangle, q: Triangle, n: WideVector
 ) -> tuple[float, Vector]:
-    gap, unit = gap_along(p, q, (n[0][0], n[1][0], n[2][0]))
+    gap, unit = triangle_gap(p, q, (n[0][0], n[1][0], n[2][0]))
     return (gap, unit) if gap > best[0] else best
 
 
 @njit
-def closest_points(p: Triangle, q: Triangle) -> Points:
+def closest_points(p: Triangle, q: Triangle) -> TrianglePoints:
     """Return the squared distance and the closest points of two triangles, or a common point.
 
-    Of all features: edges with edges, corners and where an edge runs through the plane of the
-    other triangle with its face.
+    Tries edges with edges, and the face of each with corners and crossing edges of the other.
     """
     best = (np.inf, p[0], q[0])
     for _ in range(3):
@@ -171,7 +168,7 @@ def closest_points(p: Triangle, q: Triangle) -> Points:
 
 
 @njit
-def _nearer(best: Points, x: Vector, y: Vector) -> Points:
+def _nearer(best: TrianglePoints, x: Vector, y: Vector) -> TrianglePoints:
     d = minus(y, x)
     square = dot(d, d)
     return (square, x, y) if square < best[0] else best
@@ -179,7 +176,7 @@ def _nearer(best: Points, x: Vector, y: Vector) -> Points:
 
 @njit
 def crossing(start: Vector, end: Vector, t: Triangle) -> Vector:
-    """Return where an edge runs through the plane of a triangle, its start if it does not."""
+    """Return where an edge crosses the plane of a triangle, or its start if it does not."""
     n = careful_cross(minus(t[1], t[0]), minus(t[2], t[0]))
     x, y = dot(n, minus(start, t[0])), dot(n, minus(end, t[0]))
     if not x * y < 0.0:
@@ -189,7 +186,7 @@ def crossing(start: Vector, end: Vector, t: Triangle) -> Vector:
 
 @njit
 def foot(y: Vector, t: Triangle) -> Vector:
-    """Return the foot of a point on the plane of a triangle; a corner if it is not in the face."""
+    """Return the foot of a point on the face of a triangle, or a corner if it is beside it."""
     u, v, w = minus(t[1], t[0]), minus(t[2], t[0]), minus(y, t[0])
     n = careful_cross(u, v)
     square = dot(n, n)
@@ -197,7 +194,7 @@ def foot(y: Vector, t: Triangle) -> Vector:
         return t[0]
     r = s = 0.0
     rest = w
-    for _ in range(2):  # what the first leaves in the plane, as rounding in a sliver, goes as well
+    for _ in range(2):  # the second round removes rounding in slivers
         r += dot(careful_cross(rest, v), n) / square
         s += dot(careful_cross(u, rest), n) / square
         rest = minus(minus(w, scaled(u, r)), scaled(v, s))

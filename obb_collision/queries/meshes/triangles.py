@@ -33,7 +33,7 @@ at most w. Their determinant of six products is then off by at most 6 ((A+w)(B+w
 and by 20 u ABC of rounding (5 operations a product, 6 products): below 64 u ABC. The rounding of
 the differences themselves, u A and so on, is 18 u ABC: within the same bound.
 
-``classify_by_axes`` takes twice the digits for what doubles leave open.
+``classify_by_axes`` takes twice the digits for pairs that doubles leave open.
 
 The corners are placed in the world relative to the first body, in double-double arithmetic, and
 the orientations are asked again; where one stays uncertain (coplanar
@@ -55,28 +55,28 @@ from collections.abc import Iterator, Sequence
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.error_free import (
-    Pair,
+from obb_collision.numerics.exact import (
+    Exact,
+    Wide,
+    WideVector,
     add,
-    as_pairs,
+    as_wide,
+    exact_axes,
+    exact_cross,
+    exact_dot,
+    exact_integers,
     largest,
     subtract,
     subtract_vectors,
-    two_sum_error,
+    wide_cross,
+    wide_difference,
+    wide_dot,
 )
-from obb_collision.numerics.error_free import Vector as Wide
-from obb_collision.numerics.error_free import cross as wide_cross
-from obb_collision.numerics.error_free import dot as wide_dot
-from obb_collision.numerics.exact import Vector as Exact
-from obb_collision.numerics.exact import cross as exact_cross
-from obb_collision.numerics.exact import dot as exact_dot
-from obb_collision.numerics.exact import exact_axes, exact_integers
 from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled
 from obb_collision.queries.meshes.placed import Place
 from obb_collision.queries.verdict.sat import rows_of
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, UNDECIDED
 from obb_collision.typing import Axes, Floats, Vector
-
-SEPARATE, TOUCHING, OVERLAP, UNDECIDED = 0, 1, 2, -1
 
 #: The corners of a triangle.
 Triangle = tuple[Vector, Vector, Vector]
@@ -89,7 +89,7 @@ DETERMINANT_ROUNDING = 64 * ROUNDOFF
 def classify_by_signs(p: Triangle, q: Triangle, error: float) -> int:
     """Return SEPARATE or OVERLAP of two triangles where certain, else UNDECIDED.
 
-    error: by how much a component of a corner of q may be off.
+    error: of each component of a corner of q.
     """
     (p0, p1, p2), (q0, q1, q2) = p, q
     w = 2.0 * error
@@ -130,7 +130,7 @@ def triangle_at(triangles: Floats, n: int) -> Triangle:
 
 @njit
 def determinant_bound(a: float, b: float, c: float, w: float) -> float:
-    """Return the error of a determinant of vectors up to a, b, c, each component off by w."""
+    """Return the error bound of a determinant of vectors up to a, b, c; components off by w."""
     products = a * b + b * c + c * a
     spread = w * products + w * w * (a + b + c) + w * w * w
     return (
@@ -142,7 +142,7 @@ def determinant_bound(a: float, b: float, c: float, w: float) -> float:
 
 @njit
 def sign(a: Vector, b: Vector, c: Vector, w: float) -> int:
-    """Return the sign of a.(b x c) where certain, components off by w each; else 0."""
+    """Return the sign of a.(b x c) where certain, else 0; components are off by at most w."""
     value = dot(a, cross(b, c))
     bound = determinant_bound(max_abs(a), max_abs(b), max_abs(c), w)
     return 1 if value > bound else (-1 if value < -bound else 0)
@@ -152,8 +152,8 @@ def sign(a: Vector, b: Vector, c: Vector, w: float) -> int:
 def _sides(p: Triangle, q: Triangle, w: float) -> tuple[int, int, bool]:
     """Return on which side of the plane of p the corners of q are.
 
-    SEPARATE if all on one; UNDECIDED; or OVERLAP with the number of the one that is alone on its
-    side, and whether that is the positive side.
+    SEPARATE: all on one side; UNDECIDED; OVERLAP: then the number of the corner that is alone on
+    its side, and whether that is the positive side.
     """
     (p0, p1, p2), (q0, q1, q2) = p, q
     u, v = minus(p1, p0), minus(p2, p0)
@@ -166,7 +166,7 @@ def _sides(p: Triangle, q: Triangle, w: float) -> tuple[int, int, bool]:
     bound = determinant_bound(max_abs(u), max_abs(v), reach, w)
     if min(d0, d1, d2) > bound or max(d0, d1, d2) < -bound:
         return SEPARATE, 0, False
-    if not min(abs(d0), abs(d1), abs(d2)) > bound:  # also for what is not a number
+    if not min(abs(d0), abs(d1), abs(d2)) > bound:  # also for NaN
         return UNDECIDED, 0, False
     s0, s1, s2 = d0 > 0.0, d1 > 0.0, d2 > 0.0
     if s1 == s2:
@@ -178,14 +178,14 @@ def _sides(p: Triangle, q: Triangle, w: float) -> tuple[int, int, bool]:
 
 @njit
 def _turned(triangle: Triangle, first: int) -> Triangle:
-    """Return the corners in the same cyclic order, beginning with the given one."""
+    """Return the corners in the same cyclic order, beginning with number ``first``."""
     a, b, c = triangle
     if first == 0:
         return a, b, c
     return (b, c, a) if first == 1 else (c, a, b)
 
 
-Six = tuple[Wide, Wide, Wide, Wide, Wide, Wide]
+SixCorners = tuple[WideVector, WideVector, WideVector, WideVector, WideVector, WideVector]
 
 #: By how much a component of a difference may be off, coordinates being below 8.
 WIDTH = 4096 * ROUNDOFF**2
@@ -204,14 +204,14 @@ def classify_by_axes(p: Triangle, a: Place, q: Triangle, b: Place) -> int:
 
 
 @njit
-def _placed(p: Triangle, a: Place, q: Triangle, b: Place) -> Six:
+def _placed(p: Triangle, a: Place, q: Triangle, b: Place) -> SixCorners:
     """Return the six corners relative to the first, in scaled double-doubles."""
     size = max_abs(minus(b.center, a.center))
     for k in range(3):
         size = max(size, max_abs(p[k]), max_abs(q[k]))
     scale = math.ldexp(1.0, -min(max(math.frexp(size)[1], -1000), 1000))
     zero = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
-    offset = _difference(scaled(b.center, scale), scaled(a.center, scale))
+    offset = wide_difference(scaled(b.center, scale), scaled(a.center, scale))
     p0 = _rotated(a.axes, scaled(p[0], scale), zero)
     return (
         zero,
@@ -224,29 +224,19 @@ def _placed(p: Triangle, a: Place, q: Triangle, b: Place) -> Six:
 
 
 @njit
-def _difference(u: Vector, v: Vector) -> Wide:
-    """Return u - v without error."""
-    return (
-        (u[0] - v[0], two_sum_error(u[0], -v[0])),
-        (u[1] - v[1], two_sum_error(u[1], -v[1])),
-        (u[2] - v[2], two_sum_error(u[2], -v[2])),
-    )
-
-
-@njit
-def _rotated(axes: Axes, v: Vector, offset: Wide) -> Wide:
-    """Return a vector along the axes, and the offset added."""
+def _rotated(axes: Axes, v: Vector, offset: WideVector) -> WideVector:
+    """Return a vector along the axes, plus the offset."""
     x, y, z = rows_of(axes)
-    exact = as_pairs(v)
+    exact = as_wide(v)
     return (
-        add(wide_dot(as_pairs(x), exact), offset[0]),
-        add(wide_dot(as_pairs(y), exact), offset[1]),
-        add(wide_dot(as_pairs(z), exact), offset[2]),
+        add(wide_dot(as_wide(x), exact), offset[0]),
+        add(wide_dot(as_wide(y), exact), offset[1]),
+        add(wide_dot(as_wide(z), exact), offset[2]),
     )
 
 
 @njit
-def _sign(o: Wide, a: Wide, b: Wide, c: Wide) -> int:
+def _sign(o: WideVector, a: WideVector, b: WideVector, c: WideVector) -> int:
     """Return the sign of (a - o).((b - o) x (c - o)) where certain, else 0."""
     u, v, w = subtract_vectors(a, o), subtract_vectors(b, o), subtract_vectors(c, o)
     value = wide_dot(u, wide_cross(v, w))[0]
@@ -257,16 +247,15 @@ def _sign(o: Wide, a: Wide, b: Wide, c: Wide) -> int:
 
 
 @njit
-def _by_signs(points: Six) -> int:
-    """Return the verdict of ``triangles``, as piercing edges; TOUCHING where uncertain.
+def _by_signs(points: SixCorners) -> int:
+    """Return the verdict by edges that pierce the other triangle; TOUCHING where uncertain.
 
     Triangles in general position collide exactly if an edge of one pierces the other.
     """
     p = points
-    q0, q1, q2 = _sign(p[0], p[1], p[2], p[3]), _sign(p[0], p[1], p[2], p[4]), 0
-    q2 = _sign(p[0], p[1], p[2], p[5])
-    p0, p1, p2 = _sign(p[3], p[4], p[5], p[0]), _sign(p[3], p[4], p[5], p[1]), 0
-    p2 = _sign(p[3], p[4], p[5], p[2])
+    q0, q1 = _sign(p[0], p[1], p[2], p[3]), _sign(p[0], p[1], p[2], p[4])
+    p0, p1 = _sign(p[3], p[4], p[5], p[0]), _sign(p[3], p[4], p[5], p[1])
+    q2, p2 = _sign(p[0], p[1], p[2], p[5]), _sign(p[3], p[4], p[5], p[2])
     if abs(q0 + q1 + q2) == 3 or abs(p0 + p1 + p2) == 3:
         return SEPARATE
     if q0 == 0 or q1 == 0 or q2 == 0 or p0 == 0 or p1 == 0 or p2 == 0:
@@ -285,8 +274,8 @@ def _by_signs(points: Six) -> int:
 
 
 @njit
-def _pierces(p: Six, k: int) -> int:
-    """Return whether the line of edge k (0 to 2 of b, 3 to 5 of a) runs through the other."""
+def _pierces(p: SixCorners, k: int) -> int:
+    """Return whether edge k (0 to 2 of b, 3 to 5 of a) pierces the other triangle, as a verdict."""
     if k < 3:
         a, b, c = p[0], p[1], p[2]
     else:
@@ -299,35 +288,34 @@ def _pierces(p: Six, k: int) -> int:
 
 
 @njit
-def _gap(axis: Wide, p: Six) -> bool:
+def _separates(axis: WideVector, p: SixCorners) -> bool:
     """Return whether the axis certainly separates the two triangles."""
     a0, a1, a2 = wide_dot(axis, p[0]), wide_dot(axis, p[1]), wide_dot(axis, p[2])
     b0, b1, b2 = wide_dot(axis, p[3]), wide_dot(axis, p[4]), wide_dot(axis, p[5])
-    forward = _least(b0, b1, b2)
-    forward = subtract(forward, _most(a0, a1, a2))
+    forward = subtract(_least(b0, b1, b2), _most(a0, a1, a2))
     backward = subtract(_least(a0, a1, a2), _most(b0, b1, b2))
     bound = 16.0 * WIDTH * largest(axis) + PRODUCT_UNDERFLOW
     return max(forward[0], backward[0]) > bound
 
 
 @njit
-def _least(a: Pair, b: Pair, c: Pair) -> Pair:
+def _least(a: Wide, b: Wide, c: Wide) -> Wide:
     low = a if subtract(a, b)[0] <= 0.0 else b
     return low if subtract(low, c)[0] <= 0.0 else c
 
 
 @njit
-def _most(a: Pair, b: Pair, c: Pair) -> Pair:
+def _most(a: Wide, b: Wide, c: Wide) -> Wide:
     high = a if subtract(a, b)[0] >= 0.0 else b
     return high if subtract(high, c)[0] >= 0.0 else c
 
 
 @njit
-def _separated(p: Six) -> bool:
+def _separated(p: SixCorners) -> bool:
     """Return whether an axis certainly separates: faces, edge pairs, within planes and lines."""
     n = wide_cross(p[1], p[2])
     m = wide_cross(subtract_vectors(p[4], p[3]), subtract_vectors(p[5], p[3]))
-    if _gap(n, p) or _gap(m, p):
+    if _separates(n, p) or _separates(m, p):
         return True
     edges = (
         p[1],
@@ -339,34 +327,34 @@ def _separated(p: Six) -> bool:
     )
     for i in range(3):
         for j in range(3):
-            if _gap(wide_cross(edges[i], edges[3 + j]), p):
+            if _separates(wide_cross(edges[i], edges[3 + j]), p):
                 return True
     for i in range(3):
-        if _gap(wide_cross(n, edges[i]), p) or _gap(wide_cross(m, edges[3 + i]), p):
+        if _separates(wide_cross(n, edges[i]), p) or _separates(wide_cross(m, edges[3 + i]), p):
             return True
     if not (_is_thin(n, edges[0], edges[2]) or _is_thin(m, edges[3], edges[5])):
         return False
     for edge in edges:  # a segment or a point: along it, across it, and from corner to corner
-        if _gap(edge, p) or _gap(wide_cross(edge, wide_cross(edge, p[3])), p):
+        if _separates(edge, p) or _separates(wide_cross(edge, wide_cross(edge, p[3])), p):
             return True
     for i in range(3):
         for j in range(3):
-            if _gap(subtract_vectors(p[3 + i], p[j]), p):
+            if _separates(subtract_vectors(p[3 + i], p[j]), p):
                 return True
     return False
 
 
 @njit
-def _is_thin(n: Wide, u: Wide, v: Wide) -> bool:
+def _is_thin(n: WideVector, u: WideVector, v: WideVector) -> bool:
     return wide_dot(n, n)[0] <= THIN_SQUARE * wide_dot(u, u)[0] * wide_dot(v, v)[0]
 
 
-Placement = tuple[Floats, Floats]
+CenterAndRotation = tuple[Floats, Floats]
 UNIT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def exact_triangle_verdict(
-    a: Floats, placement_a: Placement, b: Floats, placement_b: Placement
+    a: Floats, placement_a: CenterAndRotation, b: Floats, placement_b: CenterAndRotation
 ) -> int:
     """Return 0 separate, 1 touching or 2 overlap of two closed triangles, decided exactly.
 
@@ -384,8 +372,8 @@ def exact_triangle_verdict(
     return 1 if touching else 2
 
 
-def exact_corners(rows: Sequence[Floats], placements: Sequence[Placement]) -> list[Exact]:
-    """Return all points of rows (3 k,), each placed, as integers of one common unit."""
+def exact_corners(rows: Sequence[Floats], placements: Sequence[CenterAndRotation]) -> list[Exact]:
+    """Return all points of rows (3 k,), each placed, as integers in a common unit."""
     axes = [exact_axes(rotation) for _, rotation in placements]
     power = max(k for _, k in axes)
     lengths = [row.tolist() for row in rows] + [center.tolist() for center, _ in placements]
@@ -411,11 +399,11 @@ def _minus(a: Exact, b: Exact) -> Exact:
 
 
 def _candidate_axes(p: list[Exact], q: list[Exact]) -> Iterator[Exact]:
-    """Yield axes of which one separates if any does; null ones left out.
+    """Yield axes, none null, of which one separates if any axis does.
 
     The Minkowski difference is the hull of nine points, its faces are normal to products of two
-    edges. Where it is flat (coplanar triangles), a plane normal to it and an edge bounds it within
-    its plane; where it is a segment or a point, axes along and across it do.
+    edges. If it is flat (coplanar triangles), a plane normal to it and an edge bounds it within its
+    plane; if it is a segment or a point, axes along and across it do.
     """
     edges = [_minus(t[(i + 1) % 3], t[i]) for t in (p, q) for i in range(3)]
     edges = [edge for edge in edges if any(edge)]

@@ -35,6 +35,7 @@ from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import CAREFUL_BOUND, MESH_UNDERFLOW, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.exact import contains_exactly
 from obb_collision.numerics.vec3 import (
+    ZERO,
     absolute,
     careful_cross,
     components,
@@ -48,20 +49,19 @@ from obb_collision.numerics.vec3 import (
 )
 from obb_collision.queries.convex.distance import rounding, search
 from obb_collision.queries.convex.support import (
-    BOX,
-    CONE,
-    CORNERS,
-    CYLINDER,
-    SEGMENT,
+    BOX_CORE,
+    CONE_CORE,
+    CYLINDER_CORE,
+    HULL_CORE,
+    SEGMENT_CORE,
     Core,
     Cores,
     body_place,
     borrowed_core,
 )
-from obb_collision.queries.meshes.inside import OUTSIDE as SIDE_OUTSIDE
-from obb_collision.queries.meshes.inside import point_side
-from obb_collision.queries.meshes.one_tree import Waiting, descend_nearest
-from obb_collision.queries.meshes.placed import POINT_BOUND, Meshes, Pose, body_at, node_at
+from obb_collision.queries.meshes.inside import OUTSIDE_MESH, point_side
+from obb_collision.queries.meshes.placed import POINT_BOUND, Meshes, PairPose, body_at, node_at
+from obb_collision.queries.meshes.trees import NodeStack, descend_nearest
 from obb_collision.queries.meshes.triangle_distance import triangle_bounds
 from obb_collision.queries.meshes.triangles import triangle_at
 from obb_collision.queries.primitives.segments import unit_scale
@@ -83,7 +83,7 @@ def contains(
     """Return (n,) whether each point (n, 3) lies in the closed box.
 
     Points that doubles can't distinguish from the surface count as inside (within 4e-15 of their
-    distance from the centre and the half extent); with ``exact=True`` they are decided by integer
+    distance from the centre and the half extent). ``exact=True`` decides them by integer
     arithmetic.
     """
     places = np.empty(len(points), np.int8)
@@ -120,10 +120,10 @@ def place_of(offset: Vector, axes: Axes, extents: Vector) -> int:
 
 @njit
 def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
-    """Return the place of an offset from the centre, by the face normals taken without error.
+    """Return the place of an offset from the centre, by face normals without rounding errors.
 
-    Same bound as ``witness.careful_gap``, whose error analysis covers a
-    point as a box. Tuples: slices of arrays, even in a branch hardly taken, slow loops down.
+    Same bound as ``witness.careful_gap``: a point is a box. Uses tuples: slices of arrays slow
+    loops down, even in a rarely taken branch.
     """
     place = INSIDE
     x, y, z = axes
@@ -141,27 +141,27 @@ def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
     return place
 
 
-NOWHERE = 0.0, 0.0, 0.0
 #: Relative slack of a margin: squares, sums and roots of distances are off by 8 roundoffs.
 DISTANCE_ROUNDING = 2.0**-48
 
 
 @njit(refcount=False)
-def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, waiting: Waiting) -> bool:
-    """Return whether a point is inside body i, or not certainly farther from it than a margin."""
+def body_holds(bodies: Meshes, i: int, point: Vector, margin: float, waiting: NodeStack) -> bool:
+    """Return whether a point is in body i, or not certainly farther from it than a margin."""
     trees, body = bodies.trees, body_at(bodies, i)
     d = minus(point, body.place.center)
     p = components(body.place.axes, d)
     error = POINT_BOUND * (sum_abs(d) + trees.radii[body.mesh]) + MESH_UNDERFLOW
     if trees.solid[body.mesh]:
-        if point_side(trees, body.mesh, p, error, waiting) != SIDE_OUTSIDE:
+        if point_side(trees, body.mesh, p, error, waiting) != OUTSIDE_MESH:
             return True
         if margin == 0.0:
             return False
     reach = margin * (1.0 + DISTANCE_ROUNDING) + 4.0 * error
     unit, _ = unit_scale(trees.radii[body.mesh] + reach)
-    root = trees.roots[body.mesh]
-    return _surface_within(trees, root, PointAt(p, unit), reach, waiting)
+    root, near = trees.roots[body.mesh], Nearby(unit * reach, False)
+    at = PointAt(p, unit)
+    return descend_nearest(trees, root, at, _box_apart, _with_near, near, waiting)[0].inside
 
 
 class PointAt(NamedTuple):
@@ -172,36 +172,27 @@ class PointAt(NamedTuple):
 
 
 class Nearby(NamedTuple):
-    """Whether a triangle is within the limit of a point."""
+    """Whether a triangle is within the limit."""
 
-    limit: float  #: scaled; -inf once one is
-    found: bool
-
-
-@njit(refcount=False)
-def _surface_within(
-    trees: TreeArrays, root: int, p: PointAt, reach: float, waiting: Waiting
-) -> bool:
-    """Return False only where no triangle is within ``reach`` of a point of the same frame."""
-    none = Nearby(p.unit * reach, False)
-    return descend_nearest(trees, root, p, _box_apart, _with_near, none, waiting)[0].found
+    limit: float  #: scaled; -inf once a triangle is within it
+    inside: bool
 
 
 @njit(merge=True)
 def _with_near(p: PointAt, trees: TreeArrays, n: int, _: float, near: Nearby) -> Nearby:
-    if near.found:
+    if near.inside:
         return near
     a, b, c = triangle_at(trees.triangles, n)
     a, b, c = minus(a, p.point), minus(b, p.point), minus(c, p.point)
     a, b, c = scaled(a, p.unit), scaled(b, p.unit), scaled(c, p.unit)
-    origin = NOWHERE, NOWHERE, NOWHERE
+    origin = ZERO, ZERO, ZERO
     lower = triangle_bounds((a, b, c), origin, a, 2.0 * near.limit)[0]
     return near if lower > near.limit else Nearby(-np.inf, True)
 
 
 @njit(refcount=False)
 def _box_apart(p: PointAt, nodes: Floats, n: int) -> float:
-    """Return how far the box of a node is from a point, scaled."""
+    """Return the distance of the box of a node from a point, scaled."""
     center, axes, half = node_at(nodes, n)
     d = components(axes, minus(p.point, center))
     square = 0.0
@@ -218,44 +209,44 @@ FORMULA_ROUNDING = 16 * ROUNDOFF
 
 @njit(refcount=False)
 def convex_holds(bodies: Cores, i: int, point: Vector, margin: float) -> bool:
-    """Return whether a point is inside body i, or not certainly farther from it than a margin."""
+    """Return whether a point is in body i, or not certainly farther from it than a margin."""
     core, place = borrowed_core(bodies, i), body_place(bodies, i)
     d = minus(point, place.center)
     p = components(place.axes, d)
     pose = point_pose(p, sum_abs(d), core.reach + margin)
-    if core.kind != CORNERS:
+    if core.kind != HULL_CORE:
         if _by_formula(core, p, POINT_BOUND * pose.size + MESH_UNDERFLOW):
             return True
-        if core.radius + margin == 0.0 and core.kind != SEGMENT:
+        if core.radius + margin == 0.0 and core.kind != SEGMENT_CORE:
             return False
     needed = core.radius + margin + rounding(pose)
-    return not search(core, point_core(core), pose, NOWHERE, needed).gap > needed
+    return not search(core, point_core(core), pose, ZERO, needed).gap > needed
 
 
 @njit(inline=True, refcount=False)
 def point_core(like: Core) -> Core:
-    """Return the core of a point, in numba's eyes of the same type as that of a body."""
-    return Core(SEGMENT, NOWHERE, 0.0, like.blocks, like.first, like.last, 0.0, 0.0)
+    """Return a point as a core, of the same type in numba as that of a body."""
+    return Core(SEGMENT_CORE, ZERO, 0.0, like.blocks, like.first, like.last, 0.0, 0.0)
 
 
 @njit
-def point_pose(p: Vector, offset: float, reach: float) -> Pose:
+def point_pose(p: Vector, offset: float, reach: float) -> PairPose:
     """Return the pose of a point in the frame of a body."""
-    return Pose(SAME_AXES, p, offset + reach, 0.0, 0.0)
+    return PairPose(SAME_AXES, p, offset + reach, 0.0, 0.0)
 
 
 @njit(refcount=False)
 def _by_formula(core: Core, p: Vector, error: float) -> bool:
-    """Return whether a point is in a core that has a formula, or may be but for an error."""
+    """Return whether a point is in a core with a formula, or may be, within an error."""
     x, y = max(abs(p[0]) - error, 0.0), max(abs(p[1]) - error, 0.0)
     z = max(abs(p[2]) - core.half - error, 0.0)
     a, b, c = core.size
-    if core.kind == BOX:
+    if core.kind == BOX_CORE:
         return x <= a and y <= b and z <= c
     share = 1.0
-    if core.kind == CONE:
+    if core.kind == CONE_CORE:
         share = min((core.half - p[2] + error) / (2.0 * core.half), 1.0) if core.half > 0.0 else 1.0
-    if core.kind == CONE or core.kind == CYLINDER or core.kind == SEGMENT:
+    if core.kind == CONE_CORE or core.kind == CYLINDER_CORE or core.kind == SEGMENT_CORE:
         c = 0.0
     x, y, z = _of(x, a), _of(y, b), _of(z, c)
     return x * x + y * y + z * z <= share * share * (1.0 + FORMULA_ROUNDING) and share >= 0.0
@@ -263,7 +254,7 @@ def _by_formula(core: Core, p: Vector, error: float) -> bool:
 
 @njit
 def _of(x: float, half: float) -> float:
-    """Return a coordinate by a half axis; infinity beyond one that is zero."""
+    """Return x / half, but infinity for x beyond a half axis of zero."""
     if half > 0.0:
         return x / half
     return 0.0 if x == 0.0 else 1e300

@@ -39,19 +39,19 @@ from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.typing import Floats, Vector
 
 #: A cell with so few boxes is not worth a grid: testing a box takes less than finding the cell.
-FEW = 3
+FEW_BOXES = 3
 #: Cells of a grid for each box in it: more give few boxes a cell, fewer stay in the cache.
 CELLS_PER_BOX = 64
-MOST_CELLS = 32768
+MOST_GRID_CELLS = 32768
 #: A grid must leave at most this share of a cell's boxes to its cells on average.
-WORTH = 0.6
+WORTHWHILE_SHARE = 0.6
 #: Relative slack of a cell's place: far more than the few roundoffs in it.
 CELL_SLACK = 8192 * ROUNDOFF
 
 #: Columns of a cell: first box in the items, number of boxes, its grid or -1, the grid it is of.
-START, COUNT, GRID, PARENT = 0, 1, 2, 3
+CELL_START, CELL_COUNT, CELL_GRID, CELL_PARENT = 0, 1, 2, 3
 #: Columns of a grid's numbers: its first cell, and the steps from cell to cell along x and y.
-FIRST, STEP_X, STEP_Y = 0, 1, 2
+FIRST_CELL, STEP_X, STEP_Y = 0, 1, 2
 
 
 class Grids(NamedTuple):
@@ -62,10 +62,7 @@ class Grids(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A tree of grids over boxes.
-
-    A frame is the least corner, cells per metre, and the last cell number along each axis.
-    """
+    """A tree of grids over boxes."""
 
     cells: np.ndarray  #: (m, 4), the root first
     items: np.ndarray  #: rows of boxes
@@ -74,7 +71,7 @@ class Grid(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What is found in cells: bounds and boxes, as given to ``build_grid``."""
+    """The contents of cells: bounds and boxes, the arguments of ``build_grid``."""
 
     bounds: Floats
     boxes: BoxArrays
@@ -82,25 +79,25 @@ class Contents(NamedTuple):
 
 @njit
 def find_cell(frames: Floats, numbers: np.ndarray, g: int, x: float, y: float, z: float) -> int:
-    """Return the cell of grid g that the point is in, or nearest to; for NaN the first one."""
+    """Return the cell of grid g that contains a point, or is nearest; the first one for NaN."""
     i = int(min(max(0.0, (x - frames[g, 0]) * frames[g, 3]), frames[g, 6]))
     j = int(min(max(0.0, (y - frames[g, 1]) * frames[g, 4]), frames[g, 7]))
     k = int(min(max(0.0, (z - frames[g, 2]) * frames[g, 5]), frames[g, 8]))
-    return numbers[g, FIRST] + i * numbers[g, STEP_X] + j * numbers[g, STEP_Y] + k
+    return numbers[g, FIRST_CELL] + i * numbers[g, STEP_X] + j * numbers[g, STEP_Y] + k
 
 
 @njit
 def build_grid(bounds: Floats, boxes: BoxArrays, effort: int) -> Grid:
-    """Return a tree of grids over boxes.
+    """Return a tree of grids over boxes; cell 0 is the root.
 
-    bounds (n, 6): the least and largest corner of what must be found of a box, all of it in the
-    box. effort: how many pairs of box and cell
-    to look at, more or less. Cell 0 is the root. A frame is the least corner, cells per metre,
-    and the last cell number along each axis.
+    bounds (n, 6): the least and largest corner of a part of each box; only points in it must find
+    the box. effort: about how many pairs of box and cell to examine. A frame is the least corner,
+    cells per metre, and the last cell number along each axis.
     """
     n = len(bounds)
     cells = np.empty((64, 4), np.int32)
-    cells[0, START], cells[0, COUNT], cells[0, GRID], cells[0, PARENT] = 0, n, -1, -1
+    cells[0, CELL_START], cells[0, CELL_COUNT] = 0, n
+    cells[0, CELL_GRID] = cells[0, CELL_PARENT] = -1
     items = np.arange(max(2 * n, 16)).astype(np.int32)
     frames, numbers = np.empty((1, 9)), np.empty((1, 3), np.int32)
     pairs = np.empty((64, 2), np.int32)
@@ -108,29 +105,29 @@ def build_grid(bounds: Floats, boxes: BoxArrays, effort: int) -> Grid:
     contents = Contents(bounds, boxes)
     cell = 0
     while cell < used_cells and effort > 0:
-        start, count = cells[cell, START], cells[cell, COUNT]
+        start, count = cells[cell, CELL_START], cells[cell, CELL_COUNT]
         effort -= 1
-        if count > FEW:
+        if count > FEW_BOXES:
             if grids == len(frames):
                 frames, numbers = _doubled(frames), _doubled(numbers)
             size = _lay_out(frames, numbers, grids, cells, cell, bounds, items, effort)
-            numbers[grids, FIRST] = used_cells
+            numbers[grids, FIRST_CELL] = used_cells
             tree = Grids(frames, numbers)
-            found = 0
+            entered = 0
             for m in range(start, start + count):
-                while found + size > len(pairs):
+                while entered + size > len(pairs):
                     pairs = _doubled(pairs)
-                found, looked = _enter(tree, grids, contents, items[m], pairs, found)
+                entered, looked = _enter(tree, grids, contents, items[m], pairs, entered)
                 effort -= looked
-            if found <= WORTH * size * count:
+            if entered <= WORTHWHILE_SHARE * size * count:
                 while used_cells + size > len(cells):
                     cells = _doubled(cells)
-                while used_items + found > len(items):
+                while used_items + entered > len(items):
                     items = _doubled(items)
-                cells[cell, GRID] = grids
-                _sort(cells[used_cells : used_cells + size], items, used_items, pairs[:found])
-                cells[used_cells : used_cells + size, PARENT] = grids
-                used_cells, used_items, grids = used_cells + size, used_items + found, grids + 1
+                cells[cell, CELL_GRID] = grids
+                _sort(cells[used_cells : used_cells + size], items, used_items, pairs[:entered])
+                cells[used_cells : used_cells + size, CELL_PARENT] = grids
+                used_cells, used_items, grids = used_cells + size, used_items + entered, grids + 1
         cell += 1
     return Grid(cells[:used_cells], items[:used_items], frames, numbers)
 
@@ -139,27 +136,27 @@ def build_grid(bounds: Floats, boxes: BoxArrays, effort: int) -> Grid:
 def _doubled(array: np.ndarray) -> np.ndarray:
     """Return a copy with room for twice as many rows."""
     larger = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
-    numbers, given = larger.reshape(-1), array.reshape(-1)
-    for k in range(len(given)):  # an assignment of arrays takes seconds to compile
-        numbers[k] = given[k]
+    numbers, old = larger.reshape(-1), array.reshape(-1)
+    for k in range(len(old)):  # an assignment of arrays takes seconds to compile
+        numbers[k] = old[k]
     return larger
 
 
 @njit
 def _sort(cells: np.ndarray, items: np.ndarray, start: int, pairs: np.ndarray) -> None:
-    """Write the items of new cells from start on, from pairs (m, 2) of cell number and box."""
-    cells[:, COUNT] = 0
-    cells[:, GRID] = -1
+    """Write the items of new cells, from pairs (m, 2) of cell number and box; start: first item."""
+    cells[:, CELL_COUNT] = 0
+    cells[:, CELL_GRID] = -1
     for m in range(len(pairs)):
-        cells[pairs[m, 0], COUNT] += 1
+        cells[pairs[m, 0], CELL_COUNT] += 1
     for k in range(len(cells)):
-        cells[k, START] = start
-        start += cells[k, COUNT]
-        cells[k, COUNT] = 0
+        cells[k, CELL_START] = start
+        start += cells[k, CELL_COUNT]
+        cells[k, CELL_COUNT] = 0
     for m in range(len(pairs)):
         k = pairs[m, 0]
-        items[cells[k, START] + cells[k, COUNT]] = pairs[m, 1]
-        cells[k, COUNT] += 1
+        items[cells[k, CELL_START] + cells[k, CELL_COUNT]] = pairs[m, 1]
+        cells[k, CELL_COUNT] += 1
 
 
 @njit
@@ -169,24 +166,24 @@ def _lay_out(
 ) -> int:  # fmt: skip
     """Write the frame of grid g and its steps; return its size, a power of two.
 
-    It spans the cell's boxes, as far as they are in the cell. Cells are as cubic as can be, and
-    as many as CELLS_PER_BOX and half of the effort allow for.
+    It spans the cell's boxes, as far as they are in the cell. Cells are as cubic as possible, at
+    most CELLS_PER_BOX per box and as many as half of the effort allows.
     """
-    start, count = cells[cell, START], cells[cell, COUNT]
+    start, count = cells[cell, CELL_START], cells[cell, CELL_COUNT]
     sides, steps = np.empty(3), np.ones(3)
     for k in range(3):
         least, most = np.inf, -np.inf
         for row in items[start : start + count]:
             least, most = min(least, bounds[row, k]), max(most, bounds[row, 3 + k])
         if cell > 0:
-            near, width, slack = _row(frames, cells[cell, PARENT], k)
-            place = _place(numbers, cells[cell, PARENT], cell, k)
+            near, width, slack = _row(frames, cells[cell, CELL_PARENT], k)
+            place = _place(numbers, cells[cell, CELL_PARENT], cell, k)
             least = max(least, near + place * width - slack)
             most = min(most, near + (place + 1) * width + slack)
         frames[g, k] = least
         sides[k] = max(most - least, 0.0)
     size = 1
-    while size < MOST_CELLS and size < CELLS_PER_BOX * count:
+    while size < MOST_GRID_CELLS and size < CELLS_PER_BOX * count:
         longest = np.argmax(sides / steps)
         steps[longest] *= 2.0
         pairs = 0.0
@@ -212,7 +209,7 @@ def _lay_out(
 @njit
 def _place(numbers: np.ndarray, g: int, cell: int, k: int) -> int:
     """Return the place along axis k of a cell of grid g."""
-    number = cell - numbers[g, FIRST]
+    number = cell - numbers[g, FIRST_CELL]
     if k == 0:
         return number // numbers[g, STEP_X]
     if k == 1:
@@ -224,7 +221,7 @@ def _place(numbers: np.ndarray, g: int, cell: int, k: int) -> int:
 def _row(frames: Floats, g: int, k: int) -> tuple[float, float, float]:
     """Return where the cells along an axis of grid g begin, their width, and its slack.
 
-    Only where something can be found: what is beyond the grid falls into its outer cells, too.
+    Points beyond the grid fall into its outer cells.
     """
     low, inverse, last = frames[g, k], frames[g, 3 + k], frames[g, 6 + k]
     if inverse == 0.0:
@@ -235,9 +232,9 @@ def _row(frames: Floats, g: int, k: int) -> tuple[float, float, float]:
 
 @njit
 def _enter(
-    grids: Grids, g: int, contents: Contents, item: int, pairs: np.ndarray, found: int
+    grids: Grids, g: int, contents: Contents, item: int, pairs: np.ndarray, entered: int
 ) -> tuple[int, int]:
-    """Append the cells of grid g that a box may reach into; return pairs found and tested."""
+    """Append the cells of grid g that a box may reach into; return pairs entered and tested."""
     frames, numbers = grids
     low, high = contents.bounds[item, :3], contents.bounds[item, 3:]
     first = find_cell(frames, numbers, g, low[0], low[1], low[2])
@@ -258,17 +255,17 @@ def _enter(
                 looked += 1
                 if certain and _apart(box, minus((x, y, z), box.center), half):
                     continue
-                pairs[found, 0] = i * numbers[g, STEP_X] + j * numbers[g, STEP_Y] + k
-                pairs[found, 1] = item
-                found += 1
-    return found, looked
+                pairs[entered, 0] = i * numbers[g, STEP_X] + j * numbers[g, STEP_Y] + k
+                pairs[entered, 1] = item
+                entered += 1
+    return entered, looked
 
 
 @njit
 def _apart(box: BoxAt, offset: Vector, half: Vector) -> bool:
     """Return whether a face normal of a box certainly separates it from a cell.
 
-    offset: of the cell from the centre of the box; half: half extents of the cell.
+    offset: from the centre of the box to the cell; half: half extents of the cell.
     """
     slack = CELL_SLACK * (sum_abs(offset) + half[0] + half[1] + half[2])
     for i in range(3):

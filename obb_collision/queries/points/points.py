@@ -15,7 +15,7 @@
 """Points of a cloud inside of boxes, meshes or convex bodies, or within a margin of them.
 
 Closed boxes, as in ``containment``: without a margin the answers are those of ``contains`` point
-by point, in which what doubles leave undecided counts as inside. With a margin a point
+by point; undecided points count as inside. With a margin a point
 counts if its Euclidean distance to the box is at most the margin, or exceeds it by less than
 2^-44 of the point's distance from the centre, the half extents and the margin.
 Of meshes, hulls among them, see ``containment``.
@@ -38,11 +38,11 @@ from obb_collision._threads import run_parts
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
-from obb_collision.numerics.error_free import length
+from obb_collision.numerics.exact import length
 from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
-from obb_collision.queries.meshes.one_tree import Waiting, no_waiting
 from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes
+from obb_collision.queries.meshes.trees import NodeStack, node_stack
 from obb_collision.queries.points.containment import (
     INSIDE_BOUND,
     OUTSIDE,
@@ -50,18 +50,25 @@ from obb_collision.queries.points.containment import (
     convex_holds,
     place_carefully,
 )
-from obb_collision.queries.points.grid import COUNT, GRID, START, Grid, build_grid, find_cell
+from obb_collision.queries.points.grid import (
+    CELL_COUNT,
+    CELL_GRID,
+    CELL_START,
+    Grid,
+    build_grid,
+    find_cell,
+)
 from obb_collision.queries.primitives.segments import LARGEST_EXPONENT
 from obb_collision.typing import Floats, Integers, Vector
 
 #: Points a thread takes at a time: 1 ms or so, so that all end together.
 CHUNK = 1 << 15
-#: Pairs of box and cell tested for the grid, per point: one takes less than a point does.
-EFFORT = 0.1
+#: Pairs of box and cell tested for the grid, per point: a test takes less time than a point.
+GRID_EFFORT = 0.1
 #: Parts of a cloud at most: each has results of its own for every box.
 MOST_CHUNKS = 64
 #: What is found as inside is within this of the box, relative to the half extents and margin.
-REACH = 8192 * ROUNDOFF
+POINT_REACH = 8192 * ROUNDOFF
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,35 +151,36 @@ def points_in_bodies(
     radii: Floats | None = None,
     each_point: bool = False,
 ) -> PointsInside:
-    """Return which points are in boxes, or in the bodies in them; not checked.
+    """Return which points are in boxes, or in the bodies in them; arguments are not checked.
 
-    reach: the margin; radii (n,): about meshes, None for none. Convex bodies have their own.
+    reach: the margin; radii (n,): about meshes. Convex bodies have their own.
     """
     radii = np.zeros(len(boxes)) if radii is None else radii
     inner = None if bodies is None else solids_of(bodies, radii)
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
-    found = np.zeros((len(starts), 3, len(boxes)), np.int64)
+    tallies = np.zeros((len(starts), 3, len(boxes)), np.int64)
     squares = np.empty((len(starts), len(boxes)))
     ignored = np.zeros(len(starts), np.int64)
     labels = np.empty(len(cloud) if each_point else 0, np.int32)
     zones = _zones(boxes, reach, len(cloud))
 
     def look(n: int, count: int = size) -> None:
-        part = np.array(cloud[starts[n] : starts[n] + count], np.float64, order="C")  # of one kind
-        out = found[n], squares[n], labels
+        part = np.array(cloud[starts[n] : starts[n] + count], np.float64, order="C")  # one type
+        out = tallies[n], squares[n], labels
         ignored[n] = points_kernel(part, starts[n], zones, reach, inner, out)
 
     if len(starts) > 1:
         look(0, 0)  # see ``_threads.run``
     run_parts(look, len(starts))
-    return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
+    by_point = labels if each_point else None
+    return _merged(boxes, cloud, tallies, squares, int(ignored.sum()), by_point)
 
 
 class Zones(NamedTuple):
     """Boxes that may hold points."""
 
-    whole: Floats  #: (6,) where anything can be found
+    whole: Floats  #: (6,) bounds of all boxes
     grid: Grid
     records: Floats
     """(n, 17) centre, rotation row by row, half extents, their sum with the margin, and the power
@@ -181,11 +189,11 @@ class Zones(NamedTuple):
 
 def _zones(boxes: Boxes, margin: float, points: int) -> Zones:
     size = boxes.half_extents.sum(axis=1) + margin
-    pad = (margin + REACH * size + 4.0 * UNDERFLOW)[:, None]
+    pad = (margin + POINT_REACH * size + 4.0 * UNDERFLOW)[:, None]
     minimum, maximum = boxes.world_bounds()
     bounds = np.concatenate([minimum - pad, maximum + pad], axis=1)
     grown = boxes.arrays._replace(half_extents=boxes.half_extents + pad)
-    grid = build_grid(bounds, grown, int(EFFORT * points))
+    grid = build_grid(bounds, grown, int(GRID_EFFORT * points))
     whole = np.concatenate(
         [bounds[:, :3].min(axis=0, initial=np.inf), bounds[:, 3:].max(axis=0, initial=-np.inf)]
     )
@@ -198,22 +206,22 @@ def _zones(boxes: Boxes, margin: float, points: int) -> Zones:
 def _merged(
     boxes: Boxes,
     cloud: NDArray[np.floating],
-    found: Integers,
+    tallies: Integers,
     squares: Floats,
     ignored: int,
     labels: NDArray[np.int32] | None,
 ) -> PointsInside:
     """Return the result of all parts of the cloud: (parts, 3, n) and (parts, n)."""
-    counts = found[:, 0].sum(axis=0)
+    counts = tallies[:, 0].sum(axis=0)
     first, nearest = np.full((2, len(boxes)), -1)
     distances = np.full(len(boxes), np.inf)
     held = np.flatnonzero(counts)
     if len(held):
-        hit = found[:, 0, held] > 0
-        first[held] = np.where(hit, found[:, 1, held], len(cloud)).min(axis=0)
+        hit = tallies[:, 0, held] > 0
+        first[held] = np.where(hit, tallies[:, 1, held], len(cloud)).min(axis=0)
         # argmin takes the first part of equally near ones, and with it the lowest index
         part = np.where(hit, squares[:, held], np.inf).argmin(axis=0)
-        nearest[held] = found[part, 2, held]
+        nearest[held] = tallies[part, 2, held]
         offsets = cloud[nearest[held]].astype(np.float64) - boxes.centers[held]
         distances[held] = lengths(offsets)
     indices = np.arange(len(boxes))
@@ -221,7 +229,7 @@ def _merged(
 
 
 #: Columns of a box's record: centre (3), rotation (9), half extents (3), then these.
-SIZE, SCALE = 15, 16
+RECORD_SIZE, RECORD_SCALE = 15, 16
 
 
 @njit
@@ -233,18 +241,18 @@ def points_kernel(
     inner: Solids | None,
     out: tuple[np.ndarray, Floats, np.ndarray],
 ) -> int:
-    """Write what boxes, or what is in them, hold of points (m, 3), of which the first has a number.
+    """Write which points (m, 3) are in boxes, or bodies in them; return how many are not finite.
 
-    Return how many are not finite; inner: None compiles nothing.
+    first: the number of the first point. inner: None compiles no code for bodies.
 
-    out: counts, first and nearest (3, n); squares (n,) of the least scaled distance; labels (p,)
-    or (0,), the lowest box of each point.
+    out: counts, first and nearest (3, n); squares (n,) of the least scaled distance; labels (p,) or
+    (0,), the lowest box of each point.
     """
     whole, (cells, items, frames, numbers), records = zones
-    found, squares, labels = out
+    tallies, squares, labels = out
     ignored = 0
     labelled = len(labels) > 0
-    waiting = no_waiting()
+    waiting = node_stack()
     for row in range(len(points)):
         n, label = first + row, -1
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
@@ -257,26 +265,26 @@ def points_kernel(
             & (z <= whole[5])
         ):
             cell = 0
-            while cells[cell, GRID] >= 0:
-                cell = find_cell(frames, numbers, cells[cell, GRID], x, y, z)
-            last = cells[cell, START] + cells[cell, COUNT]
-            for m in range(cells[cell, START], last):
-                b = items[m] + 0  # int64, as other rows are: int32 would compile more kernels
+            while cells[cell, CELL_GRID] >= 0:
+                cell = find_cell(frames, numbers, cells[cell, CELL_GRID], x, y, z)
+            last = cells[cell, CELL_START] + cells[cell, CELL_COUNT]
+            for m in range(cells[cell, CELL_START], last):
+                b = items[m] + 0  # int64, as other tallies are: int32 would compile more kernels
                 dx, dy, dz = x - records[b, 0], y - records[b, 1], z - records[b, 2]
                 if not _inside(records, b, dx, dy, dz, margin):
                     continue
-                if inner is not None:  # noqa: SIM102  # one that is None is of another type
+                if inner is not None:  # noqa: SIM102  # None is another type
                     if not _holds(inner, b, (x, y, z), margin, waiting):
                         continue
-                scale = records[b, SCALE]
+                scale = records[b, RECORD_SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz
                 square = dx * dx + dy * dy + dz * dz
-                if found[0, b] == 0:
-                    found[1, b] = n
-                if found[0, b] == 0 or square < squares[b]:
-                    found[2, b] = n
+                if tallies[0, b] == 0:
+                    tallies[1, b] = n
+                if tallies[0, b] == 0 or square < squares[b]:
+                    tallies[2, b] = n
                     squares[b] = square
-                found[0, b] += 1
+                tallies[0, b] += 1
                 label = b if label < 0 else min(label, b)
         elif (x - x) + (y - y) + (z - z) != 0.0:
             ignored += 1
@@ -286,8 +294,8 @@ def points_kernel(
 
 
 @njit(refcount=False)
-def _holds(inner: Solids, b: int, point: Vector, margin: float, waiting: Waiting) -> bool:
-    """Return whether what is in box b holds a point."""
+def _holds(inner: Solids, b: int, point: Vector, margin: float, waiting: NodeStack) -> bool:
+    """Return whether the body in box b contains a point."""
     if len(inner.meshes.meshes) > 0:
         return body_holds(inner.meshes, b, point, margin + inner.radii[b], waiting)
     return convex_holds(inner.cores, b, point, margin)
@@ -299,7 +307,7 @@ def _inside(records: Floats, b: int, dx: float, dy: float, dz: float, margin: fl
     x = abs(records[b, 3] * dx + records[b, 6] * dy + records[b, 9] * dz) - records[b, 12]
     y = abs(records[b, 4] * dx + records[b, 7] * dy + records[b, 10] * dz) - records[b, 13]
     z = abs(records[b, 5] * dx + records[b, 8] * dy + records[b, 11] * dz) - records[b, 14]
-    bound = INSIDE_BOUND * (abs(dx) + abs(dy) + abs(dz) + records[b, SIZE]) + UNDERFLOW
+    bound = INSIDE_BOUND * (abs(dx) + abs(dy) + abs(dz) + records[b, RECORD_SIZE]) + UNDERFLOW
     excess = max(x, y, z)
     if excess > margin + bound:
         return False

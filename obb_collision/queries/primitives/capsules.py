@@ -55,9 +55,9 @@ from obb_collision.numerics.vec3 import (
 from obb_collision.queries.clearance.clearance import Clearances, as_limit
 from obb_collision.queries.primitives.segments import (
     across,
-    box_gap,
     nearest_of_segments,
     nearest_to_box,
+    segment_box_gap,
     segment_gap,
     unit_scale,
     widest_gap,
@@ -80,7 +80,7 @@ FAR_BOUND = 32 * ROUNDOFF
 
 
 class CapsuleAt(NamedTuple):
-    """One capsule."""
+    """A single capsule."""
 
     start: Vector
     end: Vector
@@ -88,7 +88,7 @@ class CapsuleAt(NamedTuple):
 
 
 class SegmentAndBox(NamedTuple):
-    """A capsule and a box about the centre of the box, scaled to about 1."""
+    """A capsule and a box in a frame at the centre of the box, scaled to about 1."""
 
     first: Vector  #: start of the segment
     last: Vector  #: its end
@@ -99,7 +99,7 @@ class SegmentAndBox(NamedTuple):
 
 
 class SegmentPair(NamedTuple):
-    """Two capsules, from the start of the first, scaled to about 1."""
+    """Two capsules in a frame at the start of the first, scaled to about 1."""
 
     u: Vector  #: the first segment
     offset: Vector  #: of the start of the second
@@ -110,7 +110,7 @@ class SegmentPair(NamedTuple):
 
 
 #: Separation, unit normal from a to b, and the nearest points of a and b.
-Distance = tuple[float, Vector, Vector, Vector]
+SignedDistance = tuple[float, Vector, Vector, Vector]
 
 
 @njit(refcount=False)
@@ -120,12 +120,12 @@ def capsule_at(capsules: CapsuleArrays, i: int) -> CapsuleAt:
 
 
 @njit
-def _write(found: Distance, n: int, distances: Floats, vectors: Floats) -> None:
+def _write(distance: SignedDistance, n: int, distances: Floats, vectors: Floats) -> None:
     """Write a separation (m,), and normal and nearest points (3, m, 3)."""
-    distances[n] = found[0]
+    distances[n] = distance[0]
     for k in range(3):
-        vectors[0, n, k] = found[1][k]
-        vectors[1, n, k], vectors[2, n, k] = found[2][k], found[3][k]
+        vectors[0, n, k] = distance[1][k]
+        vectors[1, n, k], vectors[2, n, k] = distance[2][k], distance[3][k]
 
 
 @njit
@@ -163,7 +163,7 @@ def _box_verdict(a: CapsuleAt, b: BoxAt) -> int:
         near = -min(h[0] - abs(y[0]), h[1] - abs(y[1]), h[2] - abs(y[2]))
     if near - r < -NEAR_BOUND * size:
         return OVERLAP
-    gap, _ = box_gap(combined(b.axes, e), pair.first, pair.last, b.axes, h)
+    gap, _ = segment_box_gap(combined(b.axes, e), pair.first, pair.last, b.axes, h)
     if gap - r > FAR_BOUND * size:
         return SEPARATE
     gap, _ = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
@@ -175,12 +175,12 @@ def box_distances_kernel(pairs: RowPairs, distances: Floats, vectors: Floats) ->
     """Write separation, and normal and points, of capsule rows_a[n] and box rows_b[n]."""
     a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
-        found = _box_distance(capsule_at(a, rows_a[n]), box_at(b, rows_b[n]))
-        _write(found, n, distances, vectors)
+        distance = _box_distance(capsule_at(a, rows_a[n]), box_at(b, rows_b[n]))
+        _write(distance, n, distances, vectors)
 
 
 @njit
-def _box_distance(a: CapsuleAt, b: BoxAt) -> Distance:
+def _box_distance(a: CapsuleAt, b: BoxAt) -> SignedDistance:
     pair = _about_box(a, b)
     h = pair.half_extents
     y, w = components(b.axes, pair.first), components(b.axes, pair.way)
@@ -188,11 +188,11 @@ def _box_distance(a: CapsuleAt, b: BoxAt) -> Distance:
     e = minus(at, clamped(at, h))
     near = math.sqrt(dot(e, e))
     away = combined(b.axes, e)
-    shown, side = box_gap(away, pair.first, pair.last, b.axes, h)
+    shown, side = segment_box_gap(away, pair.first, pair.last, b.axes, h)
     size = sum_abs(pair.first) + sum_abs(pair.last) + sum_abs(h)
     if near - shown > FAR_BOUND * size:  # so near that e is inexact, or it is zero
         away = across(away, pair.way)
-        near, side = box_gap(away, pair.first, pair.last, b.axes, h)
+        near, side = segment_box_gap(away, pair.first, pair.last, b.axes, h)
         widest, towards = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
         if not near >= widest:  # the segment intersects the box: move it to where they touch
             near, away, side = widest, negated(towards), 1.0
@@ -242,12 +242,12 @@ def capsule_distances_kernel(pairs: RowPairs, distances: Floats, vectors: Floats
     """Write separation, and normal and points, of capsules rows_a[n] and rows_b[n]."""
     a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
-        found = _capsule_distance(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))
-        _write(found, n, distances, vectors)
+        distance = _capsule_distance(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))
+        _write(distance, n, distances, vectors)
 
 
 @njit
-def _capsule_distance(a: CapsuleAt, b: CapsuleAt) -> Distance:
+def _capsule_distance(a: CapsuleAt, b: CapsuleAt) -> SignedDistance:
     u, d, v, r, f, back = _about_start(a, b)
     at_u, at_v = nearest_of_segments(u, d, v)
     foot = scaled(u, at_u)
@@ -267,7 +267,7 @@ def _capsule_distance(a: CapsuleAt, b: CapsuleAt) -> Distance:
 
 @njit
 def _any_normal(u: Vector, v: Vector) -> Vector:
-    """Return a vector normal to two segments that cross; to one of them, or any, if they don't."""
+    """Return a vector normal to two segments, or to one of them if they are parallel."""
     n = careful_cross(u, v)
     for w in (u, v):
         if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
@@ -307,8 +307,8 @@ def capsule_clearances(
 ) -> Clearances:
     """Return the signed distances of capsules from capsules or boxes, and nearest points.
 
-    Distances are minus the least translation that separates those that overlap; positions are then
-    the deepest: positions_b is positions_a + distance x normal.
+    Distances of those that overlap are minus the least translation that separates them; positions
+    are then the deepest: positions_b is positions_a + distance x normal.
     """
     limit, rows = as_limit(max_distance), as_pairs(a, b, pairs)
     first, second = np.ascontiguousarray(rows.T)
@@ -324,7 +324,7 @@ def capsule_separations(
     a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None = None
 ) -> CertifiedSeparations:
     """Return the signed separations of capsules from capsules or boxes, with their verdicts."""
-    found = capsule_clearances(a, b, pairs)
-    middles = 0.5 * (found.positions_a + found.positions_b)
-    verdicts = capsule_verdicts(a, b, found.pairs)
-    return CertifiedSeparations(found.pairs, found.distances, found.normals, middles, verdicts)
+    near = capsule_clearances(a, b, pairs)
+    middles = 0.5 * (near.positions_a + near.positions_b)
+    verdicts = capsule_verdicts(a, b, near.pairs)
+    return CertifiedSeparations(near.pairs, near.distances, near.normals, middles, verdicts)

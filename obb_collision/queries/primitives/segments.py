@@ -29,7 +29,16 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import careful_cross, clamp, dot, minus, pick_axis, plus, scaled
+from obb_collision.numerics.vec3 import (
+    ZERO,
+    careful_cross,
+    clamp,
+    dot,
+    minus,
+    pick_axis,
+    plus,
+    scaled,
+)
 from obb_collision.typing import Axes, Vector
 
 #: Exponents of scales: 2^1000 and its reciprocal are still ordinary doubles.
@@ -48,7 +57,7 @@ def unit_scale(size: float) -> tuple[float, float]:
 def _slope(s: float, y: Vector, v: Vector, h: Vector, on_face: int) -> float:
     """Return half the slope at s of the squared distance of y + s v from the box.
 
-    on_face: the axis along which the point lies on a face, where rounding must not matter.
+    on_face: the axis of the face that contains the point; rounding along it must not matter.
     """
     total = 0.0
     for i in range(3):
@@ -60,7 +69,7 @@ def _slope(s: float, y: Vector, v: Vector, h: Vector, on_face: int) -> float:
 
 @njit
 def nearest_to_box(y: Vector, v: Vector, h: Vector) -> float:
-    """Return s in 0 .. 1 where y + s v is nearest to the box -h .. h; of many the middle one.
+    """Return s in 0 .. 1 where y + s v is nearest to the box -h .. h; of many the middle.
 
     The squared distance is convex and quadratic between the crossings of the six face planes, so
     its slope grows and is linear there.
@@ -96,11 +105,13 @@ def nearest_to_box(y: Vector, v: Vector, h: Vector) -> float:
 
 
 @njit
-def box_gap(n: Vector, d0: Vector, d1: Vector, axes: Axes, h: Vector) -> tuple[float, float]:
+def segment_box_gap(
+    n: Vector, d0: Vector, d1: Vector, axes: Axes, h: Vector
+) -> tuple[float, float]:
     """Return the gap of segment d0 d1 and a box (centre at 0) along the unit of n, and a side.
 
-    The side is +1 where the segment lies beyond the box along n, -1 before it. A null direction
-    has the gap -inf.
+    Side +1: the segment lies beyond the box along n, -1: before it. A null direction has the gap
+    -inf.
     """
     norm = math.sqrt(dot(n, n))
     if norm == 0.0:
@@ -124,23 +135,23 @@ def across(n: Vector, v: Vector) -> Vector:
 
 @njit
 def widest_gap(d0: Vector, d1: Vector, v: Vector, axes: Axes, h: Vector) -> tuple[float, Vector]:
-    """Return the largest gap of segment and box over faces and edges, and the way there.
+    """Return the largest gap of segment and box over faces and edges, and its unit direction.
 
-    Negative, it is the least depth: these six directions (three face normals, three edges crossed
-    with the segment) are all that a segment against a box needs (Ericson 2005, 5.2.1). The
-    unit vector points from the segment to the box.
+    If negative, it is minus the least depth: these six directions (three face normals, three edges
+    crossed with the segment) are all that a segment against a box needs (Ericson 2005, 5.2.1). The
+    direction is from the segment to the box.
     """
     best = -np.inf
-    towards = (0.0, 0.0, 0.0)
+    towards = ZERO
     for k in range(6):
         i = k % 3
         n = pick_axis(axes, i)
         if k >= 3:
             n = careful_cross(n, v)
-        gap, side = box_gap(n, d0, d1, axes, h)
+        gap, side = segment_box_gap(n, d0, d1, axes, h)
         if gap > best:
             best = gap
-            towards = plus((0.0, 0.0, 0.0), scaled(n, -side / math.sqrt(dot(n, n))))
+            towards = plus(ZERO, scaled(n, -side / math.sqrt(dot(n, n))))
     return best, towards
 
 
@@ -154,8 +165,8 @@ def _clamped_ratio(a: float, b: float) -> float:
 def nearest_of_segments(u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
     """Return s and t in 0 .. 1 where s u and d + t v are nearest.
 
-    The nearest of: the four ends with their feet on the other segment, and the feet of the
-    common normal. By nearly exact cross products these are good for nearly parallel ones too.
+    The nearest of: the four ends with their feet on the other segment, and the feet of the common
+    normal. Nearly exact cross products serve nearly parallel segments too.
     """
     uu, vv = dot(u, u), dot(v, v)
     ud, vd, uv = dot(u, d), dot(v, d), dot(u, v)
@@ -187,8 +198,8 @@ def nearest_of_segments(u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
 def segment_gap(n: Vector, u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
     """Return the gap along the unit of n of segments 0 to u and d to d + v, and a side.
 
-    The side is +1 where the second lies beyond the first along n, -1 before it. A null direction
-    has the gap -inf.
+    Side +1: the second lies beyond the first along n, -1: before it. A null direction has the gap
+    -inf.
     """
     norm = math.sqrt(dot(n, n))
     if norm == 0.0:

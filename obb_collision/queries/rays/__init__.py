@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rays and what they hit first."""
+"""Rays and their first hits."""

@@ -25,22 +25,22 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
-from obb_collision.numerics.vec3 import components, dot, minus, plus, scaled, sum_abs
+from obb_collision.numerics.vec3 import ZERO, components, dot, minus, plus, scaled, sum_abs
 from obb_collision.queries.verdict.sat import BoxAt
 from obb_collision.typing import Floats, Vector
 
 #: Boxes in a leaf.
-LEAF = 2
-#: Halving leaves one node a level behind: enough for 2^62 leaves.
-STACK = 64
+LEAF_BOXES = 2
+#: Rows of the stack: halving leaves a node on each level, so this is enough for 2^62 leaves.
+RAY_STACK = 64
 #: Limits (k, 6), numbers (k, 3) and order (n,) of a tree.
 TreeNodes = tuple[Floats, np.ndarray, np.ndarray]
 #: Columns of a node: first box in the order, number of boxes, first of its two children or -1.
-START, COUNT, CHILD = 0, 1, 2
+NODE_START, NODE_COUNT, NODE_CHILD = 0, 1, 2
 
 
 @njit
-def build_tree(bounds: Floats) -> TreeNodes:
+def build_ray_tree(bounds: Floats) -> TreeNodes:
     """Return bounds (k, 6) and numbers (k, 3) of nodes, the root first, and the order (n,).
 
     bounds (n, 6): least and largest corner of each box.
@@ -53,17 +53,17 @@ def build_tree(bounds: Floats) -> TreeNodes:
     used = 1
     node = 0
     while node < used:  # children come after their parents: the array is the queue
-        start, count = nodes[node, START], nodes[node, COUNT]
+        start, count = nodes[node, NODE_START], nodes[node, NODE_COUNT]
         rows = order[start : start + count]
         longest = _merge(bounds, rows, limits[node])
-        if count > LEAF:
+        if count > LEAF_BOXES:
             middles = np.empty(count)
             for m in range(count):
                 row = rows[m]
                 middles[m] = 0.5 * bounds[row, longest] + 0.5 * bounds[row, 3 + longest]
             half = count // 2
             _halve(rows, middles, half)
-            nodes[node, CHILD] = used
+            nodes[node, NODE_CHILD] = used
             _fill(nodes, used, start, half)
             _fill(nodes, used + 1, start + half, count - half)
             used += 2
@@ -73,7 +73,7 @@ def build_tree(bounds: Floats) -> TreeNodes:
 
 @njit
 def _halve(rows: np.ndarray, values: Floats, half: int) -> None:
-    """Bring the rows of the least ``half`` values to the front (Hoare 1961); order both alike."""
+    """Move the rows of the least ``half`` values to the front, and the values (Hoare 1961)."""
     low, high = 0, len(rows) - 1
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high
@@ -94,7 +94,7 @@ def _halve(rows: np.ndarray, values: Floats, half: int) -> None:
 @njit
 def _fill(nodes: np.ndarray, node: int, start: int, count: int) -> None:
     """Write a leaf; an assignment of rows takes two seconds to compile."""
-    nodes[node, START], nodes[node, COUNT], nodes[node, CHILD] = start, count, -1
+    nodes[node, NODE_START], nodes[node, NODE_COUNT], nodes[node, NODE_CHILD] = start, count, -1
 
 
 @njit
@@ -119,7 +119,7 @@ def _merge(bounds: Floats, rows: np.ndarray, out: Floats) -> int:
 HIT_BOUND = 1024 * ROUNDOFF
 #: Where the entries of the box and of the enlarged one differ by less than so many bounds, the ray
 #: comes steeply enough for the first; else, as along a face, rounding may say where it enters.
-STEEP = 8.0
+STEEP_ENTRY = 8.0
 #: Relative slack of distances along a ray: 32 unit roundoffs, and they are off by some 6.
 DISTANCE_SLACK = 32 * ROUNDOFF
 
@@ -128,8 +128,7 @@ DISTANCE_SLACK = 32 * ROUNDOFF
 def slabs(o: Vector, v: Vector, h: Vector) -> tuple[float, float, int]:
     """Return where the line o + t v enters and leaves the box -h .. h, and by which axis.
 
-    The entry lies after the exit where the line misses the box. The axis is -1 for a line that
-    is parallel to none and enters nowhere.
+    The entry lies after the exit if the line misses the box; then the axis may be -1.
     """
     enter, leave, axis = -np.inf, np.inf, -1
     for i in range(3):
@@ -147,7 +146,7 @@ def slabs(o: Vector, v: Vector, h: Vector) -> tuple[float, float, int]:
 
 
 class Ray(NamedTuple):
-    """A ray or a segment."""
+    """A single ray or segment."""
 
     origin: Vector
     unit: Vector
@@ -163,7 +162,7 @@ class Rays(NamedTuple):
 
 
 class HitArrays(NamedTuple):
-    """What rays hit: bodies (m,), distances (m,), points, normals (3, m), and faces (m,)."""
+    """Hits of rays: bodies (m,), distances (m,), points and normals (3, m), and faces (m,)."""
 
     bodies: np.ndarray
     distances: Floats
@@ -173,25 +172,24 @@ class HitArrays(NamedTuple):
 
 
 class RayTree(NamedTuple):
-    """A tree of ``build_tree``, and work space for walking down."""
+    """A tree of ``build_ray_tree``, and work space for its descent."""
 
     limits: Floats
     nodes: np.ndarray
     order: np.ndarray
-    stack: np.ndarray  #: (STACK,) nodes
-    entries: Floats  #: (STACK,) where the ray enters them
+    stack: np.ndarray  #: (RAY_STACK,) nodes
+    entries: Floats  #: (RAY_STACK,) where the ray enters them
 
 
+#: The distance; the axis of the face of a box, or the triangle, or a constant below; the normal.
 Hit = tuple[float, int, Vector]
-"""The distance; the axis of the face of a box, or the triangle, or NONE or WITHIN; the normal."""
-NOWHERE = 0.0, 0.0, 0.0
-NONE, WITHIN = -1, -2
-MISSED: Hit = (np.inf, NONE, NOWHERE)
+NO_FACE, ORIGIN_INSIDE = -1, -2
+MISSED: Hit = (np.inf, NO_FACE, ZERO)
 
 
 @njit(refcount=False)
 def hit_box(ray: Ray, box: BoxAt) -> Hit:
-    """Return when a ray hits a box; NONE for an origin in it, and no normal yet."""
+    """Return when a ray hits a box; NO_FACE for an origin in it, and no normal yet."""
     d, h = minus(ray.origin, box.center), box.half_extents
     o, v = components(box.axes, d), components(box.axes, ray.unit)
     bound = HIT_BOUND * (sum_abs(d) + sum_abs(h)) + UNDERFLOW
@@ -200,11 +198,11 @@ def hit_box(ray: Ray, box: BoxAt) -> Hit:
     if enter > leave or leave < 0.0 or enter > ray.reach:
         return MISSED
     true_enter, true_leave, true_axis = slabs(o, v, h)
-    if true_enter <= true_leave and true_enter - enter <= STEEP * bound:
+    if true_enter <= true_leave and true_enter - enter <= STEEP_ENTRY * bound:
         enter, axis = true_enter, true_axis
     if enter <= 0.0:
-        return 0.0, NONE, NOWHERE
-    return min(enter, ray.reach), axis, NOWHERE
+        return 0.0, NO_FACE, ZERO
+    return min(enter, ray.reach), axis, ZERO
 
 
 @njit(refcount=False)
@@ -231,9 +229,9 @@ AHEAD_BOUND = 16 * ROUNDOFF
 
 @njit(refcount=False)
 def moved_ahead(ray: Ray, center: Vector, reach: float) -> tuple[Vector, float, float]:
-    """Return a point of a ray seen from a centre, how far ahead it is, and by how much it is off.
+    """Return a point of a ray seen from a centre, how far ahead it is, and its error.
 
-    No point before it is within reach of the centre; -1 ahead where none of the ray is.
+    No point before it is within reach of the centre; -1 ahead if no point of the ray is.
     """
     d = minus(ray.origin, center)
     middle = -dot(d, ray.unit)

@@ -15,16 +15,15 @@
 """Rays and segments against boxes and meshes: the nearest hit of each, by a tree of bounds.
 
 A box is the common part of three slabs (Kay, Kajiya 1986; Ericson 2005, 5.3.3). No hit is missed:
-along each axis of the box, its half extent is enlarged for the decision by BOUND times the
-distance of the origin from its centre plus its half extents, more than rounding and axes
-orthonormal to 64 unit roundoffs can shift a point of the ray that lies in the box (as in
-``containment``, once for the origin and once for the direction). So a ray may be said to hit a box
-that it passes at less than twice that distance. Distances are those to the box as it is, right to
-2^-40 of its size and the origin's distance; of a ray that grazes a face, those to the enlarged box:
-earlier, not later.
+for the decision, each half extent of a box is enlarged by HIT_BOUND times the distance of the
+origin from its centre plus its half extents. This is more than rounding and axes orthonormal to 64
+unit roundoffs can shift a point of the ray that lies in the box (as in ``containment``, once for
+the origin and once for the direction). So a ray may hit a box that it passes at less than twice
+that distance. Distances are to the box itself, right to 2^-40 of its size and the origin's
+distance; if the ray grazes a face, to the enlarged box: earlier, not later.
 
 Meshes, and hulls as meshes, are hit at their surface, or at once if they are solids and the
-origin is inside; what holds of them is in ``bodies``.
+origin is inside (``bodies``).
 """
 
 from __future__ import annotations
@@ -41,22 +40,22 @@ from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
 from obb_collision.numerics.vec3 import axis_of, dot, lengths, plus, scaled, vector_at
 from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
-from obb_collision.queries.meshes.one_tree import Waiting, no_waiting
 from obb_collision.queries.meshes.placed import BOX_BOUND, PlacedMeshes, body_at, root_boxes
+from obb_collision.queries.meshes.trees import NodeStack, node_stack
 from obb_collision.queries.rays.bodies import hit_convex, hit_mesh, triangle_normal
 from obb_collision.queries.rays.boxes import (
-    CHILD,
-    COUNT,
     MISSED,
-    STACK,
-    START,
+    NODE_CHILD,
+    NODE_COUNT,
+    NODE_START,
+    RAY_STACK,
     Hit,
     HitArrays,
     Ray,
     Rays,
     RayTree,
     TreeNodes,
-    build_tree,
+    build_ray_tree,
     enters_bounds,
     hit_box,
 )
@@ -89,7 +88,7 @@ class RayHits:
 
     @property
     def hits(self) -> NDArray[np.bool_]:
-        """(m,) whether each ray hits any box."""
+        """(m,) whether each ray hits a box or mesh."""
         return np.asarray(self.boxes >= 0)
 
 
@@ -138,7 +137,7 @@ def cast_rays(
 
 
 def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) -> Rays:
-    """Return rays; ValueError otherwise."""
+    """Return validated rays."""
     o = as_array(origins, "origins", (None, 3))
     d = as_array(directions, "directions", (None, 3))
     check_lengths(origins=o, directions=d)
@@ -219,10 +218,10 @@ def _cast(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
 
 
 class Targets(NamedTuple):
-    """Bodies of one kind; those that are None compile nothing."""
+    """Bodies of one kind; no code is compiled for a kind that is None."""
 
     boxes: BoxArrays | None
-    solids: Solids | None  #: with no radii about meshes for none, not even zero
+    solids: Solids | None  #: radii of length 0: meshes without radii, which have normals
 
 
 def _hits(
@@ -233,7 +232,7 @@ def _hits(
         targets = Targets(bodies.arrays, None)
     else:
         targets = Targets(None, solids_of(bodies, radii))
-    nodes, count = build_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
+    nodes, count = build_ray_tree(np.concatenate(boxes.world_bounds(), axis=1)), len(rays.origins)
     rows, numbers = np.empty((2, count), np.int64)
     points, normals = np.empty((2, count, 3))
     out = HitArrays(rows, np.empty(count), points, normals, numbers)
@@ -245,16 +244,16 @@ def _hits(
 def rays_kernel(
     rays: Rays, targets: Targets, nodes: TreeNodes, out: HitArrays, start: int, stop: int
 ) -> None:
-    """Write what rays ``start`` to ``stop`` hit; point and normal are NaN where that is nothing."""
+    """Write the hits of rays ``start`` to ``stop``; point and normal are NaN without a hit."""
     boxes, solids = targets
-    tree = RayTree(nodes[0], nodes[1], nodes[2], np.empty(STACK, np.int64), np.empty(STACK))
-    waiting = no_waiting()
+    tree = RayTree(nodes[0], nodes[1], nodes[2], np.empty(RAY_STACK, np.int64), np.empty(RAY_STACK))
+    waiting = node_stack()
     for n in range(start, stop):
         ray = Ray(vector_at(rays.origins, n), vector_at(rays.units, n), rays.reaches[n])
-        row, found = _nearest(ray, boxes, solids, tree, waiting)
-        out.bodies[n], out.distances[n] = row, found[0]
-        out.faces[n], normal = _face(ray, boxes, solids, row, found)
-        point = plus(ray.origin, scaled(ray.unit, found[0]))
+        row, hit = _nearest(ray, boxes, solids, tree, waiting)
+        out.bodies[n], out.distances[n] = row, hit[0]
+        out.faces[n], normal = _face(ray, boxes, solids, row, hit)
+        point = plus(ray.origin, scaled(ray.unit, hit[0]))
         for k in range(3):
             out.points[n, k] = point[k] if row >= 0 else np.nan
             out.normals[n, k] = normal[k] if row >= 0 else np.nan
@@ -262,9 +261,9 @@ def rays_kernel(
 
 @njit(refcount=False)
 def _nearest(
-    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, tree: RayTree, waiting: Waiting
+    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, tree: RayTree, waiting: NodeStack
 ) -> tuple[int, Hit]:
-    """Return the nearest body, the first of equally near ones, and the hit; -1 for none."""
+    """Return the nearest body, the first of equally near ones, and the hit; -1 if none."""
     limits, nodes, order, stack, entries = tree
     row, best, depth = -1, MISSED, 1
     stack[0], entries[0] = 0, enters_bounds(limits, 0, ray, ray.reach)
@@ -273,21 +272,23 @@ def _nearest(
         node = stack[depth]
         if entries[depth] > best[0] or entries[depth] == np.inf:
             continue
-        child = nodes[node, CHILD]
+        child = nodes[node, NODE_CHILD]
         if child < 0:
-            for m in range(nodes[node, START], nodes[node, START] + nodes[node, COUNT]):
+            for m in range(
+                nodes[node, NODE_START], nodes[node, NODE_START] + nodes[node, NODE_COUNT]
+            ):
                 b = order[m]
-                found = MISSED
+                hit = MISSED
                 if boxes is not None:
-                    found = hit_box(ray, box_at(boxes, b))
+                    hit = hit_box(ray, box_at(boxes, b))
                 if solids is not None:
                     if len(solids.meshes.meshes) > 0:
                         radius = solids.radii[b] if len(solids.radii) > 0 else -1.0
-                        found = hit_mesh(ray, solids.meshes, b, radius, best[0], waiting)
+                        hit = hit_mesh(ray, solids.meshes, b, radius, best[0], waiting)
                     else:
-                        found = hit_convex(ray, solids.cores, b, best[0])
-                if found[0] < best[0] or (found[0] == best[0] < np.inf and b < row):
-                    row, best = b, found
+                        hit = hit_convex(ray, solids.cores, b, best[0])
+                if hit[0] < best[0] or (hit[0] == best[0] < np.inf and b < row):
+                    row, best = b, hit
             continue
         other, reach = child + 1, min(ray.reach, best[0])
         first = enters_bounds(limits, child, ray, reach)
@@ -302,10 +303,10 @@ def _nearest(
 
 @njit(refcount=False)
 def _face(
-    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, row: int, found: Hit
+    ray: Ray, boxes: BoxArrays | None, solids: Solids | None, row: int, hit: Hit
 ) -> tuple[int, Vector]:
-    """Return the number of the triangle hit, -1 for none, and the normal of what is entered."""
-    _, number, normal = found
+    """Return the number of the triangle hit, -1 if none, and the normal of the face entered."""
+    _, number, normal = hit
     if boxes is not None and number >= 0:
         across = axis_of(boxes.rotations, row, number)
         side = -1.0 if dot(ray.unit, across) > 0.0 else 1.0

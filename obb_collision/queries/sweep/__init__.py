@@ -14,8 +14,8 @@
 
 """Sweeps: times at which moving bodies first touch."""
 
-from obb_collision.queries.sweep.convex import MAX_STEPS, BodyMotion, convex_sweeps
-from obb_collision.queries.sweep.meshes import swept_meshes
+from obb_collision.queries.sweep.convex_convex import MAX_STEPS, BodyMotion, convex_sweeps
+from obb_collision.queries.sweep.mesh_body import swept_meshes
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 
 __all__ = ["MAX_STEPS", "TOLERANCE", "BodyMotion", "Sweeps", "convex_sweeps", "swept_meshes"]

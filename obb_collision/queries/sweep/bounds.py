@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Certain bounds of boxes that move: gaps along a moving axis, and what spinning boxes sweep.
+"""Certain bounds of boxes that move: gaps along a moving axis, and slices of time.
 
 For how long does an axis go on separating two boxes that turn? The step of ``rigid``.
 
@@ -33,14 +33,14 @@ of radius r about its origin that turns relative to n at w_a + w_b or slower: (w
 The right side is concave, and its first root is never before where the chord of any two of its
 values has one: regula falsi from the left never steps too far.
 
-What spinning boxes sweep: slices of time in which two of them certainly stay apart.
+Slices of time in which two spinning boxes certainly stay apart.
 
 A box that turns a long way is held by the body it sweeps in a whole turn about its origin: the
 circles of its corners about the axis of the turn and what lies between them. That body only moves
-along a line, however many turns the box makes. One that turns less than ``WHOLE`` in a slice is
-held by its place in the middle, grown by what its corners move from there. A direction along
-which one body stays beyond the other from the beginning to the end of a slice proves it free; it is
-searched as in ``meshes.convex`` (Gilbert, Johnson, Keerthi 1988); no error of the search counts.
+along a line, however many turns the box makes. A box that turns less than ``TURNING_ALL_ROUND`` in
+a slice is held by its place in the middle, grown by the way of its corners from there. A direction
+along which one body stays beyond the other during the whole slice proves it free. The search is
+that of ``meshes.hull_hull`` (Gilbert, Johnson, Keerthi 1988); its errors cost only proofs.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
+from obb_collision.numerics.simplex import BARE_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     components,
     cross,
@@ -64,7 +64,7 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.verdict.sat import AXES, factors
+from obb_collision.queries.verdict.sat import AXIS_COUNT, factors
 from obb_collision.typing import Axes, Floats, Vector
 
 #: An axis this short is lost in rounding.
@@ -72,10 +72,10 @@ SHORTEST_AXIS = 2.0**-40
 #: Rounds of closing in on a root: the bracket shrinks quadratically.
 ROOT_ROUNDS = 4
 #: A bracket this narrow, relative to the root, is good enough.
-NARROW = 0.05
+NARROW_BRACKET = 0.05
 
 
-class Turning(NamedTuple):
+class TurningBox(NamedTuple):
     """A box that turns about its origin."""
 
     axes: Axes
@@ -96,7 +96,7 @@ class Approach(NamedTuple):
 
 
 class MovingAxis(NamedTuple):
-    """What separates two boxes, as functions of time: first value and derivative of each."""
+    """The gap along an axis as a function of time: values and derivatives."""
 
     gap: float
     rate: float
@@ -106,23 +106,23 @@ class MovingAxis(NamedTuple):
 
 
 @njit
-def turning(axes: Axes, half_extents: Vector, turn: Vector, reach: float) -> Turning:
+def turning(axes: Axes, half_extents: Vector, turn: Vector, reach: float) -> TurningBox:
     """Return a box that turns at an angular velocity."""
     rates = cross(turn, axes[0]), cross(turn, axes[1]), cross(turn, axes[2])
-    return Turning(axes, rates, half_extents, norm(turn), reach)
+    return TurningBox(axes, rates, half_extents, norm(turn), reach)
 
 
 @njit
 def best_step(
-    approach: Approach, a: Turning, b: Turning, rounding: float, blur: float
+    approach: Approach, a: TurningBox, b: TurningBox, rounding: float, blur: float
 ) -> tuple[float, float]:
     """Return the largest certain gap of the 15 axes, and for how long one surely separates.
 
     Gaps may be off by ``rounding``, and by ``blur`` times the length of their axis. Both results
-    are at least 0, a step that lasts to the horizon is infinite.
+    are at least 0; a step that lasts to the horizon is infinite.
     """
     most, step = 0.0, 0.0
-    for number in range(AXES):
+    for number in range(AXIS_COUNT):
         n, dn = _moving_axis(a, b, number)
         square = dot(n, n)
         if square < SHORTEST_AXIS * SHORTEST_AXIS:
@@ -152,7 +152,7 @@ def best_step(
 
 
 @njit
-def _moving_axis(a: Turning, b: Turning, number: int) -> tuple[Vector, Vector]:
+def _moving_axis(a: TurningBox, b: TurningBox, number: int) -> tuple[Vector, Vector]:
     """Return an axis, numbered as in ``sat``, and its derivative; face normals as stored."""
     if number < 3:
         return pick_axis(a.axes, number), pick_axis(a.rates, number)
@@ -164,7 +164,7 @@ def _moving_axis(a: Turning, b: Turning, number: int) -> tuple[Vector, Vector]:
 
 
 @njit
-def _bend(approach: Approach, a: Turning, b: Turning, number: int) -> float:
+def _bend(approach: Approach, a: TurningBox, b: TurningBox, number: int) -> float:
     """Return K of an axis (see the module)."""
     far, speed, both = approach.far, approach.speed, a.speed + b.speed
     if number < 3:
@@ -175,7 +175,7 @@ def _bend(approach: Approach, a: Turning, b: Turning, number: int) -> float:
 
 
 @njit
-def _products(n: Vector, box: Turning) -> Vector:
+def _products(n: Vector, box: TurningBox) -> Vector:
     """Return the half extents times the products of n with the axes."""
     p, q, r = components(box.axes, n)
     h = box.half_extents
@@ -183,7 +183,7 @@ def _products(n: Vector, box: Turning) -> Vector:
 
 
 @njit
-def _slopes(n: Vector, dn: Vector, box: Turning) -> Vector:
+def _slopes(n: Vector, dn: Vector, box: TurningBox) -> Vector:
     """Return the derivatives of ``_products``."""
     (x, y, z), (dx, dy, dz), h = box.axes, box.rates, box.half_extents
     return (
@@ -205,10 +205,10 @@ def _product_slope(n: Vector, dn: Vector, v: Vector, dv: Vector) -> float:
 
 @njit
 def _first_root(axis: MovingAxis, horizon: float) -> float:
-    """Return a time before the lower bound of the gap first reaches zero; infinity if not at all.
+    """Return a time before the lower bound of the gap first reaches zero; infinity if never.
 
-    Each round takes the bound's parabola at the left end, which lies above it, for a new right
-    end, and the chord for a new left end.
+    Each round takes the bound's parabola at the left end, which lies above it, for a new right end,
+    and the chord for a new left end.
     """
     left, at_left = 0.0, axis.gap
     right = horizon
@@ -224,7 +224,7 @@ def _first_root(axis: MovingAxis, horizon: float) -> float:
             return np.inf if right >= horizon else right
         left += (right - left) * (at_left / (at_left - at_right))
         at_left = _bound(axis, left)
-        if at_left <= 0.0 or right - left <= NARROW * right:
+        if at_left <= 0.0 or right - left <= NARROW_BRACKET * right:
             break
     return left
 
@@ -258,7 +258,7 @@ def parabola_root(value: float, slope: float, bend: float) -> float:
 
 
 #: Radians in a slice from which on a box counts as turning all round.
-WHOLE = 1.0
+TURNING_ALL_ROUND = 1.0
 #: Directions tried: bodies a few hundredths of their size apart take 3 to 10.
 SLICE_DIRECTIONS = 30
 #: The search ends when the next point brings it nearer by less than this fraction.
@@ -277,7 +277,7 @@ CORNER_ROWS = 10
 def fill_corners(axes: Axes, extents: Vector, arm: Vector, turn: Vector, out: Floats) -> None:
     """Write the unit axis of the turn and the corners from the origin (CORNER_ROWS, 3).
 
-    The corners as they are at the time of axes and arm.
+    Corners at the time of ``axes`` and ``arm``.
     """
     angle = norm(turn)
     axis = 0.0, 0.0, 1.0
@@ -308,7 +308,7 @@ def free_slice(
     size = norm(first) + norm(last)
     bound = blur + SLICE_SLACK * (size + _radius(a) + _radius(b)) + _grown_by(a, angle_a)
     bound += _grown_by(b, angle_b)
-    n, simplex = scaled(plus(first, last), 0.5), no_simplex(NO_CORNER)
+    n, simplex = scaled(plus(first, last), 0.5), no_simplex(BARE_CORNER)
     for _ in range(SLICE_DIRECTIONS):
         length = norm(n)
         if not 0.0 < length < np.inf:
@@ -325,7 +325,7 @@ def free_slice(
             return False
         simplex = with_corner(simplex, (plus(offset, minus(q, p)),))
         n = simplex.nearest
-        # the nearest points of what is left of the difference: no direction shows more
+        # the nearest point of the difference: no direction shows a larger gap
         if simplex.size == 4 or not norm(n) > bound:
             return False
     return False
@@ -333,16 +333,16 @@ def free_slice(
 
 @njit
 def _grown_by(corners: Floats, angle: float) -> float:
-    """Return how far a body is grown that does not turn all round in a slice.
+    """Return how far a body is grown in a slice in which it does not turn all round.
 
     Half of the angle either way from the middle: a chord is shorter than its arc.
     """
-    return 0.5 * angle * corners[9, 0] if angle < WHOLE else 0.0
+    return 0.5 * angle * corners[9, 0] if angle < TURNING_ALL_ROUND else 0.0
 
 
 @njit
 def _radius(corners: Floats) -> float:
-    """Return the distance from the origin to a corner, to a few roundoffs at least the largest."""
+    """Return the distance from the origin to the farthest corner, rounded up by a few roundoffs."""
     along = 0.0
     for k in range(1, 9):
         along = max(along, abs(dot(vector_at(corners, k), vector_at(corners, 0))))
@@ -367,7 +367,7 @@ def _farthest(corners: Floats, angle: float, n: Vector) -> tuple[float, Vector]:
     for k in range(1, 9):
         corner, around = vector_at(corners, k), 0.0
         reach = dot(n, corner)
-        if angle >= WHOLE:
+        if angle >= TURNING_ALL_ROUND:
             height = dot(corner, axis)
             across = minus(corner, scaled(axis, height))
             around = math.sqrt(dot(across, across))

@@ -47,6 +47,7 @@ from obb_collision.numerics.constants import (
     UNDERFLOW,
 )
 from obb_collision.numerics.vec3 import (
+    ZERO,
     careful_cross,
     components,
     cross,
@@ -59,7 +60,7 @@ from obb_collision.numerics.vec3 import (
     sum_abs,
 )
 from obb_collision.queries.verdict.sat import (
-    AXES,
+    AXIS_COUNT,
     BoxAt,
     all_edge_axes,
     factors,
@@ -74,7 +75,7 @@ from obb_collision.typing import Floats, Vector
 SHORTEST_WAY = 2.0**-1000
 
 #: First and last time, and the number of the axis entered at the first (-1: time 0).
-Span = tuple[float, float, int]
+TimeSpan = tuple[float, float, int]
 NO_HIT = (math.inf, -1)
 
 
@@ -82,10 +83,9 @@ NO_HIT = (math.inf, -1)
 def spheres_pass(p: Vector, q: Vector, reach: float) -> bool:
     """Return whether two spheres, together of radius ``reach``, are certainly apart all along.
 
-    p, q: offset of their centres at the start and at the end. A plane shows it: its normal v is
-    where the offset comes nearest to zero, and any v will do that both ends of the way are
-    beyond: so nothing hangs on the rounding of v. That of the rest is far less than the bound
-    (1024 unit roundoffs).
+    p, q: offset of their centres at the start and at the end. A plane proves it: its normal v is
+    the offset where it is shortest. Both ends of the way must be beyond it, so the rounding of v
+    does not matter; other rounding is far below the bound (1024 unit roundoffs).
     """
     way = minus(q, p)
     when = -dot(p, way) / dot(way, way)
@@ -104,14 +104,14 @@ def spheres_pass(p: Vector, q: Vector, reach: float) -> bool:
 def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[float, int]:
     """Return the least time of first contact of two boxes, infinity for a certain miss.
 
-    And the axis that is entered then, -1 if all were before the start. The centre of b is its
-    offset from a at time 0, ``end`` that at time 1.
+    And the axis that is entered then, -1 if all were entered before the start. The centre of b is
+    its offset from a at time 0, ``end`` that at time 1.
 
-    Written to ``times`` (2, 15), unless it is a miss: when each axis has certainly been entered,
-    and when it has certainly not been left (NaN: not known). All but for TIME_ROUNDING.
+    Writes to ``times`` (2, 15), unless it is a miss: when each axis has certainly been entered, and
+    when it has certainly not been left (NaN if unknown). All but for TIME_ROUNDING.
 
-    Formulas and bound as in ``verdict.fast_verdict``, linear in the offset and so good at any
-    time between.
+    Formulas and bound as in ``verdict.fast_verdict``, linear in the offset and so valid at any time
+    between.
     """
     start, h, f = b.center, a.half_extents, b.half_extents
     pair = in_frame(start, a.axes, h, b.axes, f)
@@ -144,24 +144,30 @@ def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[f
 
 @njit(inline=True)
 def _meet_three(
-    times: Floats, axis: int, first: Vector, last: Vector, reach: Vector, bound: float, span: Span
-) -> Span:
-    """Take three axes in turn, from a number on (see ``_meet``)."""
-    span = _meet(times, axis, first[0], last[0], reach[0], bound, span)
-    span = _meet(times, axis + 1, first[1], last[1], reach[1], bound, span)
-    return _meet(times, axis + 2, first[2], last[2], reach[2], bound, span)
+    times: Floats,
+    n: int,
+    at_0: Vector,
+    at_1: Vector,
+    reach: Vector,
+    bound: float,
+    span: TimeSpan,
+) -> TimeSpan:
+    """Return the part of a span in which three axes from ``n`` on meet (see ``_meet``)."""
+    span = _meet(times, n, at_0[0], at_1[0], reach[0], bound, span)
+    span = _meet(times, n + 1, at_0[1], at_1[1], reach[1], bound, span)
+    return _meet(times, n + 2, at_0[2], at_1[2], reach[2], bound, span)
 
 
 @njit
-def _over(span: Span) -> bool:
+def _over(span: TimeSpan) -> bool:
     """Return whether a span has certainly no time left."""
     return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
 
 
 @njit(inline=True)
 def _meet(
-    times: Floats, axis: int, first: float, last: float, reach: float, bound: float, span: Span
-) -> Span:
+    times: Floats, axis: int, first: float, last: float, reach: float, bound: float, span: TimeSpan
+) -> TimeSpan:
     """Return the part of a span during which abs(s) <= reach, s from ``first`` to ``last``.
 
     The span is that of the largest possible ``reach``; ``times`` gets that of the smallest. Where
@@ -180,17 +186,17 @@ def _meet(
 
 NO_NORMAL: Vector = (math.nan, math.nan, math.nan)
 
-#: Time, unit normal, and the number of its axis (-1: none).
-Hit = tuple[float, Vector, int]
-MISS: Hit = (math.inf, NO_NORMAL, -1)
+#: Time, unit normal, and the number of its axis, or -1.
+SweepHit = tuple[float, Vector, int]
+MISS: SweepHit = (math.inf, NO_NORMAL, -1)
 
 
 @njit
-def sweep_linear(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> Hit:
+def sweep_linear(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> SweepHit:
     """Return time in [0, 1], unit normal and axis of the first contact of two boxes, or MISS.
 
     The centre of b is its offset from a at time 0, ``end`` that at time 1; ``times`` (2, 15) is
-    work space. At time 0 the normal is not given (NaN).
+    work space. The normal at time 0 is NaN.
     """
     least, number = meeting_intervals(a, b, end, times)
     if least == math.inf:
@@ -202,7 +208,7 @@ def sweep_linear(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> Hit:
         time, normal = _entry(span[0], span[1], span[2]), span[3]
     earlier, later = time * (1.0 - 4.0 * TIME_ROUNDING), time * (1.0 + 4.0 * TIME_ROUNDING)
     settled = True  # one loop without branches: most often no other axis matters
-    for axis in range(AXES):
+    for axis in range(AXIS_COUNT):
         settled &= (times[0, axis] <= earlier) & (times[1, axis] > later)
     hit = time * (1.0 - TIME_ROUNDING), normal, number if time > 0.0 else -1
     if not settled:
@@ -211,17 +217,17 @@ def sweep_linear(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> Hit:
 
 
 @njit
-def _settle(a: BoxAt, b: BoxAt, end: Vector, times: Floats, hit: Hit) -> Hit:
+def _settle(a: BoxAt, b: BoxAt, end: Vector, times: Floats, hit: SweepHit) -> SweepHit:
     """Return the hit, or a later one of another axis, or MISS if an axis is left before it."""
     time, normal, number = hit
-    for axis in range(AXES):
+    for axis in range(AXIS_COUNT):
         if times[0, axis] <= time * (1.0 - 2.0 * TIME_ROUNDING):  # NaN is not skipped
             continue
         span = _careful_span(a, b, end, axis)
         when = _entry(span[0], span[1], span[2]) * (1.0 - TIME_ROUNDING)
         if when > time:
             time, normal, number = when, span[3], axis
-    for axis in range(AXES):
+    for axis in range(AXIS_COUNT):
         if times[1, axis] > time * (1.0 + 4.0 * TIME_ROUNDING):
             continue
         span = _careful_span(a, b, end, axis)
@@ -234,9 +240,9 @@ def _settle(a: BoxAt, b: BoxAt, end: Vector, times: Floats, hit: Hit) -> Hit:
 def _careful_span(a: BoxAt, b: BoxAt, end: Vector, axis: int) -> tuple[float, float, float, Vector]:
     """Return s at 0, s at 1, r with its error bound, and the unit axis, s at 0 not negative.
 
-    All zero for parallel edges, which have no axis: such a span is never left. The axes and
-    bound of ``careful_gap``; face normals by plain products, off by 2.5 unit
-    roundoffs instead of 2, which the bound has room for (it is 16 where 10 are needed).
+    Zeros for parallel edges, which have no axis: such a span is never left. Axes and bound as in
+    ``careful_gap``; face normals by plain products, off by 2.5 unit roundoffs instead of 2, for
+    which the bound has room (16, where 10 are needed).
     """
     start, h, f = b.center, a.half_extents, b.half_extents
     u, v = factors(a.axes, b.axes, axis)
@@ -244,7 +250,7 @@ def _careful_span(a: BoxAt, b: BoxAt, end: Vector, axis: int) -> tuple[float, fl
     square = dot(n, n)
     length = math.sqrt(square) if square > SMALL_SQUARE else norm(n)
     if length < PARALLEL:
-        return 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
+        return 0.0, 0.0, 0.0, ZERO
     first = dot(n, start)
     length = length if first >= 0.0 else -length
     n = n[0] / length, n[1] / length, n[2] / length
@@ -271,7 +277,7 @@ def _entry(first: float, last: float, reach: float) -> float:
 
 @njit
 def _exit(first: float, last: float, reach: float) -> float:
-    """Return when s leaves ``reach`` for good: infinity if it is there at the end (see _entry).
+    """Return when s leaves ``reach`` for good, infinity if it is there at the end.
 
     Minus infinity if it stays beyond on one side: it was never there.
     """

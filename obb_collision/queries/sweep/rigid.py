@@ -23,16 +23,16 @@ the step.
 
 Only the time during which the spheres about both origins meet is walked, so the length of a motion
 costs little. Of a box that turns beside one that does neither turn nor move, one turn is enough.
-Boxes that turn many times are held by what they sweep in a whole turn (``bounds``), and most
-of that time is never walked. Where the walk still takes too many steps, or rounding leaves less
+Boxes that turn many times are bounded by the body they sweep in a whole turn (``bounds``), and
+most of that time is skipped. Where the walk still takes too many steps, or rounding leaves less
 than the tolerance, the pair is undecided, and the time until which the boxes are apart is given.
 
 Rounding: lengths are in units of a power of two about as large as the boxes and their arms. With u
 the unit roundoff, a place is off by 4 u of offset and way so far (``offset_and_way``, and the time
-itself), bounded by POSITION; a rotation by 16 u and 5 u of the angle so far, bounded by TURNING
-and SPIN: the boxes move as ones do that are displaced a little, for as long as a step lasts. This
-shifts a gap in proportion to the length of its axis (``blur``), the rounding of the step itself by
-as much for short axes as for long ones (``rounding``).
+itself), bounded by POSITION_ROUNDING; a rotation by 16 u and 5 u of the angle so far, bounded by
+ROTATION_ROUNDING and ANGLE_ROUNDING. During a step the boxes move as if displaced by that much.
+This shifts a gap in proportion to the length of its axis (``blur``); the rounding of the step
+itself is the same for short and long axes (``rounding``).
 """
 
 from __future__ import annotations
@@ -45,18 +45,28 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import axes_of, cross, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.numerics.vec3 import (
+    ZERO,
+    axes_of,
+    cross,
+    dot,
+    minus,
+    norm,
+    plus,
+    scaled,
+    vector_at,
+)
 from obb_collision.queries.sweep.bounds import (
     CORNER_ROWS,
-    WHOLE,
+    TURNING_ALL_ROUND,
     Approach,
-    Turning,
+    TurningBox,
     best_step,
     fill_corners,
     free_slice,
     turning,
 )
-from obb_collision.queries.sweep.motion import Motion, rotated, turned_by
+from obb_collision.queries.sweep.motion import BoxMotion, rotated, turned_by
 from obb_collision.queries.verdict.sat import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, careful_verdict
 from obb_collision.typing import Floats, Vector
@@ -67,38 +77,38 @@ WORK_ROWS = 2 * CORNER_ROWS
 GAP_ROUNDING = 2048 * ROUNDOFF
 ARM_ROUNDING = 128 * ROUNDOFF
 #: Rounding of places and rotations (see above).
-POSITION = 8 * ROUNDOFF
-TURNING = 32 * ROUNDOFF
-SPIN = 8 * ROUNDOFF
+POSITION_ROUNDING = 8 * ROUNDOFF
+ROTATION_ROUNDING = 32 * ROUNDOFF
+ANGLE_ROUNDING = 8 * ROUNDOFF
 #: Maximum number of steps: beyond, the pair is undecided. Ordinary pairs take up to ten, boxes
 #: that turn past each other many times just out of reach some hundred.
-MAX_STEPS = 2000
+MAX_BOX_STEPS = 2000
 #: Of a corner next to a corner, the largest gap of the 15 axes may show only this much of the
 #: distance: the separating directions are a cone spanned by three of the axes, all within 90
 #: degrees, so one of these is within acos(1 / sqrt(3)) of the direction of the distance.
-SHOWN = 3.0**-0.5
+SHOWN_SHARE = 3.0**-0.5
 #: Least tolerance, relative to the radius of the larger box: nearly parallel edges are too short
 #: an axis to show a gap below sqrt(2 GAP_ROUNDING) of it, 7e-7 (see ``verdict._implied_margin``).
-FLOOR = 2e-6
+TOLERANCE_FLOOR = 2e-6
 #: Places that are off by more than this share of the tolerance can't decide whether it is met.
-SHARP = 1.0 / 32.0
-#: A whole turn and what rounding takes from it.
-TURN = 2.0 * math.pi * (1.0 + 8192 * ROUNDOFF)
-#: Ways whose square is below this are none: they are lost in rounding.
+DECISIVE_SHARE = 1.0 / 32.0
+#: A whole turn, and more for rounding.
+WHOLE_TURN = 2.0 * math.pi * (1.0 + 8192 * ROUNDOFF)
+#: Ways whose square is below this count as zero: they are lost in rounding.
 LEAST_WAY_SQUARE = 2.0**-960
 
 #: Ways and turns longer than this, in units of the boxes and radians, are not walked.
-FARTHEST = 2.0**200
+FARTHEST_WAY = 2.0**200
 
-#: The time of contact, infinity for none, and True; or the time until which the boxes are certainly
+#: The time of contact, infinity if none, and True; or the time until which the boxes are certainly
 #: apart, and False: undecided beyond.
-Answer = tuple[float, bool]
+FirstContact = tuple[float, bool]
 
 
-class Approaching(NamedTuple):
-    """How two boxes come near each other: the way of the second origin, seen from the first.
+class RelativeWay(NamedTuple):
+    """The way of the origin of the second box, seen from the first.
 
-    Lengths are in units of ``1 / scale`` metres. Its offset at a time is off by ``stray[0]`` and
+    Lengths are in units of ``1 / scale`` metres. The offset at a time is off by ``stray[0]`` and
     ``stray[1]`` times the time.
     """
 
@@ -112,11 +122,9 @@ class Approaching(NamedTuple):
 
 @njit
 def sweep_rigid(
-    motion: Motion, i: int, j: int, p: Vector, way: Vector, tolerance: float, work: Floats
-) -> Answer:
-    """Return the first contact of boxes i and j during times 0 to 1 (see ``Answer``).
-
-    Step along the course from separating axis to separating axis (see the module).
+    motion: BoxMotion, i: int, j: int, p: Vector, way: Vector, tolerance: float, work: Floats
+) -> FirstContact:
+    """Return the first contact of boxes i and j during times 0 to 1 (see ``FirstContact``).
 
     p: offset of the centres at time 0; way: what their origins add to it until time 1; ``work``
     (WORK_ROWS, 3) is work space.
@@ -125,22 +133,22 @@ def sweep_rigid(
     reach_a, reach_b = motion.reaches[i], motion.reaches[j]
     pivot = plus(minus(p, vector_at(motion.arms, j)), vector_at(motion.arms, i))
     time, last = meeting_window(pivot, way, reach_a + reach_b)
-    if way == (0.0, 0.0, 0.0) and (wa == 0.0 or wb == 0.0):
-        last = min(last, time + TURN / max(wa, wb))
+    if way == ZERO and (wa == 0.0 or wb == 0.0):
+        last = min(last, time + WHOLE_TURN / max(wa, wb))
     if time > last:
         return np.inf, True
     scale = math.ldexp(1.0, min(-math.frexp(max(reach_a, reach_b))[1], 1020))
-    stray = POSITION * norm(p) * scale, POSITION * norm(way) * scale
+    stray = POSITION_ROUNDING * norm(p) * scale, POSITION_ROUNDING * norm(way) * scale
     start, way = scaled(plus(pivot, scaled(way, time)), scale), scaled(way, scale)
-    if not norm(way) + wa + wb < FARTHEST:
+    if not norm(way) + wa + wb < FARTHEST_WAY:
         return time, time == 0.0 and _touch(motion, i, j)
-    course = Approaching(start, way, time, last, scale, stray)
+    course = RelativeWay(start, way, time, last, scale, stray)
     radius_a, radius_b = motion.radii[i] * scale, motion.radii[j] * scale
     reach_a, reach_b = reach_a * scale, reach_b * scale
     speed, end = norm(way), norm(plus(start, scaled(way, last - time)))
-    limit = max(tolerance * min(radius_a, radius_b), FLOOR * max(radius_a, radius_b))
-    least_step = SHOWN * limit / (speed + wa * reach_a + wb * reach_b)
-    turn_time = TURN / max(wa, wb)
+    limit = max(tolerance * min(radius_a, radius_b), TOLERANCE_FLOOR * max(radius_a, radius_b))
+    least_step = SHOWN_SHARE * limit / (speed + wa * reach_a + wb * reach_b)
+    turn_time = WHOLE_TURN / max(wa, wb)
     look, span, steps = time, last - time, 0
     while time <= last:
         if last - time > 1.5 * turn_time and time >= look:
@@ -148,7 +156,7 @@ def sweep_rigid(
             if time > last:
                 return np.inf, True
             look, span, steps = time + turn_time, 2.0 * turn_time, steps + tried
-        if steps >= MAX_STEPS:
+        if steps >= MAX_BOX_STEPS:
             return time, False
         a, arm_a, swing_a = _turned_box(motion, i, time, scale)
         b, arm_b, swing_b = _turned_box(motion, j, time, scale)
@@ -156,14 +164,17 @@ def sweep_rigid(
         far = max(norm(offset), end)
         offset = plus(offset, minus(arm_b, arm_a))
         rate = plus(way, minus(swing_b, swing_a))
-        skew = TURNING + SPIN * (wa + wb) * time
+        skew = ROTATION_ROUNDING + ANGLE_ROUNDING * (wa + wb) * time
         rounding = GAP_ROUNDING * (radius_a + radius_b + norm(offset))
         rounding += ARM_ROUNDING * (reach_a + reach_b)
         blur = stray[0] + stray[1] * time + skew * (reach_a + reach_b)
         approach = Approach(offset, rate, far, speed, last - time)
         gap, step = best_step(approach, a, b, rounding, blur)
-        if gap <= SHOWN * limit - 2.0 * min(blur, SHARP * limit) and step <= least_step:
-            sharp = blur <= SHARP * limit
+        if (
+            gap <= SHOWN_SHARE * limit - 2.0 * min(blur, DECISIVE_SHARE * limit)
+            and step <= least_step
+        ):
+            sharp = blur <= DECISIVE_SHARE * limit
             sharp &= 2.0 * rounding * max(radius_a, radius_b) <= limit * limit
             return time, sharp or (time == 0.0 and _touch(motion, i, j))
         if not step >= 0.0:
@@ -175,9 +186,9 @@ def sweep_rigid(
 
 @njit
 def _turned_box(
-    motion: Motion, i: int, time: float, scale: float
-) -> tuple[Turning, Vector, Vector]:
-    """Return a box at a time, the arm from its origin to its centre, and how that changes."""
+    motion: BoxMotion, i: int, time: float, scale: float
+) -> tuple[TurningBox, Vector, Vector]:
+    """Return a box at a time, the arm from its origin to its centre, and its derivative."""
     turn = vector_at(motion.turns, i)
     axes = rotated(axes_of(motion.rotations, i), turn, time)
     arm = scaled(turned_by(vector_at(motion.arms, i), turn, time), scale)
@@ -187,9 +198,9 @@ def _turned_box(
 
 @njit
 def _skip(
-    motion: Motion, i: int, j: int, course: Approaching, time: float, span: float, work: Floats
+    motion: BoxMotion, i: int, j: int, course: RelativeWay, time: float, span: float, work: Floats
 ) -> tuple[float, float, int]:
-    """Return until when what the boxes sweep is apart, infinity for the end; a span; the tries.
+    """Return until when the swept bodies are apart, infinity for the end; a span; and the tries.
 
     Slices of ``span`` at first; twice as long after each that is free, half after one that is not,
     down to one turn of the box that turns faster.
@@ -198,7 +209,7 @@ def _skip(
     a, b = work[:CORNER_ROWS], work[CORNER_ROWS:]
     faster = max(norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j)))
     tries = 0
-    while span >= TURN / faster and tries < MAX_STEPS:
+    while span >= WHOLE_TURN / faster and tries < MAX_BOX_STEPS:
         end = min(time + span, last)
         angle_a, skew_a = _fill_slice(motion, i, course, time, end, a)
         angle_b, skew_b = _fill_slice(motion, j, course, time, end, b)
@@ -217,23 +228,25 @@ def _skip(
 
 @njit
 def _fill_slice(
-    motion: Motion, i: int, course: Approaching, time: float, end: float, corners: Floats
+    motion: BoxMotion, i: int, course: RelativeWay, time: float, end: float, corners: Floats
 ) -> tuple[float, float]:
-    """Write what ``free_slice`` takes of a box in the middle of a slice.
+    """Write the corners of a box in the middle of a slice, for ``free_slice``.
 
-    Return by how much it turns in the slice, and by how much rounding may displace its corners.
+    Returns its turn in the slice, and how far rounding may displace its corners.
     """
     turn, middle = vector_at(motion.turns, i), 0.5 * (time + end)
     box, arm, _ = _turned_box(motion, i, middle, course.scale)
     fill_corners(box.axes, box.half_extents, arm, turn, corners)
     whole = norm(turn)
     angle = whole * (end - time)
-    skew = TURNING if angle >= WHOLE else TURNING + SPIN * whole * end
+    skew = ROTATION_ROUNDING
+    if angle < TURNING_ALL_ROUND:
+        skew += ANGLE_ROUNDING * whole * end
     return angle, skew * motion.reaches[i] * course.scale
 
 
 @njit(refcount=False)
-def _touch(motion: Motion, i: int, j: int) -> bool:
+def _touch(motion: BoxMotion, i: int, j: int) -> bool:
     """Return whether two boxes are not certainly apart at time 0."""
     boxes = BoxArrays(motion.starts, motion.rotations, motion.half_extents)
     return careful_verdict(box_at(boxes, i), box_at(boxes, j)) != SEPARATE
@@ -241,9 +254,9 @@ def _touch(motion: Motion, i: int, j: int) -> bool:
 
 @njit
 def meeting_window(p: Vector, way: Vector, reach: float) -> tuple[float, float]:
-    """Return first and last time in [0, 1] that an offset is no longer than ``reach``.
+    """Return first and last time in [0, 1] at which an offset is at most ``reach`` long.
 
-    It is p at time 0. Rounded outwards; first > last if there is none.
+    p: the offset at time 0. Rounded outwards; first > last if there is none.
     """
     largest = reach
     for k in range(3):

@@ -33,6 +33,7 @@ from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.numerics.vec3 import (
+    ZERO,
     axes_of,
     clamp,
     clamped,
@@ -48,18 +49,25 @@ from obb_collision.numerics.vec3 import (
     vector_at,
 )
 from obb_collision.queries.sweep.linear import MISS, NO_NORMAL, spheres_pass, sweep_linear
-from obb_collision.queries.sweep.motion import Motion, offset_and_way, place_at, rotated, swing
-from obb_collision.queries.sweep.moving import MovingBoxes, join_motions
-from obb_collision.queries.sweep.rigid import FLOOR, WORK_ROWS, sweep_rigid
+from obb_collision.queries.sweep.motion import (
+    BoxMotion,
+    MovingBoxes,
+    center_at,
+    join_motions,
+    offset_and_way,
+    rotated,
+    swing,
+)
+from obb_collision.queries.sweep.rigid import TOLERANCE_FLOOR, WORK_ROWS, sweep_rigid
 from obb_collision.queries.verdict.pair_rows import as_pairs
-from obb_collision.queries.verdict.sat import AXES, BoxAt
+from obb_collision.queries.verdict.sat import AXIS_COUNT, BoxAt
 from obb_collision.queries.verdict.witness import box_witness, common_point
 from obb_collision.typing import Floats, Integers, Vector
 
 #: A side that rises less than this over its length, relative to the sum of all half extents,
 #: lies in the plane of contact.
 TOUCH_FLAT = 1e-10
-#: Edges whose directions have a sine squared below this have no one crossing.
+#: Edges whose directions have a sine squared below this have no single crossing.
 PARALLEL_SQUARED = 1e-12
 #: Projections onto one box, then the other: two flat features that meet settle in a few.
 TOUCH_ROUNDS = 16
@@ -75,29 +83,20 @@ Feature = tuple[Vector, int, int]
 def contact_point(a: BoxAt, b: BoxAt, normal: Vector, axis: int) -> Vector:
     """Return the point where two boxes touch in a plane of the normal, from a to b.
 
-    axis: the number of the normal's among the 15 (``sat``), which
-    tells where to look first. The corner of either box if that is what touches, the
-    crossing of two edges, else some point common to the flat features that meet.
+    axis: the number of the normal's axis (``sat``), which tells where to look first. The corner of
+    either box if one touches, else the crossing of two edges, else a point common to the flat
+    features that meet.
     """
     size = 0.0
     for k in range(3):
         size += a.half_extents[k] + b.half_extents[k]
     flat = TOUCH_FLAT * size
-    back = scaled(normal, -1.0)
-    if axis < 3:  # a face of a: it is the other that may touch with a corner
-        q, free_b, edge_b = _support(b, back, flat)
-        if free_b == 0:
-            return q
-        p, free_a, edge_a = _support(a, normal, flat)
-        if free_a == 0:
-            return p
-    else:
-        p, free_a, edge_a = _support(a, normal, flat)
-        if free_a == 0:
-            return p
-        q, free_b, edge_b = _support(b, back, flat)
-        if free_b == 0:
-            return q
+    q, free_b, edge_b = _support(b, scaled(normal, -1.0), flat)
+    if axis < 3 and free_b == 0:  # a face of a: b may touch it with a corner
+        return q
+    p, free_a, edge_a = _support(a, normal, flat)
+    if free_a == 0 or free_b == 0:
+        return p if free_a == 0 else q
     if free_a == 1 and free_b == 1:
         u, v = pick_axis(a.axes, edge_a), pick_axis(b.axes, edge_b)
         cosine = dot(u, v)
@@ -105,23 +104,18 @@ def contact_point(a: BoxAt, b: BoxAt, normal: Vector, axis: int) -> Vector:
         if square > PARALLEL_SQUARED:
             along = dot(minus(q, p), minus(u, scaled(v, cosine))) / square
             return plus(p, scaled(u, clamp(along, pick(a.half_extents, edge_a))))
-    return _common(p if free_a < free_b else q, a, b, TOUCH_SETTLED * size)
-
-
-@njit
-def _common(point: Vector, a: BoxAt, b: BoxAt, settled: float) -> Vector:
-    """Return a point of both boxes near another, by projections onto one, then the other."""
+    point = p if free_a < free_b else q
     for _ in range(TOUCH_ROUNDS):
         point, first = _clamp_to_box(point, a)
         point, second = _clamp_to_box(point, b)
-        if max(first, second) <= settled:
+        if max(first, second) <= TOUCH_SETTLED * size:
             break
     return point
 
 
 @njit
 def _clamp_to_box(point: Vector, box: BoxAt) -> tuple[Vector, float]:
-    """Return the nearest point of the box, and the largest step there along an axis."""
+    """Return the point of the box nearest to another, and the largest step along an axis."""
     along = components(box.axes, minus(point, box.center))
     excess = minus(along, clamped(along, box.half_extents))
     for k in range(3):
@@ -132,7 +126,7 @@ def _clamp_to_box(point: Vector, box: BoxAt) -> tuple[Vector, float]:
 
 @njit
 def _support(box: BoxAt, normal: Vector, flat: float) -> Feature:
-    """Return the middle of what is farthest along the normal (see ``Feature``)."""
+    """Return the feature that is farthest along the normal."""
     point, free, edge = box.center, 0, 0
     for k in range(3):
         side, extent = box.axes[k], box.half_extents[k]
@@ -150,9 +144,7 @@ TOLERANCE = 1e-4
 #: Pairs below which a second thread does not pay: 20 us where they do not turn.
 FEWEST_SWEEPS = 64
 #: What rounding allows, and then the least that is taken (see ``rigid``).
-LEAST_TOLERANCE = FLOOR
-#: Where the first box of a pair is, in the frame that goes along with it.
-HERE: Vector = (0.0, 0.0, 0.0)
+LEAST_TOLERANCE = TOLERANCE_FLOOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,17 +185,17 @@ class SweepArrays(NamedTuple):
 
 
 def sweep_arrays(count: int, contacts: bool = True) -> SweepArrays:
-    """Return room for the sweeps of pairs."""
+    """Return arrays for the sweeps of pairs."""
     vectors = np.empty((2, count if contacts else 0, 3))
     return SweepArrays(np.empty(count), np.empty(count, np.bool_), *vectors)
 
 
 @njit(refcount=False)
 def write_sweep(
-    out: SweepArrays, n: int, time: float, known: bool, point: Vector, normal: Vector
+    out: SweepArrays, n: int, time: float, decided: bool, point: Vector, normal: Vector
 ) -> None:
     """Write when a pair first touches, or until when it is certainly apart."""
-    out.free[n], out.undecided[n] = time, not known
+    out.free[n], out.undecided[n] = time, not decided
     if len(out.positions) > 0:
         for k in range(3):
             out.positions[n, k], out.normals[n, k] = point[k], normal[k]
@@ -225,16 +217,16 @@ def box_sweeps(
 ) -> Sweeps:
     """Return when moving boxes first touch, and where, if asked for contacts."""
     near = as_tolerance(tolerance)
-    given = as_pairs(a, b, pairs)
-    motion, duration, rows = join_motions(a, b, given)
+    row_pairs = as_pairs(a, b, pairs)
+    motion, duration, rows = join_motions(a, b, row_pairs)
     out = sweep_arrays(len(rows), contacts)
     run(sweep_kernel, len(rows), FEWEST_SWEEPS, motion, rows, near, out)
     np.multiply(out.free, duration, out=out.free)
-    return sweeps_of(given, out)
+    return sweeps_of(row_pairs, out)
 
 
 def as_tolerance(tolerance: float) -> float:
-    """Return a tolerance, ValueError for one that rounding does not allow, or above 1."""
+    """Return a validated tolerance: at least what rounding allows, at most 1."""
     near = float(as_array(tolerance, "tolerance", ()))
     if not LEAST_TOLERANCE <= near <= 1.0:
         raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
@@ -243,48 +235,48 @@ def as_tolerance(tolerance: float) -> float:
 
 @njit
 def sweep_kernel(
-    motion: Motion, pairs: np.ndarray, tolerance: float, out: SweepArrays, start: int, stop: int
+    motion: BoxMotion, pairs: np.ndarray, tolerance: float, out: SweepArrays, start: int, stop: int
 ) -> None:
     """Write the sweeps of pairs ``start`` to ``stop`` of (m, 2)."""
-    spans, work = np.empty((2, AXES)), np.empty((WORK_ROWS, 3))
+    spans, work = np.empty((2, AXIS_COUNT)), np.empty((WORK_ROWS, 3))
     starts, ends, seconds, turns = motion.starts, motion.ends, motion.seconds, motion.turns
     for n in range(start, stop):
         i, j = pairs[n, 0], pairs[n, 1]
         time, normal, axis = MISS
-        known = True
-        a = BoxAt(HERE, axes_of(motion.rotations, i), vector_at(motion.half_extents, i))
-        b = BoxAt(HERE, axes_of(motion.rotations, j), vector_at(motion.half_extents, j))
+        decided = True
+        a = BoxAt(ZERO, axes_of(motion.rotations, i), vector_at(motion.half_extents, i))
+        b = BoxAt(ZERO, axes_of(motion.rotations, j), vector_at(motion.half_extents, j))
         p, q, way = offset_and_way(starts, ends, seconds, i, j)
-        if vector_at(turns, i) != HERE or vector_at(turns, j) != HERE:
+        if vector_at(turns, i) != ZERO or vector_at(turns, j) != ZERO:
             u, v = vector_at(motion.arms, i), vector_at(motion.arms, j)
             reach = motion.reaches[i] + motion.reaches[j]
             if not spheres_pass(plus(minus(p, v), u), plus(minus(q, v), u), reach):
-                time, known = sweep_rigid(motion, i, j, p, way, tolerance, work)
+                time, decided = sweep_rigid(motion, i, j, p, way, tolerance, work)
         elif not spheres_pass(p, q, motion.radii[i] + motion.radii[j]):
             time, normal, axis = sweep_linear(a, BoxAt(p, b.axes, b.half_extents), q, spans)
         point = NO_NORMAL
-        if known and time < np.inf and len(out.positions) > 0:
+        if decided and time < np.inf and len(out.positions) > 0:
             offset = plus(p, scaled(way, time))
             if axis >= 0:
                 point = contact_point(a, BoxAt(offset, b.axes, b.half_extents), normal, axis)
             else:
                 point, normal = find_contact(motion, i, j, time, offset)
-            point = plus(place_at(starts, ends, seconds, i, time), point)
-        write_sweep(out, n, time, known, point, normal)
+            point = plus(center_at(starts, ends, seconds, i, time), point)
+        write_sweep(out, n, time, decided, point, normal)
 
 
 @njit
 def find_contact(
-    motion: Motion, i: int, j: int, time: float, offset: Vector
+    motion: BoxMotion, i: int, j: int, time: float, offset: Vector
 ) -> tuple[Vector, Vector]:
     """Return point and normal of boxes that turn, or that overlap at the start.
 
-    offset: from i to j, but for their arms; the point is relative to i, but for its arm: so being
-    far from the origin costs nothing.
+    offset: from i to j, without their arms. The point is relative to i, without its arm, so that
+    digits are not lost far from the origin.
     """
     swung = swing(motion, i, time)
     offset = plus(offset, minus(swing(motion, j, time), swung))
-    a, b = _turned_box(motion, i, time, HERE), _turned_box(motion, j, time, offset)
+    a, b = _turned_box(motion, i, time, ZERO), _turned_box(motion, j, time, offset)
     (gap, normal, number), pair = box_witness(a, b)
     if gap >= 0.0:
         point = contact_point(a, b, normal, number)
@@ -294,7 +286,7 @@ def find_contact(
 
 
 @njit
-def _turned_box(motion: Motion, i: int, time: float, center: Vector) -> BoxAt:
-    """Return a box as it is turned at a time, but with another centre."""
+def _turned_box(motion: BoxMotion, i: int, time: float, center: Vector) -> BoxAt:
+    """Return a box as it is turned at a time, with another centre."""
     axes = rotated(axes_of(motion.rotations, i), vector_at(motion.turns, i), time)
     return BoxAt(center, axes, vector_at(motion.half_extents, i))

@@ -32,13 +32,13 @@ from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes, world_bounds_of
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import lengths, minus, norm, rows_at, sum_abs, vector_at
-from obb_collision.typing import Columns, Floats, Integers, Mask, Vector
+from obb_collision.typing import Columns, Floats, Integers, Mask
 
 #: Slack of the sphere test relative to the distance and the radii (see above).
 SPHERE_SLACK = 8192 * ROUNDOFF
 #: Growth of bounds relative to abs(c_x) + abs(c_y) + abs(c_z) + the half extents (see above).
 MEETING_SLACK = 64 * ROUNDOFF
-#: Added to it: more than what ``verdict`` adds for underflow.
+#: Added to the growth: more than ``verdict`` adds for underflow.
 MEETING_UNDERFLOW = 4 * UNDERFLOW
 
 #: Boxes below which a second thread does not pay: 30 us of bounds.
@@ -46,7 +46,7 @@ FEWEST_BOXES = 2048
 
 
 def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return minimum and maximum (n, 3) of bounds which overlap for all boxes not SEPARATE."""
+    """Return minimum and maximum (n, 3) of bounds that overlap for all boxes not SEPARATE."""
     minimum, maximum = np.empty((len(boxes), 3)), np.empty((len(boxes), 3))
     rows = np.arange(len(boxes))
     run(bounds_kernel, len(boxes), FEWEST_BOXES, tuple(boxes.arrays), rows, minimum, maximum)
@@ -56,7 +56,7 @@ def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
 def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     """Return minimum and maximum (n, 3) that hold each box's ``meeting_bounds`` and its sphere.
 
-    Of two spheres that ``spheres_may_collide`` reports these bounds certainly overlap.
+    If ``spheres_may_collide`` reports a pair, these bounds certainly overlap.
     """
     minimum, maximum = meeting_bounds(boxes)
     radii = lengths(boxes.arrays.half_extents)
@@ -113,12 +113,6 @@ def _sphere_kernel(
 ) -> None:
     for n in range(len(rows_a)):
         i, j = rows_a[n], rows_b[n]
-        offset = minus(vector_at(centers, j), vector_at(centers, i))
-        out[n] = _spheres_touch(offset, vector_at(half_extents, i), vector_at(half_extents, j))
-
-
-@njit
-def _spheres_touch(offset: Vector, h: Vector, f: Vector) -> bool:
-    """Return whether the spheres around two boxes are not certainly apart; h, f: half extents."""
-    distance, radii = norm(offset), norm(h) + norm(f)
-    return distance - radii <= SPHERE_SLACK * (distance + radii) + UNDERFLOW
+        distance = norm(minus(vector_at(centers, j), vector_at(centers, i)))
+        radii = norm(vector_at(half_extents, i)) + norm(vector_at(half_extents, j))
+        out[n] = distance - radii <= SPHERE_SLACK * (distance + radii) + UNDERFLOW

@@ -39,7 +39,7 @@ from obb_collision.geometry.validation import check_kind
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, vector_at, write_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
-from obb_collision.queries.verdict.sat import Pair, box_at, enter_frame
+from obb_collision.queries.verdict.sat import BoxPair, box_at, enter_frame
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, pair_verdicts
 from obb_collision.typing import Floats, Integers, Vector
 
@@ -135,23 +135,23 @@ def _same_sets(boxes: Boxes, pairs: Integers) -> Integers:
     (h, f), (r, s) = (np.moveaxis(x[pairs[same]], 1, 0) for x in (half_extents, rotations))
     x, y = r.transpose(0, 2, 1)[:, :, None], s.transpose(0, 2, 1)[:, None]
     parallel = (x == y).all(axis=3) | (x == -y).all(axis=3)
-    found = (parallel & (h[:, :, None] == f[:, None])).any(axis=2)
-    found |= h == 0.0  # the direction of such an axis doesn't matter
+    matched = (parallel & (h[:, :, None] == f[:, None])).any(axis=2)
+    matched |= h == 0.0  # the direction of such an axis doesn't matter
     flat = [(x == 0.0).sum(axis=1) for x in (h, f)]
-    return same[found.all(axis=1) & (flat[0] == flat[1])]
+    return same[matched.all(axis=1) & (flat[0] == flat[1])]
 
 
 def _in_order(boxes: Boxes, sizes: Floats, pairs: Integers) -> Integers:
-    """Return pairs (m, 2), the smaller box first, by their numbers if equal: it is clipped."""
-    one, other = sizes[pairs[:, 0]], sizes[pairs[:, 1]]
-    later, equal = other < one, np.flatnonzero(one == other)
+    """Return pairs (m, 2), the smaller box first, which is clipped; ties by their numbers."""
+    left, right = sizes[pairs[:, 0]], sizes[pairs[:, 1]]
+    later, equal = right < left, np.flatnonzero(left == right)
     if len(equal):
         centers, rotations, half_extents = (x[pairs[equal]] for x in boxes.arrays)
         places = np.stack([centers, half_extents], axis=3).reshape(-1, 2, 6)
         keys = np.concatenate([places, rotations.reshape(-1, 2, 9)], axis=2)
         first = (keys[:, 0] != keys[:, 1]).argmax(axis=1)
-        one, other = (keys[np.arange(len(equal)), side, first] for side in (0, 1))
-        later[equal] = other < one
+        left, right = (keys[np.arange(len(equal)), side, first] for side in (0, 1))
+        later[equal] = right < left
     return np.where(later[:, None], pairs[:, ::-1], pairs)
 
 
@@ -159,14 +159,14 @@ def _in_order(boxes: Boxes, sizes: Floats, pairs: Integers) -> Integers:
 #: extents, S the surface of the smaller box, by which the volume changes when a plane moves.
 VOLUME_BOUND = 32 * ROUNDOFF
 #: Faces of a box clipped by six planes.
-FACES = 12
+CLIPPED_FACES = 12
 #: Edges of a face: four, or a cut through each of 11 others, and one more for each further plane;
 #: as many again where rounding bends a face.
-EDGES = 32
+FACE_EDGES = 32
 #: Cuts of one face by a plane: one, but for rounding.
-CUTS = EDGES
+FACE_CUTS = FACE_EDGES
 #: The least positive volume: that of boxes which overlap, though rounding says they don't.
-LEAST = 5e-324
+LEAST_OVERLAP = 5e-324
 
 
 @njit
@@ -175,11 +175,11 @@ def overlap_kernel(
 ) -> None:
     """Write overlap volumes and intersections over unions of pairs (m, 2) to rows of (2, n).
 
-    sizes (n,): volumes of the boxes, which overlap and are not flat.
+    sizes (n,): volumes of the boxes. Pairs overlap, and boxes are not flat.
     """
-    edges = np.empty((FACES, EDGES, 6))
-    counts = np.empty(FACES, np.int64)
-    cuts = np.empty((2, CUTS, 3))
+    edges = np.empty((CLIPPED_FACES, FACE_EDGES, 6))
+    counts = np.empty(CLIPPED_FACES, np.int64)
+    cuts = np.empty((2, FACE_CUTS, 3))
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
         pair, _, scale = enter_frame(box_at(boxes, i), box_at(boxes, j))
@@ -188,8 +188,8 @@ def overlap_kernel(
         larger, smaller = max(size, other), min(size, other)
         ratio = common / (larger + (smaller - common)) if common > 0.0 else 0.0
         volume = common / scale / scale / scale
-        out[0, rows[n]] = max(min(volume, sizes[i], sizes[j]), LEAST)
-        out[1, rows[n]] = max(ratio, LEAST)
+        out[0, rows[n]] = max(min(volume, sizes[i], sizes[j]), LEAST_OVERLAP)
+        out[1, rows[n]] = max(ratio, LEAST_OVERLAP)
 
 
 @njit
@@ -201,7 +201,7 @@ def _volume_of(h: Vector) -> float:
 
 
 @njit
-def _clipped_volume(pair: Pair, edges: Floats, counts: np.ndarray, cuts: Floats) -> float:
+def _clipped_volume(pair: BoxPair, edges: Floats, counts: np.ndarray, cuts: Floats) -> float:
     """Return the volume of box a within box b, in the frame of a."""
     _fill_box(pair.h, edges, counts)
     faces = 6
@@ -265,7 +265,7 @@ def _clip(
             kept += 1
         for n in range(min(leaving, entering)):
             p, q = vector_at(cuts[0], n), vector_at(cuts[1], n)
-            if p != q and kept < EDGES and counts[faces] < EDGES:
+            if p != q and kept < FACE_EDGES and counts[faces] < FACE_EDGES:
                 _put_edge(edges[face], kept, p, q)
                 kept += 1
                 _put_edge(edges[faces], counts[faces], q, p)

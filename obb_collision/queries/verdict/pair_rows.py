@@ -31,7 +31,7 @@ from obb_collision.typing import Floats, Integers, Rows
 
 
 class Sized(Protocol):
-    """Anything with rows."""
+    """A sequence of rows."""
 
     def __len__(self) -> int: ...
 
@@ -46,10 +46,10 @@ class RowPairs(NamedTuple):
 
 
 def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
-    """Return pairs (m, 2) of rows of a and of b as contiguous int64, a copy; [] is no pair.
+    """Return pairs (m, 2) of rows of a and of b as contiguous int64, a copy; [] has no pairs.
 
-    Raises ValueError naming ``pairs`` and the row for anything but whole numbers of rows, and,
-    without pairs, for a and b of different lengths.
+    Raises ValueError naming ``pairs`` and the row unless all are whole numbers of rows; without
+    pairs, if a and b differ in length.
     """
     if pairs is None:
         return np.repeat(_each_row(a, b), 2).reshape(-1, 2)
@@ -68,7 +68,7 @@ def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
 
 
 def as_sides(a: Sized, b: Sized, pairs: ArrayLike | None) -> tuple[Rows, Rows]:
-    """Return the rows (m,) of a and of b, each in one run of memory, as kernels like it."""
+    """Return the rows (m,) of a and of b, each contiguous."""
     if pairs is None:
         rows = _each_row(a, b)
         return rows, rows
@@ -85,7 +85,7 @@ def _each_row(a: Sized, b: Sized) -> Rows:
 
 
 def one_set(a: Boxes, b: Boxes, pairs: Integers) -> tuple[Boxes, Integers]:
-    """Return boxes that hold both sets, and the pairs (m, 2) as rows of them; no copy if b is a."""
+    """Return boxes that contain both sets, and pairs (m, 2) as their rows; no copy if b is a."""
     if a is b:
         return a, pairs
     both = map(np.concatenate, zip(a.arrays, b.arrays, strict=True))
@@ -93,9 +93,9 @@ def one_set(a: Boxes, b: Boxes, pairs: Integers) -> tuple[Boxes, Integers]:
 
 
 def as_each(value: ArrayLike, name: str, what: str, shape: tuple[int, ...]) -> Floats:
-    """Return numbers of a shape, one for each or one for all; ValueError otherwise.
+    """Return numbers broadcast to a shape, as a copy; ValueError if that is impossible.
 
-    A copy: what is read-only would need kernels of its own.
+    A copy, because read-only arrays would need kernels of their own.
     """
     try:
         return np.broadcast_to(np.asarray(value, np.float64), shape).copy()

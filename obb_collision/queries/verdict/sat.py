@@ -21,9 +21,9 @@ an axis n with centre offset d the gap is
 
     abs(n.d) - sum_i h_i abs(n.a_i) - sum_j f_j abs(n.b_j)
 
-Two forms. In the frame of a (``Pair``) the dot products of the axes of both boxes are all it takes:
-the offset and the half lengths of the boxes along each axis, edge axes not divided by their length.
-That is quick. In the world frame each axis is the cross product of two edges (``FACTORS``), face
+Two forms. In the frame of a (``BoxPair``) the dot products of the axes of both boxes give the
+offset and the half lengths of the boxes along each axis, edge axes not divided by their length.
+That is quick. In the world frame each axis is the cross product of two edges (``AXIS_EDGES``), face
 normals too: for kernels that take the product without cancellation, for exact integers, and for
 axes that move.
 
@@ -41,8 +41,9 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import SHORT_SQUARE
-from obb_collision.numerics.error_free import sum_sorted
+from obb_collision.numerics.exact import sum_sorted
 from obb_collision.numerics.vec3 import (
+    ZERO,
     absolute,
     axes_of,
     clamped,
@@ -71,14 +72,14 @@ SCALED_ABOVE = 2.0**300
 
 
 class BoxAt(NamedTuple):
-    """One box in the world frame."""
+    """A single box in the world frame."""
 
     center: Vector
     axes: Axes
     half_extents: Vector
 
 
-class Pair(NamedTuple):
+class BoxPair(NamedTuple):
     """Boxes a, b in the frame of a. A point of a is s, abs(s) <= h; of b d + r t, abs(t) <= f."""
 
     d: Vector  #: centre of b
@@ -108,14 +109,14 @@ def pair_size(offset: Vector, h: Vector, f: Vector) -> float:
 
 
 @njit
-def in_frame(offset: Vector, a: Axes, h: Vector, b: Axes, f: Vector) -> Pair:
+def in_frame(offset: Vector, a: Axes, h: Vector, b: Axes, f: Vector) -> BoxPair:
     """Return boxes with axes a and b in the frame of a; offset: of b from a."""
     r = components(a, b[0]), components(a, b[1]), components(a, b[2])
-    return Pair(components(a, offset), r, h, f)
+    return BoxPair(components(a, offset), r, h, f)
 
 
 @njit
-def pair_of(a: BoxAt, b: BoxAt) -> tuple[Pair, float]:
+def pair_of(a: BoxAt, b: BoxAt) -> tuple[BoxPair, float]:
     """Return two boxes in the frame of a, and their size T."""
     offset = minus(b.center, a.center)
     pair = in_frame(offset, a.axes, a.half_extents, b.axes, b.half_extents)
@@ -123,31 +124,31 @@ def pair_of(a: BoxAt, b: BoxAt) -> tuple[Pair, float]:
 
 
 @njit
-def along_b(pair: Pair, v: Vector) -> Vector:
+def along_b(pair: BoxPair, v: Vector) -> Vector:
     """Return the components of a vector along the axes of b."""
     return components(pair.r, v)
 
 
 @njit
-def point_of_b(pair: Pair, t: Vector) -> Vector:
-    """Return d + r t."""
+def point_of_b(pair: BoxPair, t: Vector) -> Vector:
+    """Return the point d + r t of b, in the frame of a."""
     return plus(pair.d, combined(pair.r, t))
 
 
 @njit
-def closest_on_a(pair: Pair, t: Vector) -> Vector:
-    """Return s of the point of a closest to that of b."""
+def closest_on_a(pair: BoxPair, t: Vector) -> Vector:
+    """Return the point of a closest to the point t of b."""
     return clamped(point_of_b(pair, t), pair.h)
 
 
 @njit
-def closest_on_b(pair: Pair, s: Vector) -> Vector:
-    """Return t of the point of b closest to that of a."""
+def closest_on_b(pair: BoxPair, s: Vector) -> Vector:
+    """Return the point of b, in its frame, closest to the point s of a."""
     return clamped(along_b(pair, minus(s, pair.d)), pair.f)
 
 
 @njit
-def enter_frame(a: BoxAt, b: BoxAt) -> tuple[Pair, float, float]:
+def enter_frame(a: BoxAt, b: BoxAt) -> tuple[BoxPair, float, float]:
     """Return both boxes in the frame of a, scaled; their size T in it, and the scale."""
     d, h, f = minus(b.center, a.center), a.half_extents, b.half_extents
     size = pair_size(d, h, f)
@@ -162,7 +163,7 @@ def enter_frame(a: BoxAt, b: BoxAt) -> tuple[Pair, float, float]:
 def leave_frame(
     a: BoxAt, b: BoxAt, s: Vector, t: Vector, n: Vector, scale: float
 ) -> tuple[float, Vector, Vector, Vector]:
-    """Return the distance of the points, the points and the normal in the world frame."""
+    """Return the distance of the points, and points and normal in the world frame."""
     s = combined(a.axes, clamped(scaled(s, 1.0 / scale), a.half_extents))
     t = combined(b.axes, clamped(scaled(t, 1.0 / scale), b.half_extents))
     n = combined(a.axes, n)
@@ -171,9 +172,9 @@ def leave_frame(
     return norm(v), plus(a.center, s), plus(b.center, t), n
 
 
-AXES = 15
+AXIS_COUNT = 15
 #: Which two edges make each axis: 0 to 2 those of a, 3 to 5 those of b.
-FACTORS = np.array(
+AXIS_EDGES = np.array(
     [
         (1, 2), (2, 0), (0, 1), (4, 5), (5, 3), (3, 4),
         (0, 3), (0, 4), (0, 5), (1, 3), (1, 4), (1, 5), (2, 3), (2, 4), (2, 5),
@@ -186,13 +187,13 @@ class EdgeAxes(NamedTuple):
 
     offset: Vector  #: of the centres
     a: Vector  #: half the length of a
-    b: Vector  #: half the length of b, by the one of its other edges ...
-    c: Vector  #: ... and by the other: kernels differ in the order of the sum
+    b: Vector  #: half the length of b, from the first of its other two edges
+    c: Vector  #: and from the second, apart because kernels differ in the order of the sum
 
 
 @njit
 def rows_of(axes: Axes) -> Axes:
-    """Return the axes of a in the frame of b for those of b in the frame of a, or back."""
+    """Return the transposed axes: of a in the frame of b from those of b in the frame of a."""
     x, y, z = axes
     return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
 
@@ -204,7 +205,7 @@ def face_gap(offset: float, own: float, extents: Vector, n: Vector) -> float:
 
 
 @njit
-def face_gaps_of_a(pair: Pair) -> Vector:
+def face_gaps_of_a(pair: BoxPair) -> Vector:
     """Return the gaps along axes 0 to 2."""
     d, h, f = pair.d, pair.h, pair.f
     u, v, w = rows_of(pair.r)
@@ -212,7 +213,7 @@ def face_gaps_of_a(pair: Pair) -> Vector:
 
 
 @njit
-def face_gaps_of_b(pair: Pair) -> Vector:
+def face_gaps_of_b(pair: BoxPair) -> Vector:
     """Return the gaps along axes 3 to 5."""
     (x, y, z), h, f = pair.r, pair.h, pair.f
     d = components(pair.r, pair.d)
@@ -233,7 +234,7 @@ def edge_axes(
 
 
 @njit
-def all_edge_axes(pair: Pair) -> tuple[EdgeAxes, EdgeAxes, EdgeAxes]:
+def all_edge_axes(pair: BoxPair) -> tuple[EdgeAxes, EdgeAxes, EdgeAxes]:
     """Return the nine edge axes, edge by edge of b."""
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     return (
@@ -258,13 +259,13 @@ def edge_gaps(axes: EdgeAxes) -> Vector:
 @njit
 def edge_numbers(number: int) -> tuple[int, int]:
     """Return i, j of an edge axis, 6 + 3 i + j."""
-    return FACTORS[number, 0], FACTORS[number, 1] - 3
+    return AXIS_EDGES[number, 0], AXIS_EDGES[number, 1] - 3
 
 
 @njit
 def factors(a: Axes, b: Axes, number: int) -> tuple[Vector, Vector]:
     """Return the two edges whose cross product is an axis."""
-    i, j = FACTORS[number, 0], FACTORS[number, 1]
+    i, j = AXIS_EDGES[number, 0], AXIS_EDGES[number, 1]
     u = pick_axis(a, i) if i < 3 else pick_axis(b, i - 3)
     return u, pick_axis(a, j) if j < 3 else pick_axis(b, j - 3)
 
@@ -280,10 +281,10 @@ def projected_radius(n: Vector, axes: Axes, extents: Vector) -> float:
 
 
 @njit
-def unit_axis(pair: Pair, number: int) -> Vector:
+def unit_axis(pair: BoxPair, number: int) -> Vector:
     """Return the unit vector of an axis in the frame of a, from a to b; NaN of parallel edges."""
     if number < 3:
-        n = replaced((0.0, 0.0, 0.0), number, 1.0)
+        n = replaced(ZERO, number, 1.0)
     elif number < 6:
         n = pick_axis(pair.r, number - 3)
     else:
@@ -303,17 +304,17 @@ def unit_axis(pair: Pair, number: int) -> Vector:
 
 
 @njit
-def gap_along(pair: Pair, n: Vector) -> float:
+def gap_along(pair: BoxPair, n: Vector) -> float:
     """Return the gap along a unit vector from a to b: at most the distance."""
     return dot(n, pair.d) - dot_abs(pair.h, n) - dot_abs(pair.f, components(pair.r, n))
 
 
 #: A gap and the number of its axis.
-Axis = tuple[float, int]
+AxisGap = tuple[float, int]
 
 
 @njit
-def best_face(pair: Pair) -> Axis:
+def best_face(pair: BoxPair) -> AxisGap:
     """Return the largest gap along a face normal, and its number: 0 to 2 of a, 3 to 5 of b."""
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     u, v, w = rows_of(pair.r)
@@ -328,11 +329,11 @@ def best_face(pair: Pair) -> Axis:
 
 
 @njit
-def best_edge(pair: Pair, best: Axis) -> Axis:
+def best_edge(pair: BoxPair, best: AxisGap) -> AxisGap:
     """Return the largest gap along a unit edge axis i, j, number 6 + 3 i + j; else ``best``.
 
-    Only positive gaps count. The largest by a quick calculation: not certain among equals and
-    among nearly parallel edges.
+    Only positive gaps count. A quick calculation: not certain among equals and among nearly
+    parallel edges.
     """
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     for j in range(3):
@@ -350,8 +351,7 @@ def best_edge(pair: Pair, best: Axis) -> Axis:
 def _edge_gap(offset: float, a: float, b: float, p: float, q: float) -> float:
     """Return the gap along a unit edge axis, whose components are p and q but for their signs.
 
-    a, b: the reach of the boxes. Minus infinity if the gap is not positive, or for nearly parallel
-    edges.
+    a, b: the reach of the boxes. -inf if the gap is not positive, or for nearly parallel edges.
     """
     gap = abs(offset) - a - b
     square = p * p + q * q
@@ -361,5 +361,5 @@ def _edge_gap(offset: float, a: float, b: float, p: float, q: float) -> float:
 
 
 @njit
-def _larger(best: Axis, gap: float, number: int) -> Axis:
+def _larger(best: AxisGap, gap: float, number: int) -> AxisGap:
     return (gap, number) if gap > best[0] else best

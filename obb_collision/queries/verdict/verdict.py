@@ -20,7 +20,7 @@ numbers. The rest is TOUCHING. Two stages:
 
 ``fast_verdict`` is the usual test on the matrix of dot products. Its error bound is coarse, and
 it leaves a pair undecided when any axis is within that bound.
-``careful_verdict`` decides what is left undecided. It projects both boxes fully on each axis
+``careful_verdict`` decides the undecided pairs. It projects both boxes fully on each axis
 actually computed, and takes the cross products without error. Its sums don't depend on the order
 of boxes or axes, so its verdicts have every symmetry of the question bit for bit. As its bound
 is the tighter one, a pair that the fast stage decides gets the same verdict from it.
@@ -43,28 +43,22 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
-from obb_collision.numerics.error_free import sum_sorted
-from obb_collision.numerics.exact import Vector as Exact
-from obb_collision.numerics.exact import cross as exact_cross
-from obb_collision.numerics.exact import dot as exact_dot
-from obb_collision.numerics.exact import exact_axes, exact_integers
+from obb_collision.numerics.exact import (
+    Exact,
+    exact_axes,
+    exact_cross,
+    exact_dot,
+    exact_integers,
+    sum_sorted,
+)
 from obb_collision.numerics.intrinsics import fetch_box
 from obb_collision.numerics.vec3 import minus, norm
-from obb_collision.queries.verdict.blocks import (
-    BLOCK,
-    BOUND,
-    GAP,
-    ROWS,
-    bound_block,
-    gather,
-    witness_kernel,
-)
 from obb_collision.queries.verdict.pair_rows import RowPairs, as_pairs, as_sides, one_set
 from obb_collision.queries.verdict.sat import (
-    AXES,
-    FACTORS,
+    AXIS_COUNT,
+    AXIS_EDGES,
     BoxAt,
-    Pair,
+    BoxPair,
     all_edge_axes,
     box_at,
     edge_gaps,
@@ -72,7 +66,16 @@ from obb_collision.queries.verdict.sat import (
     face_gaps_of_b,
     pair_of,
 )
-from obb_collision.queries.verdict.witness import careful_gap
+from obb_collision.queries.verdict.witness import (
+    BLOCK_ROWS,
+    BOUND,
+    GAP,
+    PAIR_BLOCK,
+    bound_block,
+    careful_gap,
+    gather_pairs,
+    witness_kernel,
+)
 from obb_collision.typing import Floats, Integers, Vector
 
 Verdicts = NDArray[np.int8]
@@ -135,18 +138,18 @@ def decide_exactly(
 @njit
 def verdict_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -> None:
     """Write the certified verdicts (m,) of pairs ``start`` to ``stop``, as ``box_verdict``."""
-    block = np.empty((ROWS, BLOCK))
-    for first in range(start, stop, BLOCK):
-        for n in range(first + BLOCK, min(first + 2 * BLOCK, stop)):  # the next ones
+    block = np.empty((BLOCK_ROWS, PAIR_BLOCK))
+    for first in range(start, stop, PAIR_BLOCK):
+        for n in range(first + PAIR_BLOCK, min(first + 2 * PAIR_BLOCK, stop)):  # of the next block
             fetch_box(pairs.a, pairs.rows_a[n])
             fetch_box(pairs.b, pairs.rows_b[n])
-        decide_block(pairs, first, min(BLOCK, stop - first), block, out)
+        decide_block(pairs, first, min(PAIR_BLOCK, stop - first), block, out)
 
 
 @njit(refcount=False)
 def decide_block(pairs: RowPairs, first: int, count: int, block: Floats, out: np.ndarray) -> None:
-    """Write the verdicts of ``count`` pairs from ``first`` on, at most BLOCK."""
-    gather(pairs, first, count, block)
+    """Write the verdicts of ``count`` pairs from ``first`` on, at most PAIR_BLOCK."""
+    gather_pairs(pairs, first, count, block)
     bound_block(block, count)
     for n in range(first, first + count):
         gap, bound = block[GAP, n - first], block[BOUND, n - first]
@@ -168,7 +171,7 @@ def box_verdict(a: BoxAt, b: BoxAt) -> int:
 
 
 @njit
-def fast_verdict(pair: Pair, size: float) -> int:
+def fast_verdict(pair: BoxPair, size: float) -> int:
     """Return SEPARATE or OVERLAP where certain by a coarse bound, else UNDECIDED; size: T."""
     bound = FAST_BOUND * size + UNDERFLOW
     u, v, w = face_gaps_of_a(pair)
@@ -209,7 +212,7 @@ def fast_verdict(pair: Pair, size: float) -> int:
 def _off_axis(u: Vector, v: Vector, w: Vector) -> Vector:
     """Return for each edge i of a how far it is from parallel to edge u of b.
 
-    The largest dot product of the one with other edges of b, or of the other with those of a.
+    The largest dot product of one of the two with the other edges of the other box.
     """
     return (
         max(abs(u[1]), abs(u[2]), abs(v[0]), abs(w[0])),
@@ -251,7 +254,7 @@ def careful_verdict(a: BoxAt, b: BoxAt) -> int:
     """Return SEPARATE or OVERLAP where certain by the tight bound, else TOUCHING."""
     bound = careful_bound(a, b)
     verdict = OVERLAP
-    for axis in range(AXES):
+    for axis in range(AXIS_COUNT):
         gap, _ = careful_gap(a, b, axis)
         if gap > bound:
             return SEPARATE
@@ -274,8 +277,8 @@ Index = int | np.integer
 def exact_verdict(a: Boxes, row_a: Index, b: Boxes, row_b: Index) -> int:
     """Return 0 separate, 1 touching or 2 overlap of two boxes, decided exactly.
 
-    Their doubles are taken as exact numbers. All 15 axes are exact cross products, also the face
-    normals. Null ones (parallel edges) say nothing and are skipped.
+    Doubles are exact numbers. All 15 axes are exact cross products, also the face normals. Null
+    ones (parallel edges) are skipped.
     """
     axes_a, power_a = exact_axes(a.rotations[row_a])
     axes_b, power_b = exact_axes(b.rotations[row_b])
@@ -292,7 +295,7 @@ def exact_verdict(a: Boxes, row_a: Index, b: Boxes, row_b: Index) -> int:
     )
     edges = list(zip(numbers[6:], axes_a + axes_b, strict=True))
     touching = False
-    for i, j in FACTORS.tolist():
+    for i, j in AXIS_EDGES.tolist():
         axis = exact_cross(edges[i][1], edges[j][1])
         if axis == (0, 0, 0):
             continue
@@ -329,7 +332,7 @@ class Separations:
 
     @classmethod
     def blank(cls, pairs: Integers) -> Separations:
-        """Return room for pairs (m, 2)."""
+        """Return uninitialised separations of pairs (m, 2)."""
         return cls(pairs, np.empty(len(pairs)), *np.empty((2, len(pairs), 3)))
 
     def __len__(self) -> int:
@@ -338,7 +341,7 @@ class Separations:
 
 @dataclass(frozen=True, eq=False)
 class CertifiedSeparations(Separations):
-    """The same with the certified verdicts (m,) int8 of the pairs."""
+    """Separations with the certified verdicts (m,) int8 of the pairs."""
 
     verdicts: Verdicts
 
@@ -346,14 +349,14 @@ class CertifiedSeparations(Separations):
 def box_separations(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> CertifiedSeparations:
     """Return the signed separations of boxes, with their verdicts."""
     rows = as_pairs(a, b, pairs)
-    found = pair_separations(*one_set(a, b, rows))
+    arrays = vars(pair_separations(*one_set(a, b, rows)))
     verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())
-    return CertifiedSeparations(rows, found.separations, found.normals, found.positions, verdicts)
+    return CertifiedSeparations(**{**arrays, "pairs": rows}, verdicts=verdicts)
 
 
 def pair_separations(boxes: Boxes, pairs: Integers) -> Separations:
-    """Return the separation of each pair (m, 2) of rows of boxes, as ``witness`` has it."""
-    found = Separations.blank(pairs)
-    out = found.separations, found.normals, found.positions
+    """Return the separations (``witness``) of pairs (m, 2) of rows of boxes."""
+    result = Separations.blank(pairs)
+    out = result.separations, result.normals, result.positions
     run(witness_kernel, len(pairs), FEWEST_WITNESSES, boxes.arrays, pairs, *out)
-    return found
+    return result

@@ -31,10 +31,10 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.poses import multiply_quaternions, rotate_vectors, rotation_of
 from obb_collision.geometry.trees.pool import Hulls
-from obb_collision.numerics.vec3 import components, cross, dot, minus, norm, vector_at
-from obb_collision.queries.convex.depth import Polytope, room_for_depth
-from obb_collision.queries.convex.distances import NO_START, body_distance
-from obb_collision.queries.convex.support import BOX, CORNERS, Cores
+from obb_collision.numerics.vec3 import ZERO, components, cross, dot, minus, norm, vector_at
+from obb_collision.queries.convex.depth import DepthRoom, room_for_depth
+from obb_collision.queries.convex.distances import body_distance
+from obb_collision.queries.convex.support import BOX_CORE, HULL_CORE, Cores
 from obb_collision.queries.verdict.sat import box_at
 from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
@@ -96,7 +96,7 @@ class DistanceState(NamedTuple):
 
     placed: Placed
     cores: Cores
-    polytope: Polytope
+    polytope: DepthRoom
     spheres: Floats  #: (b,) radii of spheres around bodies, or around their boxes
     lower: Floats  #: (p,) lower bounds of the distances of all pairs
 
@@ -147,7 +147,7 @@ def _fill_distances(
                 continue
             else:  # the pair with the least bound first
                 i, j = _pair_at(tests, k if k >= 0 else int(lower.argmin()))
-            near = body_distance(cores, i, cores, j, NO_START, best, room.polytope)
+            near = body_distance(cores, i, cores, j, ZERO, best, room.polytope)
             if not (one_pair or near.lower < best):
                 continue
             best = near.lower
@@ -196,7 +196,7 @@ def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
     """
     count = len(bodies.frames)
     cores = Cores(
-        np.full(count, BOX if boxes else CORNERS, np.int8),
+        np.full(count, BOX_CORE if boxes else HULL_CORE, np.int8),
         np.zeros((count, 4)),
         np.zeros(count) if boxes else bodies.rounds,
         Hulls(bodies.blocks, bodies.starts, bodies.radii),

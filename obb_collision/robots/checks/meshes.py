@@ -27,8 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision.queries.mesh_contacts.surfaces import within
-from obb_collision.queries.meshes.mesh_clearance import clearances_of
-from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.mesh_mesh import clearances_of, mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.robots.checks.arrays import LINK_PLACING

@@ -26,7 +26,7 @@ from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.intrinsics import LANES, farthest
-from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
+from obb_collision.numerics.simplex import BARE_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     axes_of,
     clamped,
@@ -43,14 +43,14 @@ from obb_collision.numerics.vec3 import (
     sum_abs,
     vector_at,
 )
-from obb_collision.queries.meshes.convex import (
+from obb_collision.queries.meshes.hull_hull import (
     GAP_BOUND,
     HULL_CONVERGED,
     HULL_DIRECTIONS,
     HullCorners,
     beyond,
 )
-from obb_collision.queries.meshes.placed import Pose, moved, place_at, relative_pose
+from obb_collision.queries.meshes.placed import PairPose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.robots.checks.arrays import (
@@ -194,12 +194,14 @@ def sweep_candidates(
 
 
 @njit(inline=True, refcount=False)
-def _pose_in(bodies: LinkBodies, placed: Placed, fixed: int, moving: int, in_world: bool) -> Pose:
+def _pose_in(
+    bodies: LinkBodies, placed: Placed, fixed: int, moving: int, in_world: bool
+) -> PairPose:
     """Return the pose of a body's frame in the frame of a fixed body, or in the world."""
     reach = bodies.radii[fixed] + bodies.radii[moving]
     b = place_at(placed.positions, placed.rotations, bodies.frames[moving])
     if in_world:
-        return Pose(b.axes, b.center, sum_abs(b.center) + reach, 0.0, 0.0)
+        return PairPose(b.axes, b.center, sum_abs(b.center) + reach, 0.0, 0.0)
     return relative_pose(
         place_at(placed.positions, placed.rotations, bodies.frames[fixed]), b, reach
     )
@@ -207,7 +209,7 @@ def _pose_in(bodies: LinkBodies, placed: Placed, fixed: int, moving: int, in_wor
 
 @njit
 def _swept_apart(
-    a: HullCorners, b: HullCorners, start: Pose, end: Pose, first: Vector, reach: float
+    a: HullCorners, b: HullCorners, start: PairPose, end: PairPose, first: Vector, reach: float
 ) -> tuple[bool, Vector]:
     """Return whether a is certainly farther than reach from b at both poses and in between.
 
@@ -217,7 +219,7 @@ def _swept_apart(
     size = max(start.size, end.size)
     bound, unit = GAP_BOUND * size + MESH_UNDERFLOW, unit_scale(size)[0]
     near = (unit * reach) * (unit * reach)
-    n, simplex = first, no_simplex(NO_CORNER)
+    n, simplex = first, no_simplex(BARE_CORNER)
     for _ in range(HULL_DIRECTIONS):
         largest = max_abs(n)
         if not largest > 0.0:

@@ -35,7 +35,7 @@ from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import components, dot, minus, negated, plus, rows_at, vector_at
-from obb_collision.queries.meshes.convex import HullCorners, apart
+from obb_collision.queries.meshes.hull_hull import HullCorners, apart
 from obb_collision.queries.meshes.placed import place_at, relative_pose
 from obb_collision.queries.verdict.sat import BoxAt, box_at, pair_of
 from obb_collision.queries.verdict.verdict import SEPARATE, fast_verdict

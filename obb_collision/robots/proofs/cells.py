@@ -50,9 +50,9 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
-from obb_collision.queries.convex.distance import Search, search
-from obb_collision.queries.convex.support import CORNERS, Core
+from obb_collision.queries.convex.depth import DepthRoom, deepest, room_for_depth
+from obb_collision.queries.convex.distance import GapSearch, search
+from obb_collision.queries.convex.support import HULL_CORE, Core
 from obb_collision.queries.meshes.placed import Place, moved, relative_pose
 from obb_collision.typing import Axes, Floats, Integers, Mask, Vector
 
@@ -117,7 +117,7 @@ class CellGap(NamedTuple):
 
     a: Place
     b: Place
-    nearest: Search  #: in the frame of a
+    nearest: GapSearch  #: in the frame of a
     n: Vector  #: from a to b, in the frame between the links
     p: Vector  #: the nearest points
     q: Vector
@@ -288,7 +288,7 @@ def _turn(axis: Vector, angle: float) -> Axes:
 def _core_of(body: Moving) -> Core:
     """Return the hull of the corners of a body, in the frame of its link."""
     zero = 0.0, 0.0, 0.0
-    return Core(CORNERS, zero, 0.0, body.blocks, 0, len(body.blocks), body.reach, 0.0)
+    return Core(HULL_CORE, zero, 0.0, body.blocks, 0, len(body.blocks), body.reach, 0.0)
 
 
 @njit(merge=True)
@@ -299,7 +299,7 @@ def _is_proved(
     upper: Floats,
     collides: bool,
     always: bool,
-    room: Polytope,
+    room: DepthRoom,
 ) -> bool:
     """Return whether bodies certainly collide, or are free, in a whole cell as in its middle.
 

@@ -37,7 +37,6 @@ from obb_collision.numerics.sorting import (
     run_buckets,
     sort_numbers,
 )
-from obb_collision.queries.verdict.blocks import BLOCK, ROWS
 from obb_collision.queries.verdict.coarse import (
     bounds_kernel,
     bounds_of,
@@ -56,6 +55,7 @@ from obb_collision.queries.verdict.verdict import (
     decide_block,
     decide_exactly,
 )
+from obb_collision.queries.verdict.witness import BLOCK_ROWS, PAIR_BLOCK
 from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
     Pairs,
@@ -217,15 +217,15 @@ def _keys_kernel(columns: Columns, pairs: np.ndarray, keys: np.ndarray) -> int:
     """Write the keys of pairs (m, 2) of rows that are not SEPARATE; return their number."""
     boxes = BoxArrays(*columns)
     bits = bits_of(len(boxes.centers))
-    block = np.empty((ROWS, BLOCK))
-    first, second = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
-    verdicts, rows = np.empty(BLOCK, np.int8), RowPairs(boxes, first, boxes, second)
+    block = np.empty((BLOCK_ROWS, PAIR_BLOCK))
+    first, second = np.empty(PAIR_BLOCK, np.int64), np.empty(PAIR_BLOCK, np.int64)
+    verdicts, rows = np.empty(PAIR_BLOCK, np.int8), RowPairs(boxes, first, boxes, second)
     kept = 0
-    for start in range(0, len(pairs), BLOCK):
-        count = min(BLOCK, len(pairs) - start)
+    for start in range(0, len(pairs), PAIR_BLOCK):
+        count = min(PAIR_BLOCK, len(pairs) - start)
         for n in range(count):
             first[n], second[n] = pairs[start + n, 0], pairs[start + n, 1]
-        fetch_pairs(boxes, pairs, start + BLOCK, start + 2 * BLOCK)
+        fetch_pairs(boxes, pairs, start + PAIR_BLOCK, start + 2 * PAIR_BLOCK)
         decide_block(rows, 0, count, block, verdicts)
         for n in range(count):
             if verdicts[n] != SEPARATE:

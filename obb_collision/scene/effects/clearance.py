@@ -28,7 +28,7 @@ from obb_collision.queries.convex.distances import (
     convex_distances,
     mesh_body_distances,
 )
-from obb_collision.queries.meshes.mesh_clearance import MeshClearances, clearances_of
+from obb_collision.queries.meshes.mesh_mesh import MeshClearances, clearances_of
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,

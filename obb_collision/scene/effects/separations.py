@@ -23,7 +23,7 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import NO_AXIS, Contacts
-from obb_collision.queries.mesh_contacts.body_depths import within_bodies
+from obb_collision.queries.mesh_contacts.mesh_convex import within_bodies
 from obb_collision.queries.mesh_contacts.surfaces import patches_of, within
 from obb_collision.queries.verdict.verdict import Separations, pair_separations
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs

@@ -40,17 +40,18 @@ from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.sweep.convex import BodyMotion, convex_sweeps
-from obb_collision.queries.sweep.meshes import swept_meshes
+from obb_collision.queries.sweep.convex_convex import BodyMotion, convex_sweeps
+from obb_collision.queries.sweep.mesh_body import swept_meshes
 from obb_collision.queries.sweep.motion import (
     OUTWARD,
+    MovingBoxes,
     bounding_radii,
-    joined,
+    joined_motions,
     moved_between,
     sweep_needed,
     swept_bounds,
+    twist_bounds,
 )
-from obb_collision.queries.sweep.moving import MovingBoxes, twist_bounds
 from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, box_sweeps
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
@@ -157,7 +158,9 @@ def triangle_sweeps(
     table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
     for sides in shapes.exact_sides(cycle.boxes, pairs):
         first, second = sides.ends.T
-        motion = joined(motion_of(sides.a, first, motions), motion_of(sides.b, second, motions))
+        motion = joined_motions(
+            motion_of(sides.a, first, motions), motion_of(sides.b, second, motions)
+        )
         bodies = sides.a, sides.radii_a, sides.b, sides.radii_b
         sweeps = swept_meshes(*bodies, motion, begin[sides.rows], tolerance)
         sweeps.normals[sides.turned] *= -1.0

@@ -36,11 +36,9 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide, mesh_body_distances
-from obb_collision.queries.convex.support import BOX as BOX_CORE
-from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.mesh_clearance import clearances_of
-from obb_collision.queries.meshes.meshes import UNLIMITED, mesh_verdicts
+from obb_collision.queries.convex.support import BOX_CORE, CURVED_CORES, HULL_CORE, ConvexBodies
+from obb_collision.queries.meshes.hull_hull import PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes.mesh_mesh import UNLIMITED, clearances_of, mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
@@ -131,7 +129,7 @@ class MeshPairs:
     def _curved(self, rows: Rows) -> Mask:
         """Return which pairs (k,) have a shape that its hull or tree exceeds."""
         kinds = self._placed.kinds
-        curved = (kinds != CORNERS) & (kinds != BOX_CORE)
+        curved = (kinds != HULL_CORE) & (kinds != BOX_CORE)
         return np.asarray(curved[self._ends[0][rows]] | curved[self._ends[1][rows]])
 
     def _may_collide(self, rows: Rows) -> Mask:
@@ -178,7 +176,7 @@ class MeshPairs:
         effort = UNLIMITED if self._exact else EFFORT
         kinds, radii = self._store.kinds[self._slots], self._store.paddings[self._slots]
         thin = (kinds == ROUND)[pairs].any(axis=1)
-        curved = np.isin(self._placed.kinds, CURVED)[pairs]
+        curved = np.isin(self._placed.kinds, CURVED_CORES)[pairs]
         exact = curved.any(axis=1)
         bare = ~thin & ~exact & (radii[pairs] == 0.0).all(axis=1)
         padded = ~thin & ~exact & ~bare

@@ -30,7 +30,7 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
-from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
+from obb_collision.queries.convex.support import CURVED_CORES, HULL_CORE, ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
@@ -197,7 +197,7 @@ class PlacedShapes:
         """Build the hulls that pairs (k, 2) need; return which (k,) have them."""
         slots = np.unique(pairs)
         slots = slots[self.kinds[slots] > BOX]
-        cornered = self._current_cache().cores(slots)[:, 0] == CORNERS
+        cornered = self._current_cache().cores(slots)[:, 0] == HULL_CORE
         have = self._have(slots[cornered], True) & (self.kinds != BOXED)
         return have[pairs].all(axis=1)
 
@@ -212,7 +212,7 @@ class PlacedShapes:
         """Return which slots of pairs (m, 2) are cylinders, cones or ellipsoids."""
         slots, ends = np.unique(pairs, return_inverse=True)
         mask, shaped = np.zeros(len(slots), np.bool_), self.kinds[slots] > BOX
-        mask[shaped] = np.isin(self._current_cache().cores(slots[shaped])[:, 0], CURVED)
+        mask[shaped] = np.isin(self._current_cache().cores(slots[shaped])[:, 0], CURVED_CORES)
         return mask[ends].reshape(pairs.shape)
 
     def exact_sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[PairSides]:
@@ -299,5 +299,5 @@ class PlacedShapes:
     def convex_bodies(self, boxes: Boxes, slots: Rows) -> ConvexBodies:
         """Return the padded bodies of slots (k,), whose hulls must be built."""
         bodies = convex_bodies(self._store, self._current_cache(), boxes, slots)
-        assert (bodies.rows[bodies.kinds == CORNERS] >= 0).all()
+        assert (bodies.rows[bodies.kinds == HULL_CORE] >= 0).all()
         return bodies

@@ -54,7 +54,7 @@ from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.geometry.trees import HullPool, Hulls
 from obb_collision.queries.contacts import Contacts
 from obb_collision.queries.convex import convex_contacts, convex_may_collide, mesh_body_distances
-from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
+from obb_collision.queries.convex.support import BOX_CORE, HULL_CORE, ConvexBodies
 from obb_collision.typing import Floats
 
 SOLIDS = [("hull", "hull"), ("hull", "box"), ("box", "box")]
@@ -140,7 +140,7 @@ def test_contacts_of_tips_lie_on_both(on: str, thin: float, pairs: int) -> None:
     own = turn * Rotation.from_rotvec(turned[:, None] * [0.0, 0.0, 1.0])
     below = turn.apply([0.0, 0.0, -0.1 if on == "tip" else -0.5])
     rows, none = np.arange(count), np.zeros(count)
-    corners, boxes = np.full(count, CORNERS, np.int8), np.full(count, BOX, np.int8)
+    corners, boxes = np.full(count, HULL_CORE, np.int8), np.full(count, BOX_CORE, np.int8)
     sizes = np.tile([0.6, 0.7, 0.5, 0.0], (count, 1)) * (on == "plate")
     a = ConvexBodies(corners, 0.0 * sizes, none, pool.all, rows, turn.apply(places),
                      own.as_matrix())  # fmt: skip

@@ -46,7 +46,7 @@ from scipy.spatial.transform import Rotation
 from support import by_threads, family, refused, row_of
 
 from obb_collision import OBB, Boxes, MeshTrees, PlacedMeshes, points_inside
-from obb_collision.queries.convex.support import CORNERS, SEGMENT, ConvexBodies
+from obb_collision.queries.convex.support import HULL_CORE, SEGMENT_CORE, ConvexBodies
 from obb_collision.queries.points import CHUNK, PointsInside, contains, points_in_bodies
 from obb_collision.typing import Floats, Mask
 from tools.cases.families import FAMILIES
@@ -469,7 +469,7 @@ def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int
         far = beyond(some(body, np.zeros(len(points), np.int64)), points)
         size = np.abs(points - body.centers).sum(axis=1) + np.abs(body.sizes).sum() + body.radii[0]
         rounding = 1e-13 * (size + np.abs(body.centers).max())
-        close = CLOSE * size if body.kinds[0] == SEGMENT else 0.0
+        close = CLOSE * size if body.kinds[0] == SEGMENT_CORE else 0.0
         found = held(body, points)
         assert found[far <= 0.0].all()
         assert not found[far > rounding + close].any()
@@ -479,7 +479,7 @@ def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int
 
 def test_points_are_in_hulls_by_their_planes(pairs: int) -> None:
     rng = np.random.default_rng(4)
-    several = bodies(CORNERS, 8, rng, np.ones(3), 0.0)
+    several = bodies(HULL_CORE, 8, rng, np.ones(3), 0.0)
     for i in range(8):
         body, corners = some(several, [i]), corners_of(several, i)
         weights = rng.dirichlet(np.full(len(corners), 0.2), max(200, pairs // 40))

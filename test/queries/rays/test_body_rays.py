@@ -49,7 +49,7 @@ from support import family, refused, row_of
 from trimesh.triangles import closest_point
 
 from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays, cast_segments
-from obb_collision.queries.convex.support import CORNERS, ConvexBodies
+from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points import points_in_bodies
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
@@ -316,7 +316,7 @@ SCALES = {"random": [1.0, 1.0, 1.0], "plates": [1.0, 1.0, 1e-6], "needles": [1e-
 
 def rays_at(body: ConvexBodies, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return origins and directions towards bodies, many of which pass near their edge."""
-    size = np.abs(body.sizes).sum(axis=1) + body.radii + (body.kinds == CORNERS)
+    size = np.abs(body.sizes).sum(axis=1) + body.radii + (body.kinds == HULL_CORE)
     origins = body.centers + rng.normal(size=(COUNT, 3)) * 3.0 * size[:, None]
     aim = rng.normal(size=(COUNT, 3)) * 0.4 * np.maximum(body.sizes[:, :3], body.radii[:, None])
     aim[:, 2] += rng.uniform(-1, 1, COUNT) * body.sizes[:, 3]

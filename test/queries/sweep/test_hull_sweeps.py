@@ -61,7 +61,7 @@ from sweep_motions import moving, places_at
 
 import obb_collision as oc
 from obb_collision import MeshTrees, PlacedMeshes, Verdict
-from obb_collision.queries.convex.support import BOX, NO_HULLS, ConvexBodies
+from obb_collision.queries.convex.support import BOX_CORE, NO_HULLS, ConvexBodies
 from obb_collision.queries.sweep import (
     MAX_STEPS,
     TOLERANCE,
@@ -163,7 +163,7 @@ def gaps_at(
 
 def ball_and_plate(**changes: Any) -> tuple[ConvexBodies, BodyMotion]:
     """Return a plate at 1, and a ball at the origin that moves by 2 along x."""
-    kinds, sizes = np.array([2, BOX], np.int8), np.array([[0, 0, 0, 0], [0.1, 1.0, 1.0, 0.0]])
+    kinds, sizes = np.array([2, BOX_CORE], np.int8), np.array([[0, 0, 0, 0], [0.1, 1.0, 1.0, 0.0]])
     bodies, _, _ = moving("random", ("hull", "hull"), 1, 0, "straight")
     starts, radii = np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.array([0.25, 0.0])
     bodies = moved(bodies, kinds=kinds, sizes=sizes * 1.0, radii=radii, centers=starts)

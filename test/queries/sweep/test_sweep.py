@@ -32,7 +32,7 @@ from sweep_oracle import ExactMotion, certain_overlap
 import obb_collision as oc
 from obb_collision import Boxes, MeshTrees
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
-from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
+from obb_collision.queries.convex.support import BOX_CORE, HULL_CORE, ConvexBodies
 from obb_collision.queries.sweep import TOLERANCE, Sweeps, convex_sweeps
 from obb_collision.typing import Floats, Integers
 from tools.cases.families import FAMILIES
@@ -203,7 +203,7 @@ def by_hulls(motion: Twisting, rows: Integers) -> Floats:
     """Every other pair with the formula of a box, the others with corners."""
     boxes, count = motion.boxes, len(motion.boxes)
     pool = pool_of(CORNER_SIGNS * boxes.half_extents[:, None])
-    kinds = np.where(np.arange(count) % 4 < 2, BOX, CORNERS).astype(np.int8)
+    kinds = np.where(np.arange(count) % 4 < 2, BOX_CORE, HULL_CORE).astype(np.int8)
     bodies = ConvexBodies(
         kinds, np.pad(boxes.half_extents, ((0, 0), (0, 1))), np.zeros(count), pool,
         np.arange(count), boxes.centers, boxes.rotations,

@@ -37,9 +37,9 @@ from obb_collision.queries.sweep.motion import (
     sweep_needed,
     swept_bounds,
     turns_between,
+    twist_bounds,
 )
-from obb_collision.queries.sweep.moving import twist_bounds
-from obb_collision.queries.sweep.rigid import FLOOR
+from obb_collision.queries.sweep.rigid import TOLERANCE_FLOOR
 from tools.cases.placement import log_uniform, random_rotations
 
 CHUNK = 500
@@ -334,7 +334,7 @@ def test_a_point_on_a_circle_meets_a_plate_on_time(
     )
     assert found.hits[0]
     assert np.longdouble(found.times[0]) <= truth
-    near = FLOOR * bounding_radii(boxes.half_extents)[1]
+    near = TOLERANCE_FLOOR * bounding_radii(boxes.half_extents)[1]
     # how fast it falls on the plate, to first order and to second
     fall = abs(np.cos(angle)) * arm * speed
     early = min(near / fall * 1.2, np.sqrt(4.0 * near / (arm * speed**2)) + near / fall)

@@ -38,9 +38,8 @@ import obb_collision as oc
 from obb_collision import OBB, Boxes, Verdict, verdicts
 from obb_collision.queries.verdict import UNDECIDED, careful_verdict, fast_verdict
 from obb_collision.queries.verdict import verdict as verdict_module
-from obb_collision.queries.verdict.blocks import BLOCK
-from obb_collision.queries.verdict.sat import AXES, box_of, pair_of
-from obb_collision.queries.verdict.witness import box_witness, careful_gap, gap_bounds
+from obb_collision.queries.verdict.sat import AXIS_COUNT, box_of, pair_of
+from obb_collision.queries.verdict.witness import PAIR_BLOCK, box_witness, careful_gap, gap_bounds
 from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES
 from tools.cases.placement import random_rotations, turns
@@ -274,9 +273,9 @@ def test_the_two_stages_never_contradict_each_other(name: str) -> None:
 @each("name", FAMILIES)
 def test_batches_of_any_length_agree(name: str) -> None:
     """Also those of blocks, one more, one fewer, and of each pair alone."""
-    a, b = cached_family(name, 2 * BLOCK + 1, 0)
+    a, b = cached_family(name, 2 * PAIR_BLOCK + 1, 0)
     whole = verdicts(a, b)
-    for size in (1, 7, BLOCK - 1, BLOCK, BLOCK + 1):
+    for size in (1, 7, PAIR_BLOCK - 1, PAIR_BLOCK, PAIR_BLOCK + 1):
         starts = range(0, len(a), size)
         parts = [verdicts(a[k : k + size], b[k : k + size]) for k in starts]
         np.testing.assert_array_equal(np.concatenate(parts), whole)
@@ -405,7 +404,7 @@ def test_the_witness_is_that_of_all_15_axes(name: str) -> None:
     for row in range(len(a)):
         boxes = box_of(*row_of(a, row)), box_of(*row_of(b, row))
         (gap, axis, number), _ = box_witness(*boxes)
-        every = [careful_gap(*boxes, k) for k in range(AXES)]
+        every = [careful_gap(*boxes, k) for k in range(AXIS_COUNT)]
         _, most = gap_bounds(*pair_of(*boxes))
         assert gap == max(found[0] for found in every) == every[number][0]
         assert all(found[0] <= bound for found, bound in zip(every, sum(most, ()), strict=True))

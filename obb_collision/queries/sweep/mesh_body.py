@@ -21,7 +21,7 @@ Seen from the world, from a and from b, points move at most as fast as
 
 for v the speed between the points that they turn about, w the turns, r how far bodies reach from
 these points and p how far the points are from each other at most. The least of the three decides
-(Mirtich 1996). The distance is a certified one, of two meshes (``queries.meshes.mesh_clearance``)
+(Mirtich 1996). The distance is a certified one, of two meshes (``queries.meshes.mesh_mesh``)
 or of a mesh and the body itself (``queries.convex.distances``).
 """
 
@@ -38,11 +38,11 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.build import HALF
 from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
+from obb_collision.numerics.vec3 import ZERO, combined, minus, norm, plus, scaled
 from obb_collision.queries.convex.distance import rounding
-from obb_collision.queries.convex.distances import NOWHERE, CoreRoom, core_room, mesh_apart, towards
+from obb_collision.queries.convex.distances import CoreRoom, core_room, mesh_apart, towards
 from obb_collision.queries.convex.support import ConvexBodies, Solids, borrowed_core, solids_of
-from obb_collision.queries.meshes.mesh_clearance import as_radii, surfaces_apart
+from obb_collision.queries.meshes.mesh_mesh import as_radii, surfaces_apart
 from obb_collision.queries.meshes.placed import (
     MeshAt,
     Meshes,
@@ -52,8 +52,8 @@ from obb_collision.queries.meshes.placed import (
     moved,
     relative_pose,
 )
-from obb_collision.queries.meshes.two_trees import DISTANCE_BOUND, TreeRoom, tree_room
-from obb_collision.queries.sweep.convex import (
+from obb_collision.queries.meshes.trees import DISTANCE_BOUND, TreeRoom, tree_room
+from obb_collision.queries.sweep.convex_convex import (
     MAX_STEPS,
     BodyMotion,
     RelativeMotion,
@@ -61,7 +61,7 @@ from obb_collision.queries.sweep.convex import (
     places_at,
     relative_motion,
 )
-from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, joined, place_at
+from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, center_at, joined_motions
 from obb_collision.queries.sweep.sweep import (
     TOLERANCE,
     SweepArrays,
@@ -97,29 +97,31 @@ def mesh_sweeps(
     if seconds <= 0.0:
         raise ValueError(f"duration must be positive, got {seconds:g}")
     taken, radii, motions = [], [], list[BodyMotion]()
-    for side, rows, twists, given, name in (
+    for side, rows, twists, padding_of, name in (
         (a, i, twists_a, radii_a, "a"),
         (b, j, twists_b, radii_b, "b"),
     ):
-        padding = as_radii(given, f"radii_{name}", len(side))
+        padding = as_radii(padding_of, f"radii_{name}", len(side))
         motion = _twisting(side, twists, f"twists_{name}", padding, seconds)
         motions.append(BodyMotion._make(x if isinstance(x, float) else x[rows] for x in motion))
         radii.append(padding[rows])
         places = side.centers[rows], side.rotations[rows]
         taken.append(PlacedMeshes.trusted(side.trees, side.meshes[rows], *places))
     begin = np.zeros(len(i))
-    found = swept_meshes(taken[0], radii[0], taken[1], radii[1], joined(*motions), begin, near)
-    free = found.free_until * seconds
-    times = np.where(found.undecided, np.nan, free)
-    return replace(found, pairs=np.stack([i, j], axis=1), times=times, free_until=free)
+    sweeps = swept_meshes(
+        taken[0], radii[0], taken[1], radii[1], joined_motions(*motions), begin, near
+    )
+    free = sweeps.free_until * seconds
+    times = np.where(sweeps.undecided, np.nan, free)
+    return replace(sweeps, pairs=np.stack([i, j], axis=1), times=times, free_until=free)
 
 
 def _twisting(
-    bodies: PlacedMeshes, given: ArrayLike, name: str, radii: Floats, seconds: float
+    bodies: PlacedMeshes, values: ArrayLike, name: str, radii: Floats, seconds: float
 ) -> BodyMotion:
     """Return the motion of bodies, with radii (n,), that keep their twists (n, 6)."""
     what, trees = "a number, a row of six numbers, or rows (n, 6)", bodies.trees
-    twists = as_each(given, name, what, (len(bodies), 6))
+    twists = as_each(values, name, what, (len(bodies), 6))
     check_magnitude(twists, name, by_row=False)
     boxes = trees.nodes[trees.roots[bodies.meshes]]
     sizes = bounding_radii(boxes[:, HALF : HALF + 3].copy()) + radii
@@ -131,7 +133,7 @@ def _twisting(
     return BodyMotion(*places, seconds, bodies.arrays.rotations, moved[:, 3:], arms, sizes, reaches)
 
 
-class MeshPairs(NamedTuple):
+class SweptBodies(NamedTuple):
     """Meshes, and in the same rows other meshes or convex bodies without corners."""
 
     a: Meshes
@@ -151,19 +153,19 @@ def swept_meshes(
     """Return when meshes of a first touch the bodies of b in the same rows (m,).
 
     Times are from 0 to 1. radii_a, radii_b (m,): about meshes; convex bodies have their own, and no
-    corners. motion: of a and, behind, of b, whose own places are not read; begin (m,): until when
-    each pair is certainly apart.
+    corners. motion: of a followed by b, whose own poses are ignored; begin (m,): until when each
+    pair is certainly apart.
     """
     out, rows = sweep_arrays(len(a)), np.arange(len(a))
     others = solids_of(b, np.empty(0) if radii_b is None else radii_b)
-    given = MeshPairs(a.arrays, radii_a, others), motion, begin, tolerance, out
-    run(_sweep_kernel, len(a), FEWEST_MESH_SWEEPS, *given)
+    arguments = SweptBodies(a.arrays, radii_a, others), motion, begin, tolerance, out
+    run(_sweep_kernel, len(a), FEWEST_MESH_SWEEPS, *arguments)
     return sweeps_of(np.stack([rows, rows], axis=1), out)
 
 
 @njit
 def _sweep_kernel(
-    pairs: MeshPairs, motion: BodyMotion, begin: Floats, tolerance: float, out: SweepArrays,
+    pairs: SweptBodies, motion: BodyMotion, begin: Floats, tolerance: float, out: SweepArrays,
     start: int, stop: int,
 ) -> None:  # fmt: skip
     trees, b = pairs.a.trees, pairs.b
@@ -172,28 +174,28 @@ def _sweep_kernel(
         relative = relative_motion(motion, n, count + n, begin[n], tolerance)
         sizes = trees.radii[pairs.a.meshes[n]], _size_of(b, n)
         speed = _speed_of(sizes[0], sizes[1], motion, n, count + n, relative)
-        time, known = relative.begin, False
+        time, decided = relative.begin, False
         point = normal = np.nan, np.nan, np.nan
         for _ in range(MAX_STEPS):
             if not time <= relative.last:
-                time, known = np.inf, True
+                time, decided = np.inf, True
                 break
             place, far = places_at(motion, n, count + n, relative, time)
             blur = blur_at(relative, time)
-            found = _distance(pairs, n, place, far, blur, tree, core)
-            lower, upper, middle, across = found
+            apart = _distance(pairs, n, place, far, blur, tree, core)
+            lower, upper, middle, across = apart
             if upper <= relative.near or not lower > 0.25 * relative.near:
-                known = upper <= relative.near
-                if known:
+                decided = upper <= relative.near
+                if decided:
                     point = plus(place.center, combined(place.axes, middle))
-                    origin = place_at(motion.starts, motion.ends, motion.seconds, n, time)
+                    origin = center_at(motion.starts, motion.ends, motion.seconds, n, time)
                     point, normal = plus(origin, point), combined(place.axes, across)
                 break
             step = lower / speed * (1.0 - 4.0 * ROUNDOFF)
             if not step > 0.0:
                 break
             time += step
-        write_sweep(out, n, time, known, point, normal)
+        write_sweep(out, n, time, decided, point, normal)
 
 
 @njit(refcount=False)
@@ -207,11 +209,17 @@ def _size_of(b: Solids, n: int) -> float:
 
 @njit(refcount=False)
 def _distance(
-    pairs: MeshPairs, n: int, place: Place, far: Place, blur: float, tree: TreeRoom, room: CoreRoom
+    pairs: SweptBodies,
+    n: int,
+    place: Place,
+    far: Place,
+    off: float,
+    tree: TreeRoom,
+    core: CoreRoom,
 ) -> tuple[float, float, Vector, Vector]:
-    """Return bounds of the distance of a pair, what is halfway between, and the direction there.
+    """Return bounds of the distance of a pair, the point halfway between, and the direction.
 
-    Point and direction are in the frame of the mesh; blur: by how much places may be off.
+    Point and direction are in the frame of the mesh; off: the error of places.
     """
     trees, i, radius = pairs.a.trees, pairs.a.meshes[n], pairs.radii[n]
     meshes = pairs.b.meshes
@@ -220,21 +228,21 @@ def _distance(
         pair = mesh_pair(trees, MeshAt(i, place), meshes.trees, second)
         near = surfaces_apart(pair, np.inf, tree)
         error = DISTANCE_BOUND * (pair.pose.size + radius + other) + MESH_UNDERFLOW
-        error += blur
+        error += off
         lower = near.lower - radius - other - error
         upper = max(near.upper - radius - other, 0.0) + error
         x, y = plus(near.x, scaled(near.n, radius)), minus(near.y, scaled(near.n, other))
         return lower, upper, scaled(plus(x, y), 0.5), near.n
-    core = borrowed_core(pairs.b.cores, n)
-    both = radius + core.radius
-    pose = relative_pose(place, far, 2.0 * (trees.radii[i] + radius) + core.reach)
-    found = mesh_apart(trees, i, core, pose, np.inf, room)
-    error = rounding(pose) + blur
-    lower, upper = found.lower - both - error, max(found.upper - both, 0.0) + error
-    p, q = found.p, moved(pose, found.q)
-    normal = found.normal if found.lower > error else towards(p, q, found.normal)
-    normal = normal if found.upper > 0.0 else NOWHERE
-    x, y = plus(p, scaled(normal, radius)), minus(q, scaled(normal, core.radius))
+    body = borrowed_core(pairs.b.cores, n)
+    both = radius + body.radius
+    pose = relative_pose(place, far, 2.0 * (trees.radii[i] + radius) + body.reach)
+    apart = mesh_apart(trees, i, body, pose, np.inf, core)
+    error = rounding(pose) + off
+    lower, upper = apart.lower - both - error, max(apart.upper - both, 0.0) + error
+    p, q = apart.p, moved(pose, apart.q)
+    normal = apart.normal if apart.lower > error else towards(p, q, apart.normal)
+    normal = normal if apart.upper > 0.0 else ZERO
+    x, y = plus(p, scaled(normal, radius)), minus(q, scaled(normal, body.radius))
     return lower, upper, scaled(plus(x, y), 0.5), normal
 
 
@@ -242,9 +250,9 @@ def _distance(
 def _speed_of(
     size: float, other_size: float, motion: BodyMotion, i: int, j: int, relative: RelativeMotion
 ) -> float:
-    """Return how fast points of two bodies move at most, one seen from the other.
+    """Return the maximum speed of points of two bodies, seen from each other.
 
-    Their sizes: how far they reach from their origins.
+    Sizes: how far the bodies reach from their origins.
     """
     (u, v), (arm, other), way = relative.turns, relative.arms, norm(relative.way)
     r = min(motion.reaches[i], norm(arm) + size)

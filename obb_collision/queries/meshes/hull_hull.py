@@ -15,13 +15,13 @@
 """Verdicts of two convex hulls: a direction that separates them, searched and then proved.
 
 The search is that of Gilbert, Johnson and Keerthi 1988: the nearest point of a simplex within the
-difference of the two bodies gives the next direction. What counts is only whether the corners of
-one are certainly beyond those of the other along it, so that no error of the search can make a
-wrong SEPARATE; bodies for which none is found are TOUCHING, be it by rounding.
+difference of the two bodies gives the next direction. A direction counts only if the corners of one
+are certainly beyond those of the other along it. So errors of the search never make a wrong
+SEPARATE; bodies without such a direction are TOUCHING.
 
 Error analysis, with u, S and the errors of poses as in ``placed``: both reaches along a
-direction w are off by at most 200 u S |w|. GAP_BOUND is 8192 u, so that what is found apart here is
-apart by more than ``meshes`` can leave undecided.
+direction w are off by at most 200 u S |w|. GAP_BOUND is 8192 u, so that pairs found apart here
+are apart by more than ``mesh_mesh`` can leave undecided.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.intrinsics import farthest
-from obb_collision.numerics.simplex import NO_CORNER, no_simplex, with_corner
+from obb_collision.numerics.simplex import BARE_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import components, dot, max_abs, minus, negated, scaled, sum_abs
-from obb_collision.queries.meshes.placed import Pose, moved, place_at, relative_pose
+from obb_collision.queries.meshes.placed import PairPose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.typing import Floats, Integers, Vector
@@ -88,7 +88,7 @@ def _meet_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -> Non
         place, other = place_at(a.centers, a.rotations, i), place_at(b.centers, b.rotations, j)
         reach = a.hulls.radii[a.rows[i]] + b.hulls.radii[b.rows[j]]
         pose = relative_pose(place, other, reach)
-        # from the one centre to the other: it separates most pairs that are apart
+        # the direction between the centres separates most pairs that are apart
         out[n] = not apart(_corners_of(a, i), _corners_of(b, j), pose, negated(pose.offset), 0.0)
 
 
@@ -99,15 +99,15 @@ def _corners_of(bodies: PlacedHulls, i: int) -> HullCorners:
 
 
 @njit
-def apart(a: HullCorners, b: HullCorners, pose: Pose, first: Vector, reach: float) -> bool:
-    """Return True if corners of a are certainly farther than reach from those of b.
+def apart(a: HullCorners, b: HullCorners, pose: PairPose, first: Vector, reach: float) -> bool:
+    """Return True if the corners of a are certainly farther than ``reach`` from those of b.
 
     first: the direction tried first, from b to a in the frame of a. The simplex is scaled by a
     power of two that brings sizes near one, so that products of lengths stay within doubles.
     """
     bound, unit = GAP_BOUND * pose.size + MESH_UNDERFLOW, unit_scale(pose.size)[0]
     near = (unit * reach) * (unit * reach)
-    n, simplex = first, no_simplex(NO_CORNER)
+    n, simplex = first, no_simplex(BARE_CORNER)
     for _ in range(HULL_DIRECTIONS):
         largest = max_abs(n)
         if not largest > 0.0:
@@ -132,5 +132,5 @@ def apart(a: HullCorners, b: HullCorners, pose: Pose, first: Vector, reach: floa
 
 @njit
 def beyond(n: Vector, bound: float, reach: float) -> float:
-    """Return the gap along n above which bodies are certainly beyond reach."""
+    """Return the gap along n above which bodies are certainly farther apart than ``reach``."""
     return bound * sum_abs(n) + reach * (1.0 + 4.0 * ROUNDOFF) * math.sqrt(dot(n, n))

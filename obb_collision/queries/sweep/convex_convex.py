@@ -26,8 +26,8 @@ not negative at a time, it was not before, and a chord to its root never steps t
 turning it is a ray against the difference of the bodies, and a step goes to the end of a face (van
 den Bergen 2004); with turning steps converge as Newton's do.
 
-What rounding may take from the gap, CONVEX_ROUNDING of what the products are made of, and ``blur``,
-grows with the square of s at most and keeps it concave.
+Rounding of the gap is at most CONVEX_ROUNDING of the factors of its products, and ``blur``. It
+grows with the square of s at most and keeps the bound concave.
 
 Each pair is looked at from the first of the two points that its bodies turn about, so that neither
 a way that both share nor being far away costs digits.
@@ -45,6 +45,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import (
+    ZERO,
     axes_of,
     combined,
     components,
@@ -61,7 +62,7 @@ from obb_collision.numerics.vec3 import (
 from obb_collision.queries.convex.distance import CONVEX_ROUNDING, rounding, search
 from obb_collision.queries.convex.distances import in_world
 from obb_collision.queries.convex.support import (
-    CORNERS,
+    HULL_CORE,
     ConvexBodies,
     Core,
     Cores,
@@ -69,9 +70,22 @@ from obb_collision.queries.convex.support import (
     support,
 )
 from obb_collision.queries.meshes.placed import Place, relative_pose
-from obb_collision.queries.sweep.bounds import NARROW, ROOT_ROUNDS, parabola_root
-from obb_collision.queries.sweep.motion import OUTWARD, offset_and_way, place_at, rotated, turned_by
-from obb_collision.queries.sweep.rigid import FLOOR, POSITION, SPIN, TURN, TURNING, meeting_window
+from obb_collision.queries.sweep.bounds import NARROW_BRACKET, ROOT_ROUNDS, parabola_root
+from obb_collision.queries.sweep.motion import (
+    OUTWARD,
+    center_at,
+    offset_and_way,
+    rotated,
+    turned_by,
+)
+from obb_collision.queries.sweep.rigid import (
+    ANGLE_ROUNDING,
+    POSITION_ROUNDING,
+    ROTATION_ROUNDING,
+    TOLERANCE_FLOOR,
+    WHOLE_TURN,
+    meeting_window,
+)
 from obb_collision.queries.sweep.sweep import (
     SweepArrays,
     Sweeps,
@@ -85,11 +99,11 @@ from obb_collision.typing import Floats, Integers, Vector
 MAX_STEPS = 1000
 #: Of bodies that do not turn: nearer than this counts as touching, relative to both radii. A
 #: distance has an error of less than 1e-9 of both sizes.
-FINE = 1e-8
+FINE_TOLERANCE = 1e-8
 
 
 class BodyMotion(NamedTuple):
-    """The motion of n bodies during times 0 to 1, as arrays; as ``motion.Motion`` but for centres.
+    """The motion of n bodies during times 0 to 1, as arrays.
 
     A body turns about its pivot, which moves straight.
     """
@@ -108,14 +122,14 @@ class RelativeMotion(NamedTuple):
     """The motion of a pair, seen from the pivot of the first body."""
 
     pivot: Vector  #: of the second body at time 0
-    way: Vector  #: what is added to it until time 1
+    way: Vector  #: displacement of the pivot until time 1
     turns: tuple[Vector, Vector]  #: rotation vectors until time 1
     arms: tuple[Vector, Vector]  #: from the pivots to the origins at time 0
     reach: float  #: of both bodies about their pivots
     begin: float  #: from when to
     last: float  #: when they may touch
     near: float  #: a distance that counts as touching
-    fine: float  #: one that is worth coming down to
+    fine: float  #: the distance at which the search ends
     stray: tuple[float, float]  #: by how much gaps are off at time 0, and more per unit of time
 
 
@@ -129,13 +143,13 @@ def relative_motion(
     reach = motion.reaches[i] + motion.reaches[j]
     first, last = meeting_window(p, way, reach)
     slower, faster = min(norm(u), norm(v)), max(norm(u), norm(v))
-    if way == (0.0, 0.0, 0.0) and slower == 0.0:
-        last = min(last, first + TURN / faster) if faster > 0.0 else first
+    if way == ZERO and slower == 0.0:
+        last = min(last, first + WHOLE_TURN / faster) if faster > 0.0 else first
     r, s = motion.radii[i], motion.radii[j]
-    near = max(tolerance * min(r, s), FLOOR * max(r, s))
-    fine = min(near, FINE * (r + s)) if faster == 0.0 else near
-    drift = POSITION * norm(way) + SPIN * (slower + faster) * reach
-    stray = POSITION * norm(p) + 2.0 * TURNING * reach, drift
+    near = max(tolerance * min(r, s), TOLERANCE_FLOOR * max(r, s))
+    fine = min(near, FINE_TOLERANCE * (r + s)) if faster == 0.0 else near
+    drift = POSITION_ROUNDING * norm(way) + ANGLE_ROUNDING * (slower + faster) * reach
+    stray = POSITION_ROUNDING * norm(p) + 2.0 * ROTATION_ROUNDING * reach, drift
     arms = vector_at(motion.arms, i), vector_at(motion.arms, j)
     begin = max(begin, first)
     return RelativeMotion(p, way, (u, v), arms, reach, begin, last, near, fine, stray)
@@ -143,7 +157,7 @@ def relative_motion(
 
 @njit
 def blur_at(relative: RelativeMotion, time: float) -> float:
-    """Return by how much a gap at a time may be off, as places and rotations are."""
+    """Return a bound on the error of a gap at a time, from the errors of places and rotations."""
     return relative.stray[0] + relative.stray[1] * time
 
 
@@ -151,7 +165,7 @@ def blur_at(relative: RelativeMotion, time: float) -> float:
 def places_at(
     motion: BodyMotion, i: int, j: int, relative: RelativeMotion, time: float
 ) -> tuple[Place, Place]:
-    """Return where two bodies are at a time, seen from the pivot of the first."""
+    """Return the poses of two bodies at a time, seen from the pivot of the first."""
     turn, other = relative.turns
     arm, far = turned_by(relative.arms[0], turn, time), turned_by(relative.arms[1], other, time)
     far = plus(plus(relative.pivot, scaled(relative.way, time)), far)
@@ -183,7 +197,7 @@ class MovingGap(NamedTuple):
     gap: float  #: of the pivots, less the radii
     rate: float
     bend: float
-    slack: Vector  #: what rounding may take: a constant, times s, times s^2
+    slack: Vector  #: bound of rounding: a constant, a factor of s, a factor of s^2
 
 
 def convex_sweeps(
@@ -191,13 +205,13 @@ def convex_sweeps(
 ) -> Sweeps:
     """Return when pairs (m, 2) of moving bodies first touch; times from 0 to 1.
 
-    motion: of the bodies, whose own places are not read; begin (m,): until when each
-    pair is certainly apart. Promised is what ``sweeps`` promises of boxes that turn; nearer than
-    1e-8 of both radii and 1e-9 of S (``queries.convex.distance``), if less, where neither does.
+    motion: of the bodies, whose own poses are ignored; begin (m,): until when each pair is
+    certainly apart. Bodies that turn come as near as ``sweeps`` promises of boxes; others nearer
+    than 1e-8 of both radii and 1e-9 of S (``queries.convex.distance``), if that is less.
     """
     out = sweep_arrays(len(pairs))
-    given = bodies.arrays, motion, pairs, begin, tolerance, out
-    run(_convex_kernel, len(pairs), FEWEST_CONVEX_SWEEPS, *given)
+    arguments = bodies.arrays, motion, pairs, begin, tolerance, out
+    run(_convex_kernel, len(pairs), FEWEST_CONVEX_SWEEPS, *arguments)
     return sweeps_of(pairs, out)
 
 
@@ -209,37 +223,37 @@ def _convex_kernel(
     for row in range(start, stop):
         i, j = pairs[row, 0], pairs[row, 1]
         relative = relative_motion(motion, i, j, begin[row], tolerance)
-        time, known, point, normal = _walk(bodies, motion, i, j, relative)
-        write_sweep(out, row, time, known, point, normal)
+        time, decided, point, normal = _walk(bodies, motion, i, j, relative)
+        write_sweep(out, row, time, decided, point, normal)
 
 
 @njit(merge=True)
 def _walk(
     bodies: Cores, motion: BodyMotion, i: int, j: int, relative: RelativeMotion
 ) -> tuple[float, bool, Vector, Vector]:
-    """Return the time of contact, infinity for none, True, a point and the normal of contact.
+    """Return the time of contact, infinity if none, True, and the point and normal of contact.
 
     Or the time until which the bodies are certainly apart, and False.
     """
     a, b = core_at(bodies, i), core_at(bodies, j)
-    nowhere, n, time = (np.nan, np.nan, np.nan), (0.0, 0.0, 0.0), relative.begin
+    nowhere, n, time = (np.nan, np.nan, np.nan), ZERO, relative.begin
     for _ in range(MAX_STEPS):
         if not time <= relative.last:
             return np.inf, True, nowhere, nowhere
         place, other = places_at(motion, i, j, relative, time)
         pose = relative_pose(place, other, a.reach + b.reach)
-        found = search(a, b, pose, components(place.axes, n), np.inf)
+        apart = search(a, b, pose, components(place.axes, n), np.inf)
         off = a.radius + b.radius
         error = rounding(pose) + blur_at(relative, time)
-        n = combined(place.axes, found.normal)
-        upper = max(found.distance - off, 0.0) + error
-        lower = found.gap - off - error
+        n = combined(place.axes, apart.normal)
+        upper = max(apart.distance - off, 0.0) + error
+        lower = apart.gap - off - error
         if upper <= relative.fine or not lower > 0.25 * relative.fine:
             if not upper <= relative.near:
                 return time, False, nowhere, nowhere
-            p = plus(in_world(place, found.p), scaled(n, a.radius))
-            q = minus(in_world(other, found.q), scaled(n, b.radius))
-            origin = place_at(motion.starts, motion.ends, motion.seconds, i, time)
+            p = plus(in_world(place, apart.p), scaled(n, a.radius))
+            q = minus(in_world(other, apart.q), scaled(n, b.radius))
+            origin = center_at(motion.starts, motion.ends, motion.seconds, i, time)
             return time, True, plus(origin, scaled(plus(p, q), 0.5)), n
         moving = _moving_gap(motion, i, j, relative, PlacedCores(a, b, place, other), n, time)
         step = _free_for(moving, relative.last - time)
@@ -250,7 +264,7 @@ def _walk(
 
 
 class PlacedCores(NamedTuple):
-    """Two cores and where they are."""
+    """Two cores and their poses."""
 
     a: Core
     b: Core
@@ -268,7 +282,7 @@ def _moving_gap(
     n: Vector,
     time: float,
 ) -> MovingGap:
-    """Return the gap of two bodies along n at a time, and from then on."""
+    """Return the gap of two bodies along n from a time on."""
     pivots = plus(relative.pivot, scaled(relative.way, time))
     other = Place(minus(pair.other.center, pivots), pair.other.axes)
     a = _moving_support(motion.reaches[i], pair.a, pair.place, relative.turns[0], n)
@@ -291,7 +305,7 @@ def _moving_support(
     """Return the support of a body; place: seen from its pivot, reach: about that."""
     change = cross(n, turn)
     (x, y, z), half = core.size, core.half
-    own = core.reach - 2.0 * core.radius if core.kind == CORNERS else norm((x, y, z + half))
+    own = core.reach - 2.0 * core.radius if core.kind == HULL_CORE else norm((x, y, z + half))
     reach = min(reach, (own + norm(place.center)) * OUTWARD)
     return MovingSupport(core, place, n, change, norm(turn) * norm(change) * reach)
 
@@ -323,8 +337,8 @@ def _gap_after(moving: MovingGap, time: float) -> tuple[float, float]:
 def _free_for(moving: MovingGap, horizon: float) -> float:
     """Return for how long the gap certainly is not negative; infinity if until the horizon.
 
-    As ``bounds``: each round takes the tangent's parabola at the left end for a new right end, and
-    the chord for a new left end.
+    As in ``bounds``: each round takes the tangent's parabola at the left end for a new right end,
+    and the chord for a new left end.
     """
     left, right = 0.0, horizon
     value, slope = _gap_after(moving, 0.0)
@@ -337,6 +351,6 @@ def _free_for(moving: MovingGap, horizon: float) -> float:
             return np.inf if right >= horizon else right
         left += (right - left) * (value / (value - at_right))
         value, slope = _gap_after(moving, left)
-        if value <= 0.0 or right - left <= NARROW * right:
+        if value <= 0.0 or right - left <= NARROW_BRACKET * right:
             break
     return left

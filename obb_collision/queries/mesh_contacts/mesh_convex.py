@@ -14,11 +14,11 @@
 
 """Depth of the overlap of a mesh and a convex body with a formula, such as a cylinder.
 
-As in ``push``, but for the body itself: what is given is the depth of anything around it, such as a
-mesh, whose push is shortened until the very body is just free; then, as long as it gets better, the
-body is pushed along the direction across which they touch at the end. The way out of a triangle is
-found from beyond it: a plane between the two says how far the body may go back for certain. Radii
-count as contact does, as what is within a radius of something convex is convex.
+As in ``mesh_mesh``, but for the body itself. It begins with the depth of a shape around the body,
+such as a mesh: that push is shortened until the body is just free. Then, as long as it gets better,
+the body is pushed along the direction across which they touch at the end. The way out of a triangle
+is found from beyond it: a plane between the two tells how far the body may certainly go back. Radii
+need no other treatment, as a convex body with a radius about it is convex.
 """
 
 from __future__ import annotations
@@ -31,10 +31,18 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
-from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at, write_at
-from obb_collision.queries.convex.distance import CLOSE, gap_along, search
+from obb_collision.numerics.vec3 import (
+    ZERO,
+    combined,
+    dot,
+    minus,
+    plus,
+    scaled,
+    vector_at,
+    write_at,
+)
+from obb_collision.queries.convex.distance import CLOSE, core_gap, search
 from obb_collision.queries.convex.distances import (
-    NOWHERE,
     CoreRoom,
     CoreSeen,
     core_apart,
@@ -46,19 +54,35 @@ from obb_collision.queries.convex.distances import (
     turned_back,
 )
 from obb_collision.queries.convex.support import ConvexBodies, Core, body_place, core_at
-from obb_collision.queries.mesh_contacts.depths import BETTER, CHANGES, SAME
-from obb_collision.queries.mesh_contacts.push import CERTAIN, MARGIN, PLACES, Push, moved_by
-from obb_collision.queries.meshes.inside import OUTSIDE, point_side
-from obb_collision.queries.meshes.one_tree import descend_nearest
-from obb_collision.queries.meshes.placed import PlacedMeshes, Pose, body_at, moved, relative_pose
+from obb_collision.queries.mesh_contacts.mesh_mesh import (
+    CERTAIN_GAP,
+    MOST_CHANGES,
+    MOST_PLACES,
+    PUSH_MARGIN,
+    SAME_DIRECTION,
+    WORTHWHILE_GAIN,
+    DepthArrays,
+    Push,
+    moved_by,
+    replace_outer,
+)
+from obb_collision.queries.meshes.inside import OUTSIDE_MESH, point_side
+from obb_collision.queries.meshes.placed import (
+    PairPose,
+    PlacedMeshes,
+    body_at,
+    moved,
+    relative_pose,
+)
+from obb_collision.queries.meshes.trees import descend_nearest
 from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import Separations
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats, Integers, Vector
 
 #: Pairs below which a second thread does not pay: 1 ms.
 FEWEST_BODY_DEPTHS = 4
 #: Steps back to a triangle at most; most take 2 to 6.
-STEPS_BACK = 40
+MOST_STEPS_BACK = 40
 
 
 class MeshAndCore(NamedTuple):
@@ -66,7 +90,7 @@ class MeshAndCore(NamedTuple):
 
     mesh: int
     core: Core
-    pose: Pose
+    pose: PairPose
     radii: float  #: of both
 
 
@@ -78,27 +102,20 @@ def within_bodies(
     outer: those of anything that contains them. Its arrays are written to.
     """
     rows = np.arange(len(radii))
-    values, normals, positions = outer.separations, outer.normals, outer.positions
     near, _ = mesh_body_distances(meshes, radii, bodies, rows, rows)
-    apart = near.upper > 0.0
-    farther = apart & ~(values > near.lower)
-    values[farther], normals[farther] = near.lower[farther], near.normals[farther]
-    positions[farther] = 0.5 * (near.positions_a + near.positions_b)[farther]
-    deep = np.flatnonzero(~apart & (values < 0.0))
-    depths, n, middles = -values[deep], normals[deep], positions[deep]
-    pairs, found = RowPairs(meshes.arrays, deep, bodies.arrays, deep), (depths, n, middles)
-    run(_kernel, len(deep), FEWEST_BODY_DEPTHS, pairs, radii, found)
-    values[deep], normals[deep], positions[deep] = -depths, n, middles
-    return outer
+
+    def shorten(deep: Integers, depths: DepthArrays) -> None:
+        pairs = RowPairs(meshes.arrays, deep, bodies.arrays, deep)
+        run(_kernel, len(deep), FEWEST_BODY_DEPTHS, pairs, radii, depths)
+
+    return replace_outer(outer, near.lower, near, shorten)
 
 
 @njit
-def _kernel(
-    pairs: RowPairs, radii: Floats, found: tuple[Floats, Floats, Floats], start: int, stop: int
-) -> None:
+def _kernel(pairs: RowPairs, radii: Floats, out: DepthArrays, start: int, stop: int) -> None:
     """Replace depths (k,), normals and positions (k, 3) of rows (k,) where a push is shorter."""
     a, rows, b, _ = pairs
-    depths, normals, positions = found
+    depths, normals, positions = out
     room = core_room()
     for k in range(start, stop):
         row = rows[k]
@@ -123,15 +140,15 @@ def _kernel(
 def _shortened(
     trees: TreeArrays, pair: MeshAndCore, n: Vector, most: float, room: CoreRoom
 ) -> tuple[Push, Vector]:
-    """Return the shortest push found below ``most``, and its direction; the first is n."""
+    """Return the shortest push below ``most``, and its direction; the first to try is n."""
     best, way, length = Push(np.inf, n, n, n), n, most
-    for k in range(1 + CHANGES):
+    for k in range(1 + MOST_CHANGES):
         push = push_body_out(trees, pair, way, length, room)
         if not push.length < length:
             break
-        small = k > 0 and push.length > (1.0 - BETTER) * length
+        small = k > 0 and push.length > (1.0 - WORTHWHILE_GAIN) * length
         best, n, length, way = push, way, push.length, push.across
-        if small or dot(way, n) > SAME:
+        if small or dot(way, n) > SAME_DIRECTION:
             break
     return best, n
 
@@ -142,15 +159,15 @@ def push_body_out(
 ) -> Push:
     """Return the shortest push of a body along n, unit, after which it is certainly free.
 
-    Given up past ``most``. A body within a solid goes as far as the surface, and then by half of
-    what is thinnest of it: in both places it has points in common, so it cannot have passed the
-    surface. Needles take longer steps there, and may.
+    Ends past ``most``. A body within a solid is pushed as far as the surface, and then by half of
+    its least thickness: at both places it has points in common with the surface, so it cannot have
+    passed it. Needles take longer steps there, and may pass.
     """
-    size, needed = pair.pose.size, pair.radii + CERTAIN * pair.pose.size
-    margin = MARGIN * size + MESH_UNDERFLOW
+    size, needed = pair.pose.size, pair.radii + CERTAIN_GAP * pair.pose.size
+    margin = PUSH_MARGIN * size + MESH_UNDERFLOW
     x, y, z = pair.core.size
     thinnest, length = min(x, y, z + pair.core.half), 0.0
-    for _ in range(PLACES):
+    for _ in range(MOST_PLACES):
         if not length <= most:
             break
         here = moved_by(pair.pose, n, length)
@@ -163,23 +180,23 @@ def push_body_out(
         else:
             q = minus(moved(here, near.q), scaled(n, length))
             return Push(length, near.p, q, near.normal)
-    return Push(np.inf, NOWHERE, NOWHERE, n)
+    return Push(np.inf, ZERO, ZERO, n)
 
 
 @njit(merge=True)
-def _is_inside(trees: TreeArrays, mesh: int, pose: Pose, room: CoreRoom) -> bool:
-    return point_side(trees, mesh, pose.offset, pose.point_bound, room.waiting) != OUTSIDE
+def _is_inside(trees: TreeArrays, mesh: int, pose: PairPose, room: CoreRoom) -> bool:
+    return point_side(trees, mesh, pose.offset, pose.point_bound, room.waiting) != OUTSIDE_MESH
 
 
-class WayOut(NamedTuple):
-    """A core that is pushed along n until it is farther than what is needed from triangles."""
+class WayOutSearch(NamedTuple):
+    """A core pushed along n until it is farther than ``needed`` from triangles."""
 
     seen: CoreSeen
     n: Vector
     needed: float
 
 
-class Way(NamedTuple):
+class LongestWay(NamedTuple):
     """The longest way out so far, metres."""
 
     limit: float
@@ -188,45 +205,44 @@ class Way(NamedTuple):
 
 @njit(refcount=False)
 def _farthest_way_out(
-    trees: TreeArrays, pair: MeshAndCore, pose: Pose, n: Vector, needed: float, room: CoreRoom
+    trees: TreeArrays, pair: MeshAndCore, pose: PairPose, n: Vector, enough: float, room: CoreRoom
 ) -> float:
     """Return the longest way out of the triangles that are too near to a core, metres."""
-    question = WayOut(seen_core(pair.core, pose, room), n, needed)
-    start = Way(needed + CLOSE * pose.size, -np.inf)
+    question = WayOutSearch(seen_core(pair.core, pose, room), n, enough)
+    start = LongestWay(enough + CLOSE * pose.size, -np.inf)
     root, waiting = trees.roots[pair.mesh], room.waiting
     way, _ = descend_nearest(trees, root, question, _push_apart, _with_way, start, waiting)
     return way.longest
 
 
 @njit(merge=True)
-def _push_apart(out: WayOut, nodes: Floats, n: int) -> float:
+def _push_apart(out: WayOutSearch, nodes: Floats, n: int) -> float:
     return core_apart(out.seen, nodes, n)
 
 
 @njit(merge=True)
-def _with_way(out: WayOut, trees: TreeArrays, k: int, _: float, way: Way) -> Way:
+def _with_way(
+    out: WayOutSearch, trees: TreeArrays, k: int, _: float, way: LongestWay
+) -> LongestWay:
     seen = out.seen
     triangle = triangle_core(trees, k, seen.corners)
     longest = _way_out(triangle, seen.core, seen.pose, out.n, out.needed, way.longest)
-    return Way(way.limit, longest)
+    return LongestWay(way.limit, longest)
 
 
 @njit(merge=True)
 def _way_out(
-    triangle: Core, core: Core, pose: Pose, n: Vector, needed: float, best: float
+    triangle: Core, core: Core, pose: PairPose, n: Vector, needed: float, best: float
 ) -> float:
-    """Return how far a core must go along n to be farther from a triangle, if that is more.
-
-    Than what is best: else that.
-    """
-    length = needed - gap_along(triangle, core, pose, n).value  # from there on n parts them
-    if not length > best or search(triangle, core, pose, NOWHERE, needed).gap > needed:
+    """Return how far a core must go along n to leave a triangle, or ``best`` if that is more."""
+    length = needed - core_gap(triangle, core, pose, n).value  # from there on n parts them
+    if not length > best or search(triangle, core, pose, ZERO, needed).gap > needed:
         return best
     across = n
-    for _ in range(STEPS_BACK):
-        found = search(triangle, core, moved_by(pose, n, length), across, np.inf)
-        across = found.normal
-        gap, speed = found.gap - needed, dot(n, across)
+    for _ in range(MOST_STEPS_BACK):
+        touching = search(triangle, core, moved_by(pose, n, length), across, np.inf)
+        across = touching.normal
+        gap, speed = touching.gap - needed, dot(n, across)
         if not (gap > CLOSE * pose.size and speed > 0.0):
             break
         length -= gap / speed
