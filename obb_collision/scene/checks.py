@@ -46,7 +46,7 @@ from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import TRIANGLES, ShapeCache, kind_of
 from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.base import Before, Cycle
+from obb_collision.scene.effects.base import Cycle, PreviousCheck
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.objects import SceneObjects, local_boxes
 from obb_collision.scene.refinement.budget import Budget
@@ -88,7 +88,7 @@ class Checks:
         """Start again, with a checker of the store that the objects have now."""
         self.checker = checker
         self.invalidate()
-        self._before: Before | None = None
+        self._before: PreviousCheck | None = None
 
     def invalidate(self) -> None:
         """Forget the last check: the next one makes another report, though nothing has moved."""

@@ -56,7 +56,7 @@ SMALLEST_EXACT = 2.0**-900
 LARGEST_EXACT = 2.0**990
 
 
-class _Cloud(Shape):
+class _PointsShape(Shape):
     """A shape whose local box is that of its scaled points."""
 
     fit: str
@@ -65,7 +65,7 @@ class _Cloud(Shape):
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
-        if not (isinstance(other, _Cloud) and type(self) is type(other)):
+        if not (isinstance(other, _PointsShape) and type(self) is type(other)):
             return NotImplemented
         return self is other or all(map(np.array_equal, self._value(), other._value()))
 
@@ -114,7 +114,7 @@ def _exact_products(a: Floats, b: Floats, product: Floats) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class Hull(_Cloud):
+class Hull(_PointsShape):
     """The convex hull of points (n, 3), n >= 1; ``fit`` as in ``OBB.from_points``.
 
     Parameters
@@ -166,7 +166,7 @@ class Triangulation(Protocol):
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class Mesh(_Cloud):
+class Mesh(_PointsShape):
     """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
 
     The local box is that of the triangles; unused vertices are ignored.

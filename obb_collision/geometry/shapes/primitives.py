@@ -234,7 +234,7 @@ class Ellipsoid(Primitive):
 
 
 @dataclass(frozen=True, init=False)
-class _Turned(Primitive):
+class _Revolved(Primitive):
     """A solid of revolution along z, centred at half its length."""
 
     radius: float
@@ -252,7 +252,7 @@ class _Turned(Primitive):
         return self.radius, self.radius, _half(self.length)
 
 
-class Cylinder(_Turned):
+class Cylinder(_Revolved):
     """A cylinder along z, centred; ``length`` is its height.
 
     Parameters
@@ -273,7 +273,7 @@ class Cylinder(_Turned):
         super().__init__(radius, length, scale)  # errors about arguments name this class
 
 
-class Cone(_Turned):
+class Cone(_Revolved):
     """A cone along z with its apex at +length / 2 and its base of ``radius`` at -length / 2.
 
     Parameters
@@ -294,7 +294,7 @@ class Cone(_Turned):
         super().__init__(radius, length, scale)  # errors about arguments name this class
 
 
-class Capsule(_Turned):
+class Capsule(_Revolved):
     """A capsule along z, centred; ``length`` is that of the cylinder between the two caps.
 
     Parameters

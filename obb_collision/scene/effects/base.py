@@ -119,7 +119,7 @@ class Setting:
         return np.flatnonzero(self.selected[pairs].any(axis=1))
 
 
-class Before(NamedTuple):
+class PreviousCheck(NamedTuple):
     """Where the objects were at the check before, by slot."""
 
     snapshot: Snapshot
@@ -157,7 +157,7 @@ class Cycle:
     last: Mapping[str, Outcome]
     obstacle_points: NDArray[Any] | None
     store: ObjectStore
-    before: Before | None
+    before: PreviousCheck | None
     enabled: Mask
     """(slots,) which objects take part in this region or elsewhere; ``active`` without a region."""
     region: Region | None = None
@@ -229,11 +229,11 @@ class Cycle:
         """Return the bounds (n, 3), (n, 3) of slots by which pairs belong to a region."""
         return bounds_of(self.boxes[slots], self.spheres)
 
-    def as_before(self) -> Before:
+    def as_before(self) -> PreviousCheck:
         """Return the state with which the next check compares."""
         needed = self.region is not None and self.shapes is not None
         poses = self.store.poses.copy() if needed else None
-        return Before(self.snapshot, self.enabled, self.store.born.copy(), self.pairs, poses)
+        return PreviousCheck(self.snapshot, self.enabled, self.store.born.copy(), self.pairs, poses)
 
 
 @dataclass(frozen=True, eq=False)

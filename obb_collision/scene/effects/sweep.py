@@ -58,11 +58,11 @@ from obb_collision.scene.effects.base import (
     ACCURACY,
     ACCURACY_OPTION,
     OBB,
-    Before,
     Cycle,
     Effect,
     Option,
     Outcome,
+    PreviousCheck,
     Setting,
     isolated,
     meeting_pairs,
@@ -275,7 +275,7 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     return _swept(cycle, BoxMotions(slots, moved, boxes, origins), pairs, setting)
 
 
-def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
+def _passing(cycle: Cycle, before: PreviousCheck, slots: Rows) -> Rows:
     """Return the slots, of (n,), that may have come near the region on their way."""
     if cycle.region is None:
         return slots

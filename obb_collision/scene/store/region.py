@@ -210,7 +210,7 @@ MOST_WAITING = 100
 
 
 @dataclass
-class Presence:
+class RegionState:
     """Messages of a region: times in seconds, and numbers of objects."""
 
     last: float = -np.inf
@@ -250,7 +250,7 @@ class RegionMerger(SetOnce):
         self.timeout = float(as_array(timeout, "timeout", ()))
         if self.timeout <= 0.0:
             raise ValueError(f"timeout must be positive, got {shown(timeout)}")
-        self._regions = {name: Presence() for name in regions}
+        self._regions = {name: RegionState() for name in regions}
         self._waiting: dict[str, dict[int, dict[str, NDArray[Any]]]] = {}
         self._repeated = 0
 
@@ -351,7 +351,7 @@ class RegionMerger(SetOnce):
                 break
         return self._join([parts[name] for name in self._regions], fields)
 
-    def _presence(self, region: str) -> Presence:
+    def _presence(self, region: str) -> RegionState:
         presence = self._regions.get(region) if isinstance(region, str) else None
         if presence is None:
             raise KeyError(f"no region named {shown(region)}")
