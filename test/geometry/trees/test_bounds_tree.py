@@ -30,8 +30,8 @@ COUNTS = (1, 8, 9, 65, 700)
 def bounds_of(form: str, count: int) -> tuple[Floats, Floats]:
     """Return bounds of a form, some of them empty."""
     rng = np.random.default_rng(count)
-    scales = {"line": [1.0, 0.0, 0.0], "one centre": 0.0, "clusters": 1e-9}
-    middles = scales.get(form, 1.0) * rng.uniform(-5.0, 5.0, (count, 3))
+    scales = {"line": [1.0, 0.0, 0.0], "one centre": [0.0], "clusters": [1e-9]}
+    middles = np.array(scales.get(form, [1.0])) * rng.uniform(-5.0, 5.0, (count, 3))
     middles[0] = 1e250 if form == "outlier" else middles[0]
     middles += rng.choice([-1e9, 1e9], (count, 1)) if form == "clusters" else 0.0
     half = rng.uniform(0.0, 1.0, (count, 3))
