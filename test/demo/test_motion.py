@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.demo.motion import Motions, Track, object_track, read_motions
+from obb_collision.demo.scene import DemoScene
 from obb_collision.geometry.poses import Pose
 from obb_collision.scene_files import (
     READY,
@@ -42,10 +43,14 @@ STEP = 1e-6
 TIMES = np.arange(0.013, 20.0, 0.37)
 
 
+def motions_of(name: str) -> Motions:
+    return read_motions(load_scene(name), find_scene(name))
+
+
 @pytest.fixture(params=READY)
 def ready(request: pytest.FixtureRequest) -> Motions:
     """Return the motions of one of the scenes of the package."""
-    return read_motions(load_scene(request.param), find_scene(request.param))
+    return motions_of(request.param)
 
 
 def test_ready_scenes_collide_only_later(ready: Motions) -> None:
@@ -58,15 +63,11 @@ def test_ready_scenes_collide_only_later(ready: Motions) -> None:
 
 
 def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
-    description = load_scene("lidar_zone")
-    motions = read_motions(description, find_scene("lidar_zone"))
-    assert description.lidar is not None
-    scene = description.build()
-    counts = []
+    scene = DemoScene(motions_of("lidar_zone"))
+    zone, counts = scene.description.build().obb("zone/0"), []
     for time in (0.0, 10.0):
-        scene.move(description.names, motions.states(time)[0])
-        points = description.lidar.scan(scene, time)
-        counts.append(np.count_nonzero(scene.obb("zone/0").contains(points.astype(float))))
+        points: Any = scene.points(time)
+        counts.append(np.count_nonzero(zone.contains(points.astype(float))))
     assert counts[0] == 0
     assert counts[1] > 20
 
@@ -182,7 +183,7 @@ def test_a_round_begins_in_the_scene_and_leads_back_or_jumps(tmp_path: Path) -> 
 
 
 def test_joints_pass_waypoints_in_time_and_keep_what_is_not_named() -> None:
-    motions = read_motions(load_scene("arm_cell"), find_scene("arm_cell"))
+    motions = motions_of("arm_cell")
     (arm,) = motions.description.robots
     elbow, grip = (arm.robot.joint_names.index(name) for name in ("elbow", "grip"))
     found = [motions.joints(arm, time)[0][elbow] for time in (0.0, 1.5, 14.0 + 1.5)]
@@ -202,7 +203,7 @@ def test_joints_pass_waypoints_in_time_and_keep_what_is_not_named() -> None:
 
 
 def test_the_arm_of_the_cell_collides_with_a_board_alone() -> None:
-    motions = read_motions(load_scene("arm_cell"), find_scene("arm_cell"))
+    motions = motions_of("arm_cell")
     (arm,) = motions.description.robots
     scene = oc.RobotScene({arm.name: arm.robot}, motions.description.build(), bases=[arm.pose])
     times = np.arange(0.0, 14.0, 0.1)
@@ -227,23 +228,18 @@ def arm(fields: str) -> str:
     ("objects: {c: {follow: a}}", "objects.c: the scene file has no object of this name; there"),
     ("robots: {amr: {}}", "robots.amr: the scene file has no robot of this name; did you mean arm"),
     (a(""), ":2: objects.a: must be follow: NAME, or period and waypoints, or all three, got {}"),
-    (a("period: 1"), "objects.a: must be follow: NAME"),
     (a("follow: b, waypoints: []"), "objects.a: must be follow: NAME"),
-    (a("twist: [1, 0, 0, 0, 0, 0]"), "objects.a.twist: unknown key"),
     (a("follow: c"), "objects.a.follow: the scene file has no object of this name"),
     (a("follow: a"), "objects.a.follow: a must stand above what follows it"),
     (a("follow: b}\n  b: {follow: a"), "objects.a.follow: b must stand above what follows it"),
     (a("period: 0, waypoints: []"), "objects.a.period: must be seconds from 0.001 on, got 0"),
     (a("period: 9, waypoints: [[1, 2, 3]]"), "waypoints[0]: must be [time, x, y, z] or"),
-    (a("period: 9, waypoints: [far]"), "waypoints[0]: must be a list, got far"),
     (a("period: 9, waypoints: [[1, 0, 0, 0, 0, 0, 90]]"), "waypoints[0]: angles are in radians"),
     (a("period: 9, waypoints: [[0, 0, 0, 0]]"), "times must ascend from above 0 up to the period"),
     (a("period: 9, waypoints: [[2, 0, 0, 0], [1, 0, 0, 0]]"), "period 9, got [2.0, 1.0]"),
     (a("period: 9, waypoints: [[10, 0, 0, 0]]"), "up to the period 9, got [10.0]"),
     (a("period: 9, waypoints: [[1, 1e300, 0, 0]]"), "it moves at more than 1e+09 m/s or rad/s"),
-    (a("period: 9, waypoints: [[1e-300, 5, 0, 0]]"), "it moves at more than 1e+09 m/s or rad/s"),
     (arm("period: 2"), "robots.arm: needs waypoints"),
-    (arm("period: 2, waypoints: [{time: 1}]"), "robots.arm.waypoints[0]: needs joints"),
     (arm("period: 2, waypoints: [{time: 3, joints: {}}]"), "up to the period 2, got [3.0]"),
     (arm("period: 2, waypoints: [{time: 1, joints: {turn: 9}}]"), "within the joint's limits"),
 ])  # fmt: skip
