@@ -22,27 +22,25 @@ collides. It is tried again now and then, since other states of it may not fail.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.constants import S_TO_NS
+from rclpy.timer import Timer
 
-from obb_collision.node.diagnostics.monitors import CycleMonitor
-from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
+from obb_collision.node.inputs.clouds import Obstacles
 from obb_collision.node.objects.conditions import ASIDE, SET_ASIDE, TRIED_AGAIN
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.outputs.outputs import Published
+from obb_collision.node.outputs.outputs import Outputs, Published
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.report import Report
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
+from obb_collision.scene.report import Cost, Report
 
 RETRY_PERIOD = 1.0
 """Seconds after which objects that were set aside are tried again."""
@@ -110,8 +108,7 @@ class SetAside:
             if len(part) > 1:
                 waiting += [part[len(part) // 2 :], part[: len(part) // 2]]
             else:
-                name = name_from_key(self._table.key(int(part[0])))
-                self._guard.caught("check", error, name)
+                self._guard.caught("check", error, self._table.name(int(part[0])))
         self._untried = np.concatenate([self._untried[:0], *waiting])  # they are in the next cycle
         self._retry = self._clock() + RETRY_PERIOD
 
@@ -130,14 +127,75 @@ class SetAside:
         return None
 
 
-class CycleRunner:
-    """Runs the cycles of a node, and measures their durations."""
+@dataclass
+class CycleMonitor:
+    """Durations of the cycles since the last report, and what failed since the start."""
 
-    def __init__(self, node: CollisionNode) -> None:
-        self._node, self._objects = node, node.objects
-        self._obstacles, self._effects, self._outputs = node.obstacles, node.effects, node.outputs
-        self._set_aside = SetAside(node.objects, node.guard)
+    stages: dict[str, list[float]] = field(default_factory=dict)
+    """Seconds by stage; those of whole cycles are the first."""
+    overruns: int = 0
+    """Cycles that took longer than a period, since the start."""
+    total: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+    """By effect: the pairs or points that it ran on when it was last computed."""
+    failures: Counter[str] = field(default_factory=Counter)
+    """By effect: what failed since the start."""
+    last_failures: dict[str, str] = field(default_factory=dict)
+    reported: tuple[int, int] = (0, 0)
+    """Overruns and failures at the last report."""
+    delay: float = 0.0
+    """Longest time (s) since the last report from the receipt of a message to its answer."""
+    age: float | None = None
+    """Of the newest state evaluated, then (s): by its stamp, by its receipt where it has none."""
+
+    def add_delay(self, delay: float, age: float) -> None:
+        """Record how long messages waited for their answer, and the age of the newest state (s)."""
+        if self.age is None or delay > self.delay:
+            self.delay, self.age = delay, age
+
+    def add(self, stages: dict[str, float], period: float) -> None:
+        """Count a cycle by its stages (s)."""
+        duration = sum(stages.values())
+        for name, seconds in ({"cycle": duration} | stages).items():
+            self.stages.setdefault(name, []).append(seconds)
+        self.overruns += duration > period
+        self.total += 1
+
+    def add_costs(self, costs: Mapping[str, Cost]) -> dict[str, float]:
+        """Record the costs of effects in a cycle; returns their stages (s)."""
+        for name, cost in costs.items():
+            self.counts[name] = cost.count
+            if cost.failures:
+                self.failures[name] += len(cost.failures)
+                self.last_failures[name] = cost.failures[-1]
+        return {f"effect {name}": cost.seconds for name, cost in costs.items()}
+
+    def begin_report(self) -> None:
+        """Forget what was reported."""
+        self.reported = self.overruns, self.failures.total()
+        self.stages, self.delay, self.age = {}, 0.0, None
+
+
+class CycleRunner:
+    """Runs the cycles of a node, and measures their durations.
+
+    collect: applies the messages that wait, and returns for how long (s) the oldest one has.
+    """
+
+    def __init__(
+        self,
+        objects: Objects,
+        obstacles: Obstacles,
+        outputs: Outputs,
+        guard: Guard,
+        collect: Callable[[], float],
+    ) -> None:
+        self._objects, self._obstacles, self._outputs = objects, obstacles, outputs
+        self._guard, self._collect = guard, collect
+        self._set_aside = SetAside(objects, guard)
         self.monitor = CycleMonitor()
+        self.period = 1.0
+        """Seconds beyond which a cycle is too long."""
         self.enabled, self.active = True, False
         self.report: Report | None = None
         """Of the last check, None where it is not known what collides."""
@@ -175,9 +233,9 @@ class CycleRunner:
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
         failed = True  # while it runs, what is asked is answered by what the last one was
-        with self._node.guard.catching("cycle"):
+        with self._guard.catching("cycle"):
             start = perf_counter()
-            self.delay = waited = self._node.collect()
+            self.delay = waited = self._collect()
             collected = perf_counter()
             self._objects.update(now)
             stages = {"inputs": collected - start, "update": perf_counter() - collected}
@@ -186,11 +244,11 @@ class CycleRunner:
                 if waited:
                     took = perf_counter() - start
                     self.delay = waited + took
-                    age = (now - self._last_stamp) / NANOSECONDS
+                    age = (now - self._last_stamp) / S_TO_NS
                     self.monitor.add_delay(waited + took, age + took)
             else:
                 self._outputs.publish_namespaces(self._objects.table.namespaces)
-            self.monitor.add(stages, 1.0 / self._node.parameters.rate)
+            self.monitor.add(stages, self.period)
             failed = False
         self.failed = failed
         if failed:
@@ -201,7 +259,7 @@ class CycleRunner:
     def run_stages(self, now: int) -> dict[str, float]:
         """Check and publish; returns the seconds of each stage and of each effect computed."""
         times = [perf_counter()]
-        effects = self._effects.of_cycle()
+        effects = self._outputs.effects.of_cycle()
         if "points" in effects:
             self._obstacles.place(now)
         times.append(perf_counter())
@@ -219,7 +277,7 @@ class CycleRunner:
         given = self._given(report, effects, now)
         self._outputs.publish_report(given)
         times.append(perf_counter())
-        with self._node.guard.catching("output markers"):
+        with self._guard.catching("output markers"):
             self._outputs.publish_markers(given)
         times.append(perf_counter())
         names = ("prepare", "check", "publish", "markers")
@@ -232,7 +290,7 @@ class CycleRunner:
 
     def _given(self, report: Report, effects: frozenset[str], now: int) -> Published:
         stamp = self._objects.newest_stamp(now)
-        step = max(0, stamp - self._last_stamp) / NANOSECONDS if self._last_stamp else 0.0
+        step = max(0, stamp - self._last_stamp) / S_TO_NS if self._last_stamp else 0.0
         self._last_stamp = stamp
         cloud_stamp = self._obstacles.stamp or stamp
         table = self._objects.table
@@ -246,46 +304,42 @@ SHORTEST_TIMER = 1e-4
 class Schedule:
     """Runs cycles according to the parameters ``trigger``, ``rate`` and ``min_period``.
 
-    clock: of steady time, because a paused or missing simulation clock must not stop the checks.
+    make_timer: makes one of a period (s) by steady time, for a simulation clock may stand still.
     """
 
-    def __init__(self, node: CollisionNode) -> None:
-        self._node, self._parameters = node, node.parameters
-        self.clock = Clock(clock_type=ClockType.STEADY_TIME)
+    def __init__(
+        self,
+        make_timer: Callable[[float, Callable[[], Any]], Timer],
+        run_cycle: Callable[[], None],
+    ) -> None:
+        self._run_cycle = run_cycle
+        self._on_arrival, self._min_period = False, 0.0
+        self._timer = make_timer(1.0, run_cycle)
+        self._burst_timer = make_timer(SHORTEST_TIMER, self._end_burst)
+        self._burst_timer.cancel()
         self.last = float("-inf")
         """When the last cycle ended (s)."""
-        period = 1.0 / self._parameters.rate
-        self._timer = node.create_timer(period, node.run_cycle, clock=self.clock)
-        self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
-        self._burst_timer.cancel()
-        for timer in (self._timer, self._burst_timer):
-            node.undo.callback(node.destroy_timer, timer)
 
-    def apply(self) -> None:
-        """Apply a new rate."""
-        period = round(1e9 / self._parameters.rate)
+    def apply(self, trigger: str, rate: float, min_period: float) -> None:
+        """Apply the parameters."""
+        self._on_arrival, self._min_period = trigger == "arrival", min_period
+        period = round(S_TO_NS / rate)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
             self._timer.reset()
 
-    def arrived(self, topic: str) -> None:
-        """With trigger arrival: compute at once, or once the burst is over.
-
-        Not for queries, nor for points that nobody asked for.
-        """
-        node = self._node
-        if self._parameters.trigger != "arrival" or node.topics[topic].is_query:
+    def arrived(self) -> None:
+        """With trigger arrival: compute at once, or once the burst is over."""
+        if not self._on_arrival:
             return
-        if topic == "points" and not node.effects.is_requested("points"):
-            return
-        rest = self._parameters.min_period - (perf_counter() - self.last)
+        rest = self._min_period - (perf_counter() - self.last)
         if rest <= 0.0:
-            node.run_cycle()
+            self._run_cycle()
             self._timer.reset()
         elif self._burst_timer.is_canceled():
-            self._burst_timer.timer_period_ns = round(1e9 * max(rest, SHORTEST_TIMER))
+            self._burst_timer.timer_period_ns = round(S_TO_NS * max(rest, SHORTEST_TIMER))
             self._burst_timer.reset()
 
     def _end_burst(self) -> None:
         self._burst_timer.cancel()
-        self._node.run_cycle()
+        self._run_cycle()

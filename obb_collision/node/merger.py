@@ -21,9 +21,9 @@ in the namespace of that name, and publishes what all found together on the same
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from copy import copy
 from time import monotonic
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,6 @@ from obb_collision.node.status.collision_status import CollisionStatus
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.settings import ON
 from obb_collision.scene.store.region import RegionMerger, coverage
 
 NODE_NAME = "obb_collision_merge"
@@ -76,11 +75,24 @@ EMPTY = make_status("", DiagnosticStatus.STALE, "empty status", [("reasons", "in
 """Stands for a status without content."""
 
 
+class AlwaysPublished:
+    """The topics of the merger's status: neither can be off."""
+
+    def is_off(self, name: str) -> bool:
+        """Return whether a topic is never published."""
+        return False
+
+    def is_requested(self, name: str) -> bool:
+        """Return whether a topic is published though nothing has changed."""
+        return True
+
+
 class MergerNode(Node):
     """Joins what the nodes of several regions publish; everything goes to ``rclpy.node.Node``."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(NODE_NAME, **node_options)
+        self._ending = ExitStack()
         try:
             self._set_up()
         except BaseException:
@@ -117,17 +129,15 @@ class MergerNode(Node):
             topic.name: make_publisher(self, topic.message, topic.name, topic.qos, is_watched=False)
             for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
         }
-        settings: Any = SimpleNamespace(  # as of a node all of whose topics are on
-            unknown_is_collision=unknown, mode=lambda _: ON, is_requested=lambda _: True
-        )
         self.status = CollisionStatus(
             f"{self.get_fully_qualified_name().lstrip('/')}: collision",
             self._publishers_of,
-            settings,
-            settings,
+            AlwaysPublished(),
+            lambda: unknown,
             lambda: self.get_clock().now().nanoseconds,
             self.guard,
         )
+        self._ending.callback(self.status.close)
         self._clouds: dict[str, list[Subscription]] = {}
         self._status_topics: dict[str, str] = {}  # after remapping
         for region in self._regions:
@@ -272,8 +282,7 @@ class MergerNode(Node):
 
     def destroy_node(self) -> None:
         """Publish that nothing is known any more, and end."""
-        if hasattr(self, "status"):  # not where the start failed before
-            self.status.close()
+        self._ending.close()
         super().destroy_node()
 
 

@@ -25,19 +25,22 @@ from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
 
-from rclpy.clock import JumpThreshold, ROSClock, TimeJump
+from rclpy.clock import Clock, JumpThreshold, ROSClock, TimeJump
+from rclpy.clock_type import ClockType
+from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy
+from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node.cycle import CycleRunner, Schedule
 from obb_collision.node.diagnostics.answer import CODES, Reason
-from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.clouds import Obstacles
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.scene_file import SceneFile
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
-from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.optional import unusable
 from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
@@ -59,7 +62,7 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.lifecycle import ManagedNode
 from obb_collision.node.runtime.running import run
 from obb_collision.node.status import reporting
-from obb_collision.node.status.collision_status import CollisionStatus
+from obb_collision.node.status.collision_status import STATUS, CollisionStatus
 from obb_collision.node.status.evidence import Evidence
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.allowed import Rule
@@ -92,6 +95,11 @@ class CollisionNode(ManagedNode):
         super().__init__(NODE_NAME, **node_options)
         self.steady = steady
         self.full_name = self.get_fully_qualified_name().lstrip("/")
+        self.undo, self._ending = ExitStack(), ExitStack()
+        """What ``release`` and ``destroy_node`` do."""
+        self._ending.callback(self.undo.close)
+        self._stop_robots: Callable[[], None] = lambda: None
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         try:
             self._set_up(frames, ending)
         except BaseException:
@@ -103,8 +111,6 @@ class CollisionNode(ManagedNode):
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
-        self.undo = ExitStack()
-        """What ``release`` does."""
         autostart = self.parameters.autostart
         self._scene_file = self._read_scene_file() if autostart else None
         fixed_frame = self.parameters.fixed_frame
@@ -119,6 +125,7 @@ class CollisionNode(ManagedNode):
             self._report_compiling,
             lambda: ending() or not self.context.ok(),
         )
+        self._ending.callback(self.kernels.close)
         self.status.start()
         if autostart:
             self.start()
@@ -133,10 +140,12 @@ class CollisionNode(ManagedNode):
             f"{self.full_name}: collision",
             self.outputs.publishers,
             self.effects,
-            self.parameters,
+            lambda: bool(self.parameters.unknown_is_collision),
             self._read_clock,
             self.guard,
+            lambda: self.parameters.allowed_delay,
         )
+        self._ending.callback(self.status.close)
         self.status.rest()
 
     def _report_compiling(self, text: str) -> None:
@@ -209,6 +218,9 @@ class CollisionNode(ManagedNode):
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame, names = self.parameters.fixed_frame, self.parameters.robots
         self.topics: dict[str, Input] = {**INPUTS, **detections.INPUTS, **robot_inputs(names)}
+        if self.parameters.latched_objects:
+            latched = self.topics["objects"]._replace(durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self.topics["objects"] = latched
         warn = self.get_logger().warning
         self.monitors = {
             topic: InputMonitor(topic, warn, steady=self.steady) for topic in self.topics
@@ -223,20 +235,65 @@ class CollisionNode(ManagedNode):
         self.time = NodeClock(
             self._read_clock, self._is_simulated, self._clock_jumped, seconds=self.steady
         )
-        self.robots = Robots(self, link_frames)
+        self.robots = Robots(
+            self,
+            self.undo,
+            self.parameters,
+            self.objects,
+            link_frames,
+            self.mesh_reading,
+            self.now,
+            lambda: self.evidence.not_known(),
+        )
+        self._stop_robots = self.robots.stop
         self.undo.callback(self.robots.close)
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
-        self.settings = SceneParameters(self, allowed)
-        self.cycle = CycleRunner(self)
-        self.evidence = Evidence(self)
-        self._schedule = Schedule(self)
+        objects, now = self.objects, self.now
+        self.settings = SceneParameters(self.parameters, objects, allowed)
+        self.cycle = CycleRunner(objects, self.obstacles, self.outputs, self.guard, self.collect)
+        self._schedule = Schedule(self._make_timer, self.run_cycle)
         points = self.inputs.guarded("points", self.obstacles.take, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         callbacks |= self.robots.callbacks(self.inputs)
-        self.subscribed = Subscriptions(self, callbacks, self._schedule.arrived)
+        self.subscribed = Subscriptions(
+            self, self.topics, callbacks, self.monitors, self._arrived, now
+        )
         self.undo.callback(self.subscribed.close)
+        status = self.outputs.publishers[STATUS].topic_name
+        self.evidence = Evidence(
+            self.parameters,
+            objects,
+            self.inputs,
+            self.subscribed,
+            self.robots,
+            self.cycle,
+            self.time,
+            lambda: self.count_publishers(status),
+        )
+        self.reporting = reporting.Reporting(
+            self.full_name,
+            self.outputs,
+            objects,
+            self.subscribed,
+            self.robots,
+            self.cycle,
+            QosWatch(self, self.get_logger().warning),
+            now,
+        )
+
+    def _make_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
+        """Create a timer by steady time, until ``release``."""
+        timer = self.create_timer(period, callback, clock=self._steady_clock)
+        self.undo.callback(self.destroy_timer, timer)
+        return timer
+
+    def _arrived(self, topic: str) -> None:
+        """Have a cycle run for a message: not for queries, nor for points nobody asked for."""
+        wanted = topic != "points" or self.effects.is_requested("points")
+        if wanted and not self.topics[topic].is_query:
+            self._schedule.arrived()
 
     def _add_objects(self, scene_file: SceneFile) -> None:
         refused = scene_file.add_to(self.objects, self.now())
@@ -248,13 +305,8 @@ class CollisionNode(ManagedNode):
 
     def _begin(self) -> None:
         """Subscribe, offer the services, and watch: clock, parameters, cycles, diagnostics."""
-        self.reporting = reporting.Reporting(self)
-        timer = self.create_timer(
-            reporting.PERIOD,
-            self.guard.catching("diagnostics")(self.reporting.publish),
-            clock=self._schedule.clock,
-        )
-        self.undo.callback(self.destroy_timer, timer)
+        report = self.guard.catching("diagnostics")(self.reporting.publish)
+        self._make_timer(reporting.PERIOD, report)
         # each at once: the executor takes one request per service between two cycles
         self.parameters.on_change = self.guard.catching("parameters")(self._apply_parameters)
         self.parameters.on_check = self.kernels.check
@@ -340,7 +392,8 @@ class CollisionNode(ManagedNode):
         self.inputs.unknown.ignored = Overrides([(name, True) for name in ignored])
         for monitor in self.monitors.values():
             monitor.period = parameters.warn_period
-        self._schedule.apply()
+        self._schedule.apply(parameters.trigger, parameters.rate, parameters.min_period)
+        self.cycle.period = 1.0 / parameters.rate
         self.status.update(self.status.answer)
 
     def _read_clock(self) -> int:
@@ -413,7 +466,7 @@ class CollisionNode(ManagedNode):
 
     def _clock_jumped(self, shift: int, now: int) -> None:
         self.get_logger().warning(
-            f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
+            f"the clock jumped by {shift / S_TO_NS:+.3f} s: ages and lifetimes of "
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
         inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.sets, self.obstacles
@@ -425,8 +478,7 @@ class CollisionNode(ManagedNode):
     def say_farewell(self) -> None:
         """Stop robots, and publish the status unknown: a signal waits, in another thread."""
         try:
-            if hasattr(self, "robots"):  # not before it is configured
-                self.robots.stop()
+            self._stop_robots()
         finally:
             self.status.close()
             with self.transition:  # the context ends after it
@@ -434,9 +486,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "kernels", "undo"):
-            if hasattr(self, name):  # not where the start failed before
-                getattr(self, name).close()
+        self._ending.close()
         super().destroy_node()
 
 

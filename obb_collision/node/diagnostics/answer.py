@@ -21,8 +21,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-
-from obb_collision.node.messages.conversions import NANOSECONDS
+from rclpy.constants import S_TO_NS
 
 FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 MAX_NAMED = 10
@@ -204,7 +203,7 @@ class Answer:
         """Return the status; ``now`` is the time (ns)."""
         age = {}
         if self.stamp is not None:
-            seconds = f"{(now - self.stamp) / NANOSECONDS:.3f}"
+            seconds = f"{(now - self.stamp) / S_TO_NS:.3f}"
             age["age of the newest state (s)"] = seconds if self.stamp else "never"
         first = self.reasons[0] if self.reasons else Reason("")
         values: list[tuple[str, object]] = [

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Statistics of messages received, refused items by reason, and durations of cycles."""
+"""Statistics of messages received, refused items by reason, and QoS that does not match."""
 
 from __future__ import annotations
 
@@ -32,8 +32,6 @@ from rclpy.qos import QoSCompatibility, QoSPolicyKind, QoSProfile, qos_check_com
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from obb_collision.node.messages.errors import RefusedError
-from obb_collision.scene.report import Cost
 from obb_collision.typing import Mask
 
 MAX_REASONS = 64
@@ -100,10 +98,10 @@ class InputMonitor:
         if now is not None:
             self.missed = Missed(self.messages + 1, now)
 
-    def refuse_whole(self, error: RefusedError, sender: int | None = None) -> None:
+    def refuse_whole(self, reason: str, detail: str = "", sender: int | None = None) -> None:
         """Count a message that could not be read: nobody knows what it said."""
-        self.mark_unreadable(error.reason, sender)
-        self.refuse(error.reason, "whole message", error.detail)
+        self.mark_unreadable(reason, sender)
+        self.refuse(reason, "whole message", detail)
 
     def refuse(self, reason: str, item: str = "", detail: str = "", count: int = 1) -> None:
         """Count refused items, and warn if there was no warning for this reason lately."""
@@ -163,55 +161,6 @@ class InputMonitor:
         before, self._seen = self._seen, counts
         messages, refused, doubted = (new - old for new, old in zip(counts, before, strict=True))
         return messages, refused, doubted
-
-
-@dataclass
-class CycleMonitor:
-    """Durations of the cycles since the last report, and what failed since the start."""
-
-    stages: dict[str, list[float]] = field(default_factory=dict)
-    """Seconds by stage; those of whole cycles are the first."""
-    overruns: int = 0
-    """Cycles that took longer than a period, since the start."""
-    total: int = 0
-    counts: dict[str, int] = field(default_factory=dict)
-    """By effect: the pairs or points that it ran on when it was last computed."""
-    failures: Counter[str] = field(default_factory=Counter)
-    """By effect: what failed since the start."""
-    last_failures: dict[str, str] = field(default_factory=dict)
-    reported: tuple[int, int] = (0, 0)
-    """Overruns and failures at the last report."""
-    delay: float = 0.0
-    """Longest time (s) since the last report from the receipt of a message to its answer."""
-    age: float | None = None
-    """Of the newest state evaluated, then (s): by its stamp, by its receipt where it has none."""
-
-    def add_delay(self, delay: float, age: float) -> None:
-        """Record how long messages waited for their answer, and the age of the newest state (s)."""
-        if self.age is None or delay > self.delay:
-            self.delay, self.age = delay, age
-
-    def add(self, stages: dict[str, float], period: float) -> None:
-        """Count a cycle by its stages (s)."""
-        duration = sum(stages.values())
-        for name, seconds in ({"cycle": duration} | stages).items():
-            self.stages.setdefault(name, []).append(seconds)
-        self.overruns += duration > period
-        self.total += 1
-
-    def add_costs(self, costs: Mapping[str, Cost]) -> dict[str, float]:
-        """Record the costs of effects in a cycle; returns their stages (s)."""
-        for name, cost in costs.items():
-            self.counts[name] = cost.count
-            if cost.failures:
-                self.failures[name] += len(cost.failures)
-                self.last_failures[name] = cost.failures[-1]
-        return {f"effect {name}": cost.seconds for name, cost in costs.items()}
-
-    def begin_report(self) -> None:
-        """Forget what was reported."""
-        self.reported = self.overruns, self.failures.total()
-        self.stages, self.delay, self.age = {}, 0.0, None
 
 
 LARGEST_DEPTH = 100_000

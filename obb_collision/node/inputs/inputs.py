@@ -115,7 +115,7 @@ class Inputs:
                 refusal = self._objects.guard.refusal(f"input {topic}", error)
                 if changes and not isinstance(error, (RefusedError, MemoryError)):
                     self._objects.broken = f"input {topic}"
-                monitor.refuse_whole(refusal)
+                monitor.refuse_whole(refusal.reason, refusal.detail)
 
         return callback
 

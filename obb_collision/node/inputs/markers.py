@@ -113,7 +113,7 @@ class MarkerInput:
             return
         for one in found:  # one that fails takes no other with it
             if not self._run([one]):
-                self._monitor.refuse_whole(RefusedError(INTERNAL_ERROR), one[-1])
+                self._monitor.refuse_whole(INTERNAL_ERROR, sender=one[-1])
                 self._objects.broken = "input objects"
 
     def _scan_all(self, waiting: list[Waiting]) -> list[tuple[Items, int, int]]:
@@ -152,7 +152,7 @@ class MarkerInput:
             if is_read_since:
                 self._monitor.refuse(refusal.reason, "whole message", refusal.detail)
             else:
-                self._monitor.refuse_whole(refusal, message.sender)
+                self._monitor.refuse_whole(refusal.reason, refusal.detail, message.sender)
         return None
 
     def _run(self, messages: list[tuple[Items, int, int]]) -> bool:

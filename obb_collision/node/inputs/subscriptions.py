@@ -20,22 +20,20 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import count
 from time import monotonic, time_ns
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.node.diagnostics.monitors import overridable
+from obb_collision.node.diagnostics.monitors import InputMonitor, overridable
 from obb_collision.node.inputs.senders import ALONE, Senders
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.node.runtime.inner import with_publishers
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
 
 
 class Input(NamedTuple):
@@ -106,17 +104,23 @@ class Subscriptions:
 
     Messages are received serialised: see ``messages/cdr``.
 
-    callbacks: callback per input topic; arrived: called with the topic once a message is stored.
+    callbacks, monitors: of each topic; arrived: called with a topic once a message is stored; now:
+    time of the node's clock (ns).
     """
 
     def __init__(
         self,
-        node: CollisionNode,
+        node: Node,
+        topics: Mapping[str, Input],
         callbacks: Mapping[str, Callable[[bytes], None]],
+        monitors: Mapping[str, InputMonitor],
         arrived: Callable[[str], None],
+        now: Callable[[], int],
     ) -> None:
-        self._node, self._callbacks, self._arrived = node, callbacks, arrived
-        self._monitors = node.monitors
+        self._node, self._topics, self._callbacks = node, topics, callbacks
+        self._monitors, self._arrived, self._now = monitors, arrived, now
+        self.reports = {t: m for t, m in monitors.items() if not topics[t].is_query}
+        """The monitors of inputs that can change what collides, by topic."""
         self._oldest = 0
         self.senders: dict[str, Senders] = {}
         """Of each topic that was subscribed to."""
@@ -199,7 +203,7 @@ class Subscriptions:
             del monitor.unreadable[ALONE]  # of a queue that could not be read: it is this sender's
         monitor.sender, lost = self.senders[topic].take(info)
         if lost:
-            monitor.lose(lost, self._node.now() if self._node.topics[topic].is_change else None)
+            monitor.lose(lost, self._now() if self._topics[topic].is_change else None)
         received = info.get("received_timestamp") or 0  # not given by some middlewares
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
@@ -208,10 +212,8 @@ class Subscriptions:
             self._arrived(topic)
 
     def _subscribe(self, topic: str) -> Subscription:
-        kind, depth, reliability, durability = self._node.topics[topic][:4]
+        kind, depth, reliability, durability = self._topics[topic][:4]
         qos = QoSProfile(depth=depth, reliability=reliability, durability=durability)
-        if topic == "objects" and self._node.parameters.latched_objects:
-            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         with with_publishers():
             subscription = self._node.create_subscription(
                 kind,

@@ -29,6 +29,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import NO_LIMIT
 from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.messages.names import FrameTable
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shapes import ObjectShapes
@@ -58,9 +59,11 @@ class Objects:
     ) -> None:
         self.scene, self.table, self.guard, self.monitors = Scene(), ObjectTable(), guard, monitors
         self.scene.rules.warns = False  # objects come and go
-        self.placement = Placement(self, frames, fixed_frame)
-        self.states = States(self)
-        self.staleness, self.shapes = Staleness(self), ObjectShapes(self)
+        scene, table = self.scene, self.table
+        self.placement = Placement(scene, table, FrameTable(fixed_frame), frames, guard, monitors)
+        self.states = States(table, self.placement, monitors)
+        self.staleness = Staleness(scene, table, self.states, self.placement)
+        self.shapes = ObjectShapes(scene, table, self.placement, guard, monitors["objects"])
         self.unplaceable = self.shapes.unplaceable
         """Newcomers that were refused, and why."""
         self.table.namespaces.named = self._rename

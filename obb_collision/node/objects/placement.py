@@ -23,14 +23,15 @@ then, for its frame may become known at last.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses, compose_poses
-from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_faults
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
 from obb_collision.node.objects.conditions import (
@@ -56,11 +57,10 @@ from obb_collision.node.objects.frames import (
     Transforms,
 )
 from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
-
-if TYPE_CHECKING:
-    from obb_collision.node.objects.objects import Objects
 
 States = npt.NDArray[Any]
 """Rows of ``STATE``."""
@@ -170,12 +170,20 @@ RETRY_PERIOD = NANOSECONDS // 2
 class Placement:
     """Moves objects to the poses stored in the table, and includes them in collisions."""
 
-    def __init__(self, objects: Objects, frames: FrameSource, fixed_frame: str) -> None:
-        self._scene, self._table, self._frames = objects.scene, objects.table, frames
-        self._guard, self._monitors = objects.guard, objects.monitors
-        self.frame_table = FrameTable(fixed_frame)
+    def __init__(
+        self,
+        scene: Scene,
+        table: ObjectTable,
+        frame_table: FrameTable,
+        frames: FrameSource,
+        guard: Guard,
+        monitors: Mapping[str, InputMonitor],
+    ) -> None:
+        self._scene, self._table, self._frames = scene, table, frames
+        self._guard, self._monitors = guard, monitors
+        self.frame_table = frame_table
         self.latest = LatestTransforms()
-        self.topics = list(objects.monitors)
+        self.topics = list(monitors)
         """Input topics: states have their indices."""
         self._next_retry = 0
         self._count = 0
@@ -335,7 +343,7 @@ class Placement:
         for frame, topic in np.unique(np.array([states["frame"], states["topic"]]), axis=1).T:
             some = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
-            name = name_from_key(table.key(int(some["slot"][0])))
+            name = table.name(int(some["slot"][0]))
             monitor = self._monitors[self.topics[topic]]
             monitor.refuse(error.reason, name, error.detail, len(some))
 
@@ -361,7 +369,7 @@ class Placement:
                     self._move(states[row : row + 1], outer, carried)
                 return
             slot, frame, number = states[["slot", "frame", "number"]].tolist()[0]
-            name = name_from_key(self._table.key(slot))
+            name = self._table.name(slot)
             if self._table.number[slot] <= number:
                 self._table.mark(slot, UNPLACEABLE)
             self._table.world_number[slot] = number  # it is not tried again

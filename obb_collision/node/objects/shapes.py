@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import IDENTITY_POSE
+from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
@@ -44,21 +44,21 @@ from obb_collision.node.objects.conditions import (
     UNPLACED,
     UNSHAPED,
 )
+from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.refusals import Unplaceable
 from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
-from obb_collision.node.objects.table import COLUMNS, NEVER, Slots
+from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import BuildError
 from obb_collision.scene.objects import local_boxes
+from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.placing import placed
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats, Mask
 from obb_collision.words import MAX_OBJECT_NAME, check_names
-
-if TYPE_CHECKING:
-    from obb_collision.node.objects.objects import Objects
 
 DEFAULT_LIMIT = 1000
 PLACEHOLDER = Box((1.0, 1.0, 1.0))
@@ -71,9 +71,16 @@ KEPT = ("condition", "ns", "id", "serial", "kind", "size", "expiry")
 class ObjectShapes:
     """Adds objects to scene and table, and takes them out."""
 
-    def __init__(self, objects: Objects) -> None:
-        self.scene, self.table, self.placement = objects.scene, objects.table, objects.placement
-        self._guard, self._monitor = objects.guard, objects.monitors["objects"]
+    def __init__(
+        self,
+        scene: Scene,
+        table: ObjectTable,
+        placement: Placement,
+        guard: Guard,
+        monitor: InputMonitor,
+    ) -> None:
+        self.scene, self.table, self.placement = scene, table, placement
+        self._guard, self._monitor = guard, monitor
         self.unplaceable = Unplaceable()
         self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT

@@ -21,15 +21,15 @@ object wherever it is by now. Beyond ``reach`` boxes grow no more, and where it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from obb_collision.geometry.poses import unit_poses
+from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import FAR as FAR_KIND
-from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_kinds
+from obb_collision.node.messages.conversions import NANOSECONDS, pose_kinds
 from obb_collision.node.objects.conditions import (
     FUTURE,
     HELD_BACK,
@@ -44,13 +44,19 @@ from obb_collision.node.objects.conditions import (
     UNPLACED,
     WAITING,
 )
-from obb_collision.node.objects.table import COLLIDE, IGNORE, POLICIES, UNKNOWN, Slots
+from obb_collision.node.objects.placement import Placement
+from obb_collision.node.objects.table import (
+    COLLIDE,
+    IGNORE,
+    POLICIES,
+    UNKNOWN,
+    ObjectTable,
+    Slots,
+)
+from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import Overrides
 from obb_collision.scene.store.placing import as_slice
 from obb_collision.typing import Floats, Mask
-
-if TYPE_CHECKING:
-    from obb_collision.node.objects.objects import Objects
 
 JUDGED_BY = BY_STAMP, _ = "stamp_and_receipt", "receipt"
 """What ages go by: the older of both, or receipt alone."""
@@ -84,9 +90,10 @@ class State:
 class States:
     """Stores states in the table, and counts their faults by the monitors of their topics."""
 
-    def __init__(self, objects: Objects) -> None:
-        self._table, self._placement = objects.table, objects.placement
-        self._monitors = objects.monitors
+    def __init__(
+        self, table: ObjectTable, placement: Placement, monitors: Mapping[str, InputMonitor]
+    ) -> None:
+        self._table, self._placement, self._monitors = table, placement, monitors
         self.by_stamp = True
         """Whether a state is as old as its stamp says, if that is older than its receipt."""
         self.wants_twists: Callable[[], bool] = lambda: True
@@ -190,7 +197,7 @@ class States:
         return old
 
     def _doubt(self, reason: str, slots: Slots, topic: str, detail: str) -> None:
-        name = name_from_key(self._table.key(int(slots[0])))
+        name = self._table.name(int(slots[0]))
         self._monitors[topic].doubt(reason, name, detail, len(slots))
 
     def lock(self, slots: Slots) -> None:
@@ -234,9 +241,10 @@ class AgeLimits:
 class Staleness:
     """Marks stale objects, and applies their policies."""
 
-    def __init__(self, objects: Objects) -> None:
-        self._scene, self._table, self._placement = objects.scene, objects.table, objects.placement
-        self._states = objects.states
+    def __init__(
+        self, scene: Scene, table: ObjectTable, states: States, placement: Placement
+    ) -> None:
+        self._scene, self._table, self._states, self._placement = scene, table, states, placement
         self._limits = AgeLimits()
         self._grown: Slots = np.empty(0, np.int64)
 
@@ -330,7 +338,7 @@ class Staleness:
         if not (limits.timeouts or limits.policies):
             return
         for slot in rows.tolist():
-            name = name_from_key(table.key(slot))
+            name = table.name(slot)
             timeout, policy = limits.timeouts.value(name), limits.policies.value(name)
             if timeout is not None:
                 table.limit[slot] = int(timeout * NANOSECONDS)

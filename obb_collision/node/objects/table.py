@@ -26,7 +26,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.messages.conversions import Key
+from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import Signature
 from obb_collision.node.messages.names import NamespaceTable, whole_from_text
@@ -291,6 +291,10 @@ class ObjectTable:
     def key(self, slot: int) -> Key:
         """Key of the object at a slot."""
         return self.namespaces.names[int(self.ns[slot])], int(self.id[slot])
+
+    def name(self, slot: int) -> str:
+        """Name of the object at a slot."""
+        return name_from_key(self.key(slot))
 
     @property
     def ranks(self) -> Slots:

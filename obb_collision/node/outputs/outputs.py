@@ -23,24 +23,29 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
+from obb_collision.accuracy import Accuracy
+from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.messages.cdr import namespace_bytes
 from obb_collision.node.messages.clouds import cloud_to_bytes
-from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.messages.conversions import name_from_key, stamp_to_ros
 from obb_collision.node.messages.names import NamespaceTable
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.outputs.events import Events
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.cloud import Cloud, Topic
-from obb_collision.node.topics.rows import CheckedState, StructuredRows, text_from_rows
+from obb_collision.node.topics.rows import CheckedState, StructuredRows
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS, mode_names
+from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.scene.effects.settings import AUTO, OFF, ON
 
 NAMESPACES_RATE = 5e6
@@ -76,6 +81,10 @@ class Effects:
         if name not in TOPICS:
             return any(name in topic.needs and self.is_requested(n) for n, topic in TOPICS.items())
         return self._publishers[name].get_subscription_count() > 0
+
+    def is_off(self, name: str) -> bool:
+        """Return whether an effect is never computed, or a topic never published."""
+        return bool(self._parameters.mode(name) == OFF)
 
     def of_cycle(self) -> frozenset[str]:
         """Return the effects to compute in this cycle."""
@@ -207,3 +216,43 @@ class Outputs:
         width = parameters.marker_line_width if lines else None
         drawing = keys, boxes, colors, given.stamp, parameters.marker_lifetime, width
         self.publishers["markers"].publish(self._markers.write(*drawing))
+
+
+def text_from_rows(
+    rows: npt.NDArray[Any],
+    namespaces: Mapping[int, str],
+    header: Header,
+    limit: int,
+    total: int,
+    truncated: bool,
+) -> DiagnosticArray:
+    """Return a status with the total, then one per pair, at most ``limit``.
+
+    total: how many pairs collide; at least, if pairs are left out of the rows.
+    """
+    message_total = f"{'at least ' if truncated else ''}{total} pairs in collision"
+    if total > limit:
+        message_total += f", the first {min(limit, len(rows))} named"
+    counts = {"pairs": len(rows)} | ({"pairs at least": total} if truncated else {})
+    ok, warn = DiagnosticStatus.OK, DiagnosticStatus.WARN
+    status = [make_status("collisions", ok, message_total, counts.items(), "")]
+    for row in rows[:limit]:
+        a = name_from_key((namespaces[int(row["ns_a"])], int(row["id_a"])))
+        b = name_from_key((namespaces[int(row["ns_b"])], int(row["id_b"])))
+        values = {
+            "a": a,
+            "b": b,
+            "depth": repr(float(row["depth"])),
+            "normal": " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz"),
+            "verdict": Verdict(row["verdict"]).name.lower(),
+            "accuracy": Accuracy(row["accuracy"]).label,
+        }
+        told = _told(row["depth"], row["verdict"] == Verdict.TOUCHING)
+        status.append(make_status(f"{a} - {b}", warn, told, values.items(), ""))
+    return DiagnosticArray(header=header, status=status)
+
+
+def _told(depth: float, touching: bool) -> str:
+    if touching:
+        return "touching"
+    return "overlapping" if np.isnan(depth) else f"{depth:.6f} m deep"

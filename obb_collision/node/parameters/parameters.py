@@ -97,6 +97,11 @@ class Parameters:
         """The region, None for everything."""
         return region_from(self._values)
 
+    @property
+    def allowed_delay(self) -> float:
+        """How long (s) a cycle may take to end, and a state to be answered."""
+        return 1.0 / float(self.rate) + float(self.cycle_timeout)
+
     def mode(self, effect: str) -> str:
         """Return off, auto or on."""
         return str(self._values[f"effects.{effect}"])

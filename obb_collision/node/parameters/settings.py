@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from obb_collision._threads import set_threads
 from obb_collision.accuracy import as_accuracy
@@ -32,18 +32,14 @@ from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import Overrides
 
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
-
 MEGABYTE = 1_000_000
 
 
 class SceneParameters:
     """Applies parameters to the scene; allowed: rules before those of the parameters."""
 
-    def __init__(self, node: CollisionNode, allowed: list[Rule]) -> None:
-        self._parameters, self._objects = node.parameters, node.objects
-        self._allowed = allowed
+    def __init__(self, parameters: Parameters, objects: Objects, allowed: list[Rule]) -> None:
+        self._parameters, self._objects, self._allowed = parameters, objects, allowed
         self._filters: tuple[object, ...] = ()
         self._effects: dict[str, Any] = {}
         self._threads: int | None = None

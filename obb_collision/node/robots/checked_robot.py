@@ -20,9 +20,9 @@ placed in each cycle where their link is; in checks of states of the robot they 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from time import monotonic
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from obb_collision.node.messages.conversions import name_from_key, pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.links import AttachedObjects, LinkObjects
 from obb_collision.node.robots.robot_input import RobotInput
@@ -39,9 +40,6 @@ from obb_collision.robots.checks.bodies import WorldState
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
 
 SCENE_NOT_KNOWN = "scene not known"
 FEW = 4
@@ -77,20 +75,28 @@ def portions(count: int, quick: float) -> Iterator[slice]:
 class CheckedRobot:
     """A robot in the node's scene, without the objects that are its own links.
 
-    frames: where its base is.
+    frames: where its base is; not_known: returns why states cannot be checked now, "" if they can.
     """
 
-    def __init__(self, given: RobotInput, node: CollisionNode, frames: LinkFrames) -> None:
-        self.given, self.objects, self.clock = given, node.objects, node.now
-        self.parameters, self._frames, self._node = node.parameters, frames, node
+    def __init__(
+        self,
+        robot: RobotInput,
+        objects: Objects,
+        frames: LinkFrames,
+        parameters: Parameters,
+        clock: Callable[[], int],
+        not_known: Callable[[], str],
+    ) -> None:
+        self.input, self.objects, self._frames = robot, objects, frames
+        self.parameters, self.clock, self._not_known = parameters, clock, not_known
         self._made: dict[float, tuple[Robot, dict[str, Attachment], NodeRobotScene]] = {}
 
     @property
     def links(self) -> LinkObjects:
         """Its links; RefusedError without a description."""
-        if self.given.links is None:
-            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.given.name}: {self.given.fault}")
-        return self.given.links
+        if self.input.links is None:
+            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.input.name}: {self.input.fault}")
+        return self.input.links
 
     @property
     def robot(self) -> Robot:
@@ -107,14 +113,13 @@ class CheckedRobot:
 
         padding: metres by which links are grown.
         """
-        unknown = self._node.evidence.not_known()
+        unknown = self._not_known()
         if unknown:
             raise RefusedError(SCENE_NOT_KNOWN, unknown)
-        self._node.robots.attach()
         robot, base = self.robot, self._base()
         made = self._made.get(padding)
         if made is None or made[0] is not robot:
-            scene, named = self.objects.scene, {self.given.name: robot}
+            scene, named = self.objects.scene, {self.input.name: robot}
             checker = NodeRobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
             checker.link_objects = self.links.names
             made = self._made[padding] = robot, {}, checker
@@ -140,7 +145,7 @@ class CheckedRobot:
 
     def _held(self) -> dict[str, Attachment]:
         links, objects = self.links, self.objects
-        attached, rows = self.given.attached, self.given.attached.links
+        attached, rows = self.input.attached, self.input.attached.links
         table, revision = objects.table, objects.scene.objects.revision
         named = [f"{links.name}/{link}" for link in links.robot.link_names]
         touched = {
@@ -173,7 +178,7 @@ class CheckedRobot:
     def _base(self) -> Floats:
         """Return where the root link is (7,), in the fixed frame."""
         try:
-            return self._frames.base(self.given)[0]
+            return self._frames.base(self.input)[0]
         except RefusedError as error:
             raise RefusedError(SCENE_NOT_KNOWN, error.detail) from error
 

@@ -20,8 +20,8 @@ refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from threading import Thread
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from obb_collision.node.messages.conversions import (
     stamp_from_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
 from obb_collision.node.robots.joints import Arrivals, joints_from_bytes, text_from_bytes
@@ -44,9 +45,6 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
 
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
 JOINT_STATES = "joint_states"
@@ -92,13 +90,13 @@ class DescriptionReading(Thread):
 
 
 class RobotInput:
-    """A robot, by its name; base: where it stands."""
+    """A robot, by its name; base: where it stands; meshes: reads mesh files."""
 
-    def __init__(self, base: Base, node: CollisionNode) -> None:
+    def __init__(self, base: Base, objects: Objects, meshes: Callable[[], MeshReading]) -> None:
         self.name, self.base = base.robot, base
-        self._objects, self._meshes = node.objects, node.mesh_reading
+        self._objects, self._meshes = objects, meshes
         kinds = (DESCRIPTION, SEMANTIC, JOINT_STATES)
-        self._monitors = {kind: node.monitors[f"{self.name}/{kind}"] for kind in kinds}
+        self._monitors = {kind: objects.monitors[f"{self.name}/{kind}"] for kind in kinds}
         self.reading: DescriptionReading | None = None
         """Of the latest description, or of one before, abandoned; None where it was taken."""
         self._texts: dict[str, str] = {}  # the latest of each kind

@@ -17,10 +17,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, String
@@ -30,6 +31,8 @@ from obb_collision.node.diagnostics.monitors import make_publisher
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
 from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import (
@@ -49,10 +52,8 @@ from obb_collision.node.robots.validity import (
 )
 from obb_collision.node.topics.cloud import LATCHED, Topic
 from obb_collision.scene.store.allowed import AllowedMatrix
+from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Rows
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
 
 STATES_TO_CHECK, STATE_VALIDITY = "states_to_check", "state_validity"
 SPEED_SCALE = "speed_scale"
@@ -113,18 +114,21 @@ def robot_inputs(names: Iterable[str]) -> dict[str, Input]:
 
 
 class RobotAnswers:
-    """All that answers for one robot: by topics and, where moveit_msgs is installed, a service."""
+    """All that answers for one robot: by topics and, where moveit_msgs is installed, a service.
 
-    def __init__(self, node: CollisionNode, checked: CheckedRobot) -> None:
-        self.checked, name = checked, checked.given.name
+    undo: ends them.
+    """
+
+    def __init__(self, node: Node, undo: ExitStack, checked: CheckedRobot) -> None:
+        self.checked, name = checked, checked.input.name
         self.publishers = {
             topic.name: make_publisher(node, topic.message, f"{name}/{topic.name}", topic.qos)
             for topic in OUTPUTS
         }
         for publisher in self.publishers.values():
-            node.undo.callback(node.destroy_publisher, publisher)
+            undo.callback(node.destroy_publisher, publisher)
         asked, wanted = (
-            node.monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN)
+            checked.objects.monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN)
         )
         self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY])
         ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
@@ -133,22 +137,45 @@ class RobotAnswers:
         if ServiceType is not None:
             answer = StateService(checked, asked).answer
             service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
-            node.undo.callback(node.destroy_service, service)
+            undo.callback(node.destroy_service, service)
 
 
 class Robots:
-    """The robots that the parameters of a node name."""
+    """The robots that the parameters of a node name.
 
-    def __init__(self, node: CollisionNode, frames: LinkFrames) -> None:
-        self._parameters, self._clock, self._objects = node.parameters, node.now, node.objects
-        self._node = node
+    frames: those of their links, and others; meshes: reads mesh files; now: time of the node's
+    clock (ns); not_known: returns why collisions are not known, "" if they are.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        undo: ExitStack,
+        parameters: Parameters,
+        objects: Objects,
+        frames: LinkFrames,
+        meshes: Callable[[], MeshReading],
+        now: Callable[[], int],
+        not_known: Callable[[], str],
+    ) -> None:
+        self._parameters, self._clock, self._objects = parameters, now, objects
         self._touch_links: list[tuple[str, str]] = []
-        self._frames = frames
-        self.robots = [RobotInput(base, node) for base in node.parameters.bases.values()]
+        self._frames, self._not_known = frames, not_known
+        self.robots = [RobotInput(base, objects, meshes) for base in parameters.bases.values()]
         frames.robots = self.robots
         self.answers = [
-            RobotAnswers(node, CheckedRobot(robot, node, frames)) for robot in self.robots
+            RobotAnswers(
+                node, undo, CheckedRobot(robot, objects, frames, parameters, now, self._certain)
+            )
+            for robot in self.robots
         ]
+
+    def _certain(self) -> str:
+        """Return why states cannot be checked now, "" if they can: what is attached is known."""
+        unknown = self._not_known()
+        if not unknown:
+            self.attach()
+        return unknown
 
     def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per topic, those that fail being counted; bases come by another."""

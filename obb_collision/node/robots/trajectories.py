@@ -415,7 +415,7 @@ class Trajectories:
     def _say(self, level: bytes, message: str, about: object = None) -> None:
         """Publish the status; about: values, or an error that has some."""
         values = about if isinstance(about, dict) else getattr(about, "values", {})
-        name = f"robot {self._checked.given.name}: trajectory"
+        name = f"robot {self._checked.input.name}: trajectory"
         self._status.publish(make_status(name, level, message, values.items()))
 
 

@@ -265,7 +265,7 @@ class StateService:
         return self._prefixed(moved)
 
     def _prefixed(self, links: Any) -> frozenset[str]:
-        return frozenset(f"{self._checked.given.name}/{link}" for link in links)
+        return frozenset(f"{self._checked.input.name}/{link}" for link in links)
 
     def _contact_of(
         self, scene: RobotScene, pair: tuple[str, str], deepest: StateDistances | None
@@ -281,7 +281,7 @@ class StateService:
         for field, values in ((contact.position, place), (contact.normal, normal)):
             field.x, field.y, field.z = values.tolist()
         contact.depth = depth
-        own = f"{self._checked.given.name}/"
+        own = f"{self._checked.input.name}/"
         for number, name in enumerate(pair, start=1):
             is_link = name in scene.link_names
             kind = ROBOT_ATTACHED if name in scene.attached else WORLD_OBJECT
@@ -316,7 +316,7 @@ class SpeedScale:
     """Publishes the scale of one robot, while somebody subscribes."""
 
     def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
-        self._checked, self._robot, self._publisher = checked, checked.given, publisher
+        self._checked, self._robot, self._publisher = checked, checked.input, publisher
         self._objects, self._base = Standstill(), Standstill()
 
     def _standing(self, scene: RobotScene) -> Mask:

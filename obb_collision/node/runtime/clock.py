@@ -82,8 +82,10 @@ class NodeClock:
         self._on_jump = on_jump
         self._last, self._last_steady = read(), steady()
         self._was_simulated = is_simulated()
-        self._seconds, self.moved = seconds, seconds()
-        """By steady time (s), when it was last seen to move."""
+        self.seconds = seconds
+        """Steady time (s)."""
+        self.moved = seconds()
+        """When it was last seen to move, by steady time (s)."""
 
     @property
     def has_time(self) -> bool:
@@ -98,7 +100,7 @@ class NodeClock:
         simulated = self._is_simulated()
         moved, elapsed = now - self._last, steady - self._last_steady
         if moved:
-            self.moved = self._seconds()
+            self.moved = self.seconds()
         shift = 0
         if simulated and self._was_simulated:
             # zero: no message of /clock so far; forward it may go as fast as it likes

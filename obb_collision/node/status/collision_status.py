@@ -26,6 +26,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from math import inf
+from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
@@ -34,10 +36,7 @@ from std_msgs.msg import Bool
 
 from obb_collision.node.diagnostics.answer import Answer, Reason
 from obb_collision.node.messages.conversions import stamp_to_ros
-from obb_collision.node.outputs.outputs import Effects
-from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.scene.effects.settings import OFF
 
 PERIOD = 0.1
 """Minimum time (s) between two equal messages of ``collision_status``."""
@@ -46,31 +45,40 @@ FAREWELL = 0.3
 FLAG, STATUS = "in_collision", "collision_status"
 
 
-def allowed_delay(parameters: Parameters) -> float:
-    """Return how long (s) a cycle may take to end, and a state to be answered."""
-    return 1.0 / float(parameters.rate) + float(parameters.cycle_timeout)
+class StatusTopics(Protocol):
+    """Which of both topics are published."""
+
+    def is_off(self, name: str) -> bool:
+        """Return whether a topic is never published."""
+        ...
+
+    def is_requested(self, name: str) -> bool:
+        """Return whether a topic is published though nothing has changed."""
+        ...
 
 
 class CollisionStatus:
     """Publishes the status of collisions; may be called from any thread.
 
-    now: time of the node's clock (ns); steady: seconds. ``start`` begins to repeat the last answer,
-    and to watch the cycles from the first one that ends.
+    unknown_is_collision: what the flag is while collisions are unknown; allowed_delay: for how long
+    (s) no cycle may end; now: time of the node's clock (ns); steady: seconds. ``start`` begins to
+    repeat the last answer, and to watch the cycles from the first one that ends.
     """
 
     def __init__(
         self,
         name: str,
         publishers: Mapping[str, Publisher],
-        effects: Effects,
-        parameters: Parameters,
+        topics: StatusTopics,
+        unknown_is_collision: Callable[[], bool],
         now: Callable[[], int],
         guard: Guard,
+        allowed_delay: Callable[[], float] = lambda: inf,
         steady: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._name, self._publishers, self._effects = name, publishers, effects
-        self._parameters, self._guard = parameters, guard
-        self._now, self._steady = now, steady
+        self._name, self._publishers, self._topics = name, publishers, topics
+        self._unknown_is_collision, self._allowed_delay = unknown_is_collision, allowed_delay
+        self._now, self._guard, self._steady = now, guard, steady
         self._lock = threading.RLock()
         self.answer = Answer()
         """The last one."""
@@ -116,7 +124,7 @@ class CollisionStatus:
     @property
     def is_off(self) -> bool:
         """Whether both topics are off."""
-        return self._parameters.mode(STATUS) == OFF == self._parameters.mode(FLAG)
+        return self._topics.is_off(STATUS) and self._topics.is_off(FLAG)
 
     def look(self) -> None:
         """Publish that the cycle is blocked, or repeat the last answer between cycles."""
@@ -124,7 +132,7 @@ class CollisionStatus:
             if self._closed.is_set() or self.is_off:
                 return
             silent = self._steady() - self._alive
-            blocked = silent > allowed_delay(self._parameters) and not self._resting
+            blocked = silent > self._allowed_delay() and not self._resting
             known = self.answer
             if blocked:
                 known = known.but(Reason("blocked"))
@@ -151,25 +159,21 @@ class CollisionStatus:
                 return
             if keep:
                 self.answer = answer
-            unknown_counts = self._parameters.unknown_is_collision
+            unknown_counts = self._unknown_is_collision()
             kind = (*answer.kind, unknown_counts)
             changed, self._published = kind != self._published, kind
             self._publish_status(answer, changed, unknown_counts)
-            self._publish_flag(answer.flag(unknown_counts), beat)
+            flag, beats = answer.flag(unknown_counts), beat and self._topics.is_requested(FLAG)
+            if (flag != self._flag or beats) and not self._topics.is_off(FLAG):
+                self._flag = flag
+                self._publishers[FLAG].publish(Bool(data=flag))
 
     def _publish_status(self, answer: Answer, changed: bool, unknown_counts: bool) -> None:
-        due = self._steady() - self._sent >= PERIOD and self._effects.is_requested(STATUS)
-        if self._parameters.mode(STATUS) == OFF or not (changed or due):
+        due = self._steady() - self._sent >= PERIOD and self._topics.is_requested(STATUS)
+        if self._topics.is_off(STATUS) or not (changed or due):
             return
         self._sent = self._steady()
         now = self._now()
         message = DiagnosticArray(status=[answer.to_ros(self._name, now, unknown_counts)])
         message.header.stamp = stamp_to_ros(now)
         self._publishers[STATUS].publish(message)
-
-    def _publish_flag(self, flag: bool, beat: bool) -> None:
-        if self._parameters.mode(FLAG) == OFF:
-            return
-        if flag != self._flag or (beat and self._effects.is_requested(FLAG)):
-            self._flag = flag
-            self._publishers[FLAG].publish(Bool(data=flag))

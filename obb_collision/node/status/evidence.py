@@ -21,14 +21,14 @@ that is missing names itself by a code of ``CODES``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import (
     MAX_NAMED,
     RADIUS,
@@ -37,19 +37,21 @@ from obb_collision.node.diagnostics.answer import (
     Reason,
     some,
 )
+from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs.subscriptions import Subscriptions
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.parameters.entries import Groups, bounds_text
-from obb_collision.node.status.collision_status import STATUS, allowed_delay
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.robots import Robots
+from obb_collision.node.runtime.clock import NodeClock
+from obb_collision.node.status.collision_status import STATUS
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.typing import Mask
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
 
 LONGEST_STANDSTILL = 1.0
 """Seconds of steady time for which a clock may stand still at most while messages come."""
@@ -60,17 +62,28 @@ UNASKED = ("points",)
 
 
 class Evidence:
-    """Answers from all that a node knows."""
+    """Answers from all that a node knows.
 
-    def __init__(self, node: CollisionNode) -> None:
-        self._parameters, self._objects, self._cycle = node.parameters, node.objects, node.cycle
-        self._unknown, self._robots = node.inputs.unknown, node.robots
-        self._now, self._steady, self._time = node.now, node.steady, node.time
-        self._inputs = {t: m for t, m in node.monitors.items() if not node.topics[t].is_query}
-        """Of those that can change what collides, by topic."""
-        self._node, self._sets = node, node.inputs.sets
+    publishers: returns how many there are of the status, this node among them.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        objects: Objects,
+        inputs: Inputs,
+        subscribed: Subscriptions,
+        robots: Robots,
+        cycle: CycleRunner,
+        clock: NodeClock,
+        publishers: Callable[[], int],
+    ) -> None:
+        self._parameters, self._objects, self._cycle = parameters, objects, cycle
+        self._unknown, self._sets, self._robots = inputs.unknown, inputs.sets, robots
+        self._senders, self._inputs = subscribed.senders, subscribed.reports
+        self._clock, self._steady, self._publishers = clock, clock.seconds, publishers
         self._looked, self._others = -inf, 0
-        self._activated = node.steady()
+        self._activated = self._steady()
         self._standstill = LONGEST_STANDSTILL
         self._required: tuple[tuple[object, ...], tuple[str, ...]] = (), ()
 
@@ -89,7 +102,7 @@ class Evidence:
 
     def answer(self) -> Answer:
         """Return what is known of collisions now."""
-        now = self._now()
+        now = self._clock.now()
         self._look()
         faults = list(self._robots.faults())
         found = objects_answer(self._objects, now, [slots for *_, slots in faults])
@@ -126,7 +139,7 @@ class Evidence:
             yield Reason("starting", detail="no check has ended yet")
         if cycle.failed or broken:
             yield Reason("internal_error", detail=broken or "in the last cycle")
-        if cycle.delay > allowed_delay(self._parameters):
+        if cycle.delay > self._parameters.allowed_delay:
             yield Reason("overload")
         shared = [one.source.topic for one in self._sets if one.is_contested]
         if self._others or shared:
@@ -138,7 +151,7 @@ class Evidence:
 
         A paused simulation may stand for long if nothing comes: then nothing has changed.
         """
-        clock = self._time
+        clock = self._clock
         heard = max((each.heard for each in self._inputs.values()), default=0.0)
         until = heard if clock.has_time else self._steady()
         if until - max(clock.moved, self._activated) > self._standstill:
@@ -212,17 +225,15 @@ class Evidence:
         steady = self._steady()
         if 0.0 <= steady - self._looked < LOOK:
             return
-        self._looked, subscribed = steady, self._node.subscribed
-        own = self._node.outputs.publishers[STATUS].topic_name
-        self._others = max(0, self._node.count_publishers(own) - 1)
+        self._looked, self._others = steady, max(0, self._publishers() - 1)
         for topic, each in self._inputs.items():
-            senders = subscribed.senders.get(topic)
+            senders = self._senders.get(topic)
             for sender in senders.gone(each.unreadable) if senders and each.unreadable else ():
                 if not self._goes_by(sender):
                     del each.unreadable[sender]
         for one in self._sets:
-            if one.is_contested and one.source.topic in subscribed.senders:
-                one.forget(subscribed.senders[one.source.topic].gone(one.senders))
+            if one.is_contested and one.source.topic in self._senders:
+                one.forget(self._senders[one.source.topic].gone(one.senders))
 
     def _goes_by(self, sender: int) -> bool:
         """Return whether anything is as a sender has said, and is not stale."""
@@ -286,7 +297,7 @@ def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> 
 
 def _names(objects: Objects, rows: Mask) -> tuple[str, ...]:
     slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
-    return tuple(name_from_key(objects.table.key(slot)) for slot in slots)
+    return tuple(map(objects.table.name, slots))
 
 
 def _refused_newcomers(objects: Objects) -> tuple[str, ...]:

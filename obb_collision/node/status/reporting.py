@@ -17,18 +17,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.node.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
 from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
+from obb_collision.node.inputs.subscriptions import Subscriptions
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_to_ros
 from obb_collision.node.objects.conditions import (
     ABSENT,
@@ -44,11 +46,9 @@ from obb_collision.node.objects.conditions import (
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.entries import text_from_region
+from obb_collision.node.robots.robots import Robots
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.report import Report
-
-if TYPE_CHECKING:
-    from obb_collision.node.node import CollisionNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 STALE_WORDS = {
@@ -216,23 +216,34 @@ def publish_parts(outputs: Outputs, node: str, now: int, parts: Iterable[Part]) 
 
 
 class Reporting:
-    """Publishes the state of all parts of a node."""
+    """Publishes the state of all parts of a node, by its full name."""
 
-    def __init__(self, node: CollisionNode) -> None:
-        self._node, self._monitors, self._outputs = node, node.monitors, node.outputs
-        self._cycle, self._objects = node.cycle, node.objects
-        self._qos = QosWatch(node, node.get_logger().warning)
+    def __init__(
+        self,
+        name: str,
+        outputs: Outputs,
+        objects: Objects,
+        subscribed: Subscriptions,
+        robots: Robots,
+        cycle: CycleRunner,
+        qos: QosWatch,
+        now: Callable[[], int],
+    ) -> None:
+        self._name, self._outputs, self._objects = name, outputs, objects
+        self._subscribed, self._robots, self._cycle = subscribed, robots, cycle
+        self._qos, self._now = qos, now
+        self._monitors = objects.monitors
         self._last = perf_counter()
 
     def publish(self) -> None:
         """Check QoS, log pending warnings, and publish the message if it is requested."""
-        elapsed, now = perf_counter() - self._last, self._node.now()
+        elapsed, now = perf_counter() - self._last, self._now()
         self._last += elapsed
-        self._qos.look({**self._node.subscribed.open, **self._outputs.ends})
+        self._qos.look({**self._subscribed.open, **self._outputs.ends})
         for topic, monitor in self._monitors.items():
             monitor.flush()
             monitor.mismatches = len(self._qos.reasons.get(topic, ()))
-        publish_parts(self._outputs, self._node.full_name, now, self.parts(elapsed, now))
+        publish_parts(self._outputs, self._name, now, self.parts(elapsed, now))
         for monitor in self._monitors.values():
             monitor.since_last_report()
         self._cycle.monitor.begin_report()
@@ -243,7 +254,7 @@ class Reporting:
             yield input_part(topic, monitor, now, elapsed)
         policy = self._outputs.parameters.stale_policy
         yield objects_part(self._objects, policy, self._cycle.report)
-        for robot in self._node.robots.robots:
+        for robot in self._robots.robots:
             faults = [robot.fault] if robot.fault else []
             yield Part(f"robot {robot.name}", faults, "known", robot.describe().items())
         yield self._cycle_part(elapsed)

@@ -20,23 +20,16 @@ The order is that of the numbers, the same in every node and run: ``ns`` and ``i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from std_msgs.msg import Header
 
-from obb_collision.accuracy import Accuracy
-from obb_collision.node.diagnostics.answer import make_status
-from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
-from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.scene.effects.base import join_rows
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.report import Report
@@ -198,43 +191,3 @@ def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any])
     if points is not None and len(found):
         _put(rows, POSITION_FIELDS, points[result.nearest[found]])
     return rows
-
-
-def text_from_rows(
-    rows: npt.NDArray[Any],
-    namespaces: Mapping[int, str],
-    header: Header,
-    limit: int,
-    total: int,
-    truncated: bool,
-) -> DiagnosticArray:
-    """Return a status with the total, then one per pair, at most ``limit``.
-
-    total: how many pairs collide; at least, if pairs are left out of the rows.
-    """
-    message_total = f"{'at least ' if truncated else ''}{total} pairs in collision"
-    if total > limit:
-        message_total += f", the first {min(limit, len(rows))} named"
-    counts = {"pairs": len(rows)} | ({"pairs at least": total} if truncated else {})
-    ok, warn = DiagnosticStatus.OK, DiagnosticStatus.WARN
-    status = [make_status("collisions", ok, message_total, counts.items(), "")]
-    for row in rows[:limit]:
-        a = name_from_key((namespaces[int(row["ns_a"])], int(row["id_a"])))
-        b = name_from_key((namespaces[int(row["ns_b"])], int(row["id_b"])))
-        values = {
-            "a": a,
-            "b": b,
-            "depth": repr(float(row["depth"])),
-            "normal": " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz"),
-            "verdict": Verdict(row["verdict"]).name.lower(),
-            "accuracy": Accuracy(row["accuracy"]).label,
-        }
-        told = _told(row["depth"], row["verdict"] == Verdict.TOUCHING)
-        status.append(make_status(f"{a} - {b}", warn, told, values.items(), ""))
-    return DiagnosticArray(header=header, status=status)
-
-
-def _told(depth: float, touching: bool) -> str:
-    if touching:
-        return "touching"
-    return "overlapping" if np.isnan(depth) else f"{depth:.6f} m deep"

@@ -128,7 +128,7 @@ def test_a_robot_is_as_old_as_its_stamps_and_the_transform_of_its_base(base: lis
         rig.set(joint_timeout=0.0, object_timeout_overrides=["arm: 1000"])
         frames.spans["base"] = 0, rig.stamp
         rig.known("base_unknown", "base")
-        assert rig.ends.checked._node.evidence.not_known(), "nor of states to check"
+        assert rig.node.evidence.not_known(), "nor of states to check"
         rig.set(judge_ages="receipt")
         frames.spans["base"] = 0, 2**62
         rig.send_transform("arm", pose(0.0))

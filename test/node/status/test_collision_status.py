@@ -367,30 +367,31 @@ def test_reasons_are_in_the_order_of_the_codes_each_once_and_pairs_come_first() 
 
 
 class Recorder:
-    """Stands for publishers, parameters and effects of CollisionStatus."""
+    """Stands for the publishers and the topics of CollisionStatus."""
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
         self.now = 0.0
         self.modes = {"collision_status": "auto", "in_collision": "auto"}
         self.subscribed = True
-        self.rate, self.cycle_timeout, self.unknown_is_collision = 50.0, 0.5, True
+        self.rate, self.unknown_is_collision = 50.0, True
         stands_for: Any = self
         self.status = CollisionStatus(
             "node",
             {STATUS: stands_for, "in_collision": stands_for},
-            stands_for,
-            stands_for,
+            self,
+            lambda: self.unknown_is_collision,
             lambda: START,
             Guard(pytest.fail, lambda: True),
+            lambda: 1.0 / self.rate + 0.5,
             lambda: self.now,
         )
 
     def publish(self, message: Any) -> None:
         self.sent.append(message)
 
-    def mode(self, name: str) -> str:
-        return self.modes[name]
+    def is_off(self, name: str) -> bool:
+        return self.modes[name] == "off"
 
     def is_requested(self, name: str) -> bool:
         return self.modes[name] == "on" or (self.modes[name] == "auto" and self.subscribed)
