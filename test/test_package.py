@@ -40,8 +40,10 @@ import obb_collision
 import obb_collision as oc
 from obb_collision import _jit
 from obb_collision._numba import function_of
+from tools.weight import Source, arrows, circles, module_graph
 
 SOURCE = Path(obb_collision.__file__).parent
+ROOT = SOURCE.parent
 KERNELS = {"_jit", "_kernel_cache", "_numba"}
 BASE = KERNELS | {"_child", "_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
@@ -85,6 +87,15 @@ ROS = {
 #: Allowed below the node: resolving a package:// mesh path, where ROS is there.
 OPTIONAL = {("geometry", "ament_index_python")}
 MODULES = {p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py"}
+
+
+#: The rooms of the node: its folders, and files beside them. Each imports only those before it,
+#: and what only the type checker reads counts, too.
+ROOMS = (
+    *("messages", "runtime", "diagnostics", "objects", "topics", "parameters", "inputs"),
+    *("outputs", "robots", "cycle", "status", "merger", "node"),
+)
+MOST_ARROWS, MOST_CIRCLES = 60, 3
 
 
 @cache
@@ -140,6 +151,19 @@ def test_folders_import_in_one_direction() -> None:
     assert order.index("queries.verdict") < order.index("scene") < order.index("node")
 
 
+def test_rooms_of_the_node_import_in_one_direction_and_no_modules_in_a_circle() -> None:
+    sources = [Source(ROOT, str(path.relative_to(ROOT))) for path in MODULES]
+    running, graph = (module_graph(sources, types) for types in (False, True))
+    found = arrows(graph, "obb_collision.node")
+    assert {room for pair in found for room in pair} == set(ROOMS)
+    assert [pair for pair in found if ROOMS.index(pair[0]) < ROOMS.index(pair[1])] == []
+    assert len(found) <= MOST_ARROWS
+    assert circles(running) == set()
+    by_types = circles(graph)
+    assert len(by_types) <= MOST_CIRCLES
+    assert not any(name.startswith("obb_collision.node.") for names in by_types for name in names)
+
+
 def test_the_library_imports_without_ros_and_what_takes_long_loads_when_it_is_used() -> None:
     code = f"""
 import sys
@@ -185,7 +209,6 @@ def test_what_counts_references_takes_no_arrays_from_what_does_not() -> None:
     assert not wrong
 
 
-ROOT = Path(__file__).parent.parent
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 SETUP = (ROOT / "setup.py").read_text(encoding="utf-8")
 #: Where rosdep's name is neither that of the module, nor that behind python3-.

@@ -37,8 +37,10 @@ from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
     SMALLEST_MEANT,
+    UNUSABLE,
+    ZERO,
     Key,
-    pose_faults,
+    Kinds,
     pose_kinds,
 )
 from obb_collision.node.messages.errors import RefusedError
@@ -101,6 +103,9 @@ class Fault(NamedTuple):
 class Faults:
     """Faults of n markers or boxes: of each the first one that is noted."""
 
+    kinds: Kinds
+    """Of their poses, once those are noted."""
+
     def __init__(self, count: int) -> None:
         self._number = np.full(count, GOOD, np.int64)
         self._found: list[Fault] = []
@@ -135,9 +140,9 @@ class Faults:
 
     def note_poses(self, poses: Floats, among: Mask | bool = True) -> None:
         """Add the faults of poses (n, 7)."""
-        numbers, quaternions = pose_faults(poses)
-        self.note(among & numbers, RefusedError("bad pose", "not finite or too large"))
-        self.note(among & quaternions, RefusedError("zero quaternion"))
+        self.kinds = kinds = pose_kinds(poses)
+        self.note(among & (kinds == UNUSABLE), RefusedError("bad pose", "not finite or too large"))
+        self.note(among & (kinds == ZERO), RefusedError("zero quaternion"))
 
     def note_sizes(self, sizes: Floats, reason: str, among: Mask | bool = True) -> None:
         """Add the faults of edge lengths (n, 3)."""

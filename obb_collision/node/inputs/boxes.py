@@ -36,8 +36,9 @@ from obb_collision.node.messages.clouds import boxes_from_ros
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
     Key,
+    are_unusable,
     name_from_key,
-    pose_faults,
+    pose_kinds,
     stamp_from_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
@@ -207,7 +208,8 @@ class BoxInput:
             good = faults.good
             poses = poses.copy()
             poses[good] = compose_poses(frame, poses[good])
-            bad = np.any(pose_faults(poses), axis=0)
+            faults.kinds = pose_kinds(poses)
+            bad = are_unusable(faults.kinds)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
         of_cloud = cloud.stamp, cloud.received, self.source.topic, cloud.carried, cloud.sender
         state = State("", *of_cloud)
@@ -263,7 +265,9 @@ class BoxInput:
             each(rows, put, fail, self._objects.guard, f"input {self.source.topic}")
         rows = np.flatnonzero(faults.good)
         old = np.zeros(len(ids), np.bool_)
-        old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
+        old[rows] = self._objects.states.store(
+            slots[rows], poses[rows], state, kinds=faults.kinds[rows]
+        )
         faults.note(old, RefusedError(OLDER, "a newer pose was received"))
         self._report(numbers, ids, slots, faults, sizes)
 

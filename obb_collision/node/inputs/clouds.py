@@ -29,7 +29,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import points_from_ros
-from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults, stamp_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LATER, FrameSource
 from obb_collision.node.objects.objects import Objects
@@ -119,7 +119,7 @@ class WaitingClouds:
         if not self._is_elsewhere(cloud):
             return cloud, None
         frame, at = self._frames.lookup(cloud.frame, cloud.stamp)
-        if any(fault.any() for fault in pose_faults(frame[None])):
+        if unusable_poses(frame[None]).any():
             raise RefusedError("bad transform", f"{frame.tolist()}")
         if cloud.stamp == 0:
             latest = self._objects.placement.latest

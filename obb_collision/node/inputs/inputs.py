@@ -39,6 +39,7 @@ from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     UNUSABLE,
     ZERO,
+    are_unusable,
     pose_kinds,
     stamp_from_ros,
 )
@@ -227,14 +228,14 @@ class Inputs:
                 ("zero quaternion", free & (kinds == ZERO)),
             ):
                 monitor.refuse_rows(rows, reason, describe)
-            usable = free & (kinds != UNUSABLE) & (kinds != ZERO)
+            usable = free & ~are_unusable(kinds)
             refused = slots[free & ~usable]
-            slots, poses = slots[usable], poses[usable]
+            slots, poses, kinds = slots[usable], poses[usable], kinds[usable]
             twists = None if twists is None else twists[usable]
         try:
             stamp = stamp_from_ros(header.stamp)
             state = State(header.frame_id, stamp, now, topic, sender=monitor.sender)
-            old = self._objects.states.store(slots, poses, state, twists)
+            old = self._objects.states.store(slots, poses, state, twists, kinds)
             monitor.refuse_rows(old, OLDER)
         except RefusedError as error:
             monitor.refuse(error.reason, detail=error.detail, count=max(1, len(slots)))

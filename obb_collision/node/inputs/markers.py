@@ -40,7 +40,7 @@ from obb_collision.node.inputs.batch import (
 from obb_collision.node.inputs.boxes import OWNED
 from obb_collision.node.inputs.senders import ALONE
 from obb_collision.node.messages.cdr import Items, markers_from_bytes
-from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.messages.conversions import Kinds, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import (
     ANNOTATIONS,
@@ -174,11 +174,13 @@ class MarkerUpdate:
         self._plans: dict[int, ShapePlan] = {}
         self._again = np.zeros(len(markers), np.bool_)  # which change what an earlier one says
         self._orders = np.zeros(len(markers), np.int64)  # stamps before which others are late
+        self._kinds: Kinds = np.zeros(len(markers), np.int8)  # of the poses
 
     def run(self) -> None:
         """Apply them, and count those that are not used."""
         markers, objects = self._markers, self._objects
         faults = find_faults(markers, objects.placement.frame_index)
+        self._kinds = faults.kinds
         outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance, self._newest())
         mine = self._without_owned(outcome)
         slots, there = self._remove(mine), np.flatnonzero(mine.winner >= 0)
@@ -423,7 +425,8 @@ class MarkerUpdate:
                 markers.received[some],
                 sender=markers.sender[some],
             )
-            states.store(slots[of == index], markers.poses[some], state)
+            kinds = self._kinds[some]
+            states.store(slots[of == index], markers.poses[some], state, kinds=kinds)
         table = self._table
         table.repeated[slots[self._again[rows]]] = True
         table.order[slots] = np.maximum(table.order[slots], self._orders[rows])

@@ -37,7 +37,7 @@ from obb_collision.geometry.validation import UNIT_TOLERANCE
 from obb_collision.node.messages.cdr import Stamp, namespace_bytes
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 
 Key = tuple[str, int]
 """What names an object: marker namespace and marker id."""
@@ -47,6 +47,8 @@ LARGEST_COORDINATE = 1e300
 """Magnitudes above this are refused by the library, for sums must not overflow."""
 GOOD, UNUSABLE, ZERO, FAR = range(4)
 """Kinds of poses from outside, see ``pose_kinds``."""
+Kinds = npt.NDArray[np.int8]
+"""(n,) of n poses."""
 SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
 """Sizes and quaternions below this count as zero. rclpy does not check what Python code assigns to
 a float field: an int there arrives as the bits of its object header, a subnormal number."""
@@ -149,13 +151,17 @@ def namespace_table(
     return {namespace_number(name): name for name in namespaces}
 
 
-def pose_faults(poses: Floats) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which rows of (n, 7) poses can't be used: (not finite or too large, quaternion zero)."""
-    kinds = pose_kinds(poses)
-    return kinds == UNUSABLE, kinds == ZERO
+def are_unusable(kinds: Kinds) -> Mask:
+    """Whether poses of these kinds (n,) cannot be used."""
+    return (kinds == UNUSABLE) | (kinds == ZERO)
 
 
-def pose_kinds(poses: Floats) -> npt.NDArray[np.int8]:
+def unusable_poses(poses: Floats) -> Mask:
+    """Which of (n, 7) poses cannot be used (n,)."""
+    return are_unusable(pose_kinds(poses))
+
+
+def pose_kinds(poses: Floats) -> Kinds:
     """Return of (n, 7) poses which are GOOD, UNUSABLE, ZERO or FAR (n,).
 
     UNUSABLE: not finite or too large. ZERO: a quaternion of length zero. FAR: one far from unit
@@ -167,7 +173,7 @@ def pose_kinds(poses: Floats) -> npt.NDArray[np.int8]:
 
 
 @njit
-def _fill_kinds(poses: Floats, kinds: npt.NDArray[np.int8]) -> None:
+def _fill_kinds(poses: Floats, kinds: Kinds) -> None:
     for row in range(len(poses)):
         pose, usable = poses[row], True
         for value in pose:

@@ -25,9 +25,9 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from obb_collision.node.messages.conversions import (
-    pose_faults,
     stamp_from_ros,
     transform_from_ros,
+    unusable_poses,
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.optional import optional
@@ -176,7 +176,7 @@ class Transforms:
         name = self._name(frame)
         try:
             found, at = self._frames.lookup(name, stamp)
-            if any(fault.any() for fault in pose_faults(found[None])):
+            if unusable_poses(found[None]).any():
                 raise RefusedError("bad transform", f"{name!r}: {found.tolist()}")
             return found, at
         except Exception as error:

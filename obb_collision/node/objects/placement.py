@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses, compose_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults
+from obb_collision.node.messages.conversions import NANOSECONDS, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
 from obb_collision.node.objects.conditions import (
@@ -356,7 +356,7 @@ class Placement:
             poses, twists = (np.ascontiguousarray(states[name]) for name in ("pose", "twist"))
             if outer is not None:
                 poses = compose_poses(outer, poses)
-                usable = ~np.any(pose_faults(poses), axis=0)
+                usable = ~unusable_poses(poses)
                 states, poses, twists = states[usable], poses[usable], twists[usable]
                 twists = turned_twists(twists, outer)
             columns = states["stamp"], states["received"], states["number"]

@@ -29,7 +29,7 @@ import numpy as np
 from obb_collision.geometry.poses import unit_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import FAR as FAR_KIND
-from obb_collision.node.messages.conversions import NANOSECONDS, pose_kinds
+from obb_collision.node.messages.conversions import NANOSECONDS, Kinds, pose_kinds
 from obb_collision.node.objects.conditions import (
     FUTURE,
     HELD_BACK,
@@ -104,13 +104,19 @@ class States:
         """For how long after a state (ns) an older one is taken for late, not for a new start."""
 
     def store(
-        self, slots: Slots, poses: Floats, state: State, twists: Floats | None = None
+        self,
+        slots: Slots,
+        poses: Floats,
+        state: State,
+        twists: Floats | None = None,
+        kinds: Kinds | None = None,
     ) -> Mask:
         """Store poses (n, 7) of slots (n,) for the next cycle; returns which were too old (n,).
 
         The poses are finite with quaternions that are not zero, the twists (n, 6) finite or NaN for
-        none: inputs see to that. Of rows for the same object the last one stays. Raises
-        RefusedError ("unknown frame").
+        none: inputs see to that. kinds: of the poses, where the input has them from
+        ``pose_kinds``. Of rows for the same object the last one stays. Raises RefusedError
+        ("unknown frame").
         """
         frame = self._placement.frame_index(state.frame)
         stamps = np.broadcast_to(state.stamp, len(slots))
@@ -121,9 +127,11 @@ class States:
             new = ~old
             slots, poses, twists = slots[new], poses[new], None if twists is None else twists[new]
             stamps, received, senders = stamps[new], received[new], senders[new]
+            kinds = None if kinds is None else kinds[new]
         if len(slots):
             self._monitors[state.topic].superseded += self._placement.supersede(slots, frame)
-            poses = self._unit(slots, poses, state.topic)
+            kinds = pose_kinds(poses) if kinds is None else kinds
+            poses = self._unit(slots, poses, kinds == FAR_KIND, state.topic)
             table, rows = self._table, as_slice(slots)
             table.given[rows], table.frame[rows] = poses, frame
             table.twist[rows] = self._take_twists(slots, twists)
@@ -164,9 +172,8 @@ class States:
         """Return since when (ns) a value is known; stamp: 0 for none."""
         return min(stamp, received) if self.by_stamp and stamp > 0 else received
 
-    def _unit(self, slots: Slots, poses: Floats, topic: str) -> Floats:
-        """Return poses whose quaternions are not far from unit length."""
-        far = pose_kinds(poses) == FAR_KIND
+    def _unit(self, slots: Slots, poses: Floats, far: Mask, topic: str) -> Floats:
+        """Normalise the quaternions that are far from unit length."""
         if not far.any():
             return poses
         self._doubt(FAR, slots[far], topic, "taken as normalised")

@@ -34,7 +34,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from obb_collision.accuracy import instead_of
 from obb_collision.geometry.shapes.files import MeshFolders
-from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds
+from obb_collision.node.messages.conversions import unusable_poses
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import MODES, OFF, ON
 from obb_collision.scene.store.patterns import MAX_OVERRIDES, as_patterns
@@ -403,7 +403,7 @@ def base_from_text(text: str) -> Base:
         pose = tuple(float(word) for word in words)
     except ValueError:
         raise ValueError(f"{shown(text)} must have seven numbers") from None
-    if pose_kinds(np.array([pose]))[0] in (UNUSABLE, ZERO):
+    if unusable_poses(np.array([pose])).any():
         raise ValueError(
             f"{shown(text)} is not a pose: it is not finite, or its quaternion is zero"
         )

@@ -28,7 +28,7 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import compose_poses
-from obb_collision.node.messages.conversions import name_from_key, pose_faults
+from obb_collision.node.messages.conversions import name_from_key, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
@@ -106,7 +106,9 @@ class CheckedRobot:
     @property
     def joints(self) -> Joints:
         """Its joints; RefusedError without a description."""
-        return self.links.joints
+        if self.input.joints is None:
+            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.input.name}: {self.input.fault}")
+        return self.input.joints
 
     def scene(self, padding: float = 0.0) -> RobotScene:
         """Return what checks states as things are; RefusedError where that is not known.
@@ -245,7 +247,7 @@ class LinkFrames:
         if frame in ("", self._fixed_frame):
             return pose, 0
         found, at = self._inner.lookup(frame, 0)
-        if any(fault.any() for fault in pose_faults(found[None])):
+        if unusable_poses(found[None]).any():
             raise RefusedError(LINK_NOT_KNOWN, f"robot {robot.name}: bad pose of its base")
         return compose_poses(found, pose), at
 

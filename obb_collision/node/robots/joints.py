@@ -75,7 +75,7 @@ def text_from_bytes(data: bytes) -> str:
     return text
 
 
-class Arrivals:
+class Timestamps:
     """When the latest values of n things came.
 
     known: which have one; repeated: which had one before; bad: those whose latest one could not be
@@ -83,24 +83,26 @@ class Arrivals:
     that came last (ns).
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, states: States) -> None:
+        self._states = states
         self.known, self.bad, self.repeated = (np.zeros(count, np.bool_) for _ in range(3))
         self.stamps, self.received, self.since = (np.zeros(count, np.int64) for _ in range(3))
         self.overdue = np.full(count, NEVER)
 
-    def find_late(self, rows: Rows, stamp: int, now: int, order_timeout: int) -> Mask:
+    def find_late(self, rows: Rows, stamp: int, now: int) -> Mask:
         """Return which values come late: soon after newer ones, or their sender has restarted."""
+        order_timeout = self._states.order_timeout
         late: Mask = (self.stamps[rows] > stamp) & (stamp != 0)
         late &= now - self.received[rows] <= order_timeout
         self.overdue[rows[late]] = self.received[rows[late]] + order_timeout // 2
         return late
 
-    def accept(self, rows: Rows, stamp: int, now: int, states: States) -> None:
-        """Take note of values that can be used."""
+    def note(self, rows: Rows, stamp: int, now: int) -> None:
+        """Note values that can be used."""
         self.repeated[rows] |= self.known[rows]
         self.known[rows], self.bad[rows], self.received[rows] = True, False, now
         self.stamps[rows], self.overdue[rows] = stamp, NEVER
-        self.since[rows] = states.since(stamp, now)
+        self.since[rows] = self._states.since(stamp, now)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
@@ -110,18 +112,19 @@ class Arrivals:
         self.overdue[:] = NEVER  # stamps may restart
 
 
-class Joints(Arrivals):
+class Joints(Timestamps):
     """The values of ``robot.joint_names``.
 
     unclear: those of which no velocity is known, which is zero then; senders: of the values.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, monitor: InputMonitor, states: States) -> None:
+        self._monitor = monitor
         self.names = robot.joint_names
         self._rows = {name: row for row, name in enumerate(self.names)}
         self._others = {joint.name for joint in robot.joints} - set(self.names)
         count = len(self.names)
-        super().__init__(count)
+        super().__init__(count, states)
         self.positions, self.velocities = np.zeros(count), np.zeros(count)
         self.unclear, self.senders = np.zeros(count, np.bool_), np.zeros(count, np.int64)
         # of the last state with another stamp, 0 where there is none
@@ -130,11 +133,12 @@ class Joints(Arrivals):
         self.speed_limits = np.where(limits > 0.0, limits, np.inf)
         """How fast joints can be at most, infinite where the description does not say."""
 
-    def take(self, message: JointMessage, now: int, monitor: InputMonitor, states: States) -> None:
+    def store(self, message: JointMessage, now: int) -> None:
         """Store the values of a message; one that is refused whole makes its joints bad.
 
         What is wrong with single joints is counted. Joints that mimic others are not needed.
         """
+        monitor, states = self._monitor, self._states
         rows = np.array([self._rows.get(name, -1) for name in message.names], np.int64)
         try:
             stamp = self._checked_stamp(message, rows)
@@ -152,7 +156,7 @@ class Joints(Arrivals):
         if strange:
             monitor.doubt(UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
         known = np.flatnonzero(rows >= 0)
-        late = self.find_late(rows[known], stamp, now, states.order_timeout)
+        late = self.find_late(rows[known], stamp, now)
         monitor.refuse_rows(late, OLDER)
         known = known[~late]
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
@@ -168,12 +172,12 @@ class Joints(Arrivals):
         stamp = stamp if believed else 0
         kept, positions = rows[known], message.positions[known]
         self._remember(kept, stamp)
-        velocities = self._velocities(message, known, monitor)
+        velocities = self._velocities(message, known)
         lacking = np.isnan(velocities)
-        velocities[lacking] = self._differences(kept, positions, stamp, states)[lacking]
+        velocities[lacking] = self._differences(kept, positions, stamp)[lacking]
         self.unclear[kept] = unclear = np.isnan(velocities)
         self.positions[kept], self.velocities[kept] = positions, np.where(unclear, 0.0, velocities)
-        self.accept(kept, stamp, now, states)
+        self.note(kept, stamp, now)
         self.senders[kept] = monitor.sender
 
     def _checked_stamp(self, message: JointMessage, rows: Rows) -> int:
@@ -194,29 +198,29 @@ class Joints(Arrivals):
         self._before[others] = self.positions[others]
         self._stamps_before[others] = self.stamps[others]
 
-    def _differences(self, rows: Rows, positions: Floats, stamp: int, states: States) -> Floats:
+    def _differences(self, rows: Rows, positions: Floats, stamp: int) -> Floats:
         """Return the velocities (n,) that lead to positions (n,) from the states before.
 
         NaN without two stamps that a sender has given one soon after the other.
         """
         time, before = stamp - self._stamps_before[rows], self._stamps_before[rows]
-        known = (stamp > 0) & (before > 0) & (time > 0) & (time <= states.order_timeout)
+        known = (stamp > 0) & (before > 0) & (time > 0) & (time <= self._states.order_timeout)
         found = (positions - self._before[rows]) / np.where(known, time, 1) * NANOSECONDS
         return np.where(known & (np.abs(found) <= LARGEST_COORDINATE), found, np.nan)
 
-    def _velocities(self, message: JointMessage, items: Rows, monitor: InputMonitor) -> Floats:
+    def _velocities(self, message: JointMessage, items: Rows) -> Floats:
         """Return the velocities of items, NaN where none can be used."""
         nothing = np.full(len(items), np.nan)
         if len(message.velocities) == 0:
             return nothing
         if len(message.velocities) != len(message.names):
             detail = f"{len(message.velocities)} velocities, {len(message.names)} names"
-            monitor.refuse(LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
+            self._monitor.refuse(LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
             return nothing
         found = message.velocities[items]
         bad = ~(np.abs(found) <= LARGEST_COORDINATE)
         odd = bad & ~np.isnan(found)  # NaN is how joint_state_broadcaster says that it has none
-        monitor.refuse_rows(
+        self._monitor.refuse_rows(
             odd,
             BAD_VELOCITY,
             lambda row: repr(shortened(message.names[items[row]])),

@@ -33,14 +33,14 @@ from obb_collision.node.inputs.boxes import OWNED
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     Key,
+    Kinds,
+    are_unusable,
     name_from_key,
-    pose_faults,
+    pose_kinds,
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import ObjectTable
-from obb_collision.node.robots.joints import Joints
 from obb_collision.robots.checks.arrays import allowed_links, rigid_groups
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.store.allowed import AllowedMatrix
@@ -77,11 +77,19 @@ class AttachedObjects(NamedTuple):
 NOTHING = AttachedObjects(np.empty(0, np.int64), np.empty(0, np.int64), (), ())
 
 
+class Located(NamedTuple):
+    """Poses (n, 7) of links, their kinds (n,), and twists (n, 6)."""
+
+    poses: Floats
+    kinds: Kinds
+    twists: Floats
+
+
 class LinkObjects:
     """The collision shapes of a robot's links, as objects of the node."""
 
     def __init__(self, name: str, robot: Robot, objects: Objects) -> None:
-        self.name, self.robot, self.joints = name, robot, Joints(robot)
+        self.name, self.robot = name, robot
         self.rows = {link: row for row, link in enumerate(robot.link_names)}
         self._objects = objects
         parts = [
@@ -125,27 +133,30 @@ class LinkObjects:
         """Mark that where they are is not known any more: the last boxes stay, grey."""
         self._objects.states.refuse(self._present)
 
-    def place(self, base: Floats, state: State) -> None:
-        """Store where they are, and how they move; RefusedError for poses that can't be used.
+    def located(self, base: Floats, positions: Floats, velocities: Floats) -> Located:
+        """Return where they are, and how they move; RefusedError for poses that can't be used.
 
-        base: pose (7,) of the root link in the frame of the state.
+        base: pose (7,) of the root link; positions, velocities: of the joints.
         """
         if len(self._present) < len(self.slots):
             raise RefusedError("links removed", "call ~/clear")
         try:
-            links = self.robot.link_poses(self.joints.positions[None])[0, self._links]
+            links = self.robot.link_poses(positions[None])[0, self._links]
             poses = compose_poses(base, compose_poses(links, self._poses))
         except ValueError as error:  # a quaternion of zeros
             raise RefusedError("bad pose", str(error)) from error
-        if any(fault.any() for fault in pose_faults(poses)):
+        kinds = pose_kinds(poses)
+        if are_unusable(kinds).any():
             raise RefusedError("bad pose", "of a link: out of range")
         self.are_speeds_known = True
-        twists = self._twists(self._links, self._poses, base)
-        self._objects.states.store(self.slots, poses, state, twists)
+        twists = self._twists((self._links, self._poses), base, positions, velocities)
+        return Located(poses, kinds, twists)
 
-    def _twists(self, links: Rows, places: Floats, base: Floats) -> Floats:
-        """Return the twists (n, 6) of what is at places (n, 7) in the frames of links (n,)."""
-        positions, velocities = self.joints.positions, self.joints.velocities
+    def _twists(
+        self, bodies: tuple[Rows, Floats], base: Floats, positions: Floats, velocities: Floats
+    ) -> Floats:
+        """Return the twists (n, 6) of bodies: the rows of their links, and poses in those."""
+        links, places = bodies
         twists = np.zeros((len(links), 6))
         fastest = np.abs(velocities).max(initial=0.0)
         if fastest > 0.0:
@@ -159,11 +170,14 @@ class LinkObjects:
             self.are_speeds_known &= not bad.any()
         return twists
 
-    def set_twists(self, attached: AttachedObjects, poses: Floats) -> None:
+    def set_twists(
+        self, attached: AttachedObjects, poses: Floats, positions: Floats, velocities: Floats
+    ) -> None:
         """Store how what is attached moves, in the frames of its links, which are at poses."""
         table, slots, links = self._objects.table, attached.slots, attached.links
-        if len(slots) and (self.joints.velocities.any() or table.twist[slots].any()):
-            twists = self._twists(links, table.given[slots], IDENTITY_POSE)
+        if len(slots) and (velocities.any() or table.twist[slots].any()):
+            bodies = links, table.given[slots]
+            twists = self._twists(bodies, IDENTITY_POSE, positions, velocities)
             back = poses[links, 3:] * (-1.0, -1.0, -1.0, 1.0)
             parts = (rotate_vectors(back, twists[:, k : k + 3]) for k in (0, 3))
             table.twist[slots] = table.told[slots] = np.hstack(list(parts))

@@ -28,18 +28,12 @@ import numpy as np
 from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
 from obb_collision.geometry.validation import without_warnings
 from obb_collision.node.messages.cdr import NamedPose
-from obb_collision.node.messages.conversions import (
-    NANOSECONDS,
-    UNUSABLE,
-    ZERO,
-    pose_kinds,
-    stamp_from_ros,
-)
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
-from obb_collision.node.robots.joints import Arrivals, joints_from_bytes, text_from_bytes
+from obb_collision.node.robots.joints import Joints, Timestamps, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
@@ -106,10 +100,11 @@ class RobotInput:
         self._renewed = False  # whether there are other objects than at the last ``apply``
         self._unplaced = ""  # why the latest state could not be
         self.links: LinkObjects | None = None
+        self.joints: Joints | None = None  # of the robot whose links there are
         self._base: tuple[Floats, str] | None = None  # pose and frame
         if base.pose is not None:
             self._base = unit_poses(np.array(base.pose)), ""
-        self._bases, self._base_sender = Arrivals(1), 0
+        self._bases, self._base_sender = Timestamps(1, objects.states), 0
         self._changed = False
         self._link_poses: Floats | None = None
         self.attached = NOTHING
@@ -165,9 +160,8 @@ class RobotInput:
     def take_joints(self, data: bytes, now: int) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
         message = joints_from_bytes(data)
-        if self.links is not None:
-            given = message, now, self._monitors[JOINT_STATES], self._objects.states
-            self.links.joints.take(*given)
+        if self.joints is not None:
+            self.joints.store(message, now)
             self._changed, self._link_poses = True, None
 
     def take_base(self, message: NamedPose, now: int) -> None:
@@ -177,11 +171,11 @@ class RobotInput:
                 raise RefusedError(
                     "object of another input", "robot_bases does not name this topic"
                 )
-            if pose_kinds(message.pose)[0] in (UNUSABLE, ZERO):
+            if unusable_poses(message.pose)[0]:
                 raise RefusedError("bad pose")
             stamp = stamp_from_ros(message.header.stamp)
             states = self._objects.states
-            if self._bases.find_late(FIRST, stamp, now, states.order_timeout)[0]:
+            if self._bases.find_late(FIRST, stamp, now)[0]:
                 raise RefusedError(OLDER)
             self._objects.placement.frame_index(message.header.frame_id)
         except RefusedError as error:
@@ -191,7 +185,7 @@ class RobotInput:
                 self._base_refused = f"its latest pose was refused: {error.reason}"
             return
         stamp = stamp if stamp <= now + states.stamp_tolerance else 0
-        self._bases.accept(FIRST, stamp, now, states)
+        self._bases.note(FIRST, stamp, now)
         self._base = unit_poses(message.pose[0]), message.header.frame_id
         self._base_refused, self._changed = "", True
         self._base_sender = self._objects.monitors["object_transform"].sender
@@ -232,9 +226,9 @@ class RobotInput:
         """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
         reading = f"{DESCRIPTION} being read" if self.reading is not None else ""
         fault = "; ".join(self._refused.values()) or reading or self._unadded
-        if fault or self.links is None:
+        if fault or self.joints is None:
             return {ROBOT: fault or f"no {DESCRIPTION}"}
-        joints, base = self.links.joints.fault(now, timeout), self._base_fault(now)
+        joints, base = self.joints.fault(now, timeout), self._base_fault(now)
         unplaced = "" if self._changed or joints else self._unplaced
         return {JOINT: joints, BASE: base or unplaced}
 
@@ -267,7 +261,8 @@ class RobotInput:
         """Take a robot in place of the one before."""
         if self.links is not None:
             self.links.remove()
-        self.links, self._unadded = None, ""
+        self.links = self.joints = None
+        self._unadded = ""
         links = LinkObjects(self.name, robot, self._objects)
         try:
             links.add()
@@ -276,18 +271,21 @@ class RobotInput:
             self._monitors[DESCRIPTION].refuse(error.reason, "whole message", error.detail)
             return
         self.links, self._changed, self._unplaced, self._link_poses = links, True, "", None
+        self.joints = Joints(robot, self._monitors[JOINT_STATES], self._objects.states)
 
     def _place(self, now: int) -> None:
         """Store where the links are by the latest joints and base."""
-        assert self.links is not None
-        joints = self.links.joints
+        links, joints = self.links, self.joints
+        assert links is not None
+        assert joints is not None
         pose, frame = self._base or (IDENTITY_POSE, self.base_frame)
         stamp = max(joints.stamp, int(self._bases.stamps[0]))
         received = joints.newest if len(joints.names) else now
         state = State(frame, stamp, received, f"{self.name}/{JOINT_STATES}")
         self._changed = False
         try:
-            self.links.place(pose, state)
+            poses, kinds, twists = links.located(pose, joints.positions, joints.velocities)
+            self._objects.states.store(links.slots, poses, state, twists, kinds)
             self._unplaced = ""
         except RefusedError as error:
             self._unplaced = f"links not placed: {error}"
@@ -295,7 +293,7 @@ class RobotInput:
         except Exception as error:  # not foreseen, and so not known
             self._unplaced = f"links not placed: {INTERNAL_ERROR}: {error}"
             self.faults = {BASE: self._unplaced}
-            self.links.refuse()
+            links.refuse()
             raise
 
     @property
@@ -322,8 +320,9 @@ class RobotInput:
     def link_poses(self) -> Floats:
         """The poses (n, 7) of all links in the frame of the root, by the latest joints."""
         assert self.links is not None
+        assert self.joints is not None
         if self._link_poses is None:
-            self._link_poses = self.links.robot.link_poses(self.links.joints.positions)
+            self._link_poses = self.links.robot.link_poses(self.joints.positions)
         return self._link_poses
 
     def set_attached(self, attached: AttachedObjects) -> bool:
@@ -333,15 +332,17 @@ class RobotInput:
         """
         same, self.attached = attached.identity == self.attached.identity, attached
         if len(attached.slots) and not self.faults:
-            assert self.links is not None
-            newest, received = self.links.joints.since.max(initial=0), self._objects.table.received
+            links, joints = self.links, self.joints
+            assert links is not None
+            assert joints is not None
+            newest, received = joints.since.max(initial=0), self._objects.table.received
             received[attached.slots] = np.maximum(received[attached.slots], newest)
-            self.links.set_twists(attached, self.link_poses)
+            links.set_twists(attached, self.link_poses, joints.positions, joints.velocities)
         return not same
 
     def goes_by(self, sender: int) -> bool:
         """Return whether a joint or the base is as a sender has said."""
-        joints = NOTHING.slots if self.links is None else self.links.joints.senders
+        joints = NOTHING.slots if self.joints is None else self.joints.senders
         return bool((joints == sender).any()) or self._base_sender == sender
 
     def has_base_of(self, time: int) -> bool:
@@ -363,15 +364,15 @@ class RobotInput:
 
     def cleared(self) -> None:
         """Add the links again, whose joints are not known: all objects were removed."""
-        self.links = None
+        self.links = self.joints = None
         self._renewed = True
         if self._robot is not None:
             self._replace(self._robot)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        if self.links is not None:
-            self.links.joints.clock_jumped(shift)
+        if self.joints is not None:
+            self.joints.clock_jumped(shift)
         self._bases.clock_jumped(shift)
 
     def close(self) -> None:

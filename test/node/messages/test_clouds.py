@@ -331,10 +331,11 @@ def test_recorded_messages_get_their_names_whatever_has_read_them(read: Any) -> 
 def test_faults_of_poses_are_told_apart() -> None:
     rows = np.array([[1.0] * 7] * 6)
     rows[1, 0], rows[2, 5], rows[3, 1], rows[4, 3:] = np.nan, np.inf, 1.1e300, 0.0
-    numbers, quaternions = cv.pose_faults(rows)
-    assert numbers.tolist() == [False, True, True, True, False, False]
-    assert quaternions.tolist() == [False, False, False, False, True, False]
-    assert all(len(fault) == 0 for fault in cv.pose_faults(np.empty((0, 7))))
+    rows[5, 3:] = 0.5
+    kinds = [cv.FAR, cv.UNUSABLE, cv.UNUSABLE, cv.UNUSABLE, cv.ZERO, cv.GOOD]
+    assert cv.pose_kinds(rows).tolist() == kinds
+    assert cv.unusable_poses(rows).tolist() == [False, True, True, True, True, False]
+    assert len(cv.unusable_poses(np.empty((0, 7)))) == 0
 
 
 @each("sec, nanosec", [(-1, 0), (2**31 - 1, 2**32 - 1), (0, 10**9)])

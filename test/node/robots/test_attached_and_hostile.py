@@ -310,7 +310,7 @@ def test_what_fails_unforeseen_leaves_the_robot_unknown_for_now(monkeypatch: Pat
     with AskingRig() as arm:
         arm.start_robot()
         with monkeypatch.context() as patch:
-            patch.setattr(arm.robot.links, "place", lambda *_: 1 // 0)
+            patch.setattr(arm.robot.links, "located", lambda *_: 1 // 0)
             send(arm, BOTH, (1.0, 0.0))
             arm.cycles(2)
             assert "links not placed: internal error" in arm.robot.fault

@@ -42,7 +42,6 @@ from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.node import named_clearances, named_predictions
 from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import COLUMNS
 from obb_collision.node.robots import AttachedObjects, LinkObjects
 from obb_collision.node.robots import links as links_module
@@ -331,7 +330,7 @@ def test_links_that_an_error_has_removed_take_no_other_object_along() -> None:
     others = [rig.objects.shapes.put(("crate", n), oc.shapes.Box(EDGES)) for n in range(3)]
     assert {*others} <= {*made.slots.tolist()}
     with pytest.raises(ValueError, match="links removed"):
-        made.place(IDENTITY_POSE, State("", 0, rig.now))
+        made.located(IDENTITY_POSE, np.zeros(2), np.zeros(2))
     made.refuse()
     made.remove()
     assert rig.objects.table.live[others].all()

@@ -343,7 +343,7 @@ def test_what_happens_while_it_is_decided_counts(rig: AskingRig, monkeypatch: Pa
     rig.publish(LONG)
     waiting = rig.until(lambda: found.deciding, "the next")
     rig.send_joints(lift=0.5)
-    rig.until(lambda: 0.5 in rig.robot.links.joints.positions, "the joints")
+    rig.until(lambda: 0.5 in rig.robot.joints.positions, "the joints")
     waiting.done = 10_000
     rig.until(lambda: rig.said, "the refusal")
     assert "not at its start" in rig.said[0].message
