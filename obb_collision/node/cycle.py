@@ -263,7 +263,7 @@ class CycleRunner:
         if "points" in effects:
             self._obstacles.place(now)
         times.append(perf_counter())
-        last, known = self.report, () if self.report is None else tuple(self.report.costs)
+        last, costs_before = self.report, () if self.report is None else tuple(self.report.costs)
         self.report = report = self._set_aside.check(effects & EFFECTS.keys())
         on_boxes = self._objects.pairs_on_boxes(report)
         pairs = report.pairs[~on_boxes]
@@ -274,21 +274,21 @@ class CycleRunner:
             self._outputs.publish_namespaces(self._objects.table.namespaces)
             return dict(zip(("prepare", "check"), np.diff(times).tolist(), strict=True))
         self._obstacles.note(report)
-        given = self._given(report, effects, now)
-        self._outputs.publish_report(given)
+        checked = self._published(report, effects, now)
+        self._outputs.publish_report(checked)
         times.append(perf_counter())
         with self._guard.catching("output markers"):
-            self._outputs.publish_markers(given)
+            self._outputs.publish_markers(checked)
         times.append(perf_counter())
         names = ("prepare", "check", "publish", "markers")
         stages = dict(zip(names, np.diff(times).tolist(), strict=True))
         # where nothing had changed, the report is the one before, with what it took then
-        old = known if report is last else ()
+        old = costs_before if report is last else ()
         costs = {name: cost for name, cost in report.costs.items() if name not in old}
         stages["check"] -= sum(cost.seconds for cost in costs.values())
         return stages | self.monitor.add_costs(costs)
 
-    def _given(self, report: Report, effects: frozenset[str], now: int) -> Published:
+    def _published(self, report: Report, effects: frozenset[str], now: int) -> Published:
         stamp = self._objects.newest_stamp(now)
         step = max(0, stamp - self._last_stamp) / S_TO_NS if self._last_stamp else 0.0
         self._last_stamp = stamp

@@ -50,7 +50,7 @@ from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.parameters.entries import bounds_from_text
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.runtime.running import run
+from obb_collision.node.runtime.running import run_node
 from obb_collision.node.status.collision_status import CollisionStatus
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
@@ -120,7 +120,7 @@ class MergerNode(Node):
         self._merger = RegionMerger(regions, timeout)
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self._statuses: dict[str, DiagnosticStatus] = {}
-        self._bounds: dict[str, str] = {}  # as each region told last
+        self._bounds: dict[str, str] = {}  # the last ones that each region published
         self._covered: tuple[dict[str, str], list[Reason]] = {}, []
         self._names: dict[str, str] = {}
         self._joined_at, self._pairs = monotonic(), 0
@@ -141,8 +141,8 @@ class MergerNode(Node):
         self._clouds: dict[str, list[Subscription]] = {}
         self._status_topics: dict[str, str] = {}  # after remapping
         for region in self._regions:
-            self._listen(region, NAMESPACES, lambda message, _: self._take_names(message))
-            status = self._listen(region, STATUS, self._take_status)
+            self._listen(region, NAMESPACES, lambda message, _: self._store_names(message))
+            status = self._listen(region, STATUS, self._store_status)
             self._status_topics[region] = status.topic_name
         self.create_timer(PERIOD, self.guard.catching("status")(self._look))
         self._look()
@@ -156,26 +156,26 @@ class MergerNode(Node):
         return self.create_subscription(topic.message, name, taken, qos)
 
     def _look(self) -> None:
-        """Subscribe to the clouds that somebody wants, and publish what is known."""
+        """Subscribe to the clouds that are requested, and publish the status."""
         for name, cloud in CLOUDS.items():
             wanted = cloud is COLLISIONS or self._publishers_of[name].get_subscription_count() > 0
             if wanted and name not in self._clouds:
                 self._clouds[name] = [
-                    self._listen(region, cloud, self._taker(cloud)) for region in self._regions
+                    self._listen(region, cloud, self._joiner(cloud)) for region in self._regions
                 ]
             elif not wanted and name in self._clouds:
                 for subscription in self._clouds.pop(name):
                     self.destroy_subscription(subscription)
         self._publish_status()
 
-    def _take_names(self, message: DiagnosticStatus) -> None:
+    def _store_names(self, message: DiagnosticStatus) -> None:
         new = values_of(message)
         if not new.items() <= self._names.items():
             self._names.update(new)
-            given = message.name, DiagnosticStatus.OK, message.message, self._names.items()
-            self._publishers_of[NAMESPACES.name].publish(make_status(*given, message.hardware_id))
+            content = message.name, DiagnosticStatus.OK, message.message, self._names.items()
+            self._publishers_of[NAMESPACES.name].publish(make_status(*content, message.hardware_id))
 
-    def _take_status(self, message: DiagnosticArray, region: str) -> None:
+    def _store_status(self, message: DiagnosticArray, region: str) -> None:
         (self._statuses[region],) = message.status[:1] or [EMPTY]
         values = values_of(self._statuses[region])
         self._bounds[region] = values.get("region") or self._bounds.get(region, "")
@@ -184,7 +184,7 @@ class MergerNode(Node):
             self._merger.mark_alive(region, int(count), monotonic())
         self._publish_status()
 
-    def _taker(self, cloud: Cloud[Any]) -> Callable[[PointCloud2, str], None]:
+    def _joiner(self, cloud: Cloud[Any]) -> Callable[[PointCloud2, str], None]:
         def take(message: PointCloud2, region: str) -> None:
             try:
                 rows = cloud.from_ros(message)
@@ -216,9 +216,9 @@ class MergerNode(Node):
         now = monotonic()
         missing = self._merger.missing(now)
         there = [r for r in self._regions if r in self._statuses and r not in missing]
-        known = {region: values_of(self._statuses[region]) for region in there}
+        values_of_regions = {region: values_of(self._statuses[region]) for region in there}
         whose: dict[str, list[str]] = {}
-        for region, values in known.items():
+        for region, values in values_of_regions.items():
             codes = [code for code in values.get("reasons", "").split() if code in CODES]
             if not codes and self._statuses[region].level not in (FREE, COLLIDING):
                 codes = ["incomplete"]  # a newer version may have others
@@ -233,7 +233,9 @@ class MergerNode(Node):
         reasons += [*self._shared(), *self._uncovered()]
         fresh = now - self._joined_at <= self._merger.timeout
         if not fresh and not reasons:
-            bare = tuple(r for r, values in known.items() if values.get("stamped") == str(False))
+            bare = tuple(
+                r for r, values in values_of_regions.items() if values.get("stamped") == str(False)
+            )
             detail = "none of their objects has a stamp (stamp 0)" if bare else ""
             reasons.append(Reason("region_unmatched", bare, len(bare), detail))
         # also those that are missing: what a region said counts until it says something else
@@ -245,7 +247,7 @@ class MergerNode(Node):
             "rows of several regions": self._merger.repeated,
         }
         for key in (RADIUS, SELECTED_RADIUS):
-            radii = [values.get(key, "") for values in known.values()]
+            radii = [values.get(key, "") for values in values_of_regions.values()]
             if radii and all(map(_is_length, radii)):  # else it is not known how far all look
                 counts[key] = min(map(float, radii))
         most = max(pairs, len(colliding))
@@ -261,7 +263,7 @@ class MergerNode(Node):
             yield Reason("two_publishers", (name,), 1)
 
     def _uncovered(self) -> list[Reason]:
-        """Return that regions do not fill space once, by the bounds they told last."""
+        """Return how regions fail to fill space once, by the last bounds that they published."""
         if len(self._bounds) < len(self._regions):  # else those that said nothing are silent
             return []
         if self._covered[0] != self._bounds:
@@ -277,11 +279,11 @@ class MergerNode(Node):
         self.status.update(answer, cycle=True)
 
     def say_farewell(self) -> None:
-        """Publish that nothing is known any more."""
+        """Publish that the merger ends."""
         self.status.close()
 
     def destroy_node(self) -> None:
-        """Publish that nothing is known any more, and end."""
+        """Publish that the merger ends, and end."""
         self._ending.close()
         super().destroy_node()
 
@@ -292,7 +294,7 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 
 
 def _uncovered(bounds: Mapping[str, str]) -> list[Reason]:
-    """Return where regions do not fill space once, by what their statuses say of their bounds."""
+    """Return how regions fail to fill space once, by the bounds in their statuses."""
     regions, unclear = {}, []
     for name, text in bounds.items():
         try:
@@ -317,4 +319,4 @@ def _is_length(text: str) -> bool:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_merge``."""
-    return run(NODE_NAME, lambda context, _: MergerNode(context=context), args)
+    return run_node(NODE_NAME, lambda context, _: MergerNode(context=context), args)

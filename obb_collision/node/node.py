@@ -19,13 +19,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
 
-from rclpy.clock import Clock, JumpThreshold, ROSClock, TimeJump
+from rclpy.clock import Clock, JumpThreshold, ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration
@@ -60,7 +60,7 @@ from obb_collision.node.robots.robots import Robots, robot_inputs
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.lifecycle import ManagedNode
-from obb_collision.node.runtime.running import run
+from obb_collision.node.runtime.running import run_node
 from obb_collision.node.status import reporting
 from obb_collision.node.status.collision_status import STATUS, CollisionStatus
 from obb_collision.node.status.evidence import Evidence
@@ -107,7 +107,7 @@ class CollisionNode(ManagedNode):
             raise
 
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
-        """Create what is there in every state, and start."""
+        """Create the parts that every state of the life cycle needs, and start."""
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
@@ -149,7 +149,7 @@ class CollisionNode(ManagedNode):
         self.status.rest()
 
     def _report_compiling(self, text: str) -> None:
-        """Report how far compiling is, unless it is given up."""
+        """Report the progress of compiling, unless it was stopped."""
         if self.context.ok():
             with self.guard.catching("status"):
                 self.status.rest(Reason("starting", detail=text))
@@ -158,7 +158,7 @@ class CollisionNode(ManagedNode):
                 reporting.publish_parts(self.outputs, self.full_name, now, [part])
 
     def rest(self, detail: str = "") -> None:
-        """Report that nothing is configured; detail: what else there is to say."""
+        """Report that nothing is configured; detail: is added to the status."""
         self.parameters.on_change = lambda: self.status.update(self.status.answer)
         self.status.rest(Reason("unconfigured", detail=detail))
         self.get_logger().info(CODES["unconfigured"])
@@ -174,14 +174,20 @@ class CollisionNode(ManagedNode):
         self.outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
         if scene_file is not None:
-            self._add_objects(scene_file)
+            refused = scene_file.add_to(self.objects, self.now())
+            if refused:
+                self.get_logger().warning(
+                    f"{self.parameters.scene_file}: {len(refused)} objects not checked: "
+                    f"{refused[0]}"
+                )
             self.objects.declare_empty()
         self._begin()
         log = self.get_logger().info
-        log(
-            f"in: {_topic_names(self.subscribed.open)}; out: {_topic_names(self.outputs.ends)}; "
-            f"frames by {self.frames.description}"
+        topics = (
+            " ".join(end.topic_name for end in ends.values())
+            for ends in (self.subscribed.open, self.outputs.ends)
         )
+        log("subscribed to {}; publishing {}; frames: {}".format(*topics, self.frames.description))
         log(
             f"ready: fixed frame '{self.parameters.fixed_frame[:80]}', "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz, "
@@ -195,7 +201,7 @@ class CollisionNode(ManagedNode):
         self.get_logger().info("active")
 
     def deactivate(self) -> None:
-        """Check nothing any more: nothing is known; messages are still stored."""
+        """Check nothing any more; messages are still stored."""
         self.cycle.active = False
         self._pause()
         self.get_logger().info(CODES[self.cycle.paused])
@@ -209,7 +215,7 @@ class CollisionNode(ManagedNode):
         self.outputs.withdraw(self._read_clock())
 
     def finish(self) -> None:
-        """Say that nothing will be known any more."""
+        """Publish that the node ends."""
         self.status.close()
         self.kernels.close()
         self.get_logger().info("finalized")
@@ -254,7 +260,7 @@ class CollisionNode(ManagedNode):
         self.settings = SceneParameters(self.parameters, objects, allowed)
         self.cycle = CycleRunner(objects, self.obstacles, self.outputs, self.guard, self.collect)
         self._schedule = Schedule(self._make_timer, self.run_cycle)
-        points = self.inputs.guarded("points", self.obstacles.take, changes=False)
+        points = self.inputs.guarded("points", self.obstacles.queue, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         callbacks |= self.robots.callbacks(self.inputs)
         self.subscribed = Subscriptions(
@@ -295,14 +301,6 @@ class CollisionNode(ManagedNode):
         if wanted and not self.topics[topic].is_query:
             self._schedule.arrived()
 
-    def _add_objects(self, scene_file: SceneFile) -> None:
-        refused = scene_file.add_to(self.objects, self.now())
-        if refused:
-            count = len(refused)
-            self.get_logger().warning(
-                f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
-            )
-
     def _begin(self) -> None:
         """Subscribe, offer the services, and watch: clock, parameters, cycles, diagnostics."""
         report = self.guard.catching("diagnostics")(self.reporting.publish)
@@ -319,7 +317,7 @@ class CollisionNode(ManagedNode):
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=self._look_at_clock,
+            post_callback=lambda _: self.now(),  # else a jump is detected with the next message
         )
         self.undo.callback(jump.unregister)
         for topic in self.topics:
@@ -342,9 +340,9 @@ class CollisionNode(ManagedNode):
                     f"{self.parameters.scene_file}: robot {robot.name} is not checked: it needs "
                     f"the parameter robots: ['{robot.name}']"
                 )
-        found = SceneFile(description)
-        self.parameters.override_defaults(found.parameters())
-        return found
+        scene_file = SceneFile(description)
+        self.parameters.override_defaults(scene_file.parameters())
+        return scene_file
 
     def mesh_reading(self) -> MeshReading:
         """Return how mesh files are read: in another process, within the limits."""
@@ -360,13 +358,13 @@ class CollisionNode(ManagedNode):
         with self.guard.catching("inputs"):  # what is lost marks its input
             self.subscribed.drain()
         self._change("input objects", self.inputs.markers.apply)
-        for each in self.inputs.sets:
-            self._change(f"input {each.source.topic}", each.apply)
+        for boxes in self.inputs.sets:
+            self._change(f"input {boxes.source.topic}", boxes.apply)
         self._change("input robots", self.robots.apply)
         return self.subscribed.take_wait()
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
-        """Change objects; after an error nobody foresaw they may be others than what was sent."""
+        """Change objects; after an unforeseen error they may differ from the messages."""
         with self.guard.catching(where):
             change()
             return
@@ -375,7 +373,7 @@ class CollisionNode(ManagedNode):
     def _wants_twists(self) -> bool:
         """Return whether anything depends on how objects move."""
         parameters = self.parameters
-        policies = parameters.stale_policy, *(each for _, each in parameters.stale_policy_overrides)
+        policies = parameters.stale_policy, *dict(parameters.stale_policy_overrides).values()
         wanted = parameters.mode("sweep") != OFF or COLLIDE in policies
         return wanted or bool(parameters.robots)
 
@@ -407,10 +405,6 @@ class CollisionNode(ManagedNode):
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
-    def _look_at_clock(self, _: TimeJump) -> None:
-        """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
-        self.now()
-
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""
         self.cycle.run(self.now())
@@ -426,7 +420,7 @@ class CollisionNode(ManagedNode):
             self.status.update(self.evidence.answer(), cycle)
 
     def _pause(self) -> None:
-        """Take back what is said about collisions, until the next check."""
+        """Withdraw the results about collisions, until the next check."""
         self.cycle.forget()
         with self.guard.catching("output markers"):
             self.outputs.withdraw(self.now())
@@ -438,8 +432,8 @@ class CollisionNode(ManagedNode):
         try:
             self.robots.hold("all objects were removed")
             self.inputs.markers.apply()  # what came before has come before
-            for each in self.inputs.sets:
-                each.cleared()
+            for boxes in self.inputs.sets:
+                boxes.cleared()
             self.inputs.unknown.deleted(self.objects.table.slots, self.now())
             count = self.objects.clear()
             for monitor in self.monitors.values():
@@ -472,8 +466,8 @@ class CollisionNode(ManagedNode):
         inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.sets, self.obstacles
         others = self.objects, self.robots, self.outputs.events.pairs, *self.monitors.values()
         parts: list[Any] = [*inputs, *others]
-        for each in parts:  # one that fails leaves none of the others in the old time
-            self._change("clock jump", partial(each.clock_jumped, shift))
+        for part in parts:  # one that fails leaves none of the others in the old time
+            self._change("clock jump", partial(part.clock_jumped, shift))
 
     def say_farewell(self) -> None:
         """Stop robots, and publish the status unknown: a signal waits, in another thread."""
@@ -490,12 +484,8 @@ class CollisionNode(ManagedNode):
         super().destroy_node()
 
 
-def _topic_names(ends: Mapping[str, Any]) -> str:
-    return " ".join(end.topic_name for end in ends.values())
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_node``."""
-    return run(
+    return run_node(
         NODE_NAME, lambda context, ending: CollisionNode(context=context, ending=ending), args
     )

@@ -43,7 +43,7 @@ CODES = {
     "overload": "overload: states wait too long",
     "clock_stopped": "time from /clock stands still",
     "two_publishers": "several publishers of a topic that may have only one",
-    "no_objects": "no objects received; set expect_empty if the scene may be empty",
+    "no_objects": "no objects received (set expect_empty if the scene may be empty)",
     "required_missing": "required objects missing",
     "input_silent": "no message within the time limit",
     "input_unreadable": "the last message could not be read",
@@ -74,32 +74,27 @@ REMEDIES = {
     "check that passes.",
     "blocked": "No cycle ended within 1 / rate + cycle_timeout. Reduce the load of the machine.",
     "overload": "States wait longer than 1 / rate + cycle_timeout. Send them by object_poses, "
-    "lower "
-    "the rate, or set time_budget.",
+    "lower the rate, or set time_budget.",
     "clock_stopped": "Messages arrive, but the time of /clock does not advance, so nothing ages. "
     "Start the clock, or unset use_sim_time.",
     "two_publishers": "For collision_status: give each node its own name or namespace. For sets "
     "of boxes: merge them in one sender. The code ends when one publisher is left.",
     "no_objects": "Send objects. If the scene is empty, set expect_empty, call ~/clear, send "
-    "DELETEALL "
-    "or an empty set, delete the last object, or load a scene file without objects.",
+    "DELETEALL or an empty set, delete the last object, or load a scene file without objects.",
     "required_missing": "Send the objects of required_objects.",
     "input_silent": "Start the sender: no message arrived within required_inputs or input_timeout.",
     "input_unreadable": "The last message of a sender was damaged or of another type. The code "
     "ends "
     "with a readable message of this sender, when sender and objects are gone, or with ~/clear.",
     "messages_lost": "Send all objects again after a DELETEALL, or call ~/clear. For topics of "
-    "poses, "
-    "a newer pose of every object suffices. To avoid losses, send less often or use a deeper "
-    "queue.",
-    "unknown_objects": "States name objects that the node does not have. Send these objects "
-    "again, or "
-    "list them in ignored_objects. The code ends a second after the last such state.",
+    "poses, a newer pose of every object suffices. To avoid losses, send less often or use a "
+    "deeper queue.",
+    "unknown_objects": "States name objects that the node does not have. Send these objects again, "
+    "or list them in ignored_objects. The code ends a second after the last such state.",
     "shape_building": "Wait: a shape or hull is being built.",
     "unplaced": "Send a pose of the object, or the transform of its frame.",
     "refused": "The latest state was invalid; the object keeps its last box. /diagnostics gives "
-    "the "
-    "reason.",
+    "the reason.",
     "late_frame": "Publish the transform within transform_timeout. Until then the object lags "
     "behind.",
     "stale": "The latest state is older than the age limit, by stamp, receipt or transform. Start "
@@ -136,7 +131,7 @@ class Reason:
     @property
     def whom(self) -> str:
         """Whom it is about, as text."""
-        return some(self.who, max(self.count, len(self.who)), self.more)
+        return first_names(self.who, max(self.count, len(self.who)), self.more)
 
     @property
     def text(self) -> str:
@@ -176,7 +171,7 @@ class Answer:
     @property
     def kind(self) -> tuple[object, ...]:
         """The part whose changes are published immediately; all else waits for the next period."""
-        reasons = ((each.code, each.who, each.detail) for each in self.reasons)
+        reasons = ((reason.code, reason.who, reason.detail) for reason in self.reasons)
         return self.level, self.notes, *reasons
 
     @property
@@ -196,8 +191,8 @@ class Answer:
     def but(self, *reasons: Reason) -> Answer:
         """Return the same answer with further reasons."""
         first = {reason.code: reason for reason in (*reasons, *self.reasons)}
-        found = sorted(first.values(), key=lambda reason: _ORDER[reason.code])
-        return replace(self, reasons=tuple(found))
+        ordered = sorted(first.values(), key=lambda reason: _ORDER[reason.code])
+        return replace(self, reasons=tuple(ordered))
 
     def to_ros(self, name: str, now: int, unknown_is_collision: bool) -> DiagnosticStatus:
         """Return the status; ``now`` is the time (ns)."""
@@ -233,7 +228,7 @@ def make_status(
     )
 
 
-def some(names: Iterable[str], count: int, at_least: bool = False) -> str:
+def first_names(names: Iterable[str], count: int, at_least: bool = False) -> str:
     """Return the first names, and how many more there are of ``count``, or of at least so many."""
     shown = list(islice(names, MAX_NAMED))
     more = count - len(shown)

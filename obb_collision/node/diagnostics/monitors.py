@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -211,27 +211,28 @@ class QosWatch:
 
     def look(self, ends: Mapping[str, Publisher | Subscription]) -> None:
         """Compare endpoints, by the node's names of their topics, with the other ends."""
-        found = {topic: self._reasons(end) for topic, end in ends.items()}
-        for topic, reasons in found.items():
+        reasons_now = {topic: self._reasons(end) for topic, end in ends.items()}
+        for topic, reasons in reasons_now.items():
             if len(reasons) > len(self.reasons.get(topic, ())):
                 self._warn(
                     f"{topic}: incompatible QoS or message type, no data exchanged: {reasons[-1]}"
                 )
-        self.reasons = found
+        self.reasons = reasons_now
 
     def _reasons(self, end: Publisher | Subscription) -> list[str]:
         """Return the reason per other end that is incompatible."""
         topic = end.topic_name
         if isinstance(end, Publisher):
-            known, matched = self._node.count_subscribers(topic), end.get_subscription_count()
+            visible, matched = self._node.count_subscribers(topic), end.get_subscription_count()
         else:
-            known, matched = self._node.count_publishers(topic), end.get_publisher_count()
-        if known <= matched:  # typical, and cheaper than comparing each
+            visible, matched = self._node.count_publishers(topic), end.get_publisher_count()
+        if visible <= matched:  # typical, and cheaper than comparing each
             return []
         return list(self._faults(end, topic))
 
     def _faults(self, end: Publisher | Subscription, topic: str) -> Iterable[str]:
-        kind = _type_name(end.msg_type)
+        package, folder = end.msg_type.__module__.split(".")[:2]
+        kind = f"{package}/{folder}/{end.msg_type.__name__}"
         outgoing = isinstance(end, Publisher)
         list_others = (
             self._node.get_subscriptions_info_by_topic
@@ -246,8 +247,3 @@ class QosWatch:
             level, reason = qos_check_compatible(*(pair if outgoing else pair[::-1]))
             if level == QoSCompatibility.ERROR:
                 yield f"{reason.strip().rstrip(';')} ({other.node_name})"
-
-
-def _type_name(kind: Any) -> str:
-    package, folder = kind.__module__.split(".")[:2]
-    return f"{package}/{folder}/{kind.__name__}"

@@ -45,7 +45,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_FRAMES, check_name, shortened
-from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, PRIMITIVES
+from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NO_TIME, PRIMITIVES
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.jobs import NO_MEMORY
 from obb_collision.typing import Floats, Mask, Rows
@@ -55,7 +55,7 @@ SHORTEST_LIFETIME = 100_000
 """RViz takes a marker lifetime up to this (ns) as none."""
 
 
-def each(
+def put_rows(
     rows: Rows,
     put: Callable[[Rows], None],
     fail: Callable[[int, RefusedError], None],
@@ -76,7 +76,7 @@ def each(
         if len(rows) > 1:
             half = len(rows) // 2
             parts = rows[:half], rows[half:]
-            done = [each(part, put, fail, guard, where, name) for part in parts]
+            done = [put_rows(part, put, fail, guard, where, name) for part in parts]
             return all(done)
         row = int(rows[0])
         if isinstance(error, MemoryError):
@@ -214,7 +214,7 @@ def gather(
         row=np.concatenate([np.arange(size) for size in sizes]),
         received=times,
         sender=np.zeros_like(times) if senders is None else np.asarray(senders, np.int64)[part],
-        expiry=np.where(lives, times + np.where(lives, lifetime, 0), NEVER),
+        expiry=np.where(lives, times + np.where(lives, lifetime, 0), NO_TIME),
         stamp=np.where(legal, _nanoseconds(stamp), -1),
         id=head["id"].astype(np.int64),
         type=head["type"].astype(np.int64),
@@ -241,15 +241,17 @@ def _nanoseconds(times: npt.NDArray[Any]) -> Rows:
 
 
 def _names(parts: Sequence[Items], field: str, what: str) -> Names:
-    known: dict[bytes, int] = {}
+    numbers_of: dict[bytes, int] = {}
     indices = []
     for part in parts:
         starts = np.flatnonzero(part.of(field)[:, 2] == 0)
-        found = [known.setdefault(part.text(field, row), len(known)) for row in starts.tolist()]
+        numbers = [
+            numbers_of.setdefault(part.text(field, row), len(numbers_of)) for row in starts.tolist()
+        ]
         lengths = np.diff(np.append(starts, len(part)))
-        indices.append(np.repeat(np.array(found, np.int64), lengths))
+        indices.append(np.repeat(np.array(numbers, np.int64), lengths))
     names, faults = [], dict[int, RefusedError]()
-    for index, data in enumerate(known):
+    for index, data in enumerate(numbers_of):
         name = data.decode(errors="replace")
         try:
             if "\ufffd" in name and data != name.encode():
@@ -311,7 +313,7 @@ class Settled(NamedTuple):
     previous: Rows
     newest: Rows
 
-    def take(self, objects: Mask) -> Settled:
+    def of_objects(self, objects: Mask) -> Settled:
         """Return the outcome for some of the objects."""
         columns = {name: getattr(self, name)[objects] for name in self._fields[:5]}
         return self._replace(**columns)
@@ -332,18 +334,18 @@ def _settle(
     the object by then, if the object has not expired.
     """
     count = newest = 0
-    until = NEVER
+    until = NO_TIME
     for position in range(len(rows)):
         row = rows[position]
         if position == 0 or keys[row] != keys[rows[position - 1]]:
             objects[count, 0] = row
             count += 1
-            newest, until = times[row, 3], NEVER
-        found, effect = objects[count - 1], effects[row]
+            newest, until = times[row, 3], NO_TIME
+        outcome, effect = objects[count - 1], effects[row]
         if effect == CANCELLED:
             continue
         if effect == BAD:
-            found[2] = row
+            outcome[2] = row
             continue
         stamp = times[row, 0]
         if effect == DELETES or times[row, 1] >= until:
@@ -351,17 +353,17 @@ def _settle(
         if effect != DELETES:
             if 0 < stamp < newest:
                 late[row] = True
-                found[4] = row
+                outcome[4] = row
                 continue
             newest = stamp if stamp else newest
         until, times[row, 3] = times[row, 2], newest
-        found[2] = found[4] = -1
+        outcome[2] = outcome[4] = -1
         if effect == ADDS:
-            previous[row] = found[1]
-            found[1] = row
+            previous[row] = outcome[1]
+            outcome[1] = row
         else:
-            found[1] = -1
-            found[3] = row
+            outcome[1] = -1
+            outcome[3] = row
     return count
 
 
@@ -386,8 +388,8 @@ def settle(
     believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
     before = np.where(last >= 0, 0, newest)
     times = np.column_stack((believed, markers.received, markers.expiry, before))
-    found = _settle(keys, rows, effects, times, objects, late, previous)
-    first, winner, bad, remover, overtaken = objects[:found].T
+    distinct = _settle(keys, rows, effects, times, objects, late, previous)
+    first, winner, bad, remover, overtaken = objects[:distinct].T
     return Settled(first, winner, bad, remover, overtaken, late, previous, times[:, 3])
 
 
@@ -398,8 +400,8 @@ def _last_deletion(markers: Batch) -> Rows:
     deletes = np.flatnonzero(markers.action == Marker.DELETEALL)
     last[of[deletes]] = deletes  # the last one of each stays
     everything = [last[index] for index, name in enumerate(markers.ns.texts) if not name]
-    found: Rows = np.maximum(last, max(everything, default=-1))[of]
-    return found
+    latest: Rows = np.maximum(last, max(everything, default=-1))[of]
+    return latest
 
 
 def _ended(markers: Batch, good: Mask, now: int) -> Mask:

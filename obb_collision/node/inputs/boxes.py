@@ -28,7 +28,7 @@ import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.poses import compose_poses
-from obb_collision.node.inputs.batch import Faults, each
+from obb_collision.node.inputs.batch import Faults, put_rows
 from obb_collision.node.inputs.clouds import QueuedCloud, WaitingClouds
 from obb_collision.node.inputs.senders import ALONE, ANY
 from obb_collision.node.messages.cdr import cloud_from_bytes
@@ -48,7 +48,7 @@ from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE
 from obb_collision.node.objects.states import ANEW, OLDER, State
-from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, are_numbers, signed
+from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NO_TIME, are_numbers, signed
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
@@ -126,7 +126,7 @@ class BoxInput:
         self.is_contested = False
         """Whether several senders take turns: the set of one removes the boxes of the other."""
 
-    def take(self, data: bytes, now: int) -> None:
+    def queue(self, data: bytes, now: int) -> None:
         """Queue a complete set, serialised, for the next cycle."""
         sender = self._monitor.sender
         try:
@@ -158,9 +158,9 @@ class BoxInput:
         self._orders[sender] = stamp if is_believed else order, now
 
     def _note_turn(self, sender: int) -> None:
-        """Take note of whose turn it is; one after another is a sender that has restarted."""
+        """Note the sender; one that follows another for good is one that has restarted."""
         if sender == ALONE:
-            self.forget([each for each in self._orders if each != ALONE])
+            self.forget([other for other in self._orders if other != ALONE])
         is_last = next(reversed(self._orders), sender) == sender
         self.is_contested |= sender == ANY or (sender in self._orders and not is_last)
         if len(self._orders) > MOST_SENDERS:
@@ -191,18 +191,18 @@ class BoxInput:
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
         self.waiting.clock_jumped(shift)
-        self._orders = {one: (0, at + shift) for one, (_, at) in self._orders.items()}
+        self._orders = {sender: (0, at + shift) for sender, (_, at) in self._orders.items()}
 
     def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Bring the objects in line with a set, given in a frame that is at ``frame`` (7,)."""
-        given: BoxRows = cloud.content
-        numbers, ids, poses = given.numbers, given.ids, given.poses
+        boxes: BoxRows = cloud.content
+        numbers, ids, poses = boxes.numbers, boxes.ids, boxes.poses
         faults = Faults(len(ids))
-        faults.note(~given.are_keys, BAD_KEY)
-        if not given.are_keys.all():
+        faults.note(~boxes.are_keys, BAD_KEY)
+        if not boxes.are_keys.all():
             self._monitor.mark_unreadable(BAD_KEY.reason, cloud.sender)
         faults.note(_repeated(numbers, ids, faults.good), REPEATED)
-        faults.note_sizes(given.sizes, "bad size")
+        faults.note_sizes(boxes.sizes, "bad size")
         faults.note_poses(poses)
         if frame is not None:
             good = faults.good
@@ -213,15 +213,15 @@ class BoxInput:
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
         of_cloud = cloud.stamp, cloud.received, self.source.topic, cloud.carried, cloud.sender
         state = State("", *of_cloud)
-        self._update(numbers, ids, poses, given.sizes, faults, state)
+        self._update(numbers, ids, poses, boxes.sizes, faults, state)
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
-        given: BoxRows = cloud.content
-        rows = np.flatnonzero(given.are_keys)
-        if len(rows) < len(given.ids) or len(rows) == 0:
+        boxes: BoxRows = cloud.content
+        rows = np.flatnonzero(boxes.are_keys)
+        if len(rows) < len(boxes.ids) or len(rows) == 0:
             self._monitor.mark_unreadable(error.reason, cloud.sender)
         self._doubt()
-        numbers, ids = given.numbers[rows], given.ids[rows]
+        numbers, ids = boxes.numbers[rows], boxes.ids[rows]
         new = self._table.find(numbers, ids) < 0
         self._refuse_new(numbers[new], ids[new], error.reason)
 
@@ -262,7 +262,7 @@ class BoxInput:
                 slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
 
             rows = np.flatnonzero(faults.good)
-            each(rows, put, fail, self._objects.guard, f"input {self.source.topic}")
+            put_rows(rows, put, fail, self._objects.guard, f"input {self.source.topic}")
         rows = np.flatnonzero(faults.good)
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(
@@ -288,11 +288,11 @@ class BoxInput:
         table, shapes = self._table, self._objects.shapes
         slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
         same = table.have_shapes(slots, kinds, sizes)
-        shapes.touch(slots[same], NEVER)
+        shapes.touch(slots[same], NO_TIME)
         rest = np.flatnonzero(~same)
         if len(rest):
-            keys, given = (numbers[rest], ids[rest]), (kinds[rest], sizes[rest], poses[rest])
-            slots[rest] = shapes.put_primitives(keys, *given, instead=shapes.strangers())
+            keys, columns = (numbers[rest], ids[rest]), (kinds[rest], sizes[rest], poses[rest])
+            slots[rest] = shapes.put_primitives(keys, *columns, instead=shapes.strangers())
             table.of_set[slots[rest]] = self.source.number
         return slots
 
@@ -302,21 +302,21 @@ class BoxInput:
         return self._table.namespaces.admit_number(number)
 
     def _report(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults, sizes: Floats) -> None:
-        """Count faults, mark their boxes, and remember those that are not there."""
+        """Count faults, mark their boxes, and store those that have no object."""
         table = self._table
         for rows, (error, of_shape) in faults:
             item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
             self._monitor.refuse(error.reason, item, error.detail, len(rows))
             if error.reason in UNMARKED:
                 continue
-            known = slots[rows] >= 0
-            known[known] = self._own[slots[rows[known]]]
-            own = slots[rows[known]]
+            present = slots[rows] >= 0
+            present[present] = self._own[slots[rows[present]]]
+            own = slots[rows[present]]
             # what is refused for its pose may tell a new size
-            other = of_shape | ~table.have_shapes(own, table.kind[own], sizes[rows[known]])
+            other = of_shape | ~table.have_shapes(own, table.kind[own], sizes[rows[present]])
             table.mark(own[other], SHAPE_REFUSED)
             table.mark(own[~other], POSE_REFUSED)
-            self._refuse_new(numbers[rows[~known]], ids[rows[~known]], error.reason)
+            self._refuse_new(numbers[rows[~present]], ids[rows[~present]], error.reason)
 
     def _refuse_new(self, numbers: Rows, ids: Rows, reason: str) -> None:
         numbers, ids = numbers[-MAX_UNPLACEABLE:], ids[-MAX_UNPLACEABLE:]

@@ -23,7 +23,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
@@ -72,7 +71,7 @@ class WaitingClouds:
         if not self._is_elsewhere(cloud):
             self.clouds.clear()
         elif not self._frames.waits:
-            self.clouds = [one for one in self.clouds if not self._is_elsewhere(one)]
+            self.clouds = [queued for queued in self.clouds if not self._is_elsewhere(queued)]
         self.clouds.append(cloud)
         if self._is_full():
             del self.clouds[-2::-2]  # every other one: the time they reach back stays
@@ -105,7 +104,9 @@ class WaitingClouds:
                 break
             except Exception as error:
                 refusal = self._objects.guard.refusal(f"input {self._monitor.topic}", error)
-                if refusal.reason in LATER and self._may_wait(cloud, now):
+                timeout = int(self._objects.placement.timeout * NANOSECONDS)
+                may_wait = self._frames.waits and now - cloud.received <= timeout
+                if refusal.reason in LATER and may_wait:
                     kept.insert(0, cloud)
                     continue
                 item = "" if refusal is error else "whole message"
@@ -126,10 +127,6 @@ class WaitingClouds:
             cloud = cloud._replace(carried=latest.since(cloud.frame, at, now))
         return cloud, frame
 
-    def _may_wait(self, cloud: QueuedCloud, now: int) -> bool:
-        late = now - cloud.received > int(self._objects.placement.timeout * NANOSECONDS)
-        return self._frames.waits and not late
-
     def _is_elsewhere(self, cloud: QueuedCloud) -> bool:
         """Whether a cloud is in another frame than the fixed one."""
         return not self._objects.placement.frame_table.is_fixed(cloud.frame)
@@ -148,7 +145,7 @@ class Obstacles:
         self.stamp = 0
         """Of the points in the scene (ns), 0 for none."""
 
-    def take(self, data: bytes, now: int) -> None:
+    def queue(self, data: bytes, now: int) -> None:
         """Keep a serialised cloud."""
         try:
             message = cloud_from_bytes(data)
@@ -169,16 +166,19 @@ class Obstacles:
     def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Give the scene a cloud; RefusedError if it can't be used."""
         points = points_from_ros(cloud.content, self._objects.max_points)
-        placed = points if frame is None else placed_points(points, frame)
-        self._objects.scene.obstacle_points = placed
+        if frame is not None:
+            position, rotation = as_poses(frame[None], warn=False)
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is ignored
+                points = points.astype(np.float64) @ rotation[0].T + position[0]
+        self._objects.scene.obstacle_points = points
         believed = cloud.stamp <= cloud.received + self._objects.states.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
 
     def note(self, report: Report) -> None:
         """Record the result of the effect on the points."""
-        found: PointsInside | None = report.results.get("points")
-        if found is not None and self.stamp:
-            self._monitor.ignored = found.ignored
+        result: PointsInside | None = report.results.get("points")
+        if result is not None and self.stamp:
+            self._monitor.ignored = result.ignored
 
     def forget(self) -> None:
         """Take all points away."""
@@ -190,11 +190,3 @@ class Obstacles:
         """Shift times by a jump of the clock (ns)."""
         self.waiting.clock_jumped(shift)
         self.stamp = max(1, self.stamp + shift) if self.stamp else 0
-
-
-def placed_points(points: npt.NDArray[Any], frame: Floats) -> Floats:
-    """Points (n, 3) of a frame, seen from where that frame is (7,): in doubles."""
-    position, rotation = as_poses(frame[None], warn=False)
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is ignored later on
-        placed: Floats = points.astype(np.float64) @ rotation[0].T + position[0]
-    return placed

@@ -77,24 +77,26 @@ def detections_from_bytes(data: bytes, most: int) -> Detections:
     """
     reader = Reader(data, MessageType)
     header = reader.header()
-    found = reader.items(DETECTION, most)
+    items = reader.items(DETECTION, most)
     reader.end()
-    box, changes = found.numbers["box"], found.of("frame")[:, 2] == 0
+    box, changes = items.numbers["box"], items.of("frame")[:, 2] == 0
     poses, sizes = box["pose"].astype(np.float64), box["size"].astype(np.float64)
-    return Detections(header, found.texts("id"), poses, sizes, set(found.texts("frame", changes)))
+    return Detections(header, items.texts("id"), poses, sizes, set(items.texts("frame", changes)))
 
 
 def read_detections(data: bytes, most: int) -> QueuedCloud:
     """Return the ``BoxRows`` of a message of ``detections``; RefusedError."""
-    found = detections_from_bytes(data, most)
-    frame, stamp = found.header.frame_id, stamp_from_ros(found.header.stamp)
-    others = found.frames - {frame, ""}
+    message = detections_from_bytes(data, most)
+    frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
+    others = message.frames - {frame, ""}
     if not frame and len(others) == 1:
         frame = others.pop()
     if others:
         raise RefusedError("several frames", f"{sorted({frame, *others})[:2]}")
-    given = BoxRows(None, numbers_of(found.ids), found.poses, found.sizes, DETECTIONS.namespace)
-    return QueuedCloud(given, frame, stamp, len(data))
+    boxes = BoxRows(
+        None, numbers_of(message.ids), message.poses, message.sizes, DETECTIONS.namespace
+    )
+    return QueuedCloud(boxes, frame, stamp, len(data))
 
 
 def numbers_of(texts: list[str]) -> Rows:

@@ -81,11 +81,14 @@ class Inputs:
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per input topic; they take serialised messages."""
         return {
-            "objects": self.guarded("objects", self.markers.take),
+            "objects": self.guarded("objects", self.markers.queue),
             "object_transform": self.guarded("object_transform", self._transform, in_order=True),
             "object_states": self.guarded("object_states", self._states, in_order=True),
             "object_poses": self.guarded("object_poses", self._poses, in_order=True),
-            **{each.source.topic: self.guarded(each.source.topic, each.take) for each in self.sets},
+            **{
+                boxes.source.topic: self.guarded(boxes.source.topic, boxes.queue)
+                for boxes in self.sets
+            },
         }
 
     def guarded(
@@ -109,8 +112,8 @@ class Inputs:
             try:
                 if in_order:
                     self.markers.apply()
-                    for each in self.sets:
-                        each.apply()
+                    for boxes in self.sets:
+                        boxes.apply()
                 take(data, now)
             except Exception as error:
                 refusal = self._objects.guard.refusal(f"input {topic}", error)
@@ -188,7 +191,7 @@ class Inputs:
         return name
 
     def _note_unknown(self, rows: Mask, name: Callable[[int], str], now: int) -> None:
-        """Take note that states came of objects that are not there."""
+        """Note the names of states whose objects do not exist."""
         if rows.any():
             self.unknown.note(map(name, np.flatnonzero(rows).tolist()), now)
 

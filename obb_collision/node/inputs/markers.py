@@ -32,9 +32,9 @@ from obb_collision.node.inputs.batch import (
     Batch,
     Faults,
     Settled,
-    each,
     find_faults,
     gather,
+    put_rows,
     settle,
 )
 from obb_collision.node.inputs.boxes import OWNED
@@ -94,7 +94,7 @@ class MarkerInput:
         self.size = 0
         """Bytes that wait."""
 
-    def take(self, data: bytes, now: int) -> None:
+    def queue(self, data: bytes, now: int) -> None:
         """Queue a serialised MarkerArray for the next cycle."""
         self._waiting.append(Waiting(data, now, self._monitor.sender, self._monitor.messages))
         self.size += len(data)
@@ -103,17 +103,19 @@ class MarkerInput:
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
-        self._waiting = [one._replace(received=one.received + shift) for one in self._waiting]
+        self._waiting = [
+            message._replace(received=message.received + shift) for message in self._waiting
+        ]
 
     def apply(self) -> None:
-        """Apply what waits."""
+        """Apply the waiting messages."""
         waiting, self._waiting, self.size = self._waiting, [], 0
-        found = self._scan_all(waiting) if waiting else []
-        if not found or self._run(found):
+        messages = self._scan_all(waiting) if waiting else []
+        if not messages or self._apply_messages(messages):
             return
-        for one in found:  # one that fails takes no other with it
-            if not self._run([one]):
-                self._monitor.refuse_whole(INTERNAL_ERROR, sender=one[-1])
+        for message in messages:  # one that fails takes no other with it
+            if not self._apply_messages([message]):
+                self._monitor.refuse_whole(INTERNAL_ERROR, sender=message[-1])
                 self._objects.broken = "input objects"
 
     def _scan_all(self, waiting: list[Waiting]) -> list[tuple[Items, int, int]]:
@@ -122,23 +124,23 @@ class MarkerInput:
         The newest message is read first: what comes before a DELETEALL is dropped unread, and it
         does not matter if it was lost.
         """
-        found: list[tuple[Items, int, int]] = []
+        messages: list[tuple[Items, int, int]] = []
         read: set[int] = set()  # senders of which a newer message could be read
         missed = self._monitor.missed
-        for one in reversed(waiting):
-            part = self._scan(one, one.sender in read)
+        for message in reversed(waiting):
+            part = self._scan(message, message.sender in read)
             if part is None:
                 continue
-            if one.sender >= ALONE:
-                read.add(one.sender)
+            if message.sender >= ALONE:
+                read.add(message.sender)
             if len(part):
-                found.insert(0, (part, one.received, one.sender))
+                messages.insert(0, (part, message.received, message.sender))
                 deletes = part.numbers["head"]["action"] == Marker.DELETEALL
                 if (deletes & (part.of("ns")[:, 1] == 0)).any():
-                    if missed is not None and missed.number <= one.number:
+                    if missed is not None and missed.number <= message.number:
                         self._monitor.missed = None
                     break
-        return found
+        return messages
 
     def _scan(self, message: Waiting, is_read_since: bool) -> Items | None:
         """Return the markers of a message, None if it is refused.
@@ -155,11 +157,11 @@ class MarkerInput:
                 self._monitor.refuse_whole(refusal.reason, refusal.detail, message.sender)
         return None
 
-    def _run(self, messages: list[tuple[Items, int, int]]) -> bool:
+    def _apply_messages(self, messages: list[tuple[Items, int, int]]) -> bool:
         """Apply the markers of messages; return whether that went through."""
         with self._guard.catching("input objects", "whole message"):
             markers = gather(*zip(*messages, strict=True))
-            MarkerUpdate(markers, self._clock(), self._objects, self._unknown).run()
+            MarkerUpdate(markers, self._clock(), self._objects, self._unknown).apply()
             return True
         return False
 
@@ -176,7 +178,7 @@ class MarkerUpdate:
         self._orders = np.zeros(len(markers), np.int64)  # stamps before which others are late
         self._kinds: Kinds = np.zeros(len(markers), np.int8)  # of the poses
 
-    def run(self) -> None:
+    def apply(self) -> None:
         """Apply them, and count those that are not used."""
         markers, objects = self._markers, self._objects
         faults = find_faults(markers, objects.placement.frame_index)
@@ -193,7 +195,7 @@ class MarkerUpdate:
         self._count(faults, outcome)
 
     def _newest(self) -> Rows:
-        """Return the newest stamps (n,) of the objects, 0 where they order nothing any more."""
+        """Return the newest stamps (n,) of the objects, 0 where older ones may follow."""
         slots, table = self._find_slots(np.arange(len(self._markers))), self._table
         since = self._markers.received - table.received[slots]
         mine = (slots >= 0) & (table.of_set[slots] == 0)  # others are refused in any case
@@ -260,7 +262,7 @@ class MarkerUpdate:
         for row in outcome.bad[owned & (outcome.bad >= 0)].tolist():  # counted by its own reason
             self._mark(row, OWNED.reason)
         self._refuse(remover[(remover >= 0) & (winner < 0)], OWNED)
-        return outcome.take(~owned)
+        return outcome.of_objects(~owned)
 
     def _remove(self, outcome: Settled) -> Rows:
         """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
@@ -326,32 +328,32 @@ class MarkerUpdate:
         self._refuse(rows[old], RefusedError(OLDER, "a newer state was received"))
         rows, slots = rows[~old], slots[~old]
         same = self._have_shapes(rows, slots)
-        self._each(rows[same], self._touch)
+        self._put_rows(rows[same], self._touch)
         simple = ~same & np.isin(markers.type[rows], PRIMITIVES)
-        some, ns = rows[simple], markers.ns
+        primitives, ns = rows[simple], markers.ns
 
         def refuse(bad: Mask, error: RefusedError) -> None:
-            self._refuse(some[bad], error, marks=True)
+            self._refuse(primitives[bad], error, marks=True)
 
         def admit(index: int) -> int:
             return self._table.namespaces.admit(ns.texts[index])
 
-        with self._shapes.room(slots[simple] < 0, ns.of[some], admit, refuse) as admitted:
-            self._each(some[admitted], self._put_many)
+        with self._shapes.room(slots[simple] < 0, ns.of[primitives], admit, refuse) as admitted:
+            self._put_rows(primitives[admitted], self._put_many)
         for row in rows[~same & ~simple].tolist():
             self._put_one_of(row, previous)
 
     def _put_one_of(self, last: int, previous: Rows) -> None:
-        """Give an object the last of its states that can be built."""
+        """Give an object the last of its shapes that can be built."""
         self._put_what_stays(last, previous)
         row = last
         for _ in range(MAX_TRIES):
-            if self._each(np.array([row]), self._put):
+            if self._put_rows(np.array([row]), self._put):
                 break
             if (row := int(previous[row])) < 0:
                 return
         if row != last:
-            self._mark(last, "")  # what it has is not the last
+            self._mark(last, "")  # it has an earlier one
 
     def _put_what_stays(self, row: int, previous: Rows) -> None:
         """Put the last shape before one that has to be built: it stays if that can't be."""
@@ -361,9 +363,9 @@ class MarkerUpdate:
         while row >= 0 and kinds[row] not in IMMEDIATE:
             row = int(previous[row])
         if row >= 0:
-            self._each(np.array([row]), self._put)
+            self._put_rows(np.array([row]), self._put)
 
-    def _each(self, rows: Rows, put: Callable[[Rows], None]) -> bool:
+    def _put_rows(self, rows: Rows, put: Callable[[Rows], None]) -> bool:
         """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
 
         def fail(row: int, error: RefusedError) -> None:
@@ -372,7 +374,7 @@ class MarkerUpdate:
         def name(row: int) -> str:
             return name_from_key(self._markers.key(row))
 
-        return each(rows, put, fail, self._objects.guard, "input objects", name)
+        return put_rows(rows, put, fail, self._objects.guard, "input objects", name)
 
     def _touch(self, rows: Rows) -> None:
         """Extend objects whose shapes are unchanged."""
@@ -383,14 +385,14 @@ class MarkerUpdate:
     def _put_many(self, rows: Rows) -> None:
         """Add objects of primitive shapes, or change them."""
         m, keys = self._markers, self._keys(rows)
-        given = m.type[rows], m.scales[rows], m.poses[rows], m.expiry[rows]
-        self._store(rows, self._shapes.put_primitives(keys, *given))
+        columns = m.type[rows], m.scales[rows], m.poses[rows], m.expiry[rows]
+        self._store(rows, self._shapes.put_primitives(keys, *columns))
 
     def _put(self, rows: Rows) -> None:
         """Add the object of one marker of any type, or change it."""
         row = int(rows[0])
         expiry = int(self._markers.expiry[row])
-        slot = self._shapes.take(self._markers.key(row), self._plan(row), expiry)
+        slot = self._shapes.put_planned(self._markers.key(row), self._plan(row), expiry)
         self._store(rows, np.array([slot]))
 
     def _plan(self, row: int) -> ShapePlan:
@@ -401,7 +403,7 @@ class MarkerUpdate:
         if row not in self._plans:
             markers = self._markers
             part, at = markers.parts[markers.part[row]], int(markers.row[row])
-            given = MarkerShape(
+            shape = MarkerShape(
                 int(markers.type[row]),
                 markers.scales[row].copy(),
                 part.points("points", at).copy(),
@@ -409,7 +411,7 @@ class MarkerUpdate:
                 part.text("file", at).decode(errors="replace"),
                 part.text("content", at),
             )
-            self._plans[row] = plan_shape(given)
+            self._plans[row] = plan_shape(shape)
         return self._plans[row]
 
     def _store(self, rows: Rows, slots: Rows) -> None:
@@ -418,15 +420,15 @@ class MarkerUpdate:
         self._table.maker[slots] = markers.sender[rows]
         of = markers.frame.of[rows]
         for index in np.unique(of).tolist():
-            some = rows[of == index]
+            rows_there = rows[of == index]
             state = State(
                 markers.frame.texts[index],
-                markers.stamp[some],
-                markers.received[some],
-                sender=markers.sender[some],
+                markers.stamp[rows_there],
+                markers.received[rows_there],
+                sender=markers.sender[rows_there],
             )
-            kinds = self._kinds[some]
-            states.store(slots[of == index], markers.poses[some], state, kinds=kinds)
+            kinds = self._kinds[rows_there]
+            states.store(slots[of == index], markers.poses[rows_there], state, kinds=kinds)
         table = self._table
         table.repeated[slots[self._again[rows]]] = True
         table.order[slots] = np.maximum(table.order[slots], self._orders[rows])

@@ -127,16 +127,16 @@ class SceneFile:
 
     def _paddings(self) -> list[str]:
         """Return entries of ``padding_overrides``."""
-        given = [(name, thing.padding) for name, thing in self._things]
-        return [f"{name}: {padding!r}" for name, padding in given if padding is not None]
+        paddings = [(name, thing.padding) for name, thing in self._things]
+        return [f"{name}: {padding!r}" for name, padding in paddings if padding is not None]
 
     def _overrides(self) -> list[str]:
         """Return entries of ``accuracy_overrides``, the objects' own behind those of patterns."""
-        given = [(self._patterns([name]), level) for name, level in self._scene.accuracies]
+        levels = [(self._patterns([name]), level) for name, level in self._scene.accuracies]
         own = [([name], thing.accuracy) for name, thing in self._things]
         return [
             f"{pattern}: {level.name.lower()}"
-            for patterns, level in (*given, *own)
+            for patterns, level in (*levels, *own)
             if level is not None
             for pattern in patterns
         ]

@@ -53,7 +53,7 @@ class Senders:
         """Take note that no message waits: whatever is lost was pushed out of a full queue."""
         self._taken = self._before = 0
 
-    def take(self, info: Mapping[str, Any]) -> tuple[int, int]:
+    def note_message(self, info: Mapping[str, Any]) -> tuple[int, int]:
         """Return who sent a message, and how many were lost before it.
 
         What a new publisher sent before its first message may be from before the node came; it is
@@ -86,8 +86,8 @@ class Senders:
         if not asked or not self._publishers():
             return asked
         present = {self._known.get(gid, (0, 0))[0] for gid in self._gids()}
-        known = {sender for sender, _ in self._known.values()}
-        return (asked & known) - present if self._are_listed else set()
+        remembered = {sender for sender, _ in self._known.values()}
+        return (asked & remembered) - present if self._are_listed else set()
 
     def _count(self, number: int) -> int:
         """Return how many messages were lost before one, of which publisher is not known."""
@@ -95,14 +95,14 @@ class Senders:
             self._last.remove(number - 1)
             self._last.append(number)
             return 0
-        known = self._publishers()
-        del self._last[: max(0, len(self._last) - known)]
+        publishers = self._publishers()
+        del self._last[: max(0, len(self._last) - publishers)]
         before = [last for last in self._last if last < number]
         lost = 0
-        if before and len(self._last) >= known:
+        if before and len(self._last) >= publishers:
             lost = number - max(before) - 1
             self._last.remove(max(before))
-        elif self._last and len(self._last) >= known:  # a publisher in place of one that ended
+        elif self._last and len(self._last) >= publishers:  # a publisher in place of one that ended
             self._last.pop(0)
         self._last.append(number)
         return lost

@@ -82,8 +82,7 @@ INPUTS = {
         PointCloud2,
         10,
         meaning="Complete set of boxes of this topic: the fields of object_poses, and size_x "
-        "size_y "
-        "size_z (edge lengths, m).",
+        "size_y size_z (edge lengths, m).",
     ),
     # As drivers of sensors send: a reliable subscription would receive nothing from them.
     "points": Input(
@@ -172,7 +171,7 @@ class Subscriptions:
                     self.senders[topic].emptied()
                     break
                 message, info = taken
-                self._take(topic, message, info, is_awaited=False)
+                self._store(topic, message, info, is_awaited=False)
                 if monotonic() > end:
                     break
 
@@ -194,14 +193,14 @@ class Subscriptions:
         oldest, self._oldest = self._oldest, 0
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
-    def _take(
+    def _store(
         self, topic: str, message: bytes, info: Mapping[str, Any], is_awaited: bool = True
     ) -> None:
         """Store a message; is_awaited: whether a cycle may begin for it."""
         monitor = self._monitors[topic]
         if ALONE in monitor.unreadable and self.open[topic].get_publisher_count() <= 1:
             del monitor.unreadable[ALONE]  # of a queue that could not be read: it is this sender's
-        monitor.sender, lost = self.senders[topic].take(info)
+        monitor.sender, lost = self.senders[topic].note_message(info)
         if lost:
             monitor.lose(lost, self._now() if self._topics[topic].is_change else None)
         received = info.get("received_timestamp") or 0  # not given by some middlewares
@@ -218,7 +217,7 @@ class Subscriptions:
             subscription = self._node.create_subscription(
                 kind,
                 topic,
-                partial(self._take, topic),
+                partial(self._store, topic),
                 qos,
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # QosWatch
                 qos_overriding_options=overridable(),
@@ -236,5 +235,5 @@ class Subscriptions:
 
     def _gids(self, topic: str) -> Iterator[bytes]:
         """Yield the gids of the publishers of a topic."""
-        for each in self._node.get_publishers_info_by_topic(topic):
-            yield bytes(each.endpoint_gid)
+        for info in self._node.get_publishers_info_by_topic(topic):
+            yield bytes(info.endpoint_gid)

@@ -214,15 +214,15 @@ def cloud_from_bytes(data: bytes) -> CloudMessage:
     reader = Reader(data, PointCloud2)
     header = reader.header()
     height, width = reader.numbers(SIZE)
-    fields = next((fields for given, fields in _known_fields if reader.skip(given)), None)
+    fields = next((fields for content, fields in _known_fields if reader.skip(content)), None)
     if fields is None:
-        start, found = reader.at, reader.items(FIELD)
-        if len(found) > MAX_FIELDS:
-            raise RefusedError("field layout", f"{len(found)} fields, {MAX_FIELDS} is the limit")
-        named = zip(found.texts("name"), found.numbers["numbers"].tolist(), strict=True)
-        fields = [Field(name, *given) for name, given in named]
+        start, items = reader.at, reader.items(FIELD)
+        if len(items) > MAX_FIELDS:
+            raise RefusedError("field layout", f"{len(items)} fields, {MAX_FIELDS} is the limit")
+        named = zip(items.texts("name"), items.numbers["numbers"].tolist(), strict=True)
+        fields = [Field(name, *numbers) for name, numbers in named]
         if reader.at - start <= LONGEST_KNOWN:
-            _known_fields.append((found.data[start : reader.at], fields))
+            _known_fields.append((items.data[start : reader.at], fields))
     order, point_step, row_step = reader.numbers(LAYOUT)
     content = reader.content()
     (dense,) = reader.numbers(FLAG, 1)
@@ -365,10 +365,10 @@ class Reader:
         start = self._reserve(layout.size, alignment)
         return layout.unpack_from(self._data, start)
 
-    def skip(self, given: bytes) -> bool:
+    def skip(self, content: bytes) -> bool:
         """Go on behind bytes, and return whether they are next."""
-        is_next = self._data.startswith(given, self.at)
-        self.at += len(given) if is_next else 0
+        is_next = self._data.startswith(content, self.at)
+        self.at += len(content) if is_next else 0
         return is_next
 
     def count(self, item: int = 1) -> int:
@@ -412,8 +412,8 @@ class Reader:
         if count == 0:
             return np.empty((0, columns))
         start = self._reserve(8 * count * columns, 8)
-        found = np.frombuffer(self._data, "<f8", count * columns, start)
-        return found.reshape(count, columns).astype(np.float64)  # a copy: aligned and writable
+        numbers = np.frombuffer(self._data, "<f8", count * columns, start)
+        return numbers.reshape(count, columns).astype(np.float64)  # a copy: aligned and writable
 
     def content(self) -> bytearray:
         """Return a list of bytes."""

@@ -91,14 +91,14 @@ def cloud_from_ros(
 
 @lru_cache(KNOWN_LAYOUTS)
 def _layout(
-    given: tuple[tuple[str, int, int, int], ...], is_bigendian: bool, step: int
+    described: tuple[tuple[str, int, int, int], ...], is_bigendian: bool, step: int
 ) -> np.dtype[Any]:
     """Return the type of rows. All is checked in Python's integers: numpy's wrap around."""
     if step > LARGEST_POINT:
         raise RefusedError("field layout", f"points of {step} bytes each")
     order = ">" if is_bigendian else "<"
     fields: dict[str, tuple[str, int]] = {}
-    for name, datatype, count, start in given:
+    for name, datatype, count, start in described:
         # count 0 is what some old writers put for a single number
         if datatype not in DATATYPES or count > 1:
             wrong = f"datatype {datatype} and count {count}"

@@ -106,29 +106,29 @@ class ShapePlan:
     job: Job | None = None
 
 
-def plan_shape(given: MarkerShape) -> ShapePlan:
+def plan_shape(marker: MarkerShape) -> ShapePlan:
     """Return how to get a marker's shape. RefusedError with the reason where it is no body.
 
     What takes time in proportion to the points or the file is left to the job, but for one look
     at their bytes, which identify those received before.
     """
-    planner = PLANNERS.get(given.kind)
+    planner = PLANNERS.get(marker.kind)
     if planner is None:
-        reason = NO_BODY if given.kind in ANNOTATIONS else "unknown marker type"
-        raise RefusedError(reason, f"type {given.kind}")
+        reason = NO_BODY if marker.kind in ANNOTATIONS else "unknown marker type"
+        raise RefusedError(reason, f"type {marker.kind}")
     try:
-        return planner(given, _checked_scale(given))
+        return planner(marker, _checked_scale(marker))
     except RefusedError:
         raise
     except ValueError as error:
         raise RefusedError("bad shape", str(error)) from error
 
 
-def _checked_scale(given: MarkerShape) -> Floats:
+def _checked_scale(marker: MarkerShape) -> Floats:
     """Return the scale (3,). RefusedError unless finite, and positive where it counts."""
-    scale = given.scale
-    used = scale[: SCALE_AXES.get(given.kind, 3)]
-    if given.kind == Marker.ARROW and len(given.points):
+    scale = marker.scale
+    used = scale[: SCALE_AXES.get(marker.kind, 3)]
+    if marker.kind == Marker.ARROW and len(marker.points):
         used = scale[:2]  # head length 0 is RViz's "choose one"
     meant = (used >= SMALLEST_MEANT) & (used <= LARGEST_COORDINATE)
     if not (np.isfinite(scale).all() and meant.all()):
@@ -136,23 +136,23 @@ def _checked_scale(given: MarkerShape) -> Floats:
     return scale
 
 
-def _simple(given: MarkerShape, scale: Floats, shape: shapes.Shape) -> ShapePlan:
+def _simple(marker: MarkerShape, scale: Floats, shape: shapes.Shape) -> ShapePlan:
     _ = shape.local_box  # fitted here, where a failure can still be refused
-    return ShapePlan((given.kind, *scale.tolist()), shape)
+    return ShapePlan((marker.kind, *scale.tolist()), shape)
 
 
-def _arrow(given: MarkerShape, scale: Floats) -> ShapePlan:
+def _arrow(marker: MarkerShape, scale: Floats) -> ShapePlan:
     """Along x from the origin, or between two points with scale.x, scale.y as diameters."""
-    if len(given.points) == 1:
+    if len(marker.points) == 1:
         raise RefusedError("array lengths differ", "an arrow has no points or two")
-    if len(given.points) == 0:
+    if len(marker.points) == 0:
         from_tail = CUBE_CORNERS + np.array((0.5, 0.0, 0.0))
         body = shapes.Hull(from_tail * scale * ARROW_HEAD, fit="aabb")  # its best fit, bit for bit
-        return _simple(given, scale, body)
-    ends = np.array(given.points[:2], dtype=np.float64)  # RViz looks at no more
+        return _simple(marker, scale, body)
+    ends = np.array(marker.points[:2], dtype=np.float64)  # RViz looks at no more
     _check_points(ends)
     shape = _between(ends, float(scale[:2].max()))
-    return ShapePlan((given.kind, *scale.tolist(), ends.tobytes()), shape)
+    return ShapePlan((marker.kind, *scale.tolist(), ends.tobytes()), shape)
 
 
 def _between(ends: Floats, width: float) -> shapes.Shape:
@@ -175,32 +175,32 @@ def _check_points(points: Floats) -> None:
         raise RefusedError("bad points", "points must be finite")
 
 
-def _triangles(given: MarkerShape, scale: Floats) -> ShapePlan:
-    if len(given.points) % 3:
+def _triangles(marker: MarkerShape, scale: Floats) -> ShapePlan:
+    if len(marker.points) % 3:
         raise RefusedError(
-            "array lengths differ", f"{len(given.points)} points do not form triangles"
+            "array lengths differ", f"{len(marker.points)} points do not form triangles"
         )
-    points, signature = _known_points(given, scale)
+    points, signature = _known_points(marker, scale)
     return ShapePlan(signature, job=Triangles(points, scale))
 
 
-def _bodies(given: MarkerShape, scale: Floats) -> ShapePlan:
-    points, signature = _known_points(given, scale)
+def _bodies(marker: MarkerShape, scale: Floats) -> ShapePlan:
+    points, signature = _known_points(marker, scale)
     return ShapePlan(signature, job=Bodies(points, scale))
 
 
-def _dots(given: MarkerShape, scale: Floats) -> ShapePlan:
-    points, signature = _known_points(given, scale)
-    widths = np.full(3, scale[: SCALE_AXES[given.kind]].max())
+def _dots(marker: MarkerShape, scale: Floats) -> ShapePlan:
+    points, signature = _known_points(marker, scale)
+    widths = np.full(3, scale[: SCALE_AXES[marker.kind]].max())
     return ShapePlan(signature, job=Bodies(points, widths))
 
 
-def _known_points(given: MarkerShape, scale: Floats) -> tuple[Floats, Signature]:
-    points = given.points
+def _known_points(marker: MarkerShape, scale: Floats) -> tuple[Floats, Signature]:
+    points = marker.points
     if len(points) == 0:
         raise RefusedError("no points", "this marker type needs points")
     digest = _digest(np.ascontiguousarray(points).reshape(-1).view(np.uint8))
-    return _kept(points), (given.kind, *scale.tolist(), len(points), digest)
+    return _kept(points), (marker.kind, *scale.tolist(), len(points), digest)
 
 
 def _kept(points: Floats) -> Floats:
@@ -216,18 +216,18 @@ def _digest(data: Any) -> bytes:
     return hashlib.blake2b(data, digest_size=16).digest()
 
 
-def _mesh(given: MarkerShape, scale: Floats) -> ShapePlan:
-    uri = given.resource
-    if len(given.data):
-        data = bytes(given.data)
-        name = "mesh" + PurePath(given.filename or uri).suffix
-        signature = (given.kind, *scale.tolist(), name, _digest(data))
+def _mesh(marker: MarkerShape, scale: Floats) -> ShapePlan:
+    uri = marker.resource
+    if len(marker.data):
+        data = bytes(marker.data)
+        name = "mesh" + PurePath(marker.filename or uri).suffix
+        signature = (marker.kind, *scale.tolist(), name, _digest(data))
         return ShapePlan(signature, job=MeshFile(name, scale, data))
     if "://" not in uri:  # RViz takes URIs only; a bare path depends on where the node was started
         raise RefusedError(UNREADABLE, f"{shortened(uri)!r} is not a file:// or package:// URI")
     if len(uri) > MAX_PATH:
         raise RefusedError(UNREADABLE, f"{shortened(uri)!r} has more than {MAX_PATH} characters")
-    return ShapePlan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
+    return ShapePlan((marker.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
 
 
 PLANNERS: dict[int, Callable[[MarkerShape, Floats], ShapePlan]] = {

@@ -106,9 +106,9 @@ class NamespaceTable:
 
         One with a stand-in for its name is found by both.
         """
-        known = self._numbers.get(name)
-        if known is not None:
-            return known
+        listed = self._numbers.get(name)
+        if listed is not None:
+            return listed
         try:
             number = namespace_number(name)
         except UnicodeEncodeError:
@@ -123,22 +123,22 @@ class NamespaceTable:
         """
         check_name(name, "namespace", self.max_bytes)
         number = namespace_number(name)
-        known = self.names.get(number)
-        if known == name:
+        present = self.names.get(number)
+        if present == name:
             return number
-        if number in self._used and known != stand_in(number):
-            detail = f"{name!r} and {known!r} have the same CRC-32: rename one"
+        if number in self._used and present != stand_in(number):
+            detail = f"{name!r} and {present!r} have the same CRC-32: rename one"
             raise RefusedError("namespace number taken", detail)
         self._refuse_twin(name)
         used = self._used.pop(number, 0)
-        if known is not None:
+        if present is not None:
             self._unused[number] = None
             self._forget(number)
         try:
             self._take_place(number, name)
         except RefusedError:
-            if used and known is not None:
-                self._take_place(number, known)
+            if used and present is not None:
+                self._take_place(number, present)
                 self.use(number, used)
             raise
         if used:
@@ -237,9 +237,9 @@ class FrameTable:
 
         Raises RefusedError ("bad name", "too many frames").
         """
-        found = self._indices.get(frame)
-        if found is not None:
-            return found
+        present = self._indices.get(frame)
+        if present is not None:
+            return present
         check_name(frame, "frame", self.max_bytes)
         if self.is_full:
             raise RefusedError("too many frames", f"{MAX_FRAMES} in use is the limit")

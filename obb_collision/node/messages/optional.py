@@ -33,12 +33,12 @@ def optional(module: str, name: str = "") -> Any:
     """Return a module, or its type of messages or services; None where it cannot be used."""
     package = module.partition(".")[0]
     try:
-        found = import_module(module)
+        offered = import_module(module)
         if name:
-            found = getattr(found, name)
-            check_for_type_support(found)
+            offered = getattr(offered, name)
+            check_for_type_support(offered)
     except Exception as error:  # whatever a broken package raises
         if not (isinstance(error, ModuleNotFoundError) and error.name == package):
             unusable[package] = f"{type(error).__name__}: {error}"
         return None
-    return found
+    return offered

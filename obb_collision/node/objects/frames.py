@@ -108,10 +108,10 @@ class TfFrames:
         static ones aside, and 0 where all are static.
         """
         try:
-            found = self.buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
+            answer = self.buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
         except tf2_ros.TransformException as error:
             raise RefusedError(reason_from_tf2(error, tf2_ros), str(error)) from error
-        return transform_from_ros(found.transform), stamp_from_ros(found.header.stamp)
+        return transform_from_ros(answer.transform), stamp_from_ros(answer.header.stamp)
 
 
 def make_frames(node: Node, fixed_frame: str) -> FrameSource:
@@ -131,7 +131,7 @@ class LatestTransforms:
         self._seen: dict[str, tuple[int, int]] = {}  # by frame: the stamp, and since when it is it
 
     def since(self, frame: str, stamp: int, now: int) -> int:
-        """Return it (ns), of the stamp by which a frame was found just now; 0 if that is static."""
+        """Return since when (ns) a transform with this stamp was true, 0 for a static one."""
         if stamp == 0:
             return 0
         if self._seen.get(frame, NOT_SEEN)[0] != stamp:
@@ -175,29 +175,29 @@ class Transforms:
     def _look_up(self, frame: int, stamp: int) -> tuple[Floats, int] | None:
         name = self._name(frame)
         try:
-            found, at = self._frames.lookup(name, stamp)
-            if unusable_poses(found[None]).any():
-                raise RefusedError("bad transform", f"{name!r}: {found.tolist()}")
-            return found, at
+            pose, at = self._frames.lookup(name, stamp)
+            if unusable_poses(pose[None]).any():
+                raise RefusedError("bad transform", f"{name!r}: {pose.tolist()}")
+            return pose, at
         except Exception as error:
             self.errors[frame] = self._guard.refusal("look-up of frames", error, name)
         return None
 
     def reach(self, frames: Slots, all_stamps: Slots) -> Mask:
-        """Return which states (n,) can be placed: those up to the newest stamp that is found."""
+        """Return which states (n,) can be placed: those up to the newest stamp with a transform."""
         ok: Mask = frames == 0
         for frame in np.unique(frames[~ok]).tolist():
             rows = np.flatnonzero(frames == frame)
-            given = all_stamps[rows]
-            stamps = np.unique(given[given > 0])
+            stamps_here = all_stamps[rows]
+            stamps = np.unique(stamps_here[stamps_here > 0])
             newest = self._newest(frame, stamps)
-            ok[rows] = (given > 0) & (given <= newest)
-            if (given == 0).any() and self.get(frame, 0) is not None:
-                ok[rows[given == 0]] = True
+            ok[rows] = (stamps_here > 0) & (stamps_here <= newest)
+            if (stamps_here == 0).any() and self.get(frame, 0) is not None:
+                ok[rows[stamps_here == 0]] = True
         return ok
 
     def _newest(self, frame: int, stamps: Slots) -> int:
-        """Return the newest of rising stamps at which a frame is found, -1 for none."""
+        """Return the newest of rising stamps with a transform of a frame, -1 for none."""
         late, at, leap = len(stamps), len(stamps) - 1, 1
         while at >= 0 and self.get(frame, int(stamps[at])) is None:
             if self.errors[frame].reason != EXTRAPOLATION:

@@ -34,7 +34,7 @@ from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.states import Staleness, States
-from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
+from obb_collision.node.objects.table import NO_TIME, ObjectTable, Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder, Limits
 from obb_collision.scene.report import Report
@@ -71,9 +71,9 @@ class Objects:
         self.max_points = NO_LIMIT
         """Points of a cloud, and rows of bulk poses and sets of boxes."""
         self.broken = ""
-        """Where an error nobody foresaw may have left objects other than what was sent."""
+        """Where an unforeseen error may have left objects that differ from the messages."""
         self.is_declared_empty = False
-        """Whether somebody has said that there is no object, and none has come since."""
+        """Whether a sender has declared that there is no object, and none has come since."""
         self.links_on_boxes: Slots = NO_ROWS
         """Links of robots in pairs that the last check left on boxes, their hulls being built."""
         self.trees = self.scene.objects.build_outside(self._tree_builder)
@@ -102,16 +102,16 @@ class Objects:
         """
         pairs, table = report.pairs, self.table
         self.links_on_boxes = NO_ROWS
-        found = np.zeros(len(pairs), np.bool_)
+        on_boxes = np.zeros(len(pairs), np.bool_)
         if report.behind and self.trees.waiting:
             links = table.of_robot[pairs]
-            found = links.any(axis=1) & (report.accuracies <= Accuracy.OBB)
-            found &= np.isin(pairs, self.trees.slots_waiting).any(axis=1)
-            self.links_on_boxes = np.unique(pairs[found][links[found]])
-        return found
+            on_boxes = links.any(axis=1) & (report.accuracies <= Accuracy.OBB)
+            on_boxes &= np.isin(pairs, self.trees.slots_waiting).any(axis=1)
+            self.links_on_boxes = np.unique(pairs[on_boxes][links[on_boxes]])
+        return on_boxes
 
     def declare_empty(self) -> None:
-        """Take note that somebody has said what there is: it counts if that is nothing."""
+        """Note that a sender has declared its objects: it counts if there is none."""
         self.is_declared_empty = self.is_empty and not self.unplaceable
 
     def set_limits(self, limits: Limits) -> None:
@@ -144,7 +144,7 @@ class Objects:
         self.staleness.keep_ages(shift)
         table.received += shift
         table.world_received += shift
-        table.expiry[table.expiry != NEVER] += shift
+        table.expiry[table.expiry != NO_TIME] += shift
         table.order[:] = table.world_stamp[:] = 0
         self.shapes.unplaceable.clock_jumped(shift)
         self.placement.clock_jumped(shift)
@@ -157,7 +157,7 @@ class Objects:
         self.is_declared_empty &= self.is_empty and not self.unplaceable
         self.shapes.remove(np.flatnonzero(table.live & table.seen & (table.expiry <= now)))
         self.shapes.unplaceable.expire(now)
-        self.shapes.take_built()
+        self.shapes.use_built()
         self.placement.place(now)
         self.staleness.mark(now)
         table.seen[:] = table.live  # whose lifetime is over has taken part once, at least

@@ -89,17 +89,11 @@ MOST_LATE, MAX_LATE = 64, 20_000
 def latest_states(table: ObjectTable, slots: Slots) -> States:
     """Return the latest state of objects, as rows."""
     states = np.empty(len(slots), STATE)
-    states["slot"], states["pose"] = slots, table.given[slots]
+    states["slot"], states["pose"] = slots, table.pose[slots]
     for column in ("number", "frame", "stamp", "received", "topic", "twist"):
         states[column] = getattr(table, column)[slots]
     states["counted"] = table.has(TIRED, slots)
     return states
-
-
-def newest_per_object(states: States) -> npt.NDArray[np.int64]:
-    """Return the rows that are the newest ones of their objects."""
-    order = np.argsort(-states["number"], kind="stable")
-    return order[np.unique(states["slot"][order], return_index=True)[1]]
 
 
 def spaced(slots: Slots, received: Slots) -> Mask:
@@ -213,7 +207,7 @@ class Placement:
         self.frame_table.keep_only(np.unique(np.concatenate(frames)).tolist())
 
     def supersede(self, slots: Slots, frame: int) -> int:
-        """Make way for newer states of objects, given in a frame: what is not placed is queued.
+        """Queue the states of objects that are not placed yet: newer ones in a frame replace them.
 
         Not where both are in the fixed frame, for the newer one does not wait; returns how many
         states are dropped so.
@@ -247,7 +241,7 @@ class Placement:
             here = as_slice(slots)
             columns = table.stamp[here], table.received[here], table.number[here]
             try:  # by plain columns: twice as fast as by rows of states
-                self._set(slots, table.given[here], table.twist[here], columns)
+                self._set(slots, table.pose[here], table.twist[here], columns)
             except Exception:
                 self._move(latest_states(table, slots))
         if len(rows) or len(self.waiting):
@@ -287,22 +281,23 @@ class Placement:
         columns = [np.concatenate([part[name] for part in both]) for name in ("frame", "stamp")]
         can = np.split(transforms.reach(*columns), [len(both[0])])
         ready = np.concatenate([part[ok] for part, ok in zip(both, can, strict=True)])
-        ready = ready[newest_per_object(ready)]
+        ready = ready[np.argsort(-ready["number"], kind="stable")]
+        ready = ready[np.unique(ready["slot"], return_index=True)[1]]  # the newest of each object
         pairs = np.column_stack((ready["frame"], ready["stamp"]))
         groups, which = np.unique(pairs, axis=0, return_inverse=True)
         which = which.reshape(-1)  # numpy 2.0 gave it another shape
         for number, (frame, stamp) in enumerate(groups.tolist()):
-            found, states = transforms.get(frame, stamp) if frame else None, ready[which == number]
-            if found is not None:
-                self._move(states, found[0], self._carried(frame, stamp, found[1], now))
+            transform = transforms.get(frame, stamp) if frame else None
+            states = ready[which == number]
+            if transform is not None:
+                outer, at = transform
+                # the stamp of a state says when its transform was true
+                since = 0 if stamp else self.latest.since(self.frame_table.name(frame), at, now)
+                self._move(states, outer, since)
             elif frame == 0:
                 self._move(states)
         self._drop_superseded()
         self._time_out(latest_states(table, rows[table.has(WAITING, rows)]), transforms, now)
-
-    def _carried(self, frame: int, stamp: int, found: int, now: int) -> int:
-        """Return when a transform of a stamp was true (ns), 0 if the state's own stamp says it."""
-        return 0 if stamp else self.latest.since(self.frame_table.name(frame), found, now)
 
     def _drop_superseded(self) -> None:
         """Drop states older than the one placed last, and those of removed objects."""
@@ -341,11 +336,11 @@ class Placement:
         table = self._table
         table.mark(states["slot"], TIMED_OUT)
         for frame, topic in np.unique(np.array([states["frame"], states["topic"]]), axis=1).T:
-            some = states[(states["frame"] == frame) & (states["topic"] == topic)]
+            alike = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
-            name = table.name(int(some["slot"][0]))
+            name = table.name(int(alike["slot"][0]))
             monitor = self._monitors[self.topics[topic]]
-            monitor.refuse(error.reason, name, error.detail, len(some))
+            monitor.refuse(error.reason, name, error.detail, len(alike))
 
     def _move(self, states: States, outer: Floats | None = None, carried: int = 0) -> None:
         """Move objects to states, given in a frame that is at ``outer`` (7,).

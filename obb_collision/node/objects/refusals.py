@@ -22,7 +22,7 @@ from itertools import islice
 from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
 from obb_collision.node.messages.marker_shapes import NO_BODY
 from obb_collision.node.messages.names import namespace_number, shortened, stand_in, whole_from_text
-from obb_collision.node.objects.table import NEVER, ObjectTable
+from obb_collision.node.objects.table import NO_TIME, ObjectTable
 from obb_collision.scene.store.patterns import Overrides
 
 MAX_UNPLACEABLE = 1000
@@ -42,7 +42,7 @@ class Unplaceable(dict[Key, str]):
         super().__init__()
         self._expiries: dict[Key, dict[int, int]] = {}  # by input
 
-    def add(self, key: Key, reason: str, expiry: int = NEVER, of_set: int = 0) -> None:
+    def add(self, key: Key, reason: str, expiry: int = NO_TIME, of_set: int = 0) -> None:
         """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations.
 
         of_set: the input of complete sets it came by; then only its next set says that it is gone.
@@ -54,7 +54,10 @@ class Unplaceable(dict[Key, str]):
         self._put(key, reason, self.forget(key) | {of_set: expiry})
         if len(self) > MAX_UNPLACEABLE:
             both = self.forget(next(iter(self))), self.forget(OTHERS)
-            latest = {one: max(of.get(one, 0) for of in both) for one in {**both[0], **both[1]}}
+            latest = {
+                of_input: max(of.get(of_input, 0) for of in both)
+                for of_input in {**both[0], **both[1]}
+            }
             self._put(OTHERS, "too many refused", latest)
 
     def _put(self, key: Key, reason: str, expiries: dict[int, int]) -> None:
@@ -68,8 +71,8 @@ class Unplaceable(dict[Key, str]):
     def _end(self, key: Key, inputs: Iterable[int]) -> None:
         """Forget what some inputs have refused."""
         expiries = self._expiries.get(key, {})
-        for one in inputs:
-            expiries.pop(one, None)
+        for number in inputs:
+            expiries.pop(number, None)
         if not expiries:
             self.forget(key)
 
@@ -91,13 +94,13 @@ class Unplaceable(dict[Key, str]):
     def expire(self, now: int) -> None:
         """Remove those whose lifetime is over."""
         for key, expiries in list(self._expiries.items()):
-            self._end(key, [one for one, expiry in expiries.items() if expiry <= now])
+            self._end(key, [number for number, expiry in expiries.items() if expiry <= now])
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
         for expiries in self._expiries.values():
-            for one, expiry in expiries.items():
-                expiries[one] = expiry if expiry == NEVER else expiry + shift
+            for number, expiry in expiries.items():
+                expiries[number] = expiry if expiry == NO_TIME else expiry + shift
 
 
 MEMORY = NANOSECONDS
@@ -159,16 +162,16 @@ class UnknownObjects:
         if not self._came:
             return []
         names = list(self._came)
-        known = (self._table.find_named([self._present(name) for name in names]) >= 0).tolist()
+        present = (self._table.find_named([self._present(name) for name in names]) >= 0).tolist()
         self._came = {
             name: at
-            for (name, at), there in zip(self._came.items(), known, strict=True)
+            for (name, at), there in zip(self._came.items(), present, strict=True)
             if not there and 0 <= now - at < MEMORY
         }
         return list(self._came)
 
     def _present(self, name: str) -> str:
-        """Return what an object is called by now that bulk poses named by a number alone."""
+        """Return the present name of an object whose namespace was known by its number only."""
         namespace, _, ident = name.rpartition("/")
         number = whole_from_text(namespace[1:]) if namespace.startswith("#") else None
         text = None if number is None else self._table.namespaces.names.get(number)

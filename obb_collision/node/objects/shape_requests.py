@@ -180,7 +180,7 @@ class ShapeRequests:
     def _look_at_files(self) -> None:
         """Have files looked at that a marker named again."""
         now = self._clock()
-        for signature in [known for known in self._files if known not in self._built]:
+        for signature in [unused for unused in self._files if unused not in self._built]:
             del self._files[signature]
         for signature, file in self._files.items():
             if not file.asked or now < file.next_check:

@@ -47,7 +47,7 @@ from obb_collision.node.objects.conditions import (
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.refusals import Unplaceable
 from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
-from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
+from obb_collision.node.objects.table import COLUMNS, NO_TIME, ObjectTable, Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.jobs import BuildError
@@ -88,7 +88,7 @@ class ObjectShapes:
         """Builds in another process."""
         self.requests = ShapeRequests(self.builder)
 
-    def take(self, key: Key, plan: ShapePlan, expiry: int = NEVER) -> int:
+    def put_planned(self, key: Key, plan: ShapePlan, expiry: int = NO_TIME) -> int:
         """Add an object by the plan of its shape, or give it that; returns its slot.
 
         A shape that takes time is built elsewhere. Till it is there a new object takes part in
@@ -116,7 +116,7 @@ class ObjectShapes:
         return slot
 
     def put(
-        self, key: Key, shape: Shape, signature: Signature = NO_SIGNATURE, expiry: int = NEVER
+        self, key: Key, shape: Shape, signature: Signature = NO_SIGNATURE, expiry: int = NO_TIME
     ) -> int:
         """Add an object, or change its shape; returns its slot.
 
@@ -154,7 +154,7 @@ class ObjectShapes:
             table.note_signature(slot, NO_SIGNATURE)
         table.mark(slots, SHAPE_GIVEN)
         self.placement.enable(slots)
-        self.touch(slots, NEVER)
+        self.touch(slots, NO_TIME)
         return slots
 
     def _add_shapes(self, names: list[str], shapes: Sequence[Shape]) -> Slots:
@@ -253,7 +253,7 @@ class ObjectShapes:
             self.builder.cancel(self.table.key(slot))
         self.table.mark(waiting, SHAPE_SETTLED)
 
-    def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NEVER) -> None:
+    def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NO_TIME) -> None:
         """Mark that the latest state (shape or pose) of an object could not be used.
 
         ``expiry`` is when the lifetime of that state would end (ns): until then it is there.
@@ -312,7 +312,7 @@ class ObjectShapes:
         kinds: Slots,
         sizes: Floats,
         poses: Floats,
-        expiry: Slots | int = NEVER,
+        expiry: Slots | int = NO_TIME,
         instead: Slots = NO_ROWS,
     ) -> Slots:
         """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
@@ -352,20 +352,21 @@ class ObjectShapes:
         self,
         names: list[str],
         levels: list[Accuracy | None] | None,
-        given: tuple[Slots, Slots, Floats],
+        columns: tuple[Slots, Slots, Floats],
     ) -> Slots:
         """Add objects that are no boxes, or change such: slots, -1 for new ones, kinds and sizes.
 
         Returns the slots of all.
         """
-        slots, kinds, sizes = given
+        slots, kinds, sizes = columns
         poses = np.zeros((len(slots), 7))
         poses[:, 6] = 1.0
         there = slots >= 0
         there[there] = ~self.table.has(UNPLACED, slots[there])
         poses[there] = self.scene.objects.poses_of(slots[there])
         try:
-            bodies = [_body(*one) for one in zip(kinds.tolist(), sizes.tolist(), strict=True)]
+            kinds_and_sizes = zip(kinds.tolist(), sizes.tolist(), strict=True)
+            bodies = [_body(kind, size) for kind, size in kinds_and_sizes]
             return self.scene.add_boxes(names, sizes, poses, levels, bodies)
         except ValueError as error:
             raise RefusedError("bad shape", str(error)) from error
@@ -383,24 +384,26 @@ class ObjectShapes:
             names = [f"{texts[number]}/{ident}" for number, ident in pairs]
         return names, [self.overrides.value(name) for name in names] if self.overrides else None
 
-    def take_built(self) -> None:
+    def use_built(self) -> None:
         """Give objects the shapes that were built since the last cycle."""
-        for given in self.requests.poll():
-            for key in self._waiting_for(given):
-                self._take_built(key, given)
+        for built in self.requests.poll():
+            for key in self._waiting_for(built):
+                self._use_built(key, built)
 
-    def _waiting_for(self, given: BuiltShape) -> list[Key]:
-        if given.keys is not None:
-            return [key for key in given.keys if key in self.table.slots]
+    def _waiting_for(self, built: BuiltShape) -> list[Key]:
+        if built.keys is not None:
+            return [key for key in built.keys if key in self.table.slots]
         signatures = self.table.signatures.items()
-        keys = [self.table.key(slot) for slot, known in signatures if known == given.signature]
+        keys = [
+            self.table.key(slot) for slot, signature in signatures if signature == built.signature
+        ]
         return [key for key in keys if not self.builder.wants(key)]
 
-    def _take_built(self, key: Key, given: BuiltShape) -> None:
-        error: BuildError | RefusedError | None = given.error
-        if given.shape is not None:
+    def _use_built(self, key: Key, built: BuiltShape) -> None:
+        error: BuildError | RefusedError | None = built.error
+        if built.shape is not None:
             try:
-                self._give(key, given.shape, given.signature)
+                self._give(key, built.shape, built.signature)
             except Exception as failure:  # of this object: others get theirs
                 error = self._guard.refusal("shapes", failure, name_from_key(key))
         slot = self.table.slots[key]

@@ -133,8 +133,8 @@ class States:
             kinds = pose_kinds(poses) if kinds is None else kinds
             poses = self._unit(slots, poses, kinds == FAR_KIND, state.topic)
             table, rows = self._table, as_slice(slots)
-            table.given[rows], table.frame[rows] = poses, frame
-            table.twist[rows] = self._take_twists(slots, twists)
+            table.pose[rows], table.frame[rows] = poses, frame
+            table.twist[rows] = self._used_twists(slots, twists)
             table.topic[rows] = self._placement.topics.index(state.topic)
             table.sender[rows] = senders
             table.locked[rows] = False
@@ -144,16 +144,16 @@ class States:
             self._stamp(slots, stamps, received, state.topic)
         return old
 
-    def _take_twists(self, slots: Slots, twists: Floats | None) -> Floats | float:
-        """Return what is to move objects on; remember twists for when they are stale, used or not.
+    def _used_twists(self, slots: Slots, twists: Floats | None) -> Floats | float:
+        """Return the twists that move objects on, and store all for when they are stale.
 
-        Whoever sends poses alone says nothing of how fast an object can be.
+        Poses alone say nothing of how fast an object can be.
         """
         if twists is None:
             return 0.0
-        known = np.asarray(~np.isnan(twists).any(axis=1))
-        self._table.told[slots[known]] = twists[known]
-        return np.where(known[:, None], twists, 0.0) if self.wants_twists() else 0.0
+        valid = np.asarray(~np.isnan(twists).any(axis=1))
+        self._table.last_twist[slots[valid]] = twists[valid]
+        return np.where(valid[:, None], twists, 0.0) if self.wants_twists() else 0.0
 
     def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
         """Store stamps; one that is not believed orders nothing."""
@@ -296,7 +296,7 @@ class Staleness:
         if len(changed):
             gone = changed[stale[changed]]
             table.order[gone] = 0  # a restarted sender may begin anew
-            table.speed[gone] = self._scene.objects.speeds_of(gone, table.told[gone])
+            table.speed[gone] = self._scene.objects.speeds_of(gone, table.last_twist[gone])
             self._placement.stop(gone)  # how they move is not known any more
         self._judge(self._grow(now - since))
         self._placement.enable(changed)

@@ -49,8 +49,8 @@ from obb_collision.typing import Floats, Mask, Rows
 Slots = Rows
 """Rows of the table, which are the indices of the objects in the scene."""
 
-NEVER = np.iinfo(np.int64).max
-"""Time of expiry of an object without a lifetime."""
+NO_TIME = np.iinfo(np.int64).max
+"""In place of a time (ns) that never comes, such as the end of an unlimited lifetime."""
 FIRST_ROWS = 64
 """Rows of a new table; it doubles when full."""
 ID_BITS = 32
@@ -67,7 +67,7 @@ NOTHING = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
 
 DTYPES = {"Slots": np.int64, "Mask": np.bool_, "Floats": np.float64, "Conditions": np.uint16}
-WIDTHS = {"size": (3,), "given": (7,), "twist": (6,), "told": (6,)}
+WIDTHS = {"size": (3,), "pose": (7,), "twist": (6,), "last_twist": (6,)}
 
 
 class ObjectTable:
@@ -81,12 +81,12 @@ class ObjectTable:
     of_robot: Mask  # belongs to a link of a robot
     kind: Slots  # of its shape, if that is one of PRIMITIVES, else 0
     size: Floats  # of such a shape: the scale
-    given: Floats  # the latest pose as given, in ``frame``
-    twist: Floats  # of ``given``: linear, angular; zero if there was none
-    told: Floats  # the last twist that was told, by whichever state; zero if there was none
+    pose: Floats  # the latest one, in ``frame``
+    twist: Floats  # of ``pose``: linear, angular; zero without one
+    last_twist: Floats  # of the last state that had one; zero without any
     moving: Mask  # the scene has a twist
     frame: Slots  # index into the table of frames, 0 is the fixed frame
-    stamp: Slots  # of ``given``; 0: none
+    stamp: Slots  # of ``pose``; 0: none
     order: Slots  # states with an older stamp are dropped
     received: Slots
     number: Slots  # of the latest state: the later it came, the higher
@@ -104,7 +104,7 @@ class ObjectTable:
     limited: Mask  # the next two columns are those of its name
     limit: Slots  # age (ns) from which on it is stale; 0: none, -1: that of all
     policy: Slots  # for then, the index in POLICIES
-    speed: Floats  # of a stale one: the most of any of its points, by ``told``
+    speed: Floats  # of a stale one: the most of any of its points, by ``last_twist``
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()
@@ -148,7 +148,7 @@ class ObjectTable:
         for number, count in counts:
             self.namespaces.use(number, count)
         self.ns[rows], self.id[rows] = namespaces, ids
-        self.expiry[rows] = NEVER
+        self.expiry[rows] = NO_TIME
         self.serial[rows] = serials
         begin(self.condition, rows)
         self._serial += len(slots)
@@ -220,25 +220,22 @@ class ObjectTable:
         """
         index = self.index
         starts: dict[str, tuple[int, ...]] = {}
-        found = {}
+        slot_of = {}
         for name in set(names):
             namespace, slash, digits = name.rpartition("/")
             start = namespace + slash
             keys = starts.get(start)
             if keys is None:
-                keys = starts[start] = self._first_keys(start)
+                texts = (text[:-1] for text in (start, "/" + start) if text)
+                numbers = [self.namespaces.find(text) for text in texts]
+                keys = starts[start] = tuple([pack(n, 0) for n in numbers if n is not None])
             number = whole_from_text(digits) if keys else None
             slot = -1
             if number is not None and -ID_OFFSET <= number < ID_OFFSET:
                 for key in reversed(keys):  # the first one that has the id is the last one here
                     slot = index.get(key + number, slot)
-            found[name] = slot
-        return np.array([found[name] for name in names], np.int64)
-
-    def _first_keys(self, start: str) -> tuple[int, ...]:
-        """Return the key of id 0 in each namespace in use that ``start``, before an id, can be."""
-        known = [self.namespaces.find(text[:-1]) for text in (start, "/" + start) if text]
-        return tuple([pack(number, 0) for number in known if number is not None])
+            slot_of[name] = slot
+        return np.array([slot_of[name] for name in names], np.int64)
 
     def has(self, facts: int, slots: Slots | slice | int = EVERY) -> Mask:
         """Return of which objects, (n,) or all (rows,), at least one of the facts holds."""
@@ -299,10 +296,10 @@ class ObjectTable:
     @property
     def ranks(self) -> Slots:
         """(rows,) places of the objects in the order of their keys; of other rows anything."""
-        known, slots = self._sort()
+        keys, slots = self._sort()
         if self._ranks is None or len(self._ranks) != len(self.condition):
             self._ranks = np.zeros(len(self.condition), np.int64)
-            self._ranks[slots] = np.arange(len(known))
+            self._ranks[slots] = np.arange(len(keys))
         return self._ranks
 
     def renamed(self) -> None:
@@ -329,34 +326,34 @@ class ObjectTable:
         Numbers are int32; the same bits as uint32 will do. Without them all objects must share
         one namespace: RefusedError otherwise.
         """
-        known, slots = self._sort()
-        if len(known) == 0 or len(ids) == 0:
+        keys, slots = self._sort()
+        if len(keys) == 0 or len(ids) == 0:
             return np.full(len(ids), -1, np.int64)
-        if namespaces is not None and self._is_as_before(namespaces, ids):
-            return self._last[2].copy()
-        given = namespaces
+        last_namespaces, last_ids, last_slots = self._last
+        if (
+            namespaces is not None  # most senders repeat the keys of their last message
+            and np.array_equal(ids, last_ids)
+            and np.array_equal(namespaces, last_namespaces)
+        ):
+            return last_slots.copy()
+        named = namespaces
         if namespaces is None:
-            first, last = known[0] >> ID_BITS, known[-1] >> ID_BITS
+            first, last = keys[0] >> ID_BITS, keys[-1] >> ID_BITS
             if first != last:
                 raise RefusedError("field layout", "several namespaces: field 'ns' is needed")
             namespaces = np.broadcast_to(first, ids.shape)
         legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET) & are_numbers(namespaces)
         wanted = (signed(namespaces) << ID_BITS) + np.where(legal, ids, 0) + ID_OFFSET
-        at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-        found = np.where(legal & (known[at] == wanted), slots[at], -1)
-        if given is not None:
-            self._last = given.copy(), ids.copy(), found.copy()
-        return found
-
-    def _is_as_before(self, namespaces: Slots, ids: Slots) -> bool:
-        """Whether the same keys were looked for last: most senders name them in every message."""
-        same_ids = np.array_equal(ids, self._last[1])
-        return same_ids and np.array_equal(namespaces, self._last[0])
+        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        result = np.where(legal & (keys[at] == wanted), slots[at], -1)
+        if named is not None:
+            self._last = named.copy(), ids.copy(), result.copy()
+        return result
 
     def has_namespaces(self, namespaces: Slots) -> Mask:
         """Whether numbers (n,) are those of namespaces in the table."""
-        known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
-        return are_numbers(namespaces) & np.isin(signed(namespaces), known)
+        admitted = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
+        return are_numbers(namespaces) & np.isin(signed(namespaces), admitted)
 
 
 COLUMNS: dict[str, str] = dict(ObjectTable.__annotations__)

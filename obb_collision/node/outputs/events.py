@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from obb_collision.node.messages.conversions import NANOSECONDS
-from obb_collision.node.objects.table import NEVER
+from obb_collision.node.objects.table import NO_TIME
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.topics.rows import (
     BEGIN,
@@ -64,11 +64,11 @@ class Events:
         self._subscribers = 0
 
     def rows(
-        self, found: StructuredRows, given: CheckedState, measured: bool
+        self, collisions: StructuredRows, state: CheckedState, measured: bool
     ) -> StructuredRows | None:
         """Return the rows of one message, None for no message.
 
-        found: rows of ``collisions``; measured: whether distances are computed.
+        collisions: rows of that topic; measured: whether distances are computed.
         """
         limits = EventLimits(
             *(self._parameters.option("events", key) for key in EventLimits._fields)
@@ -76,28 +76,28 @@ class Events:
         if self._parameters.mode("separations") == OFF:  # there are no distances
             limits = limits._replace(begin_distance=0.0, clear_distance=0.0)
         rows = self.pairs.update(
-            given.now,
-            found,
+            state.now,
+            collisions,
             limits,
-            lambda rows: _part(rows, given, limits.clear_distance, measured),
-            whole=not given.report.truncated,
+            lambda rows: _part(rows, state, limits.clear_distance, measured),
+            whole=not state.report.truncated,
         )
         listeners, now = self._listeners(), perf_counter()
         due = listeners > self._subscribers or now >= self._next
         self._subscribers = listeners
         if due:
             self._next = now + PERIOD
-            rows = np.concatenate((rows, self.pairs.lasting(given.now)))
+            rows = np.concatenate((rows, self.pairs.lasting(state.now)))
         return rows if len(rows) or due else None
 
 
-def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: bool) -> Parted:
-    """Return what is known of rows that do not collide."""
+def _part(rows: StructuredRows, state: CheckedState, distance: float, measured: bool) -> Parted:
+    """Return why rows that do not collide any more end, and which objects are apart."""
     a, b = (
-        given.table.find(rows[ns].astype(np.int64), rows[number].astype(np.int64))
+        state.table.find(rows[ns].astype(np.int64), rows[number].astype(np.int64))
         for ns, number in (("ns_a", "id_a"), ("ns_b", "id_b"))
     )
-    cycle = given.report.cycle
+    cycle = state.report.cycle
     reasons = np.where((a < 0) | (b < 0), REMOVED, 0)
     checked = cycle.active[a] & cycle.active[b]
     with cycle.snapshot:
@@ -109,11 +109,11 @@ def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: 
             checked &= owns(cycle.region, np.maximum(cycle.bounds(a)[0], cycle.bounds(b)[0]))
     reasons[(reasons == 0) & ~checked] = NOT_CHECKED
     apart = np.full(len(rows), distance <= 0.0)
-    known = np.flatnonzero(reasons == 0)
-    if distance > 0.0 and measured and len(known):
+    comparable = np.flatnonzero(reasons == 0)
+    if distance > 0.0 and measured and len(comparable):
         with cycle.snapshot:
-            pairs = np.stack((a[known], b[known]), axis=1)
-            apart[known] = pair_separations(cycle.boxes, pairs).separations > distance
+            pairs = np.stack((a[comparable], b[comparable]), axis=1)
+            apart[comparable] = pair_separations(cycle.boxes, pairs).separations > distance
     return Parted(reasons, apart)
 
 
@@ -127,10 +127,10 @@ class EventLimits(NamedTuple):
 
 
 class Parted(NamedTuple):
-    """What is known of n pairs that do not collide.
+    """The end of n collisions.
 
-    reasons (n,): 0, or why nothing is known of them any more: REMOVED or NOT_CHECKED; apart (n,):
-    whether they are known to be apart by more than the distance to clear.
+    reasons (n,): 0, or why the pairs are not checked any more: REMOVED or NOT_CHECKED; apart (n,):
+    whether the objects are certainly apart by more than the distance to clear.
     """
 
     reasons: npt.NDArray[np.int64]
@@ -159,40 +159,40 @@ class PairEvents:
         self._rows: StructuredRows = np.zeros(size, self._dtype)
         self._rows["depth"] = np.nan
         self._begun: Mask = np.zeros(size, np.bool_)
-        self._since: Rows = np.full(size, NEVER)  # of what is about to begin or to end
+        self._since: Rows = np.full(size, NO_TIME)  # of what is about to begin or to end
         self._start: Rows = np.zeros(size, np.int64)
 
     def interrupt(self) -> None:
         """Take note that nothing was known for a while: it does not count as apart."""
-        self._since[self._begun] = NEVER
+        self._since[self._begun] = NO_TIME
 
     def clock_jumped(self, shift: int) -> None:
         """Continue all times from the new time, ``shift`` (ns) later."""
         self._start += shift
-        self._since[self._since != NEVER] += shift
+        self._since[self._since != NO_TIME] += shift
 
     def update(
         self,
         now: int,
-        found: StructuredRows,
+        collisions: StructuredRows,
         limits: EventLimits,
         part: Callable[[StructuredRows], Parted],
         whole: bool = True,
     ) -> StructuredRows:
-        """Return what began and ended, sorted by the keys of the objects.
+        """Return the collisions that began and ended, sorted by the keys of the objects.
 
-        now: ns; found: the colliding pairs, sorted rows of ``collisions``; part: tells of rows that
-        do not collide what is known of them; whole: whether ``found`` is all that collide.
+        now: ns; collisions: sorted rows of the topic; part: takes rows that do not collide and
+        returns their ``Parted``; whole: whether ``collisions`` has all that collide.
         """
-        collides, depths = self._merge(found)
+        collides, depths = self._merge(collisions)
         deep = collides & ~(depths < limits.begin_distance)  # NaN: not known, which counts
         # ends first: should ``part`` raise, no begin is lost
         ends = self._end(now, collides, limits, part, whole)
         begins = self._begin(now, deep, limits, kept=~collides & (not whole))
         events = self._rows[begins | ends]
-        gone = ends | ((self._since == NEVER) & ~self._begun)
+        gone = ends | ((self._since == NO_TIME) & ~self._begun)
         if gone.any():
-            self._take(~gone)
+            self._keep(~gone)
         first, self._new = self._new, False
         return events[:0] if first else events
 
@@ -202,17 +202,17 @@ class PairEvents:
         rows["event"], rows["duration"] = LASTING, (now - self._start[self._begun]) / NANOSECONDS
         return rows
 
-    def _merge(self, found: StructuredRows) -> tuple[Mask, Floats]:
-        """Take the pairs found among those known; return (k,) which collide, and how deep."""
-        keys = _keys(found)
+    def _merge(self, collisions: StructuredRows) -> tuple[Mask, Floats]:
+        """Add colliding pairs to those that last; return (k,) which collide, and how deep."""
+        keys = _keys(collisions)
         if not np.array_equal(keys, self._keys):
             self._grow(np.union1d(self._keys, keys))
         where = np.searchsorted(self._keys, keys)
         collides, depths = np.zeros(len(self._keys), np.bool_), np.zeros(len(self._keys))
-        collides[where], depths[where] = True, found["depth"]
+        collides[where], depths[where] = True, collisions["depth"]
         for name in (*TAKEN, *PAIR_FIELDS):
-            self._rows[name][where] = found[name]
-        self._rows["depth"][where] = np.fmax(self._rows["depth"][where], found["depth"])
+            self._rows[name][where] = collisions[name]
+        self._rows["depth"][where] = np.fmax(self._rows["depth"][where], collisions["depth"])
         return collides, depths
 
     def _grow(self, keys: npt.NDArray[np.bytes_]) -> None:
@@ -225,18 +225,18 @@ class PairEvents:
     def _state(self) -> tuple[npt.NDArray[Any], ...]:
         return self._rows, self._begun, self._since, self._start
 
-    def _take(self, kept: Mask) -> None:
+    def _keep(self, kept: Mask) -> None:
         self._keys = self._keys[kept]
         self._rows, self._begun, self._since, self._start = (c[kept] for c in self._state)
 
     def _begin(self, now: int, deep: Mask, limits: EventLimits, kept: Mask) -> Mask:
         """Begin what has been deep for long enough; kept: pairs of which nothing is known."""
         waits = ~self._begun & deep
-        self._since[waits & (self._since == NEVER)] = now
-        self._since[~self._begun & ~deep & ~kept] = NEVER
+        self._since[waits & (self._since == NO_TIME)] = now
+        self._since[~self._begun & ~deep & ~kept] = NO_TIME
         begins = waits & (self._new | (self._since <= now - _nanoseconds(limits.begin_time)))
         self._begun |= begins
-        self._since[begins], self._start[begins] = NEVER, now
+        self._since[begins], self._start[begins] = NO_TIME, now
         self._rows["event"][begins] = BEGIN
         return begins
 
@@ -249,19 +249,19 @@ class PairEvents:
         whole: bool,
     ) -> Mask:
         """End what has been apart for long enough, or is not checked any more."""
-        self._since[self._begun & collides] = NEVER
+        self._since[self._begun & collides] = NO_TIME
         ends = np.zeros(len(self._keys), np.bool_)
         which = np.flatnonzero(self._begun & ~collides)
         if len(which) == 0:
             return ends
-        known = part(self._rows[which])
-        apart = known.apart & whole
-        since = np.where(apart, np.minimum(self._since[which], now), NEVER)
+        parted = part(self._rows[which])
+        apart = parted.apart & whole
+        since = np.where(apart, np.minimum(self._since[which], now), NO_TIME)
         self._since[which] = since
-        over = (known.reasons > 0) | (apart & (since <= now - _nanoseconds(limits.clear_time)))
+        over = (parted.reasons > 0) | (apart & (since <= now - _nanoseconds(limits.clear_time)))
         ended = which[over]
         ends[ended] = True
-        self._rows["event"][ended], self._rows["reason"][ended] = END, known.reasons[over]
+        self._rows["event"][ended], self._rows["reason"][ended] = END, parted.reasons[over]
         self._rows["duration"][ended] = (now - self._start[ended]) / NANOSECONDS
         return ends
 

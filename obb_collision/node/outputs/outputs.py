@@ -149,72 +149,72 @@ class Outputs:
         self._next_namespaces = now + len(data) / NAMESPACES_RATE
         self.namespaces.publish(data)
 
-    def publish_report(self, given: Published) -> None:
+    def publish_report(self, state: Published) -> None:
         """Publish the requested outputs, also empty ones; one that fails does not stop others.
 
         The table of namespaces goes first, so that the rest can be read.
         """
         with self.guard.catching("output namespaces"):
-            self.publish_namespaces(given.table.namespaces)
-        if not given.effects.isdisjoint(("collisions", "text", "events")):
+            self.publish_namespaces(state.table.namespaces)
+        if not state.effects.isdisjoint(("collisions", "text", "events")):
             with self.guard.catching("output collisions"):
-                self._publish_pairs(given)
-        if "events" not in given.effects:
+                self._publish_pairs(state)
+        if "events" not in state.effects:
             self.events.forget()
-        results = given.report.results
-        for name in results.keys() & given.effects:
+        results = state.report.results
+        for name in results.keys() & state.effects:
             topic = TOPICS.get(name)
             if isinstance(topic, Cloud):
                 with self.guard.catching(f"output {name}"):
-                    self._publish_cloud(name, topic, results[name], given)
+                    self._publish_cloud(name, topic, results[name], state)
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=stamp_to_ros(stamp), frame_id=self.parameters.fixed_frame)
 
-    def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
-        rows = cloud.make_rows(result, given, cloud.dtype)
-        stamp = given.cloud_stamp if cloud.of_points else given.stamp
+    def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, state: Published) -> None:
+        rows = cloud.make_rows(result, state, cloud.dtype)
+        stamp = state.cloud_stamp if cloud.of_points else state.stamp
         self._publish_rows(name, cloud, rows, stamp)
 
     def _publish_rows(self, name: str, cloud: Cloud[Any], rows: StructuredRows, stamp: int) -> None:
         data = cloud_to_bytes(rows, stamp, self.parameters.fixed_frame, cloud.field_bytes)
         self.publishers[name].publish(data)
 
-    def _publish_pairs(self, given: Published) -> None:
-        rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
-        if "collisions" in given.effects:
-            self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
-        if "events" in given.effects:
+    def _publish_pairs(self, state: Published) -> None:
+        rows = COLLISIONS.make_rows(state.report, state, COLLISIONS.dtype)
+        if "collisions" in state.effects:
+            self._publish_rows("collisions", COLLISIONS, rows, state.stamp)
+        if "events" in state.effects:
             with self.guard.catching("output events"):
-                events = self.events.rows(rows, given, "separations" in given.effects)
+                events = self.events.rows(rows, state, "separations" in state.effects)
                 if events is not None:
-                    self._publish_cloud("events", EVENTS, events, given)
-        if "text" in given.effects:
-            names, limit = given.table.namespaces.names, self.parameters.max_text_pairs
-            total = (given.report.total, given.report.truncated)
-            text = text_from_rows(rows, names, self._header(given.stamp), limit, *total)
+                    self._publish_cloud("events", EVENTS, events, state)
+        if "text" in state.effects:
+            names, limit = state.table.namespaces.names, self.parameters.max_text_pairs
+            total = (state.report.total, state.report.truncated)
+            text = text_from_rows(rows, names, self._header(state.stamp), limit, *total)
             self.publishers["text"].publish(text)
 
-    def publish_markers(self, given: Published) -> None:
+    def publish_markers(self, state: Published) -> None:
         """Publish the boxes, if it is time to and there are subscribers."""
         parameters, now = self.parameters, perf_counter()
         if parameters.marker_rate <= 0.0 or now < self._next_markers:
             return
-        if "markers" not in given.effects:
+        if "markers" not in state.effects:
             return
         self._next_markers = now + 1.0 / parameters.marker_rate
-        objects, table = given.objects, given.table
+        objects, table = state.objects, state.table
         slots = objects.scene.indices
         drawn = table.visible[slots] & np.isin(slots, objects.scene.objects.near)
         slots, boxes = slots[drawn], objects.scene.boxes[drawn]
-        unclear = table.doubtful[slots] | given.report.truncated  # others may collide, too
+        unclear = table.doubtful[slots] | state.report.truncated  # others may collide, too
         colors = np.where(unclear, DOUBTFUL, FREE)
-        colors[given.report.colliding[slots]] = COLLIDING
+        colors[state.report.colliding[slots]] = COLLIDING
         form, most = parameters.marker_form, parameters.marker_max_cubes
         lines = form == "lines" or (form == "auto" and len(slots) > most)
         keys = [] if lines else table.keys(slots)
         width = parameters.marker_line_width if lines else None
-        drawing = keys, boxes, colors, given.stamp, parameters.marker_lifetime, width
+        drawing = keys, boxes, colors, state.stamp, parameters.marker_lifetime, width
         self.publishers["markers"].publish(self._markers.write(*drawing))
 
 
@@ -247,12 +247,7 @@ def text_from_rows(
             "verdict": Verdict(row["verdict"]).name.lower(),
             "accuracy": Accuracy(row["accuracy"]).label,
         }
-        told = _told(row["depth"], row["verdict"] == Verdict.TOUCHING)
-        status.append(make_status(f"{a} - {b}", warn, told, values.items(), ""))
+        depth = "overlapping" if np.isnan(row["depth"]) else f"{row['depth']:.6f} m deep"
+        text = "touching" if row["verdict"] == Verdict.TOUCHING else depth
+        status.append(make_status(f"{a} - {b}", warn, text, values.items(), ""))
     return DiagnosticArray(header=header, status=status)
-
-
-def _told(depth: float, touching: bool) -> str:
-    if touching:
-        return "touching"
-    return "overlapping" if np.isnan(depth) else f"{depth:.6f} m deep"

@@ -237,7 +237,7 @@ class Groups:
 
     def all_meant(self, words: Iterable[str]) -> list[str]:
         """Return the names and patterns that words stand for, each once."""
-        return list(dict.fromkeys(one for word in words for one in self.meant(word)))
+        return list(dict.fromkeys(name for word in words for name in self.meant(word)))
 
     def sides(self, pair: Pair) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return both sides of a pair."""
@@ -245,7 +245,7 @@ class Groups:
 
     def overrides(self, overrides: Iterable[tuple[str, Value]]) -> list[tuple[str, Value]]:
         """Return overrides of names and patterns for those of words."""
-        return [(one, value) for word, value in overrides for one in self.meant(word)]
+        return [(name, value) for word, value in overrides for name in self.meant(word)]
 
 
 def check_words(values: Mapping[str, Any]) -> None:
@@ -271,7 +271,7 @@ def _check(groups: Groups, entries: Sequence[Any]) -> None:
         words = (entry,) if isinstance(entry, str) else entry
         members = groups.all_meant(words)
         total += len(members)
-        patterns += sum(not set("*?[").isdisjoint(one) for one in members)
+        patterns += sum(not set("*?[").isdisjoint(name) for name in members)
     if total > MAX_MEMBERS or patterns > MAX_PATTERNS:
         raise ValueError(
             f"with their groups these are more than {MAX_MEMBERS} names or {MAX_PATTERNS} patterns"
@@ -283,22 +283,22 @@ def folder_from_text(text: str) -> tuple[str, str]:
 
     ValueError for a path that is not absolute. The folder need not exist: it may be mounted later.
     """
-    found = ENTRY.fullmatch(text)
-    if found is None:
+    match = ENTRY.fullmatch(text)
+    if match is None:
         raise ValueError(
             f"{shown(text)} is neither an absolute path nor like 'arm_description: /opt/arm'"
         )
-    return found[1] or "", found[2]
+    return match[1] or "", match[2]
 
 
 def folders_from(values: Mapping[str, Any]) -> MeshFolders:
     """Return the folders that parameters mean; ValueError for a package that has two."""
-    given: list[tuple[str, str]] = values["mesh_folders"]
-    named = [(package, folder) for package, folder in given if package]
+    entries: list[tuple[str, str]] = values["mesh_folders"]
+    named = [(package, folder) for package, folder in entries if package]
     packages = dict(named)
     if len(packages) < len(named):
         raise ValueError("mesh_folders must have at most one entry per package")
-    return MeshFolders(tuple(folder for package, folder in given if not package), packages)
+    return MeshFolders(tuple(folder for package, folder in entries if not package), packages)
 
 
 def option_name(effect: str, option: str) -> str:
@@ -312,9 +312,9 @@ EVERYTHING = "everything"
 
 def range_from_text(text: str) -> Range:
     """Return the axis and the ends (m) of an entry such as ``x: -inf to 5.0``."""
-    found = RANGE.fullmatch(text)
+    match = RANGE.fullmatch(text)
     try:
-        axis, low, high = found[1], float(found[2]), float(found[3])  # type: ignore[index]
+        axis, low, high = match[1], float(match[2]), float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
         raise ValueError(f"{shown(text)} is not like 'x: -inf to 5.0'") from None
     if not low < high or low == math.inf or high == -math.inf:
@@ -421,14 +421,14 @@ def touches_from_text(text: str) -> list[tuple[str, str]]:
 def bases_of(values: Mapping[str, Any]) -> dict[str, Base]:
     """Return where each robot stands, by name; ValueError for what does not fit together."""
     names: list[str] = values["robots"]
-    given: list[Base] = values["robot_bases"]
-    for parameter, robots in (("robots", names), ("robot_bases", [base.robot for base in given])):
+    bases: list[Base] = values["robot_bases"]
+    for parameter, robots in (("robots", names), ("robot_bases", [base.robot for base in bases])):
         for number, name in enumerate(robots):
             if name in robots[:number]:
                 raise ValueError(f"{parameter}: {name!r} occurs twice")
             if name not in names:
                 raise ValueError(f"robot_bases: {name!r} is not in the parameter robots")
-    return {name: Base(name) for name in names} | {base.robot: base for base in given}
+    return {name: Base(name) for name in names} | {base.robot: base for base in bases}
 
 
 def region_parameters(

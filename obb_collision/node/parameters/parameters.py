@@ -68,7 +68,7 @@ class Parameters:
         for hint in misspelt(parameter_overrides(node)):
             node.get_logger().warning(hint)
         node.add_on_set_parameters_callback(self._check)
-        node.add_post_set_parameters_callback(self._take)
+        node.add_post_set_parameters_callback(self._update)
         guard_parameter_services(node)
 
     def __getattr__(self, name: str) -> Any:
@@ -129,11 +129,11 @@ class Parameters:
 
     def restore_defaults(self) -> None:
         """Undo ``override_defaults``, but for what was changed since."""
-        found, self._overridden = self._overridden, {}
+        overridden, self._overridden = self._overridden, {}
         self._node.set_parameters(
             [
                 Parameter(name, value=SPEC_OF[name].default)
-                for name, value in found.items()
+                for name, value in overridden.items()
                 if self._values[name] == value
             ]
         )
@@ -154,7 +154,7 @@ class Parameters:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take(self, parameters: Sequence[Parameter]) -> None:
+    def _update(self, parameters: Sequence[Parameter]) -> None:
         ours = _read(parameters)
         self._values.update(ours)
         if ours:  # others are declared while a subscription is made
@@ -197,7 +197,9 @@ def _check_together(values: Mapping[str, Any]) -> None:
 def _read(parameters: Sequence[Parameter]) -> dict[str, Any]:
     """Return the values of those parameters that are in the table."""
     return {
-        one.name: SPEC_OF[one.name].read(one.value) for one in parameters if one.name in SPEC_OF
+        parameter.name: SPEC_OF[parameter.name].read(parameter.value)
+        for parameter in parameters
+        if parameter.name in SPEC_OF
     }
 
 

@@ -61,7 +61,11 @@ class SceneParameters:
         """Set the effects, and the region: its halo depends on them."""
         parameters, scene = self._parameters, self._objects.scene
         groups = Groups(parameters.groups)
-        settings = {name: self._effect_setting(name, groups) for name in EFFECTS}
+        settings = {}
+        for name in EFFECTS:
+            mode = OFF if parameters.mode(name) == OFF else AUTO  # requested per check: never "on"
+            setting = settings[name] = {"mode": mode, **parameters.setting(name)}
+            setting["objects"] = groups.all_meant(setting["objects"])
         if self._effects != settings or scene.region != parameters.share:
             scene.region = None  # its halo fits the new options, maybe not the old ones
             for name, setting in settings.items():
@@ -69,20 +73,13 @@ class SceneParameters:
                     scene.set_effect(name, **setting)
             self._effects, scene.region = settings, parameters.share
 
-    def _effect_setting(self, name: str, groups: Groups) -> dict[str, Any]:
-        # Never "on": the node requests effects per check.
-        mode = OFF if self._parameters.mode(name) == OFF else AUTO
-        setting = {"mode": mode, **self._parameters.setting(name)}
-        setting["objects"] = groups.all_meant(setting["objects"])
-        return setting
-
     def _apply_filters(self) -> None:
         """Set which pairs count, and the paddings by name."""
         parameters, scene = self._parameters, self._objects.scene
         groups = Groups(parameters.groups)
-        given = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
+        pairs = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
         only = [groups.sides(pair) for pair in parameters.check_only_pairs]
-        filters = ([*self._allowed, *given], only, parameters.allowed_within)
+        filters = ([*self._allowed, *pairs], only, parameters.allowed_within)
         if self._filters != filters:
             rules = scene.rules
             rules.allowed, rules.check_only, rules.allowed_within = filters
@@ -93,8 +90,8 @@ class SceneParameters:
         """Set the accuracy of all objects."""
         parameters, objects = self._parameters, self._objects
         _set(objects.scene, "accuracy", as_accuracy(parameters.accuracy))
-        given = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
-        overrides = Overrides(given)
+        levels = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
+        overrides = Overrides(levels)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
 

@@ -324,8 +324,8 @@ def _option_spec(name: str, option: Option) -> Spec:
         return Spec(name, default, choices=choices).means(option.description)
     kind = int if choices and all(float(choice).is_integer() for choice in choices) else float
     limits = None if choices else (float(option.low), float(option.high))
-    given = tuple(kind(choice) for choice in choices)
-    return Spec(name, kind(default), limits, given).means(option.description)
+    typed_choices = tuple(kind(choice) for choice in choices)
+    return Spec(name, kind(default), limits, typed_choices).means(option.description)
 
 
 def _effect_specs() -> Iterator[Spec]:

@@ -111,7 +111,7 @@ class CheckedRobot:
         return self.input.joints
 
     def scene(self, padding: float = 0.0) -> RobotScene:
-        """Return what checks states as things are; RefusedError where that is not known.
+        """Return the scene that checks states as things are; RefusedError where those are unknown.
 
         padding: metres by which links are grown.
         """
@@ -139,11 +139,11 @@ class CheckedRobot:
         for name in [name for name in held if name not in wanted]:
             checker.detach(name)
             del held[name]
-        for name, each in wanted.items():
-            if held.get(name) != each:
-                given = name, each.link, each.pose
-                checker.attach_object(*given, touch_links=each.touch_links)
-                held[name] = each
+        for name, attachment in wanted.items():
+            if held.get(name) != attachment:
+                placed = name, attachment.link, attachment.pose
+                checker.attach_object(*placed, touch_links=attachment.touch_links)
+                held[name] = attachment
 
     def _held(self) -> dict[str, Attachment]:
         links, objects = self.links, self.objects
@@ -152,25 +152,25 @@ class CheckedRobot:
         named = [f"{links.name}/{link}" for link in links.robot.link_names]
         touched = {
             row: tuple(
-                named[each] for each in sorted(links.touched_by(row, self.parameters.touch_links))
+                named[link] for link in sorted(links.touched_by(row, self.parameters.touch_links))
             )
             for row in np.unique(rows).tolist()
         }
-        found = {}
-        places = map(tuple, table.given[attached.slots].tolist())
+        attachments = {}
+        places = map(tuple, table.pose[attached.slots].tolist())
         for key, serial, row, pose in zip(
             attached.keys, attached.serials, rows.tolist(), places, strict=True
         ):
             held = Attachment(serial, named[row], pose, touched[row], revision)
-            found[name_from_key(key)] = held
-        return found
+            attachments[name_from_key(key)] = held
+        return attachments
 
     def world(self, checker: RobotScene) -> tuple[object, ...]:
-        """Return what certifies: the rest of the scene, the base and what is attached."""
+        """Return all that a certificate depends on: scene, base and attached objects."""
         return checker.world_state(), self._base().tobytes(), self._held()
 
     def is_world(self, world: tuple[object, ...]) -> bool:
-        """Return whether that is as it was."""
+        """Return whether all of it is as it was."""
         state, base, held = world
         assert isinstance(state, WorldState)
         if not state.is_current(self.objects.scene):
@@ -201,26 +201,26 @@ class LinkFrames:
         """Return the robot and the row of the link that a frame is of, None for another frame."""
         name, slash, link = frame.partition("/")
         own = slash and name in self._names
-        found = [
+        matches = [
             (robot, row)
             for robot in self.robots
             if robot.links is not None and (robot.name == name or not own)
             for row in [robot.links.rows.get(link if own else frame)]
             if row is not None
         ]
-        if len(found) != 1 or any(robot.stands_in == frame for robot in self.robots):
+        if len(matches) != 1 or any(robot.stands_in == frame for robot in self.robots):
             return None
-        return found[0]
+        return matches[0]
 
     def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
         """Return the pose (7,) of a frame, and its stamp; RefusedError also without joints.
 
         The stamp of a link is that of its base: joints have ages of their own.
         """
-        found = self.find(frame) if stamp == 0 else None
-        if found is None:
+        link = self.find(frame) if stamp == 0 else None
+        if link is None:
             return self._other(frame, stamp)
-        robot, row = found
+        robot, row = link
         if robot.fault:
             raise RefusedError(LINK_NOT_KNOWN, f"{frame!r}: {robot.fault}")
         base, at = self.base(robot)
@@ -246,23 +246,25 @@ class LinkFrames:
         pose, frame = robot.where
         if frame in ("", self._fixed_frame):
             return pose, 0
-        found, at = self._inner.lookup(frame, 0)
-        if unusable_poses(found[None]).any():
+        outer, at = self._inner.lookup(frame, 0)
+        if unusable_poses(outer[None]).any():
             raise RefusedError(LINK_NOT_KNOWN, f"robot {robot.name}: bad pose of its base")
-        return compose_poses(found, pose), at
+        return compose_poses(outer, pose), at
 
 
 def find_attached(objects: Objects, frames: LinkFrames) -> dict[str, AttachedObjects]:
-    """Return what is attached to the links of each robot, by its name."""
+    """Return the objects attached to the links of each robot, by its name."""
     table = objects.table
     slots = np.flatnonzero(table.live & table.locked)
-    found: dict[str, list[tuple[Rows, Rows]]] = {}
+    parts_of: dict[str, list[tuple[Rows, Rows]]] = {}
     for index in np.unique(table.frame[slots]).tolist():
         link = frames.find(objects.placement.frame_table.name(index))
         if link is not None:
-            some = slots[table.frame[slots] == index]
-            found.setdefault(link[0].name, []).append((some, np.full(len(some), link[1])))
+            attached = slots[table.frame[slots] == index]
+            parts_of.setdefault(link[0].name, []).append(
+                (attached, np.full(len(attached), link[1]))
+            )
     return {
         name: AttachedObjects.of(table, *map(np.concatenate, zip(*parts, strict=True)))
-        for name, parts in found.items()
+        for name, parts in parts_of.items()
     }

@@ -26,7 +26,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from obb_collision.node.diagnostics.answer import some
+from obb_collision.node.diagnostics.answer import first_names
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import LENGTHS_DIFFER
 from obb_collision.node.messages.cdr import Header, Reader
@@ -34,7 +34,7 @@ from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECO
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.states import AHEAD, OLDER, States
-from obb_collision.node.objects.table import NEVER
+from obb_collision.node.objects.table import NO_TIME
 from obb_collision.robots.robot import Robot
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -87,7 +87,7 @@ class Timestamps:
         self._states = states
         self.known, self.bad, self.repeated = (np.zeros(count, np.bool_) for _ in range(3))
         self.stamps, self.received, self.since = (np.zeros(count, np.int64) for _ in range(3))
-        self.overdue = np.full(count, NEVER)
+        self.overdue = np.full(count, NO_TIME)
 
     def find_late(self, rows: Rows, stamp: int, now: int) -> Mask:
         """Return which values come late: soon after newer ones, or their sender has restarted."""
@@ -101,7 +101,7 @@ class Timestamps:
         """Note values that can be used."""
         self.repeated[rows] |= self.known[rows]
         self.known[rows], self.bad[rows], self.received[rows] = True, False, now
-        self.stamps[rows], self.overdue[rows] = stamp, NEVER
+        self.stamps[rows], self.overdue[rows] = stamp, NO_TIME
         self.since[rows] = self._states.since(stamp, now)
 
     def clock_jumped(self, shift: int) -> None:
@@ -109,7 +109,7 @@ class Timestamps:
         self.received += shift
         self.since += shift
         self.stamps[:] = 0
-        self.overdue[:] = NEVER  # stamps may restart
+        self.overdue[:] = NO_TIME  # stamps may restart
 
 
 class Joints(Timestamps):
@@ -155,24 +155,26 @@ class Joints(Timestamps):
         ]
         if strange:
             monitor.doubt(UNKNOWN_JOINT, repr(shortened(strange[0])), count=len(strange))
-        known = np.flatnonzero(rows >= 0)
-        late = self.find_late(rows[known], stamp, now)
+        items = np.flatnonzero(rows >= 0)
+        late = self.find_late(rows[items], stamp, now)
         monitor.refuse_rows(late, OLDER)
-        known = known[~late]
-        finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
-        bad = known[~finite]
+        items = items[~late]
+        finite = np.abs(message.positions[items]) <= LARGEST_COORDINATE
+        bad = items[~finite]
         if len(bad):
             self.bad[rows[bad]] = True
             name, value = repr(shortened(message.names[bad[0]])), message.positions[bad[0]]
             monitor.refuse(BAD_POSITION, name, f"{value}", count=len(bad))
-        known = known[finite]
+        items = items[finite]
         believed = stamp <= now + states.stamp_tolerance
         if not believed:
             monitor.doubt(AHEAD, detail=f"{(stamp - now) / NANOSECONDS:.1f} s ahead")
         stamp = stamp if believed else 0
-        kept, positions = rows[known], message.positions[known]
-        self._remember(kept, stamp)
-        velocities = self._velocities(message, known)
+        kept, positions = rows[items], message.positions[items]
+        others = kept[self.stamps[kept] != stamp]  # for differences: values of another stamp
+        self._before[others] = self.positions[others]
+        self._stamps_before[others] = self.stamps[others]
+        velocities = self._velocities(message, items)
         lacking = np.isnan(velocities)
         velocities[lacking] = self._differences(kept, positions, stamp)[lacking]
         self.unclear[kept] = unclear = np.isnan(velocities)
@@ -192,21 +194,15 @@ class Joints(Timestamps):
             raise RefusedError(REPEATED_JOINT, repr(self.names[int(np.argmax(repeated))]))
         return stamp_from_ros(message.header.stamp)
 
-    def _remember(self, rows: Rows, stamp: int) -> None:
-        """Keep the values of joints for differences, before one of another stamp comes."""
-        others = rows[self.stamps[rows] != stamp]
-        self._before[others] = self.positions[others]
-        self._stamps_before[others] = self.stamps[others]
-
     def _differences(self, rows: Rows, positions: Floats, stamp: int) -> Floats:
         """Return the velocities (n,) that lead to positions (n,) from the states before.
 
         NaN without two stamps that a sender has given one soon after the other.
         """
         time, before = stamp - self._stamps_before[rows], self._stamps_before[rows]
-        known = (stamp > 0) & (before > 0) & (time > 0) & (time <= self._states.order_timeout)
-        found = (positions - self._before[rows]) / np.where(known, time, 1) * NANOSECONDS
-        return np.where(known & (np.abs(found) <= LARGEST_COORDINATE), found, np.nan)
+        usable = (stamp > 0) & (before > 0) & (time > 0) & (time <= self._states.order_timeout)
+        velocities = (positions - self._before[rows]) / np.where(usable, time, 1) * NANOSECONDS
+        return np.where(usable & (np.abs(velocities) <= LARGEST_COORDINATE), velocities, np.nan)
 
     def _velocities(self, message: JointMessage, items: Rows) -> Floats:
         """Return the velocities of items, NaN where none can be used."""
@@ -217,16 +213,16 @@ class Joints(Timestamps):
             detail = f"{len(message.velocities)} velocities, {len(message.names)} names"
             self._monitor.refuse(LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
             return nothing
-        found = message.velocities[items]
-        bad = ~(np.abs(found) <= LARGEST_COORDINATE)
-        odd = bad & ~np.isnan(found)  # NaN is how joint_state_broadcaster says that it has none
+        velocities = message.velocities[items]
+        bad = ~(np.abs(velocities) <= LARGEST_COORDINATE)
+        odd = bad & ~np.isnan(velocities)  # joint_state_broadcaster sends NaN where it has none
         self._monitor.refuse_rows(
             odd,
             BAD_VELOCITY,
             lambda row: repr(shortened(message.names[items[row]])),
             "position used",
         )
-        return np.where(bad, np.nan, found)
+        return np.where(bad, np.nan, velocities)
 
     def rows_of(self, names: list[str], may_follow: bool = False) -> list[int]:
         """Return the row of each joint, -1 of those that follow others, where they may be there.
@@ -261,7 +257,7 @@ class Joints(Timestamps):
         ):
             if rows.any():
                 names = [self.names[row] for row in np.flatnonzero(rows)]
-                return f"{what}: {some(names, len(names))}"
+                return f"{what}: {first_names(names, len(names))}"
         return ""
 
     def clock_jumped(self, shift: int) -> None:

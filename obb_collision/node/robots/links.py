@@ -164,7 +164,10 @@ class LinkObjects:
             ends = positions + np.array((-time, time))[:, None] * velocities
             at_links = self.robot.link_poses(ends)[:, links]
             before, after = compose_poses(base, compose_poses(at_links, places))
-            twists = _twists_between(before, after, 2.0 * time)
+            back = before[:, 3:] * (-1.0, -1.0, -1.0, 1.0)
+            turns = multiply_quaternions(after[:, 3:], back)
+            turns *= np.where(turns[:, 3:] < 0.0, -1.0, 1.0)
+            twists = np.hstack((after[:, :3] - before[:, :3], 2.0 * turns[:, :3])) / (2.0 * time)
             bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
             twists[bad] = 0.0
             self.are_speeds_known &= not bad.any()
@@ -176,19 +179,19 @@ class LinkObjects:
         """Store how what is attached moves, in the frames of its links, which are at poses."""
         table, slots, links = self._objects.table, attached.slots, attached.links
         if len(slots) and (velocities.any() or table.twist[slots].any()):
-            bodies = links, table.given[slots]
+            bodies = links, table.pose[slots]
             twists = self._twists(bodies, IDENTITY_POSE, positions, velocities)
             back = poses[links, 3:] * (-1.0, -1.0, -1.0, 1.0)
             parts = (rotate_vectors(back, twists[:, k : k + 3]) for k in (0, 3))
-            table.twist[slots] = table.told[slots] = np.hstack(list(parts))
+            table.twist[slots] = table.last_twist[slots] = np.hstack(list(parts))
 
     @cached_property
     def names(self) -> dict[str, list[str]]:
         """The names of the objects, by ``ROBOT/LINK``."""
-        found: dict[str, list[str]] = {}
+        names: dict[str, list[str]] = {}
         for key in self.keys:
-            found.setdefault(key[0], []).append(name_from_key(key))
-        return found
+            names.setdefault(key[0], []).append(name_from_key(key))
+        return names
 
     def touched_by(self, link: int, touch_links: Iterable[tuple[str, str]]) -> set[int]:
         """Return the rows of links that what is attached to a link may touch.
@@ -201,10 +204,10 @@ class LinkObjects:
         own, touched = {names[row] for row in rows}, set(rows)
         for group in map(self.robot.groups.get, self.robot.end_effectors.values()):
             if group is not None and own & set(group.links):
-                touched |= {self.rows[each] for each in group.links}
-        for one, other in touch_links:
-            if fnmatchcase(f"{self.name}/{names[link]}", one):
-                matching = (fnmatchcase(f"{self.name}/{name}", other) for name in names)
+                touched |= {self.rows[name] for name in group.links}
+        for pattern, others_pattern in touch_links:
+            if fnmatchcase(f"{self.name}/{names[link]}", pattern):
+                matching = (fnmatchcase(f"{self.name}/{name}", others_pattern) for name in names)
                 touched |= {row for row, matches in enumerate(matching) if matches}
         return touched
 
@@ -239,11 +242,3 @@ class LinkObjects:
     def _allowed(self) -> Mask:
         """Which links may touch (links, links)."""
         return allowed_links([self.robot], self._groups)
-
-
-def _twists_between(before: Floats, after: Floats, time: float) -> Floats:
-    """Return the twists (n, 6) that lead from poses to poses (n, 7) in a short time (s)."""
-    back = before[:, 3:] * (-1.0, -1.0, -1.0, 1.0)
-    turns = multiply_quaternions(after[:, 3:], back)
-    turns *= np.where(turns[:, 3:] < 0.0, -1.0, 1.0)
-    return np.hstack((after[:, :3] - before[:, :3], 2.0 * turns[:, :3])) / time

@@ -61,19 +61,19 @@ class DescriptionReading(Thread):
         super().__init__(name="robot_description", daemon=True)
         self._meshes, self._texts = meshes, (urdf, srdf)
         self.is_abandoned = False
-        self.found: Robot | str | None = None
-        """The robot, or why there is none; None while that is not known."""
+        self.result: Robot | str | None = None
+        """The robot, or why there is none; None while it is being read."""
 
     def run(self) -> None:
         """Read the description."""
         try:
             meshes = self._meshes
             with without_warnings():  # what is odd is in the diagnostics
-                self.found = Robot.from_urdf(*self._texts, meshes.folders, read_mesh=meshes.read)
+                self.result = Robot.from_urdf(*self._texts, meshes.folders, read_mesh=meshes.read)
         except ValueError as error:
-            self.found = str(error)
+            self.result = str(error)
         except Exception as error:
-            self.found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
+            self.result = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
         finally:
             self._meshes.close()
 
@@ -120,7 +120,7 @@ class RobotInput:
         """Why it is not known where its links are, "" if it is."""
         return "; ".join(self.faults.values())
 
-    def take_text(self, kind: str, data: bytes, now: int) -> None:
+    def receive_text(self, kind: str, data: bytes, now: int) -> None:
         """Begin to read a URDF, with the SRDF if there is one, unless it is only sent again.
 
         While the last of either is refused, the robot is in doubt.
@@ -157,14 +157,14 @@ class RobotInput:
         self._refused[BOTH] = f"{DESCRIPTION} refused: {why}"
         self._monitors[DESCRIPTION].refuse(BAD_DESCRIPTION, "whole message", why)
 
-    def take_joints(self, data: bytes, now: int) -> None:
+    def store_joints(self, data: bytes, now: int) -> None:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
         message = joints_from_bytes(data)
         if self.joints is not None:
             self.joints.store(message, now)
             self._changed, self._link_poses = True, None
 
-    def take_base(self, message: NamedPose, now: int) -> None:
+    def store_base(self, message: NamedPose, now: int) -> None:
         """Store where the root link is, by ``object_transform``."""
         try:
             if self.base.frame != BY_TOPIC:
@@ -195,18 +195,18 @@ class RobotInput:
 
         timeout: the age (s) at which joints are stale, 0 for never.
         """
-        found = None
+        outcome = None
         if self.reading is not None and self.reading.is_abandoned:
             self.read()
-        elif self.reading is not None and self.reading.found is not None:
-            found, self.reading = self.reading.found, None
-        if isinstance(found, str):
-            self._refuse_description(found)
-        elif found is not None:
-            self._robot = found
-            for doubt in found.doubts:
+        elif self.reading is not None and self.reading.result is not None:
+            outcome, self.reading = self.reading.result, None
+        if isinstance(outcome, str):
+            self._refuse_description(outcome)
+        elif outcome is not None:
+            self._robot = outcome
+            for doubt in outcome.doubts:
                 self._monitors[DESCRIPTION].doubt("odd description", detail=doubt)
-            self._replace(found)
+            self._replace(outcome)
         self.look(now, timeout)
         if self.links is not None:
             if not self.faults and self._changed:
@@ -214,16 +214,16 @@ class RobotInput:
                 self.look(now, timeout)
             if self.faults:
                 self.links.refuse()
-        renewed, self._renewed = self._renewed or found is not None, False
+        renewed, self._renewed = self._renewed or outcome is not None, False
         return renewed
 
     def look(self, now: int, timeout: float) -> None:
-        """Find out what is not known; timeout: as for ``apply``."""
-        found = self._find_faults(now, timeout)
-        self.faults = {code: why for code, why in found.items() if why}
+        """Find the faults; timeout: as for ``apply``."""
+        faults = self._find_faults(now, timeout)
+        self.faults = {code: why for code, why in faults.items() if why}
 
     def _find_faults(self, now: int, timeout: float) -> dict[str, str]:
-        """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
+        """Return the faults by code of ``evidence``, "" where there is none."""
         reading = f"{DESCRIPTION} being read" if self.reading is not None else ""
         fault = "; ".join(self._refused.values()) or reading or self._unadded
         if fault or self.joints is None:
@@ -350,7 +350,7 @@ class RobotInput:
         return self.base.frame == BY_TOPIC and int(self._bases.received[0]) <= time
 
     def describe(self) -> dict[str, object]:
-        """Return what ``/diagnostics`` says."""
+        """Return the values in ``/diagnostics``."""
         if self.links is None:
             return {"links": 0}
         robot = self.links.robot

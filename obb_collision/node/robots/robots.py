@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The robots of a node: their topics, their links among the objects, and what is not known."""
+"""The robots of a node: their topics, their links among the objects, and their faults."""
 
 from __future__ import annotations
 
@@ -110,7 +110,9 @@ OUTPUTS = (
 
 def robot_inputs(names: Iterable[str]) -> dict[str, Input]:
     """Return the input topics of robots."""
-    return {f"{name}/{kind}": given for name in names for kind, given in KINDS.items()}
+    return {
+        f"{name}/{kind}": kind_of_input for name in names for kind, kind_of_input in KINDS.items()
+    }
 
 
 class RobotAnswers:
@@ -179,20 +181,20 @@ class Robots:
 
     def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per topic, those that fail being counted; bases come by another."""
-        found = {}
+        callbacks = {}
         for robot, answers in zip(self.robots, self.answers, strict=True):
-            inputs.bases[robot.name] = robot.take_base
+            inputs.bases[robot.name] = robot.store_base
             takes: dict[str, Callable[[bytes, int], None]] = {
-                DESCRIPTION: partial(robot.take_text, DESCRIPTION),
-                SEMANTIC: partial(robot.take_text, SEMANTIC),
-                JOINT_STATES: robot.take_joints,
-                STATES_TO_CHECK: answers.validity.take,
-                TRAJECTORY_IN: answers.trajectories.take,
+                DESCRIPTION: partial(robot.receive_text, DESCRIPTION),
+                SEMANTIC: partial(robot.receive_text, SEMANTIC),
+                JOINT_STATES: robot.store_joints,
+                STATES_TO_CHECK: answers.validity.answer,
+                TRAJECTORY_IN: answers.trajectories.receive,
             }
             for kind, take in takes.items():
                 topic, changes = f"{robot.name}/{kind}", not KINDS[kind].is_query
-                found[topic] = inputs.guarded(topic, take, changes=changes)
-        return found
+                callbacks[topic] = inputs.guarded(topic, take, changes=changes)
+        return callbacks
 
     def apply(self) -> None:
         """Bring the objects in line with what came, and what may touch in line with them."""
@@ -219,11 +221,11 @@ class Robots:
     def publish(self) -> None:
         """Publish what each cycle publishes; trajectories first, for they may have to stop."""
         try:
-            for each in self.answers:
-                each.trajectories.look()
+            for answers in self.answers:
+                answers.trajectories.look()
         finally:
-            for each in self.answers:
-                each.speed.publish()
+            for answers in self.answers:
+                answers.speed.publish()
 
     def _matrix(self) -> AllowedMatrix:
         """Return which links, and what is attached to them, may touch."""
@@ -235,10 +237,7 @@ class Robots:
         return parts[0] if len(parts) == 1 else AllowedMatrix.joined(parts)
 
     def faults(self) -> Iterator[tuple[str, str, Rows]]:
-        """Yield what is not known of robots, as a code of ``evidence``, of which and why.
-
-        And the slots (n,) of the links that are not known therefore.
-        """
+        """Yield faults of robots: code of ``evidence``, name and reason, slots (n,) of links."""
         for robot in self.robots:
             robot.look(self._clock(), self._parameters.joint_timeout)
             faults = dict(robot.faults)
@@ -254,14 +253,14 @@ class Robots:
                 yield code, f"{robot.name} ({fault})", slots
 
     def notes(self) -> Iterator[str]:
-        """Yield what else is to be said in the status: why robots were stopped, or are to be."""
+        """Yield notes for the status: why robots were stopped, or are to stop."""
         for robot, answers in zip(self.robots, self.answers, strict=True):
             halt = robot.halt and f"speed_scale is 0: {robot.halt}"
             texts = filter(None, (answers.trajectories.stopped, halt))
             yield from (f"robot {robot.name}: {text}" for text in texts)
 
     def go_by(self, sender: int) -> bool:
-        """Return whether a joint or a base is as a sender has said."""
+        """Return whether a joint or a base has the value of a sender."""
         return any(robot.goes_by(sender) for robot in self.robots)
 
     def have_bases_of(self, time: int) -> bool:
@@ -269,9 +268,9 @@ class Robots:
         return any(robot.has_base_of(time) for robot in self.robots)
 
     def hold(self, why: str) -> None:
-        """Stop what runs or is being decided where the joints are now."""
-        for each in self.answers:
-            each.trajectories.interrupt(why)
+        """Stop and refuse all trajectories: the joints stay where they are."""
+        for answers in self.answers:
+            answers.trajectories.interrupt(why)
 
     def cleared(self) -> None:
         """Make anew what ``~/clear`` has removed."""
@@ -282,13 +281,13 @@ class Robots:
         """Shift times by a jump of the clock (ns)."""
         for robot in self.robots:
             robot.clock_jumped(shift)
-        for each in self.answers:
-            each.trajectories.clock_jumped(shift)
+        for answers in self.answers:
+            answers.trajectories.clock_jumped(shift)
 
     def stop(self) -> None:
         """Stop what runs, and forward no more; also from another thread, and again."""
-        for each in self.answers:
-            each.trajectories.close()
+        for answers in self.answers:
+            answers.trajectories.close()
 
     def close(self) -> None:
         """End what is being read, and stop what runs."""

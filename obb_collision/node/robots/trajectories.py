@@ -99,7 +99,7 @@ def _point(reader: Reader) -> Point:
     positions, *others, _ = [reader.doubles(reader.count(8), 1)[:, 0] for _ in range(4)]
     seconds, rest = reader.numbers(DURATION)
     time = (seconds * NANOSECONDS + rest) / NANOSECONDS
-    return Point(time, positions, *(each if len(each) else None for each in others))
+    return Point(time, positions, *(values if len(values) else None for values in others))
 
 
 def _check(point: Point, count: int, which: str) -> None:
@@ -108,12 +108,12 @@ def _check(point: Point, count: int, which: str) -> None:
         raise RefusedError(BAD_POINT, f"{which}: its time is negative")
     if point.accelerations is not None and point.velocities is None:
         raise RefusedError(BAD_POINT, f"{which}: accelerations without velocities")
-    for what, given in point._asdict().items():
-        if given is None or what == "time":
+    for what, values in point._asdict().items():
+        if values is None or what == "time":
             continue
-        if len(given) != count:
-            raise RefusedError(BAD_POINT, f"{which}: {len(given)} {what} of {count} joints")
-        if not (np.abs(given) <= LARGEST_COORDINATE).all():
+        if len(values) != count:
+            raise RefusedError(BAD_POINT, f"{which}: {len(values)} {what} of {count} joints")
+        if not (np.abs(values) <= LARGEST_COORDINATE).all():
             raise RefusedError(BAD_POINT, f"{which}: {what} are not finite")
 
 
@@ -171,11 +171,11 @@ class Running:
 def whole_point(point: Point, columns: list[int], joints: Joints) -> Point:
     """Return a point with all joints: others stay where they are."""
 
-    def spread(given: Floats | None) -> Floats | None:
-        if given is None:
+    def spread(moved: Floats | None) -> Floats | None:
+        if moved is None:
             return None
         values = np.zeros(len(joints.names))
-        values[columns] = given
+        values[columns] = moved
         return values
 
     positions = joints.positions.copy()
@@ -232,7 +232,7 @@ class Trajectories:
         self.stopped = ""
         """Why the last one was stopped, "" if it was not."""
 
-    def take(self, data: bytes, now: int) -> None:
+    def receive(self, data: bytes, now: int) -> None:
         """Forward a message as it is, or say why not; always one without points: it is a stop.
 
         One with many pieces is decided in the next cycles, and waits for that.
@@ -309,7 +309,7 @@ class Trajectories:
         return again
 
     def _scene_for(self, running: Running) -> RobotScene:
-        """Return what checks pieces; RefusedError for those of another robot, or elsewhere."""
+        """Return the scene that checks pieces; RefusedError if robot or joints have changed."""
         scene = self._checked.scene(self._parameters.trajectory_margin)
         if self._checked.robot is not running.robot:
             raise RefusedError("another robot", "its description has changed")
@@ -377,7 +377,7 @@ class Trajectories:
             self.deciding.received += shift
 
     def _planned(self, trajectory: Trajectory, now: int) -> Running:
-        """Return what a trajectory would be from now on; RefusedError if it cannot be used."""
+        """Return a trajectory as it would run from now on; RefusedError if it cannot be used."""
         checked = self._checked
         scene, joints = checked.scene(self._parameters.trajectory_margin), checked.joints
         begin = stamp_from_ros(trajectory.header.stamp) or now

@@ -30,7 +30,7 @@ import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64
 
-from obb_collision.node.diagnostics.answer import some
+from obb_collision.node.diagnostics.answer import first_names
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import LENGTHS_DIFFER
 from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
@@ -68,8 +68,7 @@ ROWS = np.dtype(
 )
 MEANINGS = {
     "distance": "Distance of the nearest pair (m), negative: depth. NaN without "
-    "state_validity_distance; "
-    "infinite beyond it.",
+    "state_validity_distance; infinite beyond it.",
     "index": "Row of the state in the message.",
     "ns_a id_a ns_b id_b": "The colliding pair; links have id 0.",
     "valid": "1: within limits and certainly free.",
@@ -94,7 +93,7 @@ class ValidityTopics:
         self._checked, self._publisher = checked, publisher
         self._parameters = checked.parameters
 
-    def take(self, data: bytes, now: int) -> None:
+    def answer(self, data: bytes, now: int) -> None:
         """Answer a message; RefusedError, without an answer, for one that cannot be read."""
         message = cloud_from_bytes(data)
         stamp = stamp_from_ros(message.header.stamp)
@@ -104,12 +103,12 @@ class ValidityTopics:
         rows["index"], rows["reason"], rows["distance"] = np.arange(count), NOT_KNOWN, np.nan
         try:
             self._fill(rows, message)
-        finally:  # what is not known is said, too, before it is counted why
+        finally:  # unknown rows are published, too, before the reason is counted
             frame = self._parameters.fixed_frame
             self._publisher.publish(cloud_to_bytes(rows, stamp, frame, FIELDS))
 
     def _fill(self, rows: np.ndarray, message: CloudMessage) -> None:
-        """Write what is known of the states; RefusedError where that is not all of it."""
+        """Fill in the rows of states; RefusedError where some stay unknown."""
         begin = monotonic()
         scene = self._checked.scene()
         states = _states(message, self._checked.robot.joint_names, len(rows))
@@ -123,7 +122,7 @@ class ValidityTopics:
             rows[good[part]] = self._checked_rows(rows[good[part]], scene, states[good[part]])
 
     def _checked_rows(self, rows: np.ndarray, scene: RobotScene, states: Floats) -> np.ndarray:
-        """Return the rows of states with what is known of them."""
+        """Return the rows of states, checked."""
         try:
             report = scene.check(states)
         except ValueError as error:
@@ -150,22 +149,22 @@ class ValidityTopics:
             else:
                 (slot,) = table.find_named([report.names[row]])
                 keys[row] = table.ns[slot], table.id[slot]
-        found: Rows = keys[report.first_pairs].reshape(-1, 4)
-        return found
+        keys_of_pairs: Rows = keys[report.first_pairs].reshape(-1, 4)
+        return keys_of_pairs
 
 
 def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
     """Return states (n, joints); RefusedError unless there is a double for each joint only."""
     names = list(names)
-    given = [field.name for field in message.fields]
-    known, there = set(names), set(given)
-    for what, found in (
-        ("unknown joint", [name for name in given if name not in known]),
+    fields = [field.name for field in message.fields]
+    joints, there = set(names), set(fields)
+    for what, wrong in (
+        ("unknown joint", [name for name in fields if name not in joints]),
         ("missing joint", [name for name in names if name not in there]),
     ):
-        if found:
-            raise RefusedError(what, repr(shortened(found[0])))
-    rows = cloud_from_ros(message, known)
+        if wrong:
+            raise RefusedError(what, repr(shortened(wrong[0])))
+    rows = cloud_from_ros(message, joints)
     states = np.empty((count, len(names)))
     for column, name in enumerate(names):
         if rows.dtype[name].kind != "f" or rows.dtype[name].itemsize != 8:
@@ -182,8 +181,8 @@ SERVICE = "check_state_validity"
 """Its name, after that of the robot; move_group has it by the same name."""
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
 """Types of bodies in ContactInformation."""
-TOUCHING = 1e-9
-"""Metres within which the deepest pair is looked for."""
+SEARCH_DISTANCE = 1e-9
+"""Metres: pairs that are farther apart are not looked at for the deepest one."""
 NOT_EVALUATED = "not evaluated"
 MAX_CONTACTS = 1000
 """Contacts of an answer: one takes 20 us, and 1,000 links in a heap have 500,000."""
@@ -216,9 +215,9 @@ class StateService:
         scene = self._checked.scene()
         state = self._state(request.robot_state)
         group = self._group(request.group_name)
-        given = request.constraints
+        constraints = request.constraints
         fields = "joint", "position", "orientation", "visibility"
-        if any(len(getattr(given, f"{name}_constraints")) for name in fields):
+        if any(len(getattr(constraints, f"{name}_constraints")) for name in fields):
             raise RefusedError(NOT_EVALUATED, "constraints")
         try:
             report = scene.check(state, all_pairs=True)
@@ -226,19 +225,23 @@ class StateService:
             raise RefusedError("bad state", str(error)) from error
         links = group | {n for n, at in scene.attached.items() if at in group}
         pairs = [pair for pair in report.pairs_of(0) if links & set(pair)]
-        deepest = scene.distances(state, max_distance=TOUCHING, still_pairs=True) if pairs else None
+        deepest = (
+            scene.distances(state, max_distance=SEARCH_DISTANCE, still_pairs=True)
+            if pairs
+            else None
+        )
         response.contacts = [
             self._contact_of(scene, pair, deepest) for pair in pairs[:MAX_CONTACTS]
         ]
         response.valid = not pairs and not report.out_of_limits.any()
 
-    def _state(self, given: Any) -> Floats:
-        """Return the state (1, joints); what is not given is as it is now, as for MoveIt."""
-        joints, message = self._checked.joints, given.joint_state
-        several = given.multi_dof_joint_state
+    def _state(self, state: Any) -> Floats:
+        """Return the state (1, joints); a joint that is missing is as now, as for MoveIt."""
+        joints, message = self._checked.joints, state.joint_state
+        several = state.multi_dof_joint_state
         if len(several.joint_names) or len(several.transforms):  # these may be there without names
             raise RefusedError(NOT_EVALUATED, "multi_dof_joint_state")
-        if len(given.attached_collision_objects):
+        if len(state.attached_collision_objects):
             raise RefusedError(NOT_EVALUATED, "attached_collision_objects")
         names, positions = list(message.name), np.array(message.position, np.float64)
         if len(names) != len(positions):
@@ -330,11 +333,11 @@ class SpeedScale:
         marked = self._checked.objects.placement.topics.index(State("", 0, 0).topic)
         moves = table.moving[:count] | (table.topic[:count] != marked)
         standing = self._objects.look(table.serial[:count], store.poses[:count], moves, now)
-        one = np.zeros(1, np.int64)
-        stands = self._base.look(one, scene.bases, np.zeros(1, np.bool_), now)[0]
-        found = np.zeros(len(store.poses), np.bool_)
-        found[:count] = standing & stands
-        return found
+        number = np.zeros(1, np.int64)
+        stands = self._base.look(number, scene.bases, np.zeros(1, np.bool_), now)[0]
+        result = np.zeros(len(store.poses), np.bool_)
+        result[:count] = standing & stands
+        return result
 
     def publish(self) -> None:
         """Publish the scale as things are now, and tell the robot why it is 0."""
@@ -373,12 +376,12 @@ class SpeedScale:
         still = parameters.speed_still_pairs
         scene.standing = self._standing(scene)
         try:
-            found = scene.distances(
+            distances = scene.distances(
                 state, max_distance=slow + come, self_pairs=False, still_pairs=still
             )
         finally:
             scene.standing = None
-        room = float(found.distances[0]) - come - stop
+        room = float(distances.distances[0]) - come - stop
         return float(np.clip(room / (slow - stop), 0.0, 1.0))
 
     def _own_speed(self, scene: RobotScene) -> float:
@@ -389,7 +392,7 @@ class SpeedScale:
         most = np.where(joints.unclear, joints.speed_limits, 0.0)
         if not np.isfinite(most).all():
             names = [joints.names[row] for row in np.flatnonzero(np.isinf(most))]
-            who = some(names, len(names))
+            who = first_names(names, len(names))
             raise RefusedError(f"joints without a velocity and without a velocity limit: {who}")
         return float(scene.displacements(joints.positions[None], most[None])[0])
 

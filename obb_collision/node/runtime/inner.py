@@ -37,8 +37,8 @@ from rosgraph_msgs.msg import Clock
 
 def parameter_overrides(node: Node) -> Mapping[str, Any]:
     """Return parameters given at the start; none where missing: no hint at misspelt ones."""
-    found: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
-    return found
+    overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
+    return overrides
 
 
 def refuse_clocks(node: Node, is_bad: Callable[[Clock], bool]) -> None:
@@ -79,7 +79,7 @@ def release(executor: Executor) -> None:
     """
     for node in executor.get_nodes():
         ends = (node.subscriptions, node.timers, node.services, node.clients, node.waitables)
-        for entity in (entity for some in ends for entity in some):
+        for entity in (entity for entities in ends for entity in entities):
             if getattr(entity, "_executor_event", False):
                 entity._executor_event = False
                 group = entity.callback_group
@@ -128,8 +128,8 @@ def _taking() -> type | None:
 
     As those of rclpy do from Kilted on. None where it is not needed, or not possible.
     """
-    given = getattr(rclpy.subscription, "MessageInfo", None)
-    if "publisher_gid" in getattr(given, "__annotations__", ()):
+    info_type = getattr(rclpy.subscription, "MessageInfo", None)
+    if "publisher_gid" in getattr(info_type, "__annotations__", ()):
         return None
     try:  # as rclpy has loaded it, with the libraries that it needs
         rcl = ctypes.PyDLL("librcl.so", mode=os.RTLD_NOLOAD | os.RTLD_NOW)
@@ -159,14 +159,14 @@ def _taking() -> type | None:
                 message = ctypes.string_at(data.buffer, data.length) if data.length else b""
             finally:
                 free(ctypes.byref(data))
-            told: dict[str, Any] = {
+            message_info: dict[str, Any] = {
                 "source_timestamp": info.source_timestamp,
                 "received_timestamp": info.received_timestamp,
                 "publication_sequence_number": info.publication_sequence_number,
             }
             if info.implementation == implementation:
-                told["publisher_gid"] = {"data": bytes(info.gid)}
-            return message, told
+                message_info["publisher_gid"] = {"data": bytes(info.gid)}
+            return message, message_info
 
     return Taking
 

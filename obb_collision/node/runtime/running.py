@@ -146,7 +146,7 @@ class Signals:
 
 
 @restored_signals()
-def run(
+def run_node(
     name: str, make_node: Callable[[Context, Callable[[], bool]], Any], args: Sequence[str] | None
 ) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
@@ -249,8 +249,8 @@ def initial_parameters(name: str, namespace: str, *files: str) -> dict[str, Any]
             start_parameter_services=False,
             automatically_declare_parameters_from_overrides=True,
         )
-        found: dict[str, Any] = node.get_parameters_by_prefix("")
+        parameters: dict[str, Any] = node.get_parameters_by_prefix("")
         node.destroy_node()
-        return {key: parameter.value for key, parameter in found.items()}
+        return {key: parameter.value for key, parameter in parameters.items()}
     finally:
         context.try_shutdown()

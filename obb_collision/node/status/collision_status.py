@@ -133,11 +133,11 @@ class CollisionStatus:
                 return
             silent = self._steady() - self._alive
             blocked = silent > self._allowed_delay() and not self._resting
-            known = self.answer
+            answer = self.answer
             if blocked:
-                known = known.but(Reason("blocked"))
+                answer = answer.but(Reason("blocked"))
             if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
-                self._publish(known, keep=not blocked)
+                self._publish(answer, keep=not blocked)
 
     def _watch(self) -> None:
         while not self._closed.wait(PERIOD):

@@ -35,11 +35,11 @@ from obb_collision.node.diagnostics.answer import (
     SELECTED_RADIUS,
     Answer,
     Reason,
-    some,
+    first_names,
 )
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Subscriptions
-from obb_collision.node.messages.conversions import Key, name_from_key
+from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
@@ -58,11 +58,11 @@ LONGEST_STANDSTILL = 1.0
 LOOK = 0.5
 """Seconds between two looks for publishers that are gone, or came."""
 UNASKED = ("points",)
-"""Inputs of which nobody needs to know what they said: no object depends on them."""
+"""Inputs whose lost messages do not matter: no object depends on them."""
 
 
 class Evidence:
-    """Answers from all that a node knows.
+    """Answers by the state of objects, inputs, robots, cycles and clock.
 
     publishers: returns how many there are of the status, this node among them.
     """
@@ -97,18 +97,18 @@ class Evidence:
         limits = [parameters.object_timeout, parameters.joint_timeout if robots else 0.0]
         for entries in (parameters.object_timeout_overrides, parameters.required_inputs):
             limits += [limit for _, limit in entries]
-        self._standstill = min((each for each in limits if each), default=LONGEST_STANDSTILL)
+        self._standstill = min((limit for limit in limits if limit), default=LONGEST_STANDSTILL)
         self._standstill = min(self._standstill, LONGEST_STANDSTILL)
 
     def answer(self) -> Answer:
-        """Return what is known of collisions now."""
+        """Return the answer for now."""
         now = self._clock.now()
         self._look()
         faults = list(self._robots.faults())
-        found = objects_answer(self._objects, now, [slots for *_, slots in faults])
+        answer = objects_answer(self._objects, now, [slots for *_, slots in faults])
         pairs, more = self._cycle.pairs_left()
-        notes = *found.notes, *self._robots.notes()
-        counts = dict(found.counts)
+        notes = *answer.notes, *self._robots.notes()
+        counts = dict(answer.counts)
         if self._parameters.mode("clearance") != OFF:
             setting = self._parameters.setting("clearance")
             whole = "*" in setting["objects"]  # else there are pairs of which none is selected
@@ -117,7 +117,7 @@ class Evidence:
         counts["region"] = bounds_text(self._objects.scene.region)
         of_node = *self._of_cycle(), *self._of_clock(), *self._of_inputs()
         reasons = *of_node, *self._of_scene(now), *_of_robots(faults)
-        return replace(found, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
+        return replace(answer, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
 
     def not_known(self) -> str:
         """Return why nothing can be said of other states of robots, "" if it can.
@@ -131,7 +131,7 @@ class Evidence:
         return self.answer().but(*region).why
 
     def _of_cycle(self) -> Iterator[Reason]:
-        """Yield why the last cycle says nothing of what is there now."""
+        """Yield why the result of the last cycle does not hold now."""
         cycle, broken = self._cycle, self._objects.broken
         if cycle.paused:
             yield Reason(cycle.paused)
@@ -141,7 +141,7 @@ class Evidence:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > self._parameters.allowed_delay:
             yield Reason("overload")
-        shared = [one.source.topic for one in self._sets if one.is_contested]
+        shared = [boxes.source.topic for boxes in self._sets if boxes.is_contested]
         if self._others or shared:
             who = (*(STATUS for _ in range(self._others > 0)), *shared)
             yield Reason("two_publishers", who, len(who))
@@ -152,13 +152,13 @@ class Evidence:
         A paused simulation may stand for long if nothing comes: then nothing has changed.
         """
         clock = self._clock
-        heard = max((each.heard for each in self._inputs.values()), default=0.0)
+        heard = max((monitor.heard for monitor in self._inputs.values()), default=0.0)
         until = heard if clock.has_time else self._steady()
         if until - max(clock.moved, self._activated) > self._standstill:
             yield Reason("clock_stopped", detail="" if clock.has_time else "no message on /clock")
 
     def _of_scene(self, now: int) -> Iterator[Reason]:
-        """Yield what is missing in the scene: objects, or the word that there is none."""
+        """Yield which objects are missing: required ones, unknown ones, or all."""
         objects, parameters = self._objects, self._parameters
         there = objects.is_declared_empty or parameters.expect_empty
         if objects.is_empty and not (there or objects.unplaceable):
@@ -174,13 +174,13 @@ class Evidence:
         """Return which required objects are not there, as before while nothing changes it."""
         parameters, table = self._parameters, self._objects.table
         # the table makes new ranks whenever an object comes, goes or is renamed
-        given = parameters.required_objects, parameters.groups, table.ranks
-        known, missing = self._required
-        if not known or any(a is not b for a, b in zip(given, known, strict=True)):
+        basis = parameters.required_objects, parameters.groups, table.ranks
+        basis_before, missing = self._required
+        if not basis_before or any(a is not b for a, b in zip(basis, basis_before, strict=True)):
             names = [name_from_key(key) for key in table.slots]
             meant = Groups(parameters.groups).all_meant(parameters.required_objects)
-            missing = tuple(one for one in meant if not matching((one,), names).any())
-            self._required = given, missing
+            missing = tuple(name for name in meant if not matching((name,), names).any())
+            self._required = basis, missing
         return missing
 
     def _of_inputs(self) -> Iterator[Reason]:
@@ -191,31 +191,33 @@ class Evidence:
             heard = self._inputs[topic].heard if topic in self._inputs else 0.0
             if heard < self._activated or steady - heard > limit:
                 silent.append(topic)
-        asked = {topic: each for topic, each in self._inputs.items() if topic not in UNASKED}
-        heard = max((each.heard for each in asked.values()), default=0.0)
+        asked = {topic: monitor for topic, monitor in self._inputs.items() if topic not in UNASKED}
+        heard = max((monitor.heard for monitor in asked.values()), default=0.0)
         if 0.0 < parameters.input_timeout < steady - max(heard, self._activated):
             silent.append("all")
         if silent:
             yield Reason("input_silent", tuple(silent[:MAX_NAMED]), len(silent))
         bad = [
-            f"{topic} ({next(iter(each.unreadable.values()))})"
-            for topic, each in asked.items()
-            if each.unreadable
+            f"{topic} ({next(iter(monitor.unreadable.values()))})"
+            for topic, monitor in asked.items()
+            if monitor.unreadable
         ]
         if bad:
             yield Reason("input_unreadable", tuple(bad[:MAX_NAMED]), len(bad))
-        lost = [topic for topic, each in asked.items() if each.missed and self._is_missed(topic)]
+        lost = [
+            topic for topic, monitor in asked.items() if monitor.missed and self._is_missed(topic)
+        ]
         if lost:
             yield Reason("messages_lost", tuple(lost), len(lost))
 
     def _is_missed(self, topic: str) -> bool:
-        """Return whether lost changes matter: of poses not where a newer one came of everything."""
+        """Return whether lost changes matter: poses do not where all objects have newer ones."""
         missed = self._inputs[topic].missed
         if topic == "objects" or missed is None:
             return missed is not None
         table = self._objects.table
-        known = table.live & ~table.of_robot
-        if (table.received[known] <= missed.time).any() or self._robots.have_bases_of(missed.time):
+        own = table.live & ~table.of_robot
+        if (table.received[own] <= missed.time).any() or self._robots.have_bases_of(missed.time):
             return True
         self._inputs[topic].missed = None
         return False
@@ -226,17 +228,18 @@ class Evidence:
         if 0.0 <= steady - self._looked < LOOK:
             return
         self._looked, self._others = steady, max(0, self._publishers() - 1)
-        for topic, each in self._inputs.items():
+        for topic, monitor in self._inputs.items():
             senders = self._senders.get(topic)
-            for sender in senders.gone(each.unreadable) if senders and each.unreadable else ():
+            unreadable = monitor.unreadable if senders is not None else ()
+            for sender in senders.gone(unreadable) if senders and unreadable else ():
                 if not self._goes_by(sender):
-                    del each.unreadable[sender]
-        for one in self._sets:
-            if one.is_contested and one.source.topic in self._senders:
-                one.forget(self._senders[one.source.topic].gone(one.senders))
+                    del monitor.unreadable[sender]
+        for boxes in self._sets:
+            if boxes.is_contested and boxes.source.topic in self._senders:
+                boxes.forget(self._senders[boxes.source.topic].gone(boxes.senders))
 
     def _goes_by(self, sender: int) -> bool:
-        """Return whether anything is as a sender has said, and is not stale."""
+        """Return whether the state of any object or robot is a sender's, and not stale."""
         table = self._objects.table
         own = table.live & ((table.sender == sender) | (table.maker == sender))
         return bool((own & ~table.has(STALE)).any()) or self._robots.go_by(sender)
@@ -259,26 +262,27 @@ def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[
     for slots in others:
         left[slots] = False
     for code, facts in STATES.items():
-        newcomers = _refused_newcomers(objects) if code == "refused" else ()
+        refused = objects.unplaceable.items() if code == "refused" else ()
+        newcomers = [f"{name_from_key(key)} ({why})" for key, why in islice(refused, MAX_NAMED)]
         on_boxes = objects.links_on_boxes if code == "shape_building" else NO_ROWS
         if not (present & facts or newcomers or len(on_boxes)):
             continue
         rows = table.has(facts)
         rows[on_boxes] = True
-        found, left = left & rows, left & ~rows
-        count = int(np.count_nonzero(found)) + (len(objects.unplaceable) if newcomers else 0)
+        affected, left = left & rows, left & ~rows
+        count = int(np.count_nonzero(affected)) + (len(objects.unplaceable) if newcomers else 0)
         if count:
-            yield Reason(code, (*newcomers, *_names(objects, found)), count)
+            yield Reason(code, (*newcomers, *_names(objects, affected)), count)
 
 
 def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> Answer:
-    """Return what the objects say at a time (ns), with no pair checked; others: see reasons."""
+    """Return the answer by objects alone at a time (ns), no pair checked; others: see reasons."""
     table = objects.table
     reasons = tuple(objects_reasons(objects, others))
     stale = table.has(STALE)
     accepted = stale & ~table.has(LOST)
     number = int(np.count_nonzero(accepted))
-    names = some(_names(objects, accepted), number)
+    names = first_names(_names(objects, accepted), number)
     counts: dict[str, object] = {
         "objects": len(table),
         "stale": int(np.count_nonzero(stale)),
@@ -298,8 +302,3 @@ def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> 
 def _names(objects: Objects, rows: Mask) -> tuple[str, ...]:
     slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
     return tuple(map(objects.table.name, slots))
-
-
-def _refused_newcomers(objects: Objects) -> tuple[str, ...]:
-    first: Iterable[tuple[Key, str]] = islice(objects.unplaceable.items(), MAX_NAMED)
-    return tuple(f"{name_from_key(key)} ({reason})" for key, reason in first)

@@ -28,7 +28,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.cycle import CycleRunner
-from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
+from obb_collision.node.diagnostics.answer import MAX_NAMED, first_names, make_status
 from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
 from obb_collision.node.inputs.subscriptions import Subscriptions
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_to_ros
@@ -88,7 +88,7 @@ def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> P
     """Rate, age and refused items by reason of one input, over the last ``seconds``."""
     messages, refused, doubted = monitor.since_last_report()
     age = "never" if monitor.last is None else f"{(now - monitor.last) / NANOSECONDS:.3f}"
-    given: dict[str, object] = {
+    values: dict[str, object] = {
         "topic": monitor.topic,
         "messages": monitor.messages,
         "rate (Hz)": f"{messages / seconds:.2f}",
@@ -97,24 +97,24 @@ def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> P
         "qos mismatches": monitor.mismatches,
     }
     more = {"superseded": monitor.superseded, "lost": monitor.lost}
-    given |= {key: value for key, value in more.items() if value}
+    values |= {key: value for key, value in more.items() if value}
     if monitor.ignored is not None:
-        given["not finite in the last cloud"] = monitor.ignored
+        values["not finite in the last cloud"] = monitor.ignored
     for word, counts in (("rejected", monitor.refused), ("doubtful", monitor.doubted)):
-        given |= {f"{word}: {reason}": count for reason, count in sorted(counts.items())}
+        values |= {f"{word}: {reason}": count for reason, count in sorted(counts.items())}
     faults = {
         f"{refused} items rejected": refused,
         f"{doubted} items used, but doubtful": doubted,
         "a publisher has incompatible QoS": monitor.mismatches,
     }
-    found = [text for text, count in faults.items() if count]
-    return Part(f"input {topic}", found, f"{messages} messages", given.items())
+    faults_there = [text for text, count in faults.items() if count]
+    return Part(f"input {topic}", faults_there, f"{messages} messages", values.items())
 
 
 def objects_part(objects: Objects, policy: str, report: Report | None) -> Part:
     """Count objects: stale, refused (last box kept), unplaceable (no box: not checked)."""
     table, kinds = objects.table, _kinds(objects)
-    counts = {label: int(np.count_nonzero(found)) for label, found in kinds.items()}
+    counts = {label: int(np.count_nonzero(rows)) for label, rows in kinds.items()}
     counts["unplaceable"] += len(objects.unplaceable)
     values = [
         ("count", len(table)),
@@ -160,8 +160,8 @@ def _checked(objects: Objects, report: Report | None) -> Iterator[tuple[str, obj
         yield "pairs at least", report.total
     levels = {"pairs": report.accuracies}
     levels |= {name: report.accuracies_of(name) for name in sorted(report.results)}
-    for name, found in levels.items():
-        for level, count in sorted(Counter(found.tolist()).items()):
+    for name, accuracies in levels.items():
+        for level, count in sorted(Counter(accuracies.tolist()).items()):
             yield f"{name} on {Accuracy(level).label}", count
     if objects.scene.time_budget is not None:
         yield "left on obb by the time budget", "some" if report.behind else "none"
@@ -179,12 +179,12 @@ def _unplaceable(objects: Objects) -> Iterator[tuple[str, object]]:
     """Yield how many objects have no box, by reason."""
     table, reasons = objects.table, Counter(objects.unplaceable.values())
     unshaped = table.has(UNSHAPED)
-    for reason, found in (
+    for reason, rows in (
         ("shape being built", unshaped),
         ("no transform yet", table.has(UNPLACED) & ~unshaped),
         (INTERNAL_ERROR, table.has(ASIDE)),
     ):
-        reasons[reason] += int(np.count_nonzero(found))
+        reasons[reason] += int(np.count_nonzero(rows))
     for reason, count in sorted(reasons.items()):
         if count:
             yield f"unplaceable: {reason}", count
@@ -199,7 +199,7 @@ def _named(
         if label == "unplaceable":
             keys = [*islice(objects.unplaceable, MAX_NAMED), *keys]
         if keys:
-            yield f"names {label}", some([name_from_key(key) for key in keys], counts[label])
+            yield f"names {label}", first_names([name_from_key(key) for key in keys], counts[label])
 
 
 def publish_parts(outputs: Outputs, node: str, now: int, parts: Iterable[Part]) -> None:
@@ -308,9 +308,11 @@ class Reporting:
 
     def _qos_part(self) -> Part:
         """Name ends that can't be matched, by topic, and why the first can't."""
-        found = {topic: whys for topic, whys in self._qos.reasons.items() if whys}
-        values: list[tuple[str, object]] = [(topic, len(whys)) for topic, whys in found.items()]
-        for topic, whys in found.items():
+        mismatches = {topic: whys for topic, whys in self._qos.reasons.items() if whys}
+        values: list[tuple[str, object]] = [
+            (topic, len(whys)) for topic, whys in mismatches.items()
+        ]
+        for topic, whys in mismatches.items():
             values += [(f"{topic}: {row}", why) for row, why in enumerate(whys[:MAX_NAMED], 1)]
-        faults = [f"incompatible QoS on {', '.join(found)}"] if found else []
+        faults = [f"incompatible QoS on {', '.join(mismatches)}"] if mismatches else []
         return Part("qos", faults, "no mismatch", values)

@@ -118,9 +118,9 @@ class Cloud(Topic, Generic[Record]):
         """
         names = self.dtype.names or ()
         rows = cloud_from_ros(message, names)
-        known = rows.dtype.names or ()
+        present = rows.dtype.names or ()
         for name in names:
-            if name not in known and name not in OPTIONAL_FIELDS:
+            if name not in present and name not in OPTIONAL_FIELDS:
                 raise RefusedError("field layout", f"no field {name!r}: not a {self.name} message")
         return rows
 

@@ -87,8 +87,9 @@ def order_pairs(pairs: npt.NDArray[np.int64], table: ObjectTable) -> Ordered:
     first, second = ranks[pairs[:, 0]], ranks[pairs[:, 1]]
     order = np.argsort(np.minimum(first, second) * len(ranks) + np.maximum(first, second))
     swapped = (first > second)[order]
-    one, other = pairs[order, 0], pairs[order, 1]
-    return Ordered(order, np.where(swapped, other, one), np.where(swapped, one, other), swapped)
+    left, right = pairs[order, 0], pairs[order, 1]
+    a, b = np.where(swapped, right, left), np.where(swapped, left, right)
+    return Ordered(order, a, b, swapped)
 
 
 def pair_rows(
@@ -110,47 +111,47 @@ def _put(rows: StructuredRows, names: tuple[str, ...], values: Floats) -> None:
 
 def collision_rows(report: Report, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
     """(m,) rows of the colliding pairs; NaN for what the effect ``separations`` did not give."""
-    found = order_pairs(report.pairs, state.table)
-    rows = pair_rows(dtype, found, state)
-    rows["verdict"], rows["accuracy"] = report.verdicts[found.order], report.accuracies[found.order]
+    pairs = order_pairs(report.pairs, state.table)
+    rows = pair_rows(dtype, pairs, state)
+    rows["verdict"], rows["accuracy"] = report.verdicts[pairs.order], report.accuracies[pairs.order]
     if "separations" not in report.results:
         for name in (*POSITION_FIELDS, *NORMAL_FIELDS, "depth"):
             rows[name] = np.nan
         return rows
-    _put(rows, POSITION_FIELDS, report.positions[found.order])
-    _put(rows, NORMAL_FIELDS, found.flipped(report.normals))
-    rows["depth"] = report.depths[found.order]
+    _put(rows, POSITION_FIELDS, report.positions[pairs.order])
+    _put(rows, NORMAL_FIELDS, pairs.flipped(report.normals))
+    rows["depth"] = report.depths[pairs.order]
     return rows
 
 
 def contact_rows(result: Contacts, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
     """(k,) rows, one per contact point."""
-    found = order_pairs(result.pairs, state.table)
-    counts = result.counts[found.order]
+    pairs = order_pairs(result.pairs, state.table)
+    counts = result.counts[pairs.order]
     pair = np.repeat(np.arange(len(counts)), counts)
     index = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
-    rows = pair_rows(dtype, found, state, pair)
-    points = result.positions[found.order[pair], index]
+    rows = pair_rows(dtype, pairs, state, pair)
+    points = result.positions[pairs.order[pair], index]
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
-    _put(rows, NORMAL_FIELDS, found.flipped(result.normals)[pair])
-    rows["depth"] = result.position_depths[found.order[pair], index]
+    _put(rows, NORMAL_FIELDS, pairs.flipped(result.normals)[pair])
+    rows["depth"] = result.position_depths[pairs.order[pair], index]
     rows["index"], rows["count"] = index, counts[pair]
     return rows
 
 
 def clearance_rows(result: Clearances, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
     """(k,) rows, one per pair that is near."""
-    found = order_pairs(result.pairs, state.table)
-    rows = pair_rows(dtype, found, state)
-    swapped = found.swapped[:, None]
-    first, second = result.positions_a[found.order], result.positions_b[found.order]
+    pairs = order_pairs(result.pairs, state.table)
+    rows = pair_rows(dtype, pairs, state)
+    swapped = pairs.swapped[:, None]
+    first, second = result.positions_a[pairs.order], result.positions_b[pairs.order]
     a, b = np.where(swapped, second, first), np.where(swapped, first, second)
     _put(rows, POSITION_FIELDS, 0.5 * a + 0.5 * b)
     _put(rows, A_FIELDS, a)
     _put(rows, B_FIELDS, b)
-    _put(rows, NORMAL_FIELDS, found.flipped(result.normals))
-    rows["distance"] = result.distances[found.order]
+    _put(rows, NORMAL_FIELDS, pairs.flipped(result.normals))
+    rows["distance"] = result.distances[pairs.order]
     return rows
 
 
@@ -160,16 +161,16 @@ def prediction_rows(
     """(k,) rows: what was passed since the state before, and what is to come."""
     swept = join_rows([result.passed, result.predicted])
     passed = np.arange(len(swept)) < len(result.passed)
-    found = order_pairs(swept.pairs, state.table)
-    rows = pair_rows(dtype, found, state)
-    points = np.where(swept.undecided[:, None], np.nan, swept.positions)[found.order]
+    pairs = order_pairs(swept.pairs, state.table)
+    rows = pair_rows(dtype, pairs, state)
+    points = np.where(swept.undecided[:, None], np.nan, swept.positions)[pairs.order]
     normals = np.where(swept.undecided[:, None], np.nan, swept.normals)
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
-    _put(rows, NORMAL_FIELDS, found.flipped(normals))
+    _put(rows, NORMAL_FIELDS, pairs.flipped(normals))
     times = np.where(passed, (swept.free_until - 1.0) * state.step, swept.free_until)
-    rows["time"] = times[found.order]
-    rows["passed"], rows["undecided"] = passed[found.order], swept.undecided[found.order]
+    rows["time"] = times[pairs.order]
+    rows["passed"], rows["undecided"] = passed[pairs.order], swept.undecided[pairs.order]
     return rows
 
 
@@ -181,13 +182,13 @@ def event_rows(events: StructuredRows, state: CheckedState, dtype: np.dtype[Any]
 def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
     """(k,) rows of the objects with points inside."""
     table, points = state.table, state.report.cycle.obstacle_points
-    found = np.flatnonzero(result.counts)
-    found = found[np.argsort(table.order_keys(result.indices[found]))]
-    slots = result.indices[found]
+    hit = np.flatnonzero(result.counts)
+    hit = hit[np.argsort(table.order_keys(result.indices[hit]))]
+    slots = result.indices[hit]
     rows = np.zeros(len(slots), dtype)
     rows["ns"], rows["id"] = table.ns[slots], table.id[slots]
-    rows["count"], rows["first"] = result.counts[found], result.first[found]
-    rows["nearest"], rows["distance"] = result.nearest[found], result.distances[found]
-    if points is not None and len(found):
-        _put(rows, POSITION_FIELDS, points[result.nearest[found]])
+    rows["count"], rows["first"] = result.counts[hit], result.first[hit]
+    rows["nearest"], rows["distance"] = result.nearest[hit], result.distances[hit]
+    if points is not None and len(hit):
+        _put(rows, POSITION_FIELDS, points[result.nearest[hit]])
     return rows

@@ -49,7 +49,7 @@ def keys(rig: Rig) -> set[Key]:
 def wait(rig: Rig, *messages: bytes) -> None:
     """Let messages wait as if they had just come, without a cycle in between."""
     for message in messages:
-        rig.node.inputs.markers.take(message, rig.node.now())
+        rig.node.inputs.markers.queue(message, rig.node.now())
 
 
 def test_of_a_backlog_only_last_states_are_looked_at(rig: Rig, monkeypatch: Patch) -> None:
@@ -83,7 +83,7 @@ def test_what_waits_is_bounded(rig: Rig, monkeypatch: Patch) -> None:
             *(cube(("c", k), (number, 3 * k, 0)) for k in range(20)),
             Marker(ns="d", id=number, action=Marker.DELETE),
         )
-        markers.take(message, rig.node.now())
+        markers.queue(message, rig.node.now())
         peak = max(peak, markers.size)
         assert markers.size <= 100_000 + 3 * len(message)
     assert peak > 50_000

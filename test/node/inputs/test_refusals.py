@@ -37,7 +37,7 @@ from obb_collision.node.inputs import subscriptions
 from obb_collision.node.inputs.senders import NO_NUMBER, Senders
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_from_ros, states_to_ros
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE, Unplaceable
-from obb_collision.node.objects.table import NEVER
+from obb_collision.node.objects.table import NO_TIME
 
 NAN = float("nan")
 BAD_POSES = {"bad pose": [0.0, NAN, 0.0, 0.0, 0.0, 0.0, 1.0], "zero quaternion": [0.0] * 7}
@@ -188,7 +188,7 @@ def test_packages_that_are_not_installed_are_found_for_all_that_name_files(tmp_p
 
 
 def test_refused_objects_beyond_the_limit_count_until_all_are_deleted_or_expire() -> None:
-    for expiry in (NEVER, 5):
+    for expiry in (NO_TIME, 5):
         found = Unplaceable()
         for ident in range(MAX_UNPLACEABLE + 3):
             found.add(("a", ident), "bad scale", expiry)
@@ -197,7 +197,7 @@ def test_refused_objects_beyond_the_limit_count_until_all_are_deleted_or_expire(
             found.delete(("a", ident))
         found.delete_all("a")
         assert len(found) == 1
-        if expiry == NEVER:
+        if expiry == NO_TIME:
             found.delete_all(None)
         else:
             found.expire(expiry)
@@ -300,7 +300,7 @@ def test_a_storm_of_parameters_leaves_the_node_with_the_last_ones(rig: Rig) -> N
 def total(numbers: list[Any], publishers: int = 1) -> int:
     senders = Senders(10, lambda: publishers)
     given = [{"publication_sequence_number": number} for number in numbers]
-    return sum(senders.take(info)[1] for info in given)
+    return sum(senders.note_message(info)[1] for info in given)
 
 
 def test_gaps_of_one_publisher_are_counted() -> None:

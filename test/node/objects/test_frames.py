@@ -457,7 +457,7 @@ def test_clouds_that_wait_are_bounded() -> None:
         rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
         for number in range(100):
             header = Header(stamp=cv.stamp_to_ros(number + 1), frame_id="lidar")
-            obstacles.take(serialize_message(cloud_to_ros(rows, header)), rig.node.now())
+            obstacles.queue(serialize_message(cloud_to_ros(rows, header)), rig.node.now())
         stamps = [cloud.stamp for cloud in obstacles.waiting.clouds]
         assert len(stamps) <= 16
         assert stamps == sorted(stamps)

@@ -79,12 +79,12 @@ def test_joints_between_clear_and_the_next_cycle_keep_nothing_running(rig: Askin
     trajectory = JointTrajectory(joint_names=list(BOTH), points=[point])
     for begin, end in ((0.0, 0.3), (1.4, 1.45)):
         rig.begin([(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])])
-        rig.robot.take_joints(joints(end), rig.now())
+        rig.robot.store_joints(joints(end), rig.now())
         assert node._clear(Trigger.Request(), Trigger.Response()).success
         for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
-            rig.robot.take_joints(joints(0.1 * step), rig.now())
+            rig.robot.store_joints(joints(0.1 * step), rig.now())
         node.robots.callbacks(node.inputs)["arm/trajectory_in"](serialize_message(trajectory))
-        rig.robot.take_joints(joints(1.4), rig.now())
+        rig.robot.store_joints(joints(1.4), rig.now())
         node.run_cycle()
         node.robots.hold("a later stop")
         rig.until(lambda: len(rig.said) == 2, "what is said")

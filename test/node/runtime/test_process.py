@@ -112,7 +112,7 @@ def test_a_signal_amid_imports_ends_it_without_a_word(module: str, number: signa
 def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
     code = """
 import signal, sys, threading
-from obb_collision.node.runtime.running import run
+from obb_collision.node.runtime.running import run_node
 def make(context, ending):
     never = threading.Lock()
     never.acquire()
@@ -120,7 +120,7 @@ def make(context, ending):
     sys.stdout.write("making\\n")
     sys.stdout.flush()
     never.acquire()  # as compiled code: no handler of Python's runs
-run("slow", make, [])
+run_node("slow", make, [])
 """
     with started("-c", code) as process:
         assert output_until(process, "making") == "making\n"
@@ -135,7 +135,7 @@ import os, signal
 from threading import Thread
 import rclpy
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.runtime.running import run
+from obb_collision.node.runtime.running import run_node
 
 calls, codes = [], []
 handler = lambda *_: calls.append("Python's")
@@ -149,10 +149,11 @@ def make(context, _):
     return node
 
 end = lambda context: os.kill(os.getpid(), signal.SIGINT)
-codes.append(run("short", make, []))
+codes.append(run_node("short", make, []))
 assert signal.getsignal(signal.SIGINT) is handler
 end = lambda context: context.try_shutdown()
-thread = Thread(target=lambda: codes.append(run("short", make, [])))  # signals are not a thread's
+# signals are not those of a thread
+thread = Thread(target=lambda: codes.append(run_node("short", make, [])))
 thread.start()
 thread.join()
 assert rclpy.ok() and (codes, calls) == ([0, 0], []), (codes, calls)
