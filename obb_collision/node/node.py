@@ -25,7 +25,7 @@ from functools import partial
 from time import monotonic, perf_counter
 from typing import Any
 
-from rclpy.clock import Clock, JumpThreshold, ROSClock
+from rclpy.clock import Clock, JumpThreshold, ROSClock, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration
@@ -33,7 +33,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
-from obb_collision.node.cycle import CycleRunner, Schedule
+from obb_collision.node.cycle.cycle import CycleRunner, Schedule
 from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
 from obb_collision.node.inputs import detections
@@ -317,7 +317,7 @@ class CollisionNode(ManagedNode):
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=lambda _: self.now(),  # else a jump is detected with the next message
+            post_callback=self._look_at_clock,
         )
         self.undo.callback(jump.unregister)
         for topic in self.topics:
@@ -404,6 +404,10 @@ class CollisionNode(ManagedNode):
     def _is_simulated(self) -> bool:
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
+    def _look_at_clock(self, _: TimeJump) -> None:
+        """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
+        self.now()
 
     def run_cycle(self) -> None:
         """Check what has arrived, and publish the report and the status."""

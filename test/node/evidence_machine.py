@@ -410,7 +410,7 @@ class EvidenceMachine:
             with patch.object(node.objects, "clear", FAIL):
                 self.clear(fails=True)
         elif what == "marker":
-            with patch.object(MarkerUpdate, "run", FAIL):
+            with patch.object(MarkerUpdate, "apply", FAIL):
                 self.send("objects", MarkerArray(markers=[cube(("b", 0))]))
                 node.inputs.markers.apply()
             self.model.fail()

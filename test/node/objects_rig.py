@@ -37,7 +37,7 @@ from obb_collision.node.objects import Objects
 from obb_collision.node.objects.states import AgeLimits, State
 from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.status.evidence import objects_answer
+from obb_collision.node.status import objects_answer
 from obb_collision.scene.building.builder import Limits
 from obb_collision.scene.building.jobs import Task, perform
 from obb_collision.scene.store import Overrides

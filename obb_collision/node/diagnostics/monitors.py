@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -231,8 +231,9 @@ class QosWatch:
         return list(self._faults(end, topic))
 
     def _faults(self, end: Publisher | Subscription, topic: str) -> Iterable[str]:
-        package, folder = end.msg_type.__module__.split(".")[:2]
-        kind = f"{package}/{folder}/{end.msg_type.__name__}"
+        message: Any = end.msg_type
+        package, folder = message.__module__.split(".")[:2]
+        kind = f"{package}/{folder}/{message.__name__}"
         outgoing = isinstance(end, Publisher)
         list_others = (
             self._node.get_subscriptions_info_by_topic

@@ -353,7 +353,9 @@ class Placement:
                 poses = compose_poses(outer, poses)
                 usable = ~unusable_poses(poses)
                 states, poses, twists = states[usable], poses[usable], twists[usable]
-                twists = turned_twists(twists, outer)
+                if twists.any():  # given in a frame that stands still
+                    turn = as_poses(outer[None], warn=False)[1][0].T
+                    twists = np.hstack((twists[:, :3] @ turn, twists[:, 3:] @ turn))
             columns = states["stamp"], states["received"], states["number"]
             self._set(states["slot"], poses, twists, columns)
             if outer is not None:
@@ -398,11 +400,3 @@ class Placement:
         if changed.any():
             self._scene.objects.set_twists(slots[changed], twists[changed])
             self._table.moving[slots] = moving
-
-
-def turned_twists(twists: Floats, frame: Floats) -> Floats:
-    """Twists (n, 6) given in a frame that stands still, seen from where that frame is (7,)."""
-    if not twists.any():
-        return twists
-    rotation = as_poses(frame[None], warn=False)[1][0]
-    return np.hstack((twists[:, :3] @ rotation.T, twists[:, 3:] @ rotation.T))

@@ -53,7 +53,11 @@ class SceneParameters:
         for name in ("padding", "max_pairs"):
             _set(scene, name, getattr(parameters, name))
         _set(scene, "time_budget", parameters.time_budget or None)
-        self._apply_accuracy()
+        _set(scene, "accuracy", as_accuracy(parameters.accuracy))
+        groups = Groups(parameters.groups)
+        overrides = Overrides(groups.overrides(parameters.accuracy_overrides))
+        if overrides.overrides != self._objects.shapes.overrides.overrides:
+            self._objects.set_overrides(overrides)
         self._apply_filters()
         self._apply_effects()
 
@@ -61,7 +65,7 @@ class SceneParameters:
         """Set the effects, and the region: its halo depends on them."""
         parameters, scene = self._parameters, self._objects.scene
         groups = Groups(parameters.groups)
-        settings = {}
+        settings: dict[str, Any] = {}
         for name in EFFECTS:
             mode = OFF if parameters.mode(name) == OFF else AUTO  # requested per check: never "on"
             setting = settings[name] = {"mode": mode, **parameters.setting(name)}
@@ -85,15 +89,6 @@ class SceneParameters:
             rules.allowed, rules.check_only, rules.allowed_within = filters
             self._filters = filters
         _set(scene.objects, "padding_overrides", groups.overrides(parameters.padding_overrides))
-
-    def _apply_accuracy(self) -> None:
-        """Set the accuracy of all objects."""
-        parameters, objects = self._parameters, self._objects
-        _set(objects.scene, "accuracy", as_accuracy(parameters.accuracy))
-        levels = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
-        overrides = Overrides(levels)
-        if overrides.overrides != objects.shapes.overrides.overrides:
-            objects.set_overrides(overrides)
 
 
 def _set(scene: Any, name: str, value: object) -> None:

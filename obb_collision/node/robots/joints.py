@@ -133,7 +133,7 @@ class Joints(Timestamps):
         self.speed_limits = np.where(limits > 0.0, limits, np.inf)
         """How fast joints can be at most, infinite where the description does not say."""
 
-    def store(self, message: JointMessage, now: int) -> None:
+    def store_values(self, message: JointMessage, now: int) -> None:
         """Store the values of a message; one that is refused whole makes its joints bad.
 
         What is wrong with single joints is counted. Joints that mimic others are not needed.

@@ -161,7 +161,7 @@ class RobotInput:
         """Store the states of joints; of what comes before there is a robot, nothing is known."""
         message = joints_from_bytes(data)
         if self.joints is not None:
-            self.joints.store(message, now)
+            self.joints.store_values(message, now)
             self._changed, self._link_poses = True, None
 
     def store_base(self, message: NamedPose, now: int) -> None:

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """What the node says of itself: what collides, what is missing to know it, diagnostics."""
+
+from obb_collision.node.status.collision_status import PERIOD, CollisionStatus
+from obb_collision.node.status.evidence import objects_answer
+
+__all__ = ["PERIOD", "CollisionStatus", "objects_answer"]

@@ -28,7 +28,7 @@ from math import inf
 
 import numpy as np
 
-from obb_collision.node.cycle import CycleRunner
+from obb_collision.node.cycle.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import (
     MAX_NAMED,
     RADIUS,
@@ -116,7 +116,11 @@ class Evidence:
             counts[SELECTED_RADIUS] = setting["max_distance"]
         counts["region"] = bounds_text(self._objects.scene.region)
         of_node = *self._of_cycle(), *self._of_clock(), *self._of_inputs()
-        reasons = *of_node, *self._of_scene(now), *_of_robots(faults)
+        whom: dict[str, list[str]] = {}
+        for code, who, _ in faults:
+            whom.setdefault(code, []).append(who)
+        of_robots = (Reason(code, tuple(w[:MAX_NAMED]), len(w)) for code, w in whom.items())
+        reasons = *of_node, *self._of_scene(now), *of_robots
         return replace(answer, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
 
     def not_known(self) -> str:
@@ -243,13 +247,6 @@ class Evidence:
         table = self._objects.table
         own = table.live & ((table.sender == sender) | (table.maker == sender))
         return bool((own & ~table.has(STALE)).any()) or self._robots.go_by(sender)
-
-
-def _of_robots(faults: list[tuple[str, str, Slots]]) -> Iterator[Reason]:
-    """Yield the robots of which it is not known where they are."""
-    for code in dict.fromkeys(code for code, *_ in faults):
-        who = tuple(what for other, what, _ in faults if other == code)
-        yield Reason(code, who[:MAX_NAMED], len(who))
 
 
 def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[Reason]:

@@ -27,7 +27,7 @@ import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.cycle import CycleRunner
+from obb_collision.node.cycle.cycle import CycleRunner
 from obb_collision.node.diagnostics.answer import MAX_NAMED, first_names, make_status
 from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
 from obb_collision.node.inputs.subscriptions import Subscriptions

@@ -27,13 +27,13 @@ from rig import A1, A2, Patch, Rig, color, cube, pose, sync
 
 from obb_collision import find_pairs
 from obb_collision.node import namespace_number
-from obb_collision.node.cycle import MAX_TRIES, RETRY_PERIOD, SetAside
+from obb_collision.node.cycle.cycle import MAX_TRIES, RETRY_PERIOD, SetAside
 from obb_collision.node.diagnostics.answer import UNKNOWN, Reason
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.objects.conditions import ASIDE
 from obb_collision.node.objects.states import State
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.status.evidence import objects_answer
+from obb_collision.node.status import objects_answer
 from obb_collision.scene import checker
 from obb_collision.scene.effects import clearance, contacts, points
 from obb_collision.scene.objects import SceneObjects

@@ -47,7 +47,7 @@ from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
 from obb_collision.node.parameters import ready
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.status.collision_status import PERIOD, CollisionStatus
+from obb_collision.node.status import PERIOD, CollisionStatus
 from obb_collision.scene.store import Overrides
 
 A = namespace_number("a")
