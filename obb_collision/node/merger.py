@@ -201,7 +201,7 @@ class MergerNode(Node):
         return take
 
     def _publish(self, cloud: Cloud[Any], rows: Any, header: Header) -> None:
-        packed = np.zeros(len(rows), cloud.dtype)  # what is between the fields is 0, too
+        packed = np.zeros(len(rows), cloud.dtype)  # padding between fields is 0, too
         for name in rows.dtype.names:
             packed[name] = rows[name]
         stamp, frame = stamp_from_ros(header.stamp), header.frame_id
@@ -238,7 +238,7 @@ class MergerNode(Node):
             )
             detail = "none of their objects has a stamp (stamp 0)" if bare else ""
             reasons.append(Reason("region_unmatched", bare, len(bare), detail))
-        # also those that are missing: what a region said counts until it says something else
+        # the last status of a region counts while it is missing, too
         colliding = [r for r, status in self._statuses.items() if status.level == COLLIDING]
         pairs = self._pairs if fresh else 0
         counts: dict[str, object] = {
@@ -264,7 +264,7 @@ class MergerNode(Node):
 
     def _uncovered(self) -> list[Reason]:
         """Return how regions fail to fill space once, by the last bounds that they published."""
-        if len(self._bounds) < len(self._regions):  # else those that said nothing are silent
+        if len(self._bounds) < len(self._regions):  # else regions without bounds are silent
             return []
         if self._covered[0] != self._bounds:
             self._covered = dict(self._bounds), _uncovered(self._bounds)

@@ -296,7 +296,7 @@ class CollisionNode(ManagedNode):
         return timer
 
     def _arrived(self, topic: str) -> None:
-        """Have a cycle run for a message: not for queries, nor for points nobody asked for."""
+        """Have a cycle run for a message: not for queries, nor for points that no effect needs."""
         wanted = topic != "points" or self.effects.is_requested("points")
         if wanted and not self.topics[topic].is_query:
             self._schedule.arrived()
@@ -355,7 +355,7 @@ class CollisionNode(ManagedNode):
 
     def collect(self) -> float:
         """Read and apply the queued messages; returns their maximum waiting time (s)."""
-        with self.guard.catching("inputs"):  # what is lost marks its input
+        with self.guard.catching("inputs"):  # lost messages mark their input
             self.subscribed.drain()
         self._change("input objects", self.inputs.markers.apply)
         for boxes in self.inputs.sets:
@@ -435,7 +435,7 @@ class CollisionNode(ManagedNode):
         """Remove all objects and forget all names."""
         try:
             self.robots.hold("all objects were removed")
-            self.inputs.markers.apply()  # what came before has come before
+            self.inputs.markers.apply()  # markers from before the call
             for boxes in self.inputs.sets:
                 boxes.cleared()
             self.inputs.unknown.deleted(self.objects.table.slots, self.now())

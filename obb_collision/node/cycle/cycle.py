@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A cycle of the node, and when it runs: update the scene, check it, publish what is requested.
+"""A cycle of the node, and when it runs: update the scene, check it, publish requested topics.
 
 Where a check fails because of some objects, those are set aside and the rest is checked. An object
 set aside takes part in no check, is grey and counted as unplaceable, so that it is not known what
@@ -63,7 +63,7 @@ class SetAside:
         self._untried: Slots = np.empty(0, np.int64)  # for whom there was no time
 
     def check(self, effects: Collection[str]) -> Report:
-        """Check the scene; raises only what is not due to single objects."""
+        """Check the scene; raises only errors that are not due to single objects."""
         due = self._due()
         try:
             report = self._scene.check(() if len(due) else effects)
@@ -117,7 +117,7 @@ class SetAside:
         self._objects.placement.enable(slots)
 
     def _failure(self) -> Exception | None:
-        """Return why a check of what takes part fails, None if it does not."""
+        """Return why a check of the included objects fails, None if it does not."""
         try:
             self._scene.check()
         except MemoryError:
@@ -171,7 +171,7 @@ class CycleMonitor:
         return {f"effect {name}": cost.seconds for name, cost in costs.items()}
 
     def begin_report(self) -> None:
-        """Forget what was reported."""
+        """Begin new statistics."""
         self.reported = self.overruns, self.failures.total()
         self.stages, self.delay, self.age = {}, 0.0, None
 
@@ -232,7 +232,7 @@ class CycleRunner:
 
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
-        failed = True  # while it runs, what is asked is answered by what the last one was
+        failed = True  # while it runs, the last one answers requests
         with self._guard.catching("cycle"):
             start = perf_counter()
             self.delay = waited = self._collect()
@@ -282,7 +282,7 @@ class CycleRunner:
         times.append(perf_counter())
         names = ("prepare", "check", "publish", "markers")
         stages = dict(zip(names, np.diff(times).tolist(), strict=True))
-        # where nothing had changed, the report is the one before, with what it took then
+        # without changes the report is the one before, with its costs
         old = costs_before if report is last else ()
         costs = {name: cost for name, cost in report.costs.items() if name not in old}
         stages["check"] -= sum(cost.seconds for cost in costs.values())

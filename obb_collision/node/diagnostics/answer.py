@@ -142,12 +142,12 @@ class Reason:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is known of collisions.
+    """The answer whether objects collide.
 
-    reasons: what is missing for the claim that nothing collides, in the order of ``CODES``. pairs:
+    reasons: missing evidence for the claim that nothing collides, in the order of ``CODES``. pairs:
     how many collided at the last check, of those whose objects still exist; more: at least so many.
-    notes: what else people should know. counts: of objects, by what is said of them. stamp: of the
-    newest state evaluated (ns), 0 for none, None where nobody knows.
+    notes: further texts for people. counts: of objects, by their state. stamp: of the
+    newest state evaluated (ns), 0 for none, None where it is unknown.
     """
 
     reasons: tuple[Reason, ...] = (Reason("starting"),)
@@ -176,7 +176,7 @@ class Answer:
 
     @property
     def why(self) -> str:
-        """What is missing, as a line of text; empty if nothing is."""
+        """The missing evidence as a line of text; empty if there is none."""
         return "; ".join(reason.text for reason in self.reasons)
 
     @property

@@ -62,9 +62,9 @@ class InputMonitor:
     doubted: Counter[str] = field(default_factory=Counter)
     """Items that are used although something is wrong with them."""
     sender: int = 0
-    """Who sent the message that is being taken, see ``inputs.senders``."""
+    """The sender of the present message, see ``inputs.senders``."""
     unreadable: dict[int, str] = field(default_factory=dict)
-    """By sender, why its last message could not be read: nobody knows what it said."""
+    """By sender, why its last message could not be read: its content is unknown."""
     missed: Missed | None = None
     """Where changes were lost that nothing has made good since."""
     ignored: int | None = None
@@ -99,7 +99,7 @@ class InputMonitor:
             self.missed = Missed(self.messages + 1, now)
 
     def refuse_whole(self, reason: str, detail: str = "", sender: int | None = None) -> None:
-        """Count a message that could not be read: nobody knows what it said."""
+        """Count a message that could not be read: its content is unknown."""
         self.mark_unreadable(reason, sender)
         self.refuse(reason, "whole message", detail)
 
@@ -139,7 +139,7 @@ class InputMonitor:
             self.missed = self.missed._replace(time=self.missed.time + shift)
 
     def cleared(self) -> None:
-        """Forget what nobody knows: all objects were removed."""
+        """Forget unreadable and lost messages: all objects were removed."""
         self.unreadable.clear()
         self.missed = None
 

@@ -134,7 +134,7 @@ class BoxInput:
             check_name(cloud.frame, "frame")
             self._note_order(cloud.stamp, now, sender)
         except RefusedError as error:
-            self.apply()  # what came before it
+            self.apply()  # the sets before it
             self._doubt()
             if error.reason != OLDER or not self._own.any():
                 raise
@@ -172,13 +172,13 @@ class BoxInput:
         return tuple(self._orders)
 
     def forget(self, senders: Iterable[int]) -> None:
-        """Forget senders, which are gone; where one is left, nobody takes turns with it."""
+        """Forget senders, which are gone; where one is left, the sets are no longer contested."""
         for sender in senders:
             self._orders.pop(sender, None)
         self.is_contested &= len(self._orders) > 1
 
     def cleared(self) -> None:
-        """Forget what waits, and who sent it: all objects were removed."""
+        """Drop waiting sets, and forget their senders: all objects were removed."""
         self.waiting.clouds.clear()
         self.is_contested = False
 
@@ -242,7 +242,7 @@ class BoxInput:
     ) -> None:
         """Bring the objects in line with a set of keys (n,), poses (n, 7) and sizes (n, 3).
 
-        What else is found to be wrong is noted in ``faults``, with those that are known already.
+        Further faults are added to ``faults``.
         """
         table = self._table
         slots = table.find(numbers, ids)

@@ -76,7 +76,7 @@ class Inputs:
         if DETECTIONS.topic in objects.monitors:
             self.sets.append(BoxInput(objects, frames, clock, DETECTIONS, read_detections))
         self.bases: dict[str, Callable[[NamedPose, int], None]] = {}
-        """By name of a robot: what takes a pose of its base."""
+        """By name of a robot: the callback for poses of its base."""
 
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per input topic; they take serialised messages."""
@@ -102,7 +102,7 @@ class Inputs:
 
         take: a message and the time (ns) of its receipt, RefusedError for a whole message.
         in_order: whether the markers and boxes that came before are applied first; changes: whether
-        it changes objects, which after an error nobody foresaw may be others than were sent.
+        it changes objects, which after an unforeseen error may differ from the messages.
         """
         monitor = self._monitors[topic]
 

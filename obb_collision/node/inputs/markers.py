@@ -14,9 +14,8 @@
 
 """The topic ``objects``: messages wait as bytes and are applied together, at the next cycle.
 
-A sender that is faster than the cycles can't hold them up or make the node grow: what waits is
-bounded in bytes and applied early beyond that, and however many states of an object wait, one of
-them is looked at.
+A sender that is faster than the cycles can't hold them up or make the node grow: the queue is
+bounded in bytes and applied early beyond that, and of the waiting states of an object one is used.
 """
 
 from __future__ import annotations
@@ -174,7 +173,7 @@ class MarkerUpdate:
         self._objects, self._table, self._shapes = objects, objects.table, objects.shapes
         self._monitor = objects.monitors["objects"]
         self._plans: dict[int, ShapePlan] = {}
-        self._again = np.zeros(len(markers), np.bool_)  # which change what an earlier one says
+        self._again = np.zeros(len(markers), np.bool_)  # which follow another one of their object
         self._orders = np.zeros(len(markers), np.int64)  # stamps before which others are late
         self._kinds: Kinds = np.zeros(len(markers), np.int8)  # of the poses
 
@@ -213,7 +212,7 @@ class MarkerUpdate:
             self._mark(row, faults.of(row).error.reason, not is_same)
 
     def _count(self, faults: Faults, outcome: Settled) -> None:
-        """Count what is refused, late or superseded."""
+        """Count refused, late and superseded markers."""
         for rows, fault in faults:
             self._refuse(rows, fault.error)
         self._refuse(np.flatnonzero(outcome.late), RefusedError(OLDER))
@@ -265,9 +264,9 @@ class MarkerUpdate:
         return outcome.of_objects(~owned)
 
     def _remove(self, outcome: Settled) -> Rows:
-        """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
+        """Remove deleted objects; return the slots (k,) of the others, -1 for none.
 
-        What is deleted and comes again as it was, in the fixed frame, stays in its place.
+        An object that is deleted and comes again as it was, in the fixed frame, stays in its place.
         """
         markers, objects, table = self._markers, self._objects, self._table
         added = (markers.action == Marker.ADD) & ~np.isin(markers.type, ANNOTATIONS)

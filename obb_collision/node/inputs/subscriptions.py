@@ -46,9 +46,9 @@ class Input(NamedTuple):
     is_query: bool = False
     """Whether its messages ask for something, and say nothing about objects."""
     is_change: bool = False
-    """Whether what a message says is not said again: nobody knows what a lost one said."""
+    """Whether messages are changes, which are not sent again: a lost one leaves objects unknown."""
     meaning: str = ""
-    """What it does, for docs/topics.md."""
+    """Its description in docs/topics.md."""
 
 
 INPUTS = {
@@ -176,7 +176,7 @@ class Subscriptions:
                     break
 
     def _give_up(self, topic: str) -> None:
-        """Drop what waits in a queue, and subscribe anew next time.
+        """Drop the messages in a queue, and subscribe anew next time.
 
         A message that cannot be taken, for which there is no memory, stays at the head of its queue
         and would hide all after it.

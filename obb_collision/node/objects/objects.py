@@ -47,7 +47,7 @@ from obb_collision.typing import Mask
 class Objects:
     """The table of objects, and what works on it: shapes, states, and their placement in the scene.
 
-    monitors: by input topic, count what is refused or doubtful.
+    monitors: by input topic, count refused and doubtful items.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Objects:
         self.links_on_boxes: Slots = NO_ROWS
         """Links of robots in pairs that the last check left on boxes, their hulls being built."""
         self.trees = self.scene.objects.build_outside(self._tree_builder)
-        """What is built of shapes for an accuracy above obb."""
+        """Hulls and trees of shapes, for an accuracy above obb."""
 
     def _rename(self, namespace: int) -> None:
         """Give the objects of a namespace, by its number, the names that they have now."""
@@ -136,7 +136,7 @@ class Objects:
         return len(slots)
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock by ``shift`` (ns): ages and what is left of lifetimes stay.
+        """Take over a jump of the clock by ``shift`` (ns): ages and remaining lifetimes stay.
 
         Stamps of before it mean nothing any more.
         """

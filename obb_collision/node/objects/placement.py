@@ -345,7 +345,7 @@ class Placement:
     def _move(self, states: States, outer: Floats | None = None, carried: int = 0) -> None:
         """Move objects to states, given in a frame that is at ``outer`` (7,).
 
-        carried: when that was true (ns), 0 for none. What fails is refused: alone, if need be.
+        carried: when that was true (ns), 0 for none. A state that fails is refused alone.
         """
         try:
             poses, twists = (np.ascontiguousarray(states[name]) for name in ("pose", "twist"))

@@ -34,8 +34,7 @@ OTHERS = "others", 1 << 32
 class Unplaceable(dict[Key, str]):
     """The reasons by key; names that are too long are shortened.
 
-    What an input has refused stays until the same input says more: another one that uses the name
-    knows nothing of it.
+    A refusal stays until the same input has more about the object, whatever other inputs send.
     """
 
     def __init__(self) -> None:
@@ -142,7 +141,7 @@ class UnknownObjects:
         return 0 <= now - self._left_out < MEMORY
 
     def deleted(self, keys: Iterable[Key], now: int) -> None:
-        """Take note that somebody has deleted objects: states of theirs may be on their way."""
+        """Note deleted objects: states of theirs may be on their way."""
         self._forget_deleted(now)
         others: dict[str, str] = {}  # as bulk poses name a namespace once it is gone
         for key in islice(keys, MAX_DELETED):

@@ -247,7 +247,7 @@ class ObjectShapes:
             self.unplaceable.delete(key)
 
     def cancel_pending(self, slots: Slots) -> None:
-        """Continue with the present shapes of objects: cancel what is being built for them."""
+        """Continue with the present shapes of objects: cancel those being built for them."""
         waiting = slots[self.table.has(RESHAPED, slots)]
         for slot in waiting.tolist():
             self.builder.cancel(self.table.key(slot))

@@ -15,7 +15,7 @@
 """States of objects: stored as they arrive, the latest one wins; without a new one they are stale.
 
 With the policy ``collide`` a stale object is grown by what it can have moved since its last state:
-no point of it is faster than ``speed``, or than its last twist said, so the grown box contains the
+no point of it is faster than ``speed``, or than its last twist, so the grown box contains the
 object wherever it is by now. Beyond ``reach`` boxes grow no more, and where it is is not known.
 """
 
@@ -229,11 +229,11 @@ class States:
 
 @dataclass(frozen=True)
 class AgeLimits:
-    """After how long objects are stale, and what is done then.
+    """After how long objects are stale, and how they are treated then.
 
     timeout: age limit (s) of objects from their second message on, 0 for none; timeouts: limits of
-    objects by name, from the first message on; policy, policies: what is done, by name. speed:
-    maximum speed of any point of an object (m/s), where its last twist says no more; reach: maximum
+    objects by name, from the first message on; policy, policies: their treatment, by name. speed:
+    maximum speed of any point of an object (m/s), where its last twist is slower; reach: maximum
     growth (m).
     """
 
@@ -304,8 +304,8 @@ class Staleness:
     def _judged(self) -> tuple[Slots, Slots]:
         """Return (rows,) since when states are known, and their age limits (ns), 0 for none.
 
-        By the oldest of stamp, receipt and transform. What is locked to a frame and was sent once
-        does not age itself, but its transform does.
+        By the oldest of stamp, receipt and transform. An object that is locked to a
+        frame and was sent once does not age itself, but its transform does.
         """
         table, most = self._table, int(self._limits.timeout * NANOSECONDS)
         since = self._own_since()

@@ -61,7 +61,7 @@ PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 """Types of markers whose shape is the type and the scale, and nothing more."""
 
 POLICIES = UNKNOWN, COLLIDE, KEEP, IGNORE = ("unknown", "collide", "keep", "ignore")
-"""What a stale object is: not known where; grown; taken to be where it was; in no pair."""
+"""Treatments of a stale object: place unknown; grown; as if it stood still; in no pair."""
 
 NOTHING = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
@@ -303,7 +303,7 @@ class ObjectTable:
         return self._ranks
 
     def renamed(self) -> None:
-        """Note that objects have other names: whoever goes by ``ranks`` looks again."""
+        """Note that objects have other names: their ranks are computed anew."""
         self._ranks = None
 
     def order_keys(self, slots: Slots) -> Slots:

@@ -59,7 +59,7 @@ class Events:
         self._next = 0.0  # when all that lasts is due
 
     def forget(self) -> None:
-        """Stop counting: nobody asks."""
+        """Stop counting: the topic is not requested."""
         self.pairs.forget()
         self._subscribers = 0
 
@@ -163,7 +163,7 @@ class PairEvents:
         self._start: Rows = np.zeros(size, np.int64)
 
     def interrupt(self) -> None:
-        """Take note that nothing was known for a while: it does not count as apart."""
+        """Note that nothing was checked for a while: it does not count as apart."""
         self._since[self._begun] = NO_TIME
 
     def clock_jumped(self, shift: int) -> None:
@@ -230,7 +230,7 @@ class PairEvents:
         self._rows, self._begun, self._since, self._start = (c[kept] for c in self._state)
 
     def _begin(self, now: int, deep: Mask, limits: EventLimits, kept: Mask) -> Mask:
-        """Begin what has been deep for long enough; kept: pairs of which nothing is known."""
+        """Begin collisions that were deep for long enough; kept: pairs that were not checked."""
         waits = ~self._begun & deep
         self._since[waits & (self._since == NO_TIME)] = now
         self._since[~self._begun & ~deep & ~kept] = NO_TIME
@@ -248,7 +248,7 @@ class PairEvents:
         part: Callable[[StructuredRows], Parted],
         whole: bool,
     ) -> Mask:
-        """End what has been apart for long enough, or is not checked any more."""
+        """End collisions of pairs that are apart for long enough, or not checked any more."""
         self._since[self._begun & collides] = NO_TIME
         ends = np.zeros(len(self._keys), np.bool_)
         which = np.flatnonzero(self._begun & ~collides)

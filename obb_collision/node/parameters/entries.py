@@ -206,7 +206,7 @@ def is_plain(word: str) -> bool:
 
 
 class Groups:
-    """What a word stands for: the members of a group, or the name or pattern itself.
+    """Groups by name: a word means the members of a group, or itself as a name or pattern.
 
     robots: names that are no groups either. Raises ValueError for a group with a word that is none
     of these, or with too many members.
@@ -436,7 +436,7 @@ def region_parameters(
 ) -> dict[str, dict[str, Any]]:
     """Return the parameters of the nodes that share a box split into parts, by namespace.
 
-    All as words, with spaces between numbers. Raises ValueError for what is none.
+    All as words, with spaces between numbers. Raises ValueError for a word that is not a number.
     """
     low, high = ([float(word) for word in text.split()] for text in (minimum, maximum))
     regions = split_regions(low, high, [int(word) for word in parts.split()], float(halo))

@@ -16,7 +16,7 @@
 
 numba compiles under one lock, for which cycles would wait, so that other processes compile into the
 cache (see ``warm_up``), and this one loads: 0.1 s for a question. That is all of what parameters
-allow: effects that are not off, whether anybody subscribes or not, and the levels they may be on.
+allow: effects that are not off, with or without subscribers, and the levels they may be on.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A robot in the node's scene as things are: its frames, what is attached to it, and its checks.
+"""A robot in the node's scene as it is: its frames, its attached objects, and its checks.
 
 Attached objects have markers locked to the frame of a link. They are objects like all others,
 placed in each cycle where their link is; in checks of states of the robot they are a part of it.
@@ -134,7 +134,7 @@ class CheckedRobot:
         return checker
 
     def _attach(self, checker: RobotScene, held: dict[str, Attachment]) -> None:
-        """Bring what is attached in line with what ``held`` says that it is."""
+        """Attach and detach objects, and update ``held``, which lists them."""
         wanted = self._held()
         for name in [name for name in held if name not in wanted]:
             checker.detach(name)

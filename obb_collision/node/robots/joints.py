@@ -43,9 +43,9 @@ UNKNOWN_JOINT, REPEATED_JOINT = "unknown joint", "repeated joint"
 
 
 class JointMessage(NamedTuple):
-    """A sensor_msgs/JointState; positions (n,), velocities (m,); fault: what is wrong behind them.
+    """A sensor_msgs/JointState; positions (n,), velocities (m,); fault: why the rest is unreadable.
 
-    Its names could be read then, so it is known which joints it was about.
+    The names are readable then, and say which joints the message was about.
     """
 
     header: Header
@@ -136,7 +136,7 @@ class Joints(Timestamps):
     def store_values(self, message: JointMessage, now: int) -> None:
         """Store the values of a message; one that is refused whole makes its joints bad.
 
-        What is wrong with single joints is counted. Joints that mimic others are not needed.
+        Faults of single joints are counted. Joints that mimic others are not needed.
         """
         monitor, states = self._monitor, self._states
         rows = np.array([self._rows.get(name, -1) for name in message.names], np.int64)

@@ -176,7 +176,7 @@ class LinkObjects:
     def set_twists(
         self, attached: AttachedObjects, poses: Floats, positions: Floats, velocities: Floats
     ) -> None:
-        """Store how what is attached moves, in the frames of its links, which are at poses."""
+        """Store how attached objects move, in the frames of their links, which are at poses."""
         table, slots, links = self._objects.table, attached.slots, attached.links
         if len(slots) and (velocities.any() or table.twist[slots].any()):
             bodies = links, table.pose[slots]
@@ -194,7 +194,7 @@ class LinkObjects:
         return names
 
     def touched_by(self, link: int, touch_links: Iterable[tuple[str, str]]) -> set[int]:
-        """Return the rows of links that what is attached to a link may touch.
+        """Return the rows of links that objects attached to a link may touch.
 
         Those that never move against it, of an end effector with one of these, and of
         ``touch_links``: pairs of patterns of names ``ROBOT/LINK``.
@@ -214,7 +214,7 @@ class LinkObjects:
     def matrix(
         self, attached: AttachedObjects, touch_links: Iterable[tuple[str, str]]
     ) -> AllowedMatrix:
-        """Return which of them, and of what is attached, may touch.
+        """Return which of them, and of attached objects, may touch.
 
         Links of one rigid body, adjacent ones, and those disabled by the SRDF.
         """

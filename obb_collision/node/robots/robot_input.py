@@ -113,7 +113,7 @@ class RobotInput:
         self.faults = {ROBOT: "no robot_description"}
         """Why, by code, it is not known where its links are."""
         self.halt = ""
-        """Why its ``speed_scale`` is 0, "" if it is not, or nobody asks."""
+        """Why its ``speed_scale`` is 0, "" if it is not, or not requested."""
 
     @property
     def fault(self) -> str:
@@ -158,7 +158,7 @@ class RobotInput:
         self._monitors[DESCRIPTION].refuse(BAD_DESCRIPTION, "whole message", why)
 
     def store_joints(self, data: bytes, now: int) -> None:
-        """Store the states of joints; of what comes before there is a robot, nothing is known."""
+        """Store the states of joints; those that come before there is a robot are dropped."""
         message = joints_from_bytes(data)
         if self.joints is not None:
             self.joints.store_values(message, now)
@@ -191,7 +191,7 @@ class RobotInput:
         self._base_sender = self._objects.monitors["object_transform"].sender
 
     def apply(self, now: int, timeout: float) -> bool:
-        """Bring the objects in line with what came; returns whether there are other ones.
+        """Update the objects by the messages since the last time; return whether they are others.
 
         timeout: the age (s) at which joints are stale, 0 for never.
         """
@@ -251,7 +251,7 @@ class RobotInput:
         return 0.0 < most * NANOSECONDS < now - since
 
     def transform_fault(self, stamp: int, now: int) -> str:
-        """Return why the transform of its base, of a stamp, says no more where it is, or ""."""
+        """Return why the transform of its base, of a stamp, is stale, "" if it is not."""
         frame = "" if self.where is None else self.where[1]
         since = self._objects.placement.latest.since(frame, stamp, now)
         is_old = since > 0 and self._is_old(since, now, True)
@@ -326,9 +326,9 @@ class RobotInput:
         return self._link_poses
 
     def set_attached(self, attached: AttachedObjects) -> bool:
-        """Set what is attached, and how it moves; returns whether it is something else.
+        """Set the attached objects, and how they move; return whether they are others.
 
-        It is as old as the joints, for it moves with them.
+        They are as old as the joints, for they move with them.
         """
         same, self.attached = attached.identity == self.attached.identity, attached
         if len(attached.slots) and not self.faults:
@@ -341,7 +341,7 @@ class RobotInput:
         return not same
 
     def goes_by(self, sender: int) -> bool:
-        """Return whether a joint or the base is as a sender has said."""
+        """Return whether a joint or the base has the value of a sender."""
         joints = NOTHING.slots if self.joints is None else self.joints.senders
         return bool((joints == sender).any()) or self._base_sender == sender
 
@@ -376,7 +376,7 @@ class RobotInput:
         self._bases.clock_jumped(shift)
 
     def close(self) -> None:
-        """End what is being read."""
+        """Stop reading."""
         if self.reading is not None:
             self.reading.abandon()
             self.reading.join(ENDING)

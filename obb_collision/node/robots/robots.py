@@ -173,7 +173,7 @@ class Robots:
         ]
 
     def _certain(self) -> str:
-        """Return why states cannot be checked now, "" if they can: what is attached is known."""
+        """Return why states cannot be checked now, "" if they can, with what is attached."""
         unknown = self._not_known()
         if not unknown:
             self.attach()
@@ -197,7 +197,7 @@ class Robots:
         return callbacks
 
     def apply(self) -> None:
-        """Bring the objects in line with what came, and what may touch in line with them."""
+        """Update the objects of robots, and which of them may touch."""
         if not self.robots:  # as in most nodes: it costs nothing
             return
         now, timeout = self._clock(), self._parameters.joint_timeout
@@ -208,7 +208,7 @@ class Robots:
         self.attach(any(changed))
 
     def attach(self, renews: bool = False) -> None:
-        """Find what is attached, and bring the rules in line where that is something else.
+        """Find the attached objects, and update the rules where they have changed.
 
         Also between two cycles: a pose that comes applies the markers before it. renews: whether
         the rules are others anyway.
@@ -228,7 +228,7 @@ class Robots:
                 answers.speed.publish()
 
     def _matrix(self) -> AllowedMatrix:
-        """Return which links, and what is attached to them, may touch."""
+        """Return which links and attached objects may touch."""
         parts = [
             robot.links.matrix(robot.attached, self._parameters.touch_links)
             for robot in self.robots
@@ -273,7 +273,7 @@ class Robots:
             answers.trajectories.interrupt(why)
 
     def cleared(self) -> None:
-        """Make anew what ``~/clear`` has removed."""
+        """Add again the links that ``~/clear`` has removed."""
         for robot in self.robots:
             robot.cleared()
 
@@ -290,7 +290,7 @@ class Robots:
             answers.trajectories.close()
 
     def close(self) -> None:
-        """End what is being read, and stop what runs."""
+        """Stop reading, and stop trajectories."""
         for robot in self.robots:
             robot.close()
         self.stop()

@@ -55,7 +55,7 @@ SMALLEST_POINT = 24
 """Bytes of a point, at least."""
 BAD_POINT, TOO_LONG, ELSEWHERE = "bad point", "too many pieces", "not at its start"
 MAX_PIECES = 5000
-"""Most pieces of a trajectory: what is checked at a time must not block the cycles."""
+"""Most pieces of a trajectory: a check at once must not block the cycles."""
 SHARE = 500
 """Pieces that are checked in a cycle before a trajectory is forwarded."""
 DECISION_TIME = 2 * NANOSECONDS
@@ -130,7 +130,7 @@ class Running:
     """All joints when it was planned: the others are to stay there."""
     robot: object
     world: tuple[object, ...]
-    """What it was certified for, and in."""
+    """The robot and the scene that it was certified for."""
     passed: float = -np.inf
     """The time of the trajectory at which the robot was, at least."""
 
@@ -203,7 +203,7 @@ def from_here(points: list[Point], joints: Joints, since: float) -> list[Point]:
 
 @dataclass
 class Deciding:
-    """A trajectory that is being checked: what it would be when it runs, and how far that is done.
+    """A trajectory that is being checked, as it would run, and how far the check is.
 
     spent: seconds. fresh: whether nothing has happened since it came.
     """
@@ -218,7 +218,7 @@ class Deciding:
 
 
 class Trajectories:
-    """The trajectories of one robot: those forwarded, and what is said of them."""
+    """The trajectories of one robot: checks and forwards them, and publishes their status."""
 
     def __init__(
         self, checked: CheckedRobot, forward: Publisher, status: Publisher, monitor: InputMonitor
@@ -286,7 +286,7 @@ class Trajectories:
     def _checked_share(self, deciding: Deciding) -> Running | None:
         """Return the trajectory if it is certified now, None if there is more to check.
 
-        All of it in one scene: where that changes, what was checked is checked again.
+        All of it in one scene: after a change of that it is checked again from the beginning.
         """
         now, running = self._clock(), deciding.running
         scene = self._scene_for(running)
@@ -326,7 +326,7 @@ class Trajectories:
             self._decide()
 
     def _look_after(self) -> None:
-        """Check what is left of the one that runs if the scene has changed; stop it if need be."""
+        """Check the rest of the one that runs if the scene has changed; stop it if need be."""
         running, now = self.running, self._clock()
         if running is None:
             return
@@ -348,13 +348,13 @@ class Trajectories:
             raise
 
     def close(self) -> None:
-        """Stop what runs: nobody looks after it any more. Also from another thread, and again."""
+        """Stop what runs, for nothing monitors it any more. Also from another thread, and again."""
         self._closed, self.deciding = True, None
         if self.running is not None:
             self._stop(self.running, RefusedError("the node has stopped checking"))
 
     def interrupt(self, why: str) -> None:
-        """Stop what runs, and refuse what is being decided: its joints are not known any more."""
+        """Stop and refuse trajectories: the joints are not known any more."""
         deciding, self.deciding = self.deciding, None
         if deciding is not None:
             self._refuse(RefusedError("not decided", why))

@@ -273,7 +273,7 @@ class StateService:
     def _contact_of(
         self, scene: RobotScene, pair: tuple[str, str], deepest: StateDistances | None
     ) -> Any:
-        """Return the contact of a pair; where and how deep is said of the deepest one only."""
+        """Return the contact of a pair; place and depth are those of the deepest pair only."""
         contact = self._contact()
         contact.header.frame_id = self._checked.parameters.fixed_frame
         contact.header.stamp = stamp_to_ros(self._checked.clock())
@@ -316,7 +316,7 @@ class Standstill:
 
 
 class SpeedScale:
-    """Publishes the scale of one robot, while somebody subscribes."""
+    """Publishes the scale of one robot, while it has subscribers."""
 
     def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
         self._checked, self._robot, self._publisher = checked, checked.input, publisher
@@ -325,8 +325,8 @@ class SpeedScale:
     def _standing(self, scene: RobotScene) -> Mask:
         """Return (slots,) which objects stand still, as the base does.
 
-        Of those by markers and of the scene file: what comes by another topic is tracked, and may
-        move at any time.
+        Of those by markers and of the scene file: objects of other topics are tracked, and may move
+        at any time.
         """
         table, store = self._checked.objects.table, self._checked.objects.scene.objects.store
         count, now = min(len(table.serial), len(store.poses)), monotonic()

@@ -67,7 +67,7 @@ class NodeClock:
     """Reads a clock and detects its jumps.
 
     read: the time (ns); is_simulated: whether it is that of /clock. on_jump(shift, now) is called
-    with what a jump added (ns), before the new time is used. seconds: steady ones, for ``moved``.
+    with the length of a jump (ns), before the new time is used. seconds: steady time (s).
     """
 
     def __init__(

@@ -65,7 +65,7 @@ class Guard:
         self._log(f"{INTERNAL_ERROR} (logged once, then only counted): {what}\n{trace}")
 
     def refusal(self, where: str, error: Exception, item: str = "") -> RefusedError:
-        """Return why an item is refused; an error that nobody foresaw is counted."""
+        """Return why an item is refused; an unforeseen error is counted."""
         if isinstance(error, RefusedError):
             return error
         self.caught(where, error, item)
@@ -73,7 +73,7 @@ class Guard:
 
     @contextmanager
     def catching(self, where: str, item: str = "") -> Iterator[None]:
-        """Count an exception that leaves the block; what is behind the block runs."""
+        """Count an exception that leaves the block, and continue behind it."""
         try:
             yield
         except Exception as error:

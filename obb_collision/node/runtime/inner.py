@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts of rclpy that it does not document, and what a node does where a version lacks them.
+"""Undocumented parts of rclpy, and the behaviour of a node where a version lacks them.
 
 Nothing else in the package uses any. Each function does nothing where they are missing: the node
-works, and its docstring says what is worse then.
+works, and its docstring names the drawback.
 """
 
 from __future__ import annotations
@@ -175,8 +175,8 @@ def _taking() -> type | None:
 def with_publishers() -> Iterator[None]:
     """Let subscriptions that are created meanwhile give messages with their publisher's gid.
 
-    Where missing, senders of an input are not told apart: what one of several sends that cannot be
-    read marks the input until ``~/clear``.
+    Where missing, senders of an input are indistinguishable: an unreadable message of one of them
+    marks the input until ``~/clear``.
     """
     plain, taking = rclpy_implementation.Subscription, _taking()
     rclpy_implementation.Subscription = taking or plain

@@ -151,8 +151,8 @@ def run_node(
 ) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
 
-    name: of the logger, for what is said before there is a node. make_node: takes the context, and
-    what says whether a signal has come; it may raise ExternalShutdownException then. Returns a node
+    name: of the logger before there is a node. make_node: takes the context, and a function that
+    returns whether a signal has come; it may raise ExternalShutdownException then. Returns a node
     with a ``guard``, and ``say_farewell``, which is called when a signal ends it, from another
     thread, while it can still publish.
     """
@@ -186,7 +186,7 @@ def run_node(
     except ExternalShutdownException:
         pass
     except Exception:
-        if context.ok():  # what fails because the context is gone is no error
+        if context.ok():  # else it failed because the context is gone
             raise
     finally:
         if node is not None:
@@ -196,7 +196,7 @@ def run_node(
 
 
 def spin(executor: SingleThreadedExecutor, caught: Callable[[Exception], None]) -> None:
-    """Spin until the context ends; what is raised otherwise goes to ``caught``.
+    """Spin until the context ends; other exceptions go to ``caught``.
 
     Such as a MemoryError for a message that rclpy decodes.
     """

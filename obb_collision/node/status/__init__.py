@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the node says of itself: what collides, what is missing to know it, diagnostics."""
+"""The status of the node: evidence about collisions, and diagnostics."""
 
 from obb_collision.node.status.collision_status import PERIOD, CollisionStatus
 from obb_collision.node.status.evidence import objects_answer

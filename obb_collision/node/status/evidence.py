@@ -124,9 +124,9 @@ class Evidence:
         return replace(answer, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
 
     def not_known(self) -> str:
-        """Return why nothing can be said of other states of robots, "" if it can.
+        """Return why other states of robots cannot be checked, "" if they can.
 
-        With a region neither: nobody has checked the objects beyond it.
+        With a region they cannot: objects beyond it are not checked.
         """
         beyond = "objects outside the region are not checked"
         region = (
@@ -252,7 +252,7 @@ class Evidence:
 def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[Reason]:
     """Yield why objects may not be where their boxes are, each object once.
 
-    others: slots of those of which somebody else says why.
+    others: slots of objects whose reasons are reported elsewhere.
     """
     table = objects.table
     left, present = table.live & ~table.has(IGNORED), table.facts

@@ -74,7 +74,7 @@ PERIOD = 1.0
 
 
 class Part(NamedTuple):
-    """The state of a part of the node: what is wrong, or what is said instead, and its values."""
+    """The state of a part of the node: its faults, or the message without any, and its values."""
 
     name: str
     faults: Sequence[str]

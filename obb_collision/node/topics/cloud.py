@@ -57,7 +57,7 @@ OPTIONAL_FIELDS = ("accuracy", "undecided")
 class Topic:
     """One topic that the node publishes.
 
-    name: as given to rclpy. message: its type. description: what it says, the beginning of a
+    name: as given to rclpy. message: its type. description: the beginning of a
     sentence; of a topic of an effect, the effect has it. note: sentences about its mode. needs:
     effects of the scene without a topic of their own that its messages are made from. options: of
     a topic without effect, by name; an effect has its own.

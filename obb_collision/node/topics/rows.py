@@ -43,7 +43,7 @@ POSITION_FIELDS = ("x", "y", "z")
 NORMAL_FIELDS = ("normal_x", "normal_y", "normal_z")
 POINT_FIELDS = ("point_x", "point_y", "point_z")
 END, BEGIN, LASTING = range(3)
-"""What the row of an event says: that a collision ended, that it began, or that it lasts."""
+"""Kinds of events: a collision ended, began, or lasts."""
 REMOVED, NOT_CHECKED = 1, 2
 """Why a collision ended, other than 0, which is that the objects are apart."""
 A_FIELDS, B_FIELDS = ("a_x", "a_y", "a_z"), ("b_x", "b_y", "b_z")
@@ -158,7 +158,7 @@ def clearance_rows(result: Clearances, state: CheckedState, dtype: np.dtype[Any]
 def prediction_rows(
     result: SweptPairs, state: CheckedState, dtype: np.dtype[Any]
 ) -> StructuredRows:
-    """(k,) rows: what was passed since the state before, and what is to come."""
+    """(k,) rows: collisions passed since the state before, and those to come."""
     swept = join_rows([result.passed, result.predicted])
     passed = np.arange(len(swept)) < len(result.passed)
     pairs = order_pairs(swept.pairs, state.table)

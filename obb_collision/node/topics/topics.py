@@ -369,7 +369,7 @@ def named_predictions(message: PointCloud2, namespaces: Namespaces) -> list[Name
 def named_passed_collisions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:
     """Return named pairs that collided, or may have, between the last two states.
 
-    Times are negative. ``named_predictions`` has the rest: only what is to come.
+    Times are negative. ``named_predictions`` has the collisions to come.
     """
     return _predictions(message, namespaces, passed=True)
 
