@@ -261,7 +261,7 @@ class CycleRunner:
         times = [perf_counter()]
         effects = self._outputs.effects.of_cycle()
         if "points" in effects:
-            self._obstacles.place(now)
+            self._obstacles.use_newest(now)
         times.append(perf_counter())
         last, costs_before = self.report, () if self.report is None else tuple(self.report.costs)
         self.report = report = self._set_aside.check(effects & EFFECTS.keys())

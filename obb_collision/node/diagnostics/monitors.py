@@ -209,7 +209,7 @@ class QosWatch:
         self.reasons: dict[str, list[str]] = {}
         """Why other ends are incompatible, one per end, by topic."""
 
-    def look(self, ends: Mapping[str, Publisher | Subscription]) -> None:
+    def compare(self, ends: Mapping[str, Publisher | Subscription]) -> None:
         """Compare endpoints, by the node's names of their topics, with the other ends."""
         reasons_now = {topic: self._reasons(end) for topic, end in ends.items()}
         for topic, reasons in reasons_now.items():

@@ -159,7 +159,7 @@ class Obstacles:
         frame, size = message.header.frame_id, len(message.data)
         self.waiting.add(QueuedCloud(message, frame, stamp, size, now))
 
-    def place(self, now: int) -> None:
+    def use_newest(self, now: int) -> None:
         """Give the scene the newest cloud that can be placed; the last good one stays otherwise."""
         self.waiting.use_newest(now, self._use)
 

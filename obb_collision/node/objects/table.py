@@ -63,7 +63,7 @@ PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 POLICIES = UNKNOWN, COLLIDE, KEEP, IGNORE = ("unknown", "collide", "keep", "ignore")
 """Treatments of a stale object: place unknown; grown; as if it stood still; in no pair."""
 
-NOTHING = (np.empty(0, np.int64),) * 3
+NO_SEARCH = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
 
 DTYPES = {"Slots": np.int64, "Mask": np.bool_, "Floats": np.float64, "Conditions": np.uint16}
@@ -113,7 +113,7 @@ class ObjectTable:
         """Of the shapes that are none of PRIMITIVES, by slot."""
         self._count = self._serial = 0
         self._sorted: tuple[Slots, Slots] | None = None
-        self._last = NOTHING  # namespaces and ids that were looked for, and slots found
+        self._last = NO_SEARCH  # namespaces and ids that were looked for, and slots found
         self._ranks: Slots | None = None
         self._index: dict[int, int] | None = None
         for name, kind in COLUMNS.items():
@@ -313,7 +313,7 @@ class ObjectTable:
     def _sort(self) -> tuple[Slots, Slots]:
         """Return the keys, rising, and the slots they are at."""
         if self._sorted is None:
-            self._last, self._ranks = NOTHING, None
+            self._last, self._ranks = NO_SEARCH, None
             slots = np.flatnonzero(self.live)
             keys = self.order_keys(slots)
             order = np.argsort(keys)

@@ -74,7 +74,7 @@ class AttachedObjects(NamedTuple):
         return self.slots.tolist(), self.links.tolist(), self.keys, self.serials
 
 
-NOTHING = AttachedObjects(np.empty(0, np.int64), np.empty(0, np.int64), (), ())
+NONE_ATTACHED = AttachedObjects(np.empty(0, np.int64), np.empty(0, np.int64), (), ())
 
 
 class Located(NamedTuple):

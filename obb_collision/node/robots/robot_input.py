@@ -34,7 +34,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
 from obb_collision.node.robots.joints import Joints, Timestamps, joints_from_bytes, text_from_bytes
-from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
+from obb_collision.node.robots.links import NONE_ATTACHED, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.robot import Robot
 from obb_collision.scene_files.mesh_files import MeshReading
@@ -107,7 +107,7 @@ class RobotInput:
         self._bases, self._base_sender = Timestamps(1, objects.states), 0
         self._changed = False
         self._link_poses: Floats | None = None
-        self.attached = NOTHING
+        self.attached = NONE_ATTACHED
         """The objects attached to its links."""
         self._base_refused = ""  # why its latest pose could not be used
         self.faults = {ROBOT: "no robot_description"}
@@ -207,17 +207,17 @@ class RobotInput:
             for doubt in outcome.doubts:
                 self._monitors[DESCRIPTION].doubt("odd description", detail=doubt)
             self._replace(outcome)
-        self.look(now, timeout)
+        self.update_faults(now, timeout)
         if self.links is not None:
             if not self.faults and self._changed:
                 self._place(now)
-                self.look(now, timeout)
+                self.update_faults(now, timeout)
             if self.faults:
                 self.links.refuse()
         renewed, self._renewed = self._renewed or outcome is not None, False
         return renewed
 
-    def look(self, now: int, timeout: float) -> None:
+    def update_faults(self, now: int, timeout: float) -> None:
         """Find the faults; timeout: as for ``apply``."""
         faults = self._find_faults(now, timeout)
         self.faults = {code: why for code, why in faults.items() if why}
@@ -342,7 +342,7 @@ class RobotInput:
 
     def goes_by(self, sender: int) -> bool:
         """Return whether a joint or the base has the value of a sender."""
-        joints = NOTHING.slots if self.joints is None else self.joints.senders
+        joints = NONE_ATTACHED.slots if self.joints is None else self.joints.senders
         return bool((joints == sender).any()) or self._base_sender == sender
 
     def has_base_of(self, time: int) -> bool:

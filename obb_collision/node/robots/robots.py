@@ -34,7 +34,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
-from obb_collision.node.robots.links import NOTHING
+from obb_collision.node.robots.links import NONE_ATTACHED
 from obb_collision.node.robots.robot_input import (
     BASE,
     DESCRIPTION,
@@ -167,12 +167,12 @@ class Robots:
         frames.robots = self.robots
         self.answers = [
             RobotAnswers(
-                node, undo, CheckedRobot(robot, objects, frames, parameters, now, self._certain)
+                node, undo, CheckedRobot(robot, objects, frames, parameters, now, self._why_unknown)
             )
             for robot in self.robots
         ]
 
-    def _certain(self) -> str:
+    def _why_unknown(self) -> str:
         """Return why states cannot be checked now, "" if they can, with what is attached."""
         unknown = self._not_known()
         if not unknown:
@@ -214,7 +214,9 @@ class Robots:
         the rules are others anyway.
         """
         attached = find_attached(self._objects, self._frames)
-        changed = [robot.set_attached(attached.get(robot.name, NOTHING)) for robot in self.robots]
+        changed = [
+            robot.set_attached(attached.get(robot.name, NONE_ATTACHED)) for robot in self.robots
+        ]
         if renews or any(changed):
             self._objects.scene.rules.matrix = self._matrix()
 
@@ -222,7 +224,7 @@ class Robots:
         """Publish what each cycle publishes; trajectories first, for they may have to stop."""
         try:
             for answers in self.answers:
-                answers.trajectories.look()
+                answers.trajectories.check_more()
         finally:
             for answers in self.answers:
                 answers.speed.publish()
@@ -239,7 +241,7 @@ class Robots:
     def faults(self) -> Iterator[tuple[str, str, Rows]]:
         """Yield faults of robots: code of ``evidence``, name and reason, slots (n,) of links."""
         for robot in self.robots:
-            robot.look(self._clock(), self._parameters.joint_timeout)
+            robot.update_faults(self._clock(), self._parameters.joint_timeout)
             faults = dict(robot.faults)
             try:
                 if robot.where is not None:
@@ -248,7 +250,7 @@ class Robots:
                         faults.setdefault(BASE, old)
             except RefusedError as error:
                 faults.setdefault(BASE, error.detail)
-            slots = NOTHING.slots if robot.links is None else robot.links.slots
+            slots = NONE_ATTACHED.slots if robot.links is None else robot.links.slots
             for code, fault in faults.items():
                 yield code, f"{robot.name} ({fault})", slots
 

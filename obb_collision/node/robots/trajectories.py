@@ -318,7 +318,7 @@ class Trajectories:
             raise RefusedError(MOVED, moved)
         return scene
 
-    def look(self) -> None:
+    def check_more(self) -> None:
         """Monitor the running trajectory, and check the next share of the pending one."""
         try:
             self._look_after()

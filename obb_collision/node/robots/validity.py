@@ -300,7 +300,7 @@ class Standstill:
         self._serials, self._since = np.zeros(0, np.int64), np.zeros(0)
         self._poses = np.zeros((0, 7))
 
-    def look(self, serials: Rows, poses: Floats, moves: Mask, now: float) -> Mask:
+    def update(self, serials: Rows, poses: Floats, moves: Mask, now: float) -> Mask:
         """Return which do (n,), by the numbers (n,) that no two objects share, and poses (n, 7)."""
         room = len(serials) - len(self._serials)
         if room > 0:
@@ -332,9 +332,9 @@ class SpeedScale:
         count, now = min(len(table.serial), len(store.poses)), monotonic()
         marked = self._checked.objects.placement.topics.index(State("", 0, 0).topic)
         moves = table.moving[:count] | (table.topic[:count] != marked)
-        standing = self._objects.look(table.serial[:count], store.poses[:count], moves, now)
+        standing = self._objects.update(table.serial[:count], store.poses[:count], moves, now)
         number = np.zeros(1, np.int64)
-        stands = self._base.look(number, scene.bases, np.zeros(1, np.bool_), now)[0]
+        stands = self._base.update(number, scene.bases, np.zeros(1, np.bool_), now)[0]
         result = np.zeros(len(store.poses), np.bool_)
         result[:count] = standing & stands
         return result

@@ -239,7 +239,7 @@ class Reporting:
         """Check QoS, log pending warnings, and publish the message if it is requested."""
         elapsed, now = perf_counter() - self._last, self._now()
         self._last += elapsed
-        self._qos.look({**self._subscribed.open, **self._outputs.ends})
+        self._qos.compare({**self._subscribed.open, **self._outputs.ends})
         for topic, monitor in self._monitors.items():
             monitor.flush()
             monitor.mismatches = len(self._qos.reasons.get(topic, ()))
