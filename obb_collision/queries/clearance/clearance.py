@@ -213,10 +213,7 @@ def _near_points(
     n = components(a.axes, axis)
     back = 0.0 if verdict == SEPARATE else gap * scale
     touching = BoxPair(minus(pair.d, scaled(n, back)), pair.r, pair.h, pair.f)
-    points = points_on_axis(touching, number, n)
-    if not _proven(points, gap * scale - back, size):
-        points, _ = points_anywhere(touching, size, points, n)
-    return verdict, gap, points, n
+    return verdict, gap, points_near(touching, size, gap * scale - back, number, n), n
 
 
 #: An extent counts as level with a face if it rises by no more than this on its way: 32 unit
@@ -382,6 +379,15 @@ def points_apart(pair: BoxPair, size: float, face: AxisGap) -> tuple[bool, Point
     if not _proven(points, gap, size):
         points, n = points_anywhere(pair, size, points, n)
     return True, points, n
+
+
+@njit
+def points_near(pair: BoxPair, size: float, gap: float, number: int, n: Vector) -> PointPair:
+    """Return the closest points of boxes that nearly touch; gap, number: of the axis n."""
+    points = points_on_axis(pair, number, n)
+    if _proven(points, gap, size):
+        return points
+    return points_anywhere(pair, size, points, n)[0]
 
 
 @njit

@@ -91,12 +91,21 @@ def contact_point(a: BoxAt, b: BoxAt, normal: Vector, axis: int) -> Vector:
     for k in range(3):
         size += a.half_extents[k] + b.half_extents[k]
     flat = TOUCH_FLAT * size
-    q, free_b, edge_b = _support(b, scaled(normal, -1.0), flat)
-    if axis < 3 and free_b == 0:  # a face of a: b may touch it with a corner
-        return q
-    p, free_a, edge_a = _support(a, normal, flat)
-    if free_a == 0 or free_b == 0:
-        return p if free_a == 0 else q
+    back = scaled(normal, -1.0)
+    if axis < 3:  # a face of a: b may touch it with a corner
+        q, free_b, edge_b = _support(b, back, flat)
+        if free_b == 0:
+            return q
+        p, free_a, edge_a = _support(a, normal, flat)
+        if free_a == 0:
+            return p
+    else:
+        p, free_a, edge_a = _support(a, normal, flat)
+        if free_a == 0:
+            return p
+        q, free_b, edge_b = _support(b, back, flat)
+        if free_b == 0:
+            return q
     if free_a == 1 and free_b == 1:
         u, v = pick_axis(a.axes, edge_a), pick_axis(b.axes, edge_b)
         cosine = dot(u, v)
@@ -104,11 +113,16 @@ def contact_point(a: BoxAt, b: BoxAt, normal: Vector, axis: int) -> Vector:
         if square > PARALLEL_SQUARED:
             along = dot(minus(q, p), minus(u, scaled(v, cosine))) / square
             return plus(p, scaled(u, clamp(along, pick(a.half_extents, edge_a))))
-    point = p if free_a < free_b else q
+    return _common(p if free_a < free_b else q, a, b, TOUCH_SETTLED * size)
+
+
+@njit
+def _common(point: Vector, a: BoxAt, b: BoxAt, settled: float) -> Vector:
+    """Return a point of both boxes near another, by projections onto one, then the other."""
     for _ in range(TOUCH_ROUNDS):
         point, first = _clamp_to_box(point, a)
         point, second = _clamp_to_box(point, b)
-        if max(first, second) <= TOUCH_SETTLED * size:
+        if max(first, second) <= settled:
             break
     return point
 
