@@ -185,7 +185,7 @@ def _bounds_along(center: float, row: Vector, half_extents: Vector) -> tuple[flo
 
 @njit
 def _is_plain(weight: float) -> bool:
-    """Return whether a product with it is exact."""
+    """Return whether every product with this weight is exact."""
     return (weight == 0.0) | (abs(weight) == 1.0)
 
 
@@ -279,7 +279,7 @@ class Boxes(ArrayValue, ForKernels):
 
     @property
     def volumes(self) -> Floats:
-        """(n,) cubic metres."""
+        """(n,) the volume of each box, cubic metres."""
         return box_volumes(self.half_extents)
 
     def corners(self) -> Floats:
@@ -294,7 +294,7 @@ class Boxes(ArrayValue, ForKernels):
         return self.centers[:, None, :] + steps @ self.rotations.transpose(0, 2, 1)
 
     def aabb(self) -> AABB:
-        """Return the axis-aligned box around all of them, rounded outwards where inexact.
+        """Return the axis-aligned box around all boxes, rounded outwards where inexact.
 
         ``world_bounds`` has that of each.
 
@@ -331,9 +331,9 @@ class Boxes(ArrayValue, ForKernels):
         return type(self).trusted(c, r, add_outwards(h, pad[:, None] if by_box else pad))
 
     def world_bounds(self) -> tuple[Floats, Floats]:
-        """Return minima and maxima (n, 3) of axis-aligned boxes that certainly contain these.
+        """Return the axis-aligned bounds of each box, metres: minima and maxima (n, 3).
 
-        Exact where that is representable and the box is axis-aligned, else rounded outwards.
+        Bounds of an axis-aligned box are exact where they are doubles; others are rounded outwards.
 
         Examples
         --------

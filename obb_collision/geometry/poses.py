@@ -125,14 +125,14 @@ def as_poses(
 
 
 def unit_quaternions(quaternions: ArrayLike, name: str = "quaternions") -> Floats:
-    """Return quaternions of unit length; ValueError for one of length 0."""
+    """Return quaternions (..., 4) scaled to unit length; ValueError for one of length 0."""
     array = np.asarray(quaternions, np.float64)
     flat = as_quaternions(array.reshape(-1, 4), name, (None, 4), warn=False)
     return flat.reshape(array.shape)
 
 
 def unit_poses(poses: ArrayLike, name: str = "poses") -> Floats:
-    """Return poses with quaternions of unit length; ValueError for one of length 0."""
+    """Return poses (..., 7), quaternions scaled to unit length; ValueError for one of length 0."""
     array = np.asarray(poses, np.float64)
     turns = unit_quaternions(array[..., 3:], f"{name} (quaternion)")
     return np.concatenate([array[..., :3], turns], axis=-1)
@@ -149,7 +149,7 @@ def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
 
 
 def inverse_poses(poses: ArrayLike) -> Floats:
-    """Return the inverse poses."""
+    """Return the inverses of poses (..., 7)."""
     back = unit_poses(poses) * (1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0)
     return np.concatenate([rotate_vectors(back[..., 3:], -back[..., :3]), back[..., 3:]], axis=-1)
 

@@ -87,7 +87,10 @@ class PlacedRobots(Changing):
 
     @property
     def padding(self) -> dict[str, float]:
-        """Padding of each link by name, m; can be set to a number, or to that of some links."""
+        """Padding of each link by name, metres.
+
+        Can be set to a number for all links, or to a mapping by link; other links get 0.
+        """
         return dict(zip(self._model.link_names, self._model.paddings.tolist(), strict=True))
 
     @padding.setter

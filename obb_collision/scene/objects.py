@@ -179,7 +179,7 @@ class SceneObjects:
         return np.maximum(*speeds)
 
     def rename(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
-        """Set names of objects, valid, new and distinct ones; nothing is checked."""
+        """Set names of objects. Names must be valid, new and distinct; they are not checked."""
         store, columns = self.store, {}
         if self._paddings:
             own, wanted = store.own_paddings[indices], self._paddings_of(names)

@@ -247,7 +247,7 @@ def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Float
 
 
 def _right_handed(frame: Floats) -> Floats:
-    """Return the frame, its third axis reversed where it is left-handed: the same boxes."""
+    """Return axes (3, 3), in columns; the third is reversed where they are left-handed."""
     if np.linalg.det(frame) < 0.0:
         frame[:, 2] *= -1.0
     return frame + 0.0
@@ -256,7 +256,7 @@ def _right_handed(frame: Floats) -> Floats:
 def _enclose(
     center: Floats, rotation: Floats, half_extents: Floats, moves: Floats, frame: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the box with the axes of ``frame``, by integers."""
+    """Return the smallest box with the axes of ``frame`` around the moved box, by integers."""
     middle, middle_power = _moved_center(center, moves)
     new_center = np.array([x / (1 << middle_power) for x in middle])
     if np.abs(new_center).max() > MAX_MAGNITUDE:
@@ -280,7 +280,7 @@ def _enclose(
 
 
 def _moved_center(center: Floats, moves: Floats) -> tuple[list[int], int]:
-    """Return matrix * center as integers over 2**power."""
+    """Return the center moved by ``moves`` (4, 4), as integers times 2**-power, and the power."""
     entries, entry_power = exact_integers(moves[:3].ravel().tolist())
     point, point_power = exact_integers([*center.tolist(), 1.0])
     rows = (entries[4 * k : 4 * k + 4] for k in range(3))
@@ -289,7 +289,7 @@ def _moved_center(center: Floats, moves: Floats) -> tuple[list[int], int]:
 
 
 def _moved_sides(rotation: Floats, half_extents: Floats, moves: Floats) -> tuple[list[Exact], int]:
-    """Return the three half edges of the moved box as integer vectors over 2**power."""
+    """Return half edges moved by ``moves`` (4, 4), as integers times 2**-power, and the power."""
     entries, entry_power = exact_integers(moves[:3, :3].ravel().tolist())
     axes, axis_power = exact_axes(rotation)
     lengths, length_power = exact_integers(half_extents.tolist())

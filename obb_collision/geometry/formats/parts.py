@@ -68,7 +68,7 @@ def check_nodes(visited: int, level: int) -> None:
 
 
 def check_corners(corners: Triangles, vertices: int) -> None:
-    """Raise MeshError for corners of faces that are no rows of so many vertices."""
+    """Raise MeshError unless the corners of faces are from 0 to vertices - 1."""
     if len(corners) and not (corners.min() >= 0 and corners.max() < vertices):
         bad = corners[(corners < 0) | (corners >= vertices)].flat[0]
         raise MeshError(f"a face names vertex {bad}, there are 0 to {vertices - 1}")
@@ -122,9 +122,9 @@ def integers_in(text: bytes) -> Triangles | None:
 
 
 def lists_in(lines: list[bytes]) -> tuple[Triangles, Triangles] | None:
-    """Return all numbers of lines, and how many each line has: its first number says so.
+    """Return all numbers of lines, and the count of each line, which is its first number.
 
-    None where lines differ in that, or hold anything else: then they are read line by line.
+    None where counts differ, or lines hold anything else: then they are read line by line.
     """
     numbers = integers_in(b" ".join(lines)) if lines else None
     count = 0 if numbers is None else int(numbers[0])
@@ -169,7 +169,7 @@ class Parts:
         self._triangles = self._count = 0
 
     def check_room(self, triangles: int = 0, vertices: int = 0) -> None:
-        """Raise TooManyError where so many more would exceed the limits."""
+        """Raise TooManyError if further triangles and vertices would exceed the limits."""
         if self._triangles + triangles > self._most:
             count = self._triangles + triangles
             raise TooManyError(f"it has {count} triangles, {self._most} is the limit")
@@ -178,9 +178,10 @@ class Parts:
             raise TooManyError(f"it has {self._count + vertices} vertices, {limit} is the limit")
 
     def add(self, vertices: Floats, faces: Triangles, matrix: Floats | None = None) -> None:
-        """Add a part: vertices (n, 3), faces (m, 3) that name them, moved by a matrix (4, 4).
+        """Add a part: vertices (n, 3), and faces (m, 3) as rows of these vertices.
 
-        A matrix that mirrors also reverses the faces, so that they face as before.
+        A matrix (4, 4) moves the vertices. If it mirrors them, faces are reversed: their outer
+        sides stay outside.
         """
         self.check_room(len(faces), len(vertices))
         check_corners(faces, len(vertices))

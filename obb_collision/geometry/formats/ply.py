@@ -168,7 +168,7 @@ class _Words:
         self._words, self._at = [] if self._lines else body.split(), 0
 
     def check(self, element: Element) -> None:
-        """Raise ValueError where there can't be so many rows."""
+        """Raise ValueError if too few words are left for the rows of an element."""
         left, width = len(self._words) - self._at, len(element.properties)
         if not self._lines and width and element.count * width > left:
             check_complete(element.count, left // width, f"rows of {element.name!r}")
@@ -224,7 +224,7 @@ class _Words:
         self._at = line + element.count if self._lines else at
 
     def check_end(self) -> None:
-        """Raise ValueError where there is more than was declared."""
+        """Raise ValueError if words follow the rows that the header declares."""
         if not self._lines and self._at < len(self._words):
             raise MeshError(f"it holds more than it declares: {text_of(self._words[self._at])}")
 
@@ -236,7 +236,7 @@ class _Bytes:
         self._body, self._order, self._at = body, order, 0
 
     def check(self, element: Element) -> None:
-        """Raise ValueError where there can't be so many rows."""
+        """Raise ValueError if too few bytes are left for the rows of an element."""
         size = sum(int((prop.length or prop.code)[1]) for prop in element.properties)
         left = len(self._body) - self._at
         if element.count * size > left:

@@ -138,10 +138,11 @@ AHEAD = 32
 
 
 class BoundsTree(NamedTuple):
-    """Bounds (n, 3) to (n, 3), which may be empty (minimum above maximum), and a tree over them.
+    """Axis-aligned bounds, and a tree over them.
 
-    order (n,): the rows, neighbours side by side. nodes (m, 6, LANES): blocks of bounds, minimum
-    and maximum; starts: where each level begins in them, from the boxes themselves to the root.
+    minimum, maximum (n, 3): bounds; empty ones have a minimum above the maximum. order (n,): their
+    rows along the Morton curve. nodes (m, 6, LANES): blocks of minima and maxima. starts: the first
+    block of each level, from the level of the boxes to the root, and the end.
     """
 
     minimum: Floats
@@ -291,9 +292,9 @@ Cells = tuple[float, float, float, float]
 
 @njit
 def morton_order(minimum: Floats, maximum: Floats, order: np.ndarray, spare: np.ndarray) -> None:
-    """Write the rows of bounds (n, 3) to (n, 3) along the curve to ``order``; empty ones are last.
+    """Write the rows of bounds to ``order`` along the Morton curve; empty bounds come last.
 
-    order, spare (n,) int64; ``spare`` is scratch space.
+    minimum, maximum (n, 3); order, spare (n,) int64; ``spare`` is scratch space.
     """
     count = len(minimum)
     full, empty = 0, count

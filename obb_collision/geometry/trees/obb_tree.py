@@ -366,7 +366,7 @@ KINDS: Mapping[str, tuple[type, tuple[str | int, ...]]] = {
 
 
 def shifted(arrays: Arrays, nodes: int, triangles: int, pieces: int) -> dict[str, NDArray[Any]]:
-    """Return the arrays of rows, shifted past trees with so many nodes, triangles and pieces."""
+    """Return the arrays of row numbers, raised by the counts of rows in earlier trees."""
     children = arrays["children"]
     return {
         "children": np.where(children < 0, -1, children + nodes),

@@ -57,7 +57,7 @@ def segment_tree(half: float) -> MeshTrees:
 
 
 def segment_trees(halves: Floats) -> tuple[MeshTrees, Rows]:
-    """Return trees of segments of half lengths (n,), equal ones once, and the row (n,) of each."""
+    """Return a tree per distinct half length, and the row of the tree of each segment (n,)."""
     lengths, rows = np.unique(halves, return_inverse=True)
     return MeshTrees.join([segment_tree(half) for half in lengths.tolist()]), rows.ravel()
 
@@ -122,12 +122,12 @@ class Pool(Generic[Item]):
 
     @property
     def size(self) -> int:
-        """Total size of all items."""
+        """Number of triangles of all trees, or of blocks of corners of all hulls."""
         return self._used[self.measure]
 
     @classmethod
     def size_of(cls, item: Item) -> int:
-        """Return the size of an item."""
+        """Return the number of triangles of a tree, or of blocks of corners of a hull."""
         return len(getattr(item, cls.measure))
 
     @classmethod
@@ -137,7 +137,7 @@ class Pool(Generic[Item]):
 
     @classmethod
     def received(cls, arrays: Sequence[NDArray[Any]]) -> Item:
-        """Return an item from arrays of another process; ValueError for invalid ones."""
+        """Return an item from arrays of another process; ValueError for invalid arrays."""
         raise NotImplementedError
 
     def append(self, item: Item) -> int:
@@ -176,7 +176,7 @@ class Pool(Generic[Item]):
 class TreePool(Pool[MeshTrees]):
     """Trees, appended one by one as ``MeshTrees.join`` joins them.
 
-    Of a mesh that of its triangles, of another shape that of its hull.
+    A mesh has the tree of its triangles, another shape the tree of its hull.
     """
 
     names = TreeArrays._fields

@@ -291,7 +291,7 @@ def _cross_edges(pair: BoxPair, i: int, j: int, s: Vector, t: Vector) -> PointPa
 
 @njit
 def vertex_points(pair: BoxPair, best: PointPair) -> PointPair:
-    """Return the closest points of each vertex and the other box, or ``best`` if that is closer."""
+    """Return the closest pair of a vertex and a point of the other box, or ``best`` if closer."""
     of_a, vertex, least = False, -1, best.square
     for code in range(8):
         square = _excess(point_of_b(pair, _corner(pair.f, code)), pair.h)
@@ -432,7 +432,10 @@ def _widest(pair: BoxPair, n: Vector, m: Vector) -> Vector:
 
 @njit
 def _slide(pair: BoxPair, points: PointPair, n: Vector) -> tuple[PointPair, Vector]:
-    """Return the point of b closest to s, the point of a closest to that, and their direction."""
+    """Return closer points: of b, closest to ``points.s``, then of a, closest to that of b.
+
+    And the direction from a to b, which is n where the points agree.
+    """
     t = closest_on_b(pair, points.s)
     closer = points_at(pair, closest_on_a(pair, t), t)
     return closer, _direction(pair, closer, n)

@@ -123,7 +123,7 @@ def _weight(row: int, i: int, x: float, j: int, y: float, k: int, z: float) -> f
 
 @njit
 def _wide(corner: Corner, pose: PairPose, unit: float) -> WideVector:
-    """Return p - (axes q + offset)."""
+    """Return the corner, p - (axes q + offset) with q moved by the pose, times ``unit``."""
     x, y, z = pose.axes
     q = corner.q
     return (

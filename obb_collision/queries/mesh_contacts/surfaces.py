@@ -64,7 +64,10 @@ def mesh_separations(
     radii_a: ArrayLike = 0.0,
     radii_b: ArrayLike = 0.0,
 ) -> Separations:
-    """Return the signed separations of meshes, with radii."""
+    """Return the signed separations (metres) of meshes that grow by radii.
+
+    pairs (m, 2): rows of a and of b; by default each row of a with the same row of b.
+    """
     i, j = as_sides(a, b, pairs)
     first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
     convex_a, convex_b = hulls_of(a, i, first), hulls_of(b, j, second)

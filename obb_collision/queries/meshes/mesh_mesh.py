@@ -339,10 +339,11 @@ def _piece_side(
     back: bool,
     room: NodeStack,
 ) -> int:
-    """Return the side of the other mesh on which piece k (p, 6, 3) is, by its first certain corner.
+    """Return on which side of a solid mesh a piece of another is, by its first certain corner.
 
-    back: whether the pose takes the solid to the frame of the piece, not the piece to the frame of
-    the solid. A corner outside of the solid's box needs no ray.
+    parts (p, 6, 3): corners of pieces; k: the piece. back: whether the pose takes the solid to the
+    frame of the piece, not the piece to the frame of the solid. A corner outside of the solid's box
+    needs no ray.
     """
     count, root = parts.shape[1], trees.roots[mesh]
     for n in range(2 * count):

@@ -159,7 +159,7 @@ class NodeBox(NamedTuple):
 
 @njit
 def back_of(pose: PairPose) -> PairPose:
-    """Return body a in the frame of body b, by the transposed rotation, as ``moved_back``."""
+    """Return the pose of body a in the frame of body b, by the transposed rotation."""
     axes = rows_of(pose.axes)
     offset = negated(components(pose.axes, pose.offset))
     return PairPose(axes, offset, pose.size, pose.gap_bound, pose.point_bound)

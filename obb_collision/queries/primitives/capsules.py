@@ -239,7 +239,7 @@ def _capsule_verdict(a: CapsuleAt, b: CapsuleAt) -> int:
 
 @njit
 def capsule_distances_kernel(pairs: RowPairs, distances: Floats, vectors: Floats) -> None:
-    """Write separation, and normal and points, of capsules rows_a[n] and rows_b[n]."""
+    """Write separations (m,), and normals and nearest points (3, m, 3), of pairs of capsules."""
     a, rows_a, b, rows_b = pairs
     for n in range(len(rows_a)):
         distance = _capsule_distance(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))

@@ -56,7 +56,10 @@ class LinkMeshPairs(NamedTuple):
 
 
 def mesh_collisions_of(prepared: Prepared, states: Floats, pairs: Integers) -> Mask:
-    """Return (m,) whether meshes of pairs (m, 2) collide whose hulls may, in states (m, joints)."""
+    """Return (m,) whether pairs (m, 2) of colliding hulls collide as meshes.
+
+    states (m, joints): the state of each pair.
+    """
     result = np.ones(len(pairs), np.bool_)
     for placed in _placed_pairs(prepared, states, pairs):
         apart = np.ones(len(placed.rows), np.bool_)
@@ -117,7 +120,10 @@ def _set_depths(sides: LinkMeshPairs, k: Rows, distances: PairDistances) -> None
 
 
 def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterator[LinkMeshPairs]:
-    """Yield the pairs, of pairs (m, 2) in states (m, joints), that need meshes to be decided."""
+    """Yield as meshes those pairs of bodies (m, 2) that hulls do not decide.
+
+    states (m, joints): the state of each pair.
+    """
     if len(pairs) == 0:
         return
     own, world, (tree, bodies, tests, *_) = prepared.own.meshes, prepared.world, prepared.checked

@@ -295,7 +295,7 @@ def _search(
 def _write_span(
     spans: OpenSpans, n: int, c: int, span: tuple[float, float], room: MotionRoom
 ) -> None:
-    """Count an interval of a pair that hulls do not decide; write it if there is room."""
+    """Count an open interval of candidate c of motion n; write it unless ``spans`` is empty."""
     written, candidates = room.result.written, room.placed.candidates
     if len(spans.pairs):
         row = spans.ends[n] - spans.counts[n] + written[0]
@@ -434,7 +434,10 @@ def _halved(
 
 
 def _collide_after(prepared: Prepared, motions: Motions, rows: Rows, times: Floats) -> Mask:
-    """Return whether motions (k,) collide soon after times (k,)."""
+    """Return whether motions ``rows`` (k,) collide in a state soon after times (k,).
+
+    Times are parts of the motion, 0 to 1; the last state tried is 1/32 later.
+    """
     collide, (*_, starts, ends) = np.zeros(len(rows), np.bool_), motions.question
     for probe in range(PROBES):
         after = times + 2.0 ** (probe - PROBES - 4)

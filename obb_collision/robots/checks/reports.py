@@ -52,7 +52,7 @@ class FirstPairs:
 
     @cached_property
     def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of ``first_pairs``, None for none."""
+        """(n,) the names of ``first_pairs``, None without a pair."""
         return [
             None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
         ]
@@ -69,12 +69,12 @@ class ValidityReport(FirstPairs):
 
     @cached_property
     def colliding(self) -> Mask:
-        """(n,) whether it collides, or may collide, as an undecided motion."""
+        """(n,) whether each state or motion collides; undecided motions count as colliding."""
         return np.asarray(self.first_pairs[:, 0] >= 0)
 
     @cached_property
     def valid(self) -> Mask:
-        """(n,) whether it is within limits and certainly free."""
+        """(n,) whether each state or motion is within limits and certainly free of collisions."""
         free = np.asarray(self.first_pairs[:, 0] < 0)
         if not self.out_of_limits.any():  # usually, and it halves the time of a single state
             return free
@@ -199,7 +199,7 @@ class MotionReport(ValidityReport):
 
     @cached_property
     def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of ``first_pairs``, None for none.
+        """(n,) the names of ``first_pairs``, None without a pair.
 
         A free motion that exceeds limits has the first such joint, and OUT_OF_LIMITS.
         """

@@ -131,7 +131,7 @@ class _Reader:
         return frozenset(sorted_pair(a, b) for a, b in links if a is not None and b is not None)
 
     def virtual_joint(self) -> VirtualJoint | None:
-        """Return the virtual joint of the root link; further ones are doubts."""
+        """Return the virtual joint of the root link; note further virtual joints as doubts."""
         chosen = None
         for element in self._srdf.children("virtual_joint"):
             kind, child = element.choice("type", VIRTUAL), element.word("child_link")

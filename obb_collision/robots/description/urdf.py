@@ -106,7 +106,7 @@ class Joint:
 
     @property
     def drives(self) -> bool:
-        """Whether it has variables of its own."""
+        """Whether the joint has variables of its own: it is neither fixed nor a mimic."""
         return self.kind is not JointKind.FIXED and self.mimic is None
 
 

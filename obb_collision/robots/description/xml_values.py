@@ -268,7 +268,10 @@ def _parsed(parser: Any, data: bytes, file: str) -> Any:
 
 
 def _excess(node: Any, count: int, level: int) -> str:
-    """Return why an element is refused, "" if it is not; count, level: its number and depth."""
+    """Return why an element is refused, "" if it is not.
+
+    count: the number of elements up to this one; level: how deep it is nested.
+    """
     if count == 1 and node.getroottree().docinfo.internalDTD is not None:
         return "a document type (<!DOCTYPE) is not read"
     if level > MOST_LEVELS:

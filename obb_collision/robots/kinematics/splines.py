@@ -114,7 +114,7 @@ def segments_between(points: Sequence[Point]) -> SplineSegments:
 
 
 def straight_pieces(points: Sequence[Point], counts: Integers) -> Pieces:
-    """Return the chords of the segments between points, divided into so many parts (n,)."""
+    """Return chords of the segments between points; segment k is divided into counts[k] parts."""
     segments, rows = segments_between(points), np.repeat(np.arange(len(counts)), counts)
     numbers = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     times = np.array([point.time for point in points])

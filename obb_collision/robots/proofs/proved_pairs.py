@@ -199,7 +199,10 @@ class _LinkPair:
         return outcome, state
 
     def _whole(self, state: Floats) -> Floats:
-        """Return a state of the robot, in which other joints are as near to zero as possible."""
+        """Return the state of the whole robot for a state of the joints between the links.
+
+        All other joints are as near to zero as limits allow.
+        """
         whole = np.clip(0.0, self._robot.lower, self._robot.upper)
         for column, name in enumerate(self._robot.joint_names):
             if name.endswith("/rot_w"):

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Broad phase: which axis-aligned bounds overlap, without looking at all pairs.
+"""Broad phase: find the pairs of axis-aligned bounds that overlap, without looking at all pairs.
 
-By a tree of blocks of eight bounds (see ``bounds_tree``): every leaf looks for the leaves from it
-on that it overlaps. Bounds are never rounded, so no overlapping pair can be missed. Cost is
-O(n log n) for boxes of similar size spread in space; where everything overlaps everything there are
-n^2 / 2 pairs to report, unless there is a limit (see ``ordered_candidates``).
+Eight bounds are a leaf of a tree (see ``bounds_tree``). A search through the tree finds the leaves
+that overlap a leaf; it skips those before this leaf in the order. Bounds are never rounded, so no
+overlapping pair can be missed. Cost is O(n log n) for boxes of similar size spread in space. Where
+everything overlaps everything there are n^2 / 2 pairs, or a limit (see ``ordered_candidates``).
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def find_candidates(minimum: Floats, maximum: Floats, convert: Convert | None = 
 def find_some_candidates(
     tree: BoundsTree, most: int, convert: Convert | None = None
 ) -> Pairs | None:
-    """`find_candidates`, or None for more than ``most`` pairs, in the time and memory of these."""
+    """`find_candidates`, or None for more than ``most`` pairs: then it stops early."""
     search = partial(_self_overlaps, tuple(tree), most)
     return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, convert)
 
@@ -175,7 +175,7 @@ class Room(NamedTuple):
 def _self_overlaps(
     columns: Columns, most: int, pairs: np.ndarray, start: int, stop: int
 ) -> tuple[int, int]:
-    """Write the overlapping pairs of leaves ``start`` to ``stop``, each with those from it on.
+    """Write the overlapping pairs of leaves ``start`` to ``stop`` with themselves and later leaves.
 
     Ends soon after ``most`` are written. See ``Search``.
     """
@@ -195,7 +195,7 @@ def _self_overlaps(
 
 @njit(refcount=False)
 def _leaf_overlaps(tree: BoundsTree, leaf: int, room: Room, pairs: np.ndarray, written: int) -> int:
-    """Append the pairs of a leaf and those after it; return the new number, -1 for no room.
+    """Append the pairs of a leaf and later leaves; return the number written, -1 for no room.
 
     First it finds leaves that overlap, then boxes, then pairs, each kind together: so branches are
     predicted well, and memory is fetched in time.

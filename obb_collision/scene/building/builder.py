@@ -70,7 +70,7 @@ class _KilledError(BuildError):
 
 
 def _more_kernels() -> list[str]:
-    """Return the folders of kernels besides the cache."""
+    """Return the folders with compiled kernels, but for the first, the cache."""
     return [str(place) for place in _kernel_cache.places[1:]]
 
 
@@ -178,10 +178,10 @@ class WorkerProcess:
 
 
 def main(connection: Connection, memory: int, kernels: list[str]) -> None:
-    """Run tasks from a connection until it closes; runs in the child.
+    """Run tasks from a connection until it closes; runs in the child process.
 
-    memory: bytes that jobs may take beyond those the child has when it begins; kernels: folders of
-    kernels besides the cache.
+    memory: bytes that the child may add to those it has at the start; kernels: further folders with
+    compiled kernels.
     """
     with suppress(OSError):
         os.nice(NICENESS)
@@ -205,7 +205,7 @@ def main(connection: Connection, memory: int, kernels: list[str]) -> None:
 
 
 def _look_for_kernels_in(folders: list[str]) -> None:
-    """Use the folders of the parent besides the cache."""
+    """Also look for compiled kernels in the folders of the parent."""
     present = set(map(str, _kernel_cache.places))
     _kernel_cache.places.extend(Path(folder) for folder in folders if folder not in present)
 
@@ -232,7 +232,7 @@ def _reply(task: Task) -> tuple[Any, ...]:
 
 
 def _limit_memory(memory: int) -> None:
-    """Limit the child to so many bytes more, where the system can."""
+    """Limit the bytes that the child may add to those it has now, where the system can."""
     try:
         import resource
 

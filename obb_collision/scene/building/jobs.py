@@ -164,7 +164,7 @@ class MeshFile(Job):
         return len(self.data or b"") + len(self.name)
 
     def task(self) -> Task:
-        """Return the task that reads it."""
+        """Return the task that reads the file."""
         return MeshFile._read, (self,)
 
     def finish(
@@ -214,7 +214,7 @@ def _hull_of_bodies(points: Floats, widths: Floats) -> Hull:
 
 @contextmanager
 def _errors_of(name: str) -> Iterator[None]:
-    """Turn the errors of a mesh file into BuildErrors that name it."""
+    """Turn the errors of a mesh file into BuildErrors that name the file."""
     try:
         yield
     except ValueError as error:

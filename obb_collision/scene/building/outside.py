@@ -71,7 +71,7 @@ class BuildJob(Job):
     per_shape: PerShape[Any]
 
     def task(self) -> Task:
-        """Return the task that builds it."""
+        """Return the task that builds the tree or hull."""
         return arrays_of, (type(self.per_shape.pool), self.shape)
 
     def finish(self, result: Sequence[NDArray[Any]]) -> tuple[Pool[Any], Any, int]:

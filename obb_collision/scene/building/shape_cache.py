@@ -73,7 +73,10 @@ RETAINED = 16
 
 @dataclass(eq=False)
 class Entry(Generic[Item]):
-    """The tree or hull of a shape, shared by slots; row: in the pool, -1 until it is built."""
+    """The tree or hull (item) of a shape, shared by slots, and its row in the pool.
+
+    row: -1 until the item is built.
+    """
 
     key: Hashable
     slots: set[int] = field(default_factory=set)
@@ -142,7 +145,7 @@ class PerShape(Generic[Item]):
             self._entries.pop(entry.key, None)
 
     def put(self, entry: Entry[Item], item: Item, row: int) -> None:
-        """Give an entry its item, which is in the pool."""
+        """Set the item of an entry, and its row in the pool for all slots of the entry."""
         entry.item, entry.row = item, row
         self._rows[list(entry.slots)] = row
 
@@ -173,7 +176,7 @@ class PerShape(Generic[Item]):
 
     @property
     def size(self) -> int:
-        """Total size of the items in use."""
+        """Number of triangles of trees in use, or of blocks of corners of hulls."""
         return sum(map(self.pool.size_of, self.built.values()))
 
     @property
@@ -187,7 +190,7 @@ class PerShape(Generic[Item]):
         return pool, {entry: pool.append(item) for entry, item in built.items()}
 
     def lacks(self, packed: Packed[Item]) -> int:
-        """Return the size of the items in use that a new pool lacks."""
+        """Return the ``size`` of the items in use that a new pool lacks."""
         return sum(self.pool.size_of(item) for e, item in self.built.items() if e not in packed[1])
 
     def exchange(self, packed: Packed[Item] | None = None) -> None:
@@ -204,7 +207,7 @@ class PerShape(Generic[Item]):
 
 
 class SlotShape(NamedTuple):
-    """The shape of a slot, its kind, and its numbers (6,): ``core_of`` it."""
+    """The shape of a slot, its kind, and the numbers (6,) that ``core_of`` returns for it."""
 
     slot: int
     shape: Shape | OBB
@@ -291,7 +294,7 @@ class ShapeCache:
             del self._own_shapes()[slot]
 
     def lend_shapes(self) -> Lent:
-        """Return shapes by slot and their numbers; the cache copies them before a change."""
+        """Return shapes and numbers of ``SlotShape`` by slot; a change copies them first."""
         self._lent = True
         return self._shapes, self._numbers
 
@@ -308,7 +311,7 @@ class ShapeCache:
         return self._shapes
 
     def with_shapes(self, lent: Lent) -> ShapeCache:
-        """Return another cache, of lent shapes, that reuses trees and hulls of equal ones."""
+        """Return another cache, of lent shapes, that reuses trees and hulls of equal shapes."""
         other = ShapeCache()
         (other._shapes, other._numbers), other._lent = lent, True
         other._trees.ready = {entry.key: item for entry, item in self._trees.built.items()}
@@ -357,7 +360,7 @@ class ShapeCache:
         return pool.all if pool.size else NO_HULLS, self._hulls.rows(slots)
 
     def cores(self, slots: Rows) -> NDArray[np.float64]:
-        """Return ``core_of`` the shapes (k, 6) of slots, none of them boxes."""
+        """Return the numbers (k, 6) of ``core_of`` for the shapes of slots, none of them boxes."""
         return self._numbers[slots]
 
     def build(self, store: ObjectStore, slots: Rows, hull: bool, budget: TimeLeft | None) -> Mask:

@@ -105,10 +105,10 @@ class Setting:
     objects: tuple[str, ...] = ("*",)
     values: Mapping[str, Any] = field(default_factory=dict)
     selected: Mask | None = None
-    """(slots,) the objects selected for it, None for all."""
+    """(slots,) which objects are selected for the effect, None for all."""
 
     def reach(self, options: Mapping[str, Option]) -> float:
-        """Return how far from objects others matter to it (m)."""
+        """Return the distance (m) within which other objects matter to the effect."""
         far = [self.values[key] for key, option in options.items() if option.reaches]
         return max(far, default=0.0) if self.mode != "off" else 0.0
 
@@ -128,7 +128,7 @@ class PreviousCheck(NamedTuple):
     pairs: Pairs
     """Pairs that collided; in a region, those that it owned."""
     poses: Floats | None
-    """Of the objects; None unless a region has effects above OBB."""
+    """Poses of the objects; None unless a region has effects above OBB."""
 
     @property
     def boxes(self) -> Boxes:
@@ -169,14 +169,15 @@ class Cycle:
     notes: list[str] = field(default_factory=list)
     """Reasons why an effect is incomplete; they join its failures."""
     names: Sequence[str | None] = ()
-    """Of the objects, by slot."""
+    """Names of the objects, by slot."""
     shapes: PlacedShapes | None = None
     """Shapes that stand for objects above OBB; None where every effect speaks of boxes."""
 
     def levels(self, pairs: Pairs, setting: Setting, highest: Accuracy) -> Levels | None:
-        """Return the level (m,) on which an effect computes pairs (m, 2); None for all on OBB.
+        """Return the accuracy level (m,) on which an effect computes each of the pairs (m, 2).
 
-        highest: its highest level. Pairs that the budget had no time for are on OBB.
+        None if all levels are OBB. highest: the effect's highest level. Pairs that the budget had
+        no time for have the level OBB.
         """
         if self.shapes is None or len(pairs) == 0 or highest <= Accuracy.OBB:
             return None
@@ -270,13 +271,13 @@ class Effect(Protocol):
 
     name: str
     description: str
-    """What it computes, as the beginning of a sentence."""
+    """What the effect computes, as the beginning of a sentence."""
     options: Mapping[str, Option]
     lazy: bool = True
     """True if it can be computed after the check, when the scene may have changed."""
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Compute it for one check."""
+        """Compute the effect for one check."""
 
 
 def take_rows(table: R, rows: Rows | Mask) -> R:
@@ -297,7 +298,7 @@ def write_rows(table: R, rows: Rows, new: R) -> None:
 
 
 def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | None) -> R:
-    """Replace rows of a table, computed on boxes, by those of shapes above OBB."""
+    """Compute rows of a table of boxes anew, where levels are above OBB; return the table."""
     if not by_level:
         return table
     pairs = vars(table)["pairs"]

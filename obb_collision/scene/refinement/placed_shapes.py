@@ -202,7 +202,7 @@ class PlacedShapes:
         return have[pairs].all(axis=1)
 
     def _have(self, slots: Rows, hull: bool) -> Mask:
-        """Build trees or hulls of slots; return which of all slots (n,) do not lack them."""
+        """Build trees or hulls of slots; return False (n,) for the slots that still lack one."""
         have = np.ones(len(self.kinds), np.bool_)
         have[slots] = self._current_cache().build(self._store, slots, hull, self._budget)
         self.is_late |= self._budget is not None and not bool(have.all())

@@ -45,9 +45,10 @@ MOST_GUESSES = 2000
 
 
 class AllowedMatrix(NamedTuple):
-    """Pairs of names that may touch, whatever rules say; thousands of them are as fast as a rule.
+    """Pairs of names that may touch, even if a rule forbids it.
 
-    rows: by name, names may share a row; allowed (r, r): symmetric.
+    Thousands of pairs are as fast as a rule. rows: by name, names may share a row; allowed (r, r):
+    symmetric.
     """
 
     rows: dict[str, int]
@@ -300,7 +301,7 @@ class PairRules:
 
     @property
     def matrix(self) -> AllowedMatrix:
-        """Pairs that may touch, whatever the rules say; may be set."""
+        """Pairs of names that may touch, even if a rule forbids it; may be set."""
         return self._matrix
 
     @matrix.setter

@@ -90,11 +90,11 @@ class Region(ArrayValue):
 
     @property
     def is_everything(self) -> bool:
-        """Whether it has no end."""
+        """Whether the region is all of space."""
         return bool(np.isneginf(self.minimum).all() and np.isposinf(self.maximum).all())
 
     def holds(self, points: ArrayLike) -> Mask:
-        """Return which points (n,) are in it.
+        """Return which points are in the region, (n,).
 
         Parameters
         ----------
@@ -397,7 +397,7 @@ class RegionMerger(SetOnce):
 
 
 def _with_passed(rows: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
-    """Return rows, with earlier rows of passed pairs that are not among them."""
+    """Return rows, and those earlier rows of passed pairs that ``rows`` lacks."""
     if before is None or "passed" not in (rows.dtype.names or ()) or before.dtype != rows.dtype:
         return rows
     fields = list(_fields_of(rows))
