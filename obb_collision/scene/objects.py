@@ -100,7 +100,7 @@ class SceneObjects:
         padding: float | None = None,
         instead: NDArray[np.int64] = NO_ROWS,
     ) -> NDArray[np.int64]:
-        """Add objects, or replace those of their names; on an error none. Return their slots.
+        """Add objects or replace objects of the same names, none on an error; return their slots.
 
         half_extents (n, 3): of the local boxes; columns: of the places; shapes: None for boxes;
         padding: None for that of the scene; the others as for ``begin_boxes``.
@@ -246,7 +246,7 @@ class SceneObjects:
         self.store.place(indices, poses)
 
     def poses_of(self, indices: ArrayLike) -> Floats:
-        """Return the poses (n, 7) of objects as they were given."""
+        """Return the poses (n, 7) of objects as they were set."""
         return self.store.poses[self.store.check_slots(indices)]
 
     def set_twists(self, indices: ArrayLike, twists: ArrayLike) -> None:

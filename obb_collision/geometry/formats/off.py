@@ -97,7 +97,7 @@ def _corners(lines: list[bytes]) -> tuple[Triangles, Triangles]:
 
 
 def _first_words(words: list[bytes], vertices: int, width: int, extra: int) -> list[bytes]:
-    """Return the words of positions in a file whose lines are not those of vertices and faces."""
+    """Return the words of vertex positions, in a file without a line per vertex and face."""
     step = width + extra
     if len(words) < vertices * step:
         check_complete(vertices, len(words) // step, "vertices")

@@ -160,7 +160,7 @@ class _Cutter:
 
 
 def _fan(count: int, first: int) -> Triangles:
-    """Return the rows (n - 2, 3) of corners of a fan about one of them."""
+    """Return the triangles (count - 2, 3) of a fan about corner ``first`` of a polygon."""
     steps = np.arange(1, count - 1)
     return (first + np.stack([0 * steps, steps, steps + 1], axis=1)) % count
 

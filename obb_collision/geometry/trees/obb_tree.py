@@ -406,7 +406,7 @@ def merged_faces(vertices: Floats, faces: Integers) -> Integers:
 
 
 def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
-    """Return (k,) the faces that may bound a solid, and whether they do (see ``is_closed``).
+    """Return (k,) the faces that may bound a solid, and whether they are closed (``is_closed``).
 
     Faces with a repeated corner never do; of copies of a face one does. Copies of opposite
     orientation count as copies, as in a double-sided mesh; where that leaves the surface open,
@@ -449,7 +449,7 @@ def is_oriented(faces: Integers) -> bool:
 
 
 def is_closed(faces: Integers) -> bool:
-    """Return whether every edge of faces (m, 3) borders an even number of them, and some exist.
+    """Return whether every edge of faces (m, 3) borders an even number of faces, and faces exist.
 
     Inside and outside by counting crossings require it. A manifold has two faces at every
     edge; solids that share an edge have four.

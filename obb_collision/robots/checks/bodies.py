@@ -121,7 +121,7 @@ NO_BODIES = box_bodies(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)), 
 
 
 def joined(bodies: Sequence[LinkBodies]) -> LinkBodies:
-    """Return several bodies in one."""
+    """Return the bodies of several sets as one set."""
     parts = [NO_BODIES, *bodies]
     arrays = LinkBodies._make(np.concatenate(values) for values in zip(*parts, strict=True))
     lengths = np.concatenate([np.diff(part.starts) for part in parts])

@@ -130,7 +130,7 @@ def straight_pieces(points: Sequence[Point], counts: Integers) -> Pieces:
 
 
 def state_at(points: Sequence[Point], time: float) -> Floats:
-    """Return the joints (j,) at a time, from the first point on; after the last they rest."""
+    """Return joint positions (j,) at a time after the first point; beyond the last they rest."""
     for first, last in pairwise(points):
         if time < last.time:
             since = np.array([time - first.time])

@@ -89,7 +89,7 @@ Swept: TypeAlias = "Callable[[PlacedShapes, Cycle, BoxMotions, Pairs, Floats, fl
 def refined_sweeps(
     sweeps: Sweeps, cycle: Cycle, motions: BoxMotions, pairs: Pairs, setting: Setting
 ) -> Sweeps:
-    """Replace sweeps of the boxes of pairs (m, 2) of slots by those of their shapes."""
+    """Replace the sweeps of boxes by sweeps of shapes, for pairs (m, 2) above OBB."""
     touching = np.flatnonzero(sweeps.hits | sweeps.undecided)
     high = cycle.levels(pairs[touching], setting, max(BY_LEVEL))
     if high is None or cycle.shapes is None:

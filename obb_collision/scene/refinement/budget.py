@@ -79,7 +79,7 @@ class Budget:
         self._spent = 0.0  # on portions
 
     def finish(self) -> None:
-        """End a cycle; later ones set aside the time that it took besides portions."""
+        """End a cycle; later cycles set aside the time that this one took besides portions."""
         self._besides.append(self.clock() - self._start - self._spent)
 
     def left(self) -> float:

@@ -263,9 +263,9 @@ def _marked(count: int, first: Rows, second: Rows) -> Mask:
 
 
 def places_of(store: ObjectStore, boxes: Boxes, slots: Rows) -> tuple[Floats, Floats]:
-    """Return centres and rotations (k,) of slots: those of poses, of boxes those of the boxes.
+    """Return centres and rotations of slots (k,): of poses, or of ``boxes`` where a slot is a box.
 
-    boxes: of all slots, padded.
+    boxes: the padded boxes of all slots.
     """
     centers, rotations = boxes.centers[slots], boxes.rotations[slots]
     shaped = np.flatnonzero(store.kinds[slots] > BOX)
@@ -276,7 +276,7 @@ def places_of(store: ObjectStore, boxes: Boxes, slots: Rows) -> tuple[Floats, Fl
 def trees_of(store: ObjectStore, cache: ShapeCache, slots: Rows) -> tuple[MeshTrees, Rows, Floats]:
     """Return trees, the row (k,) of each slot's tree, and radii (k,) with padding.
 
-    Those of spheres and capsules are segments; all slots are such, or none.
+    Trees of spheres and capsules are segments; either all slots have these shapes, or none.
     """
     radii = store.paddings[slots]
     if (store.kinds[slots] == ROUND).any():
