@@ -96,7 +96,7 @@ def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) ->
 
 
 def test_every_parameter_has_a_description_and_numbers_a_range(rig: Rig) -> None:
-    for name in rig.node._parameters:
+    for name in rig.node.list_parameters([], 0).names:
         if name in ("use_sim_time", "start_type_description_service") or "qos_" in name:
             continue
         descriptor = rig.node.describe_parameter(name)
@@ -277,7 +277,7 @@ def test_objects_latched_before_a_node_was_configured_are_received() -> None:
 
 
 def test_every_input_and_output_takes_overrides(detecting: None, rig: Rig) -> None:
-    declared = set(rig.node._parameters)
+    declared = set(rig.node.list_parameters([], 0).names)
     subscribed = [end.topic_name for end in rig.node.subscribed.open.values()]
     published = [end.topic_name for end in rig.node.outputs.ends.values()]
     assert {*subscribed} == {f"{NAMESPACE}/{topic}" for topic in (*INPUTS, "detections")}
