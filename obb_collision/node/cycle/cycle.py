@@ -49,7 +49,7 @@ MAX_TRIES = 128
 
 
 class SetAside:
-    """Checks the scene of objects, without those with which that fails.
+    """Checks the scene without the objects that make checks fail.
 
     clock: seconds, rising.
     """
@@ -85,7 +85,7 @@ class SetAside:
         return aside[np.isin(aside, self._untried)]
 
     def _exclude_all(self, error: Exception) -> Slots:
-        """Set aside all objects that take part and return them; raise if checks fail without."""
+        """Set aside all objects that take part; return them. Raise if checks fail without any."""
         slots = np.flatnonzero(self._table.live)
         slots = slots[self._objects.placement.takes_part(slots)]
         self._include(slots, False)
@@ -210,7 +210,7 @@ class CycleRunner:
 
     @property
     def paused(self) -> str:
-        """The code of why nothing is checked, "" if it is."""
+        """The code of the reason why nothing is checked, "" while checks run."""
         return "inactive" if not self.active else "" if self.enabled else "disabled"
 
     def pairs_left(self) -> tuple[int, bool]:

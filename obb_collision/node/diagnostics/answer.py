@@ -130,7 +130,7 @@ class Reason:
 
     @property
     def whom(self) -> str:
-        """Whom it is about, as text."""
+        """The objects that the reason is about, as text."""
         return first_names(self.who, max(self.count, len(self.who)), self.more)
 
     @property
@@ -229,7 +229,7 @@ def make_status(
 
 
 def first_names(names: Iterable[str], count: int, at_least: bool = False) -> str:
-    """Return the first names, and how many more there are of ``count``, or of at least so many."""
+    """Return the first names, and how many of ``count`` follow; at_least: there may be more."""
     shown = list(islice(names, MAX_NAMED))
     more = count - len(shown)
     least = "at least " if at_least else ""

@@ -82,7 +82,7 @@ class InputMonitor:
     _warned: dict[str, float] = field(default_factory=dict)  # when
 
     def received(self, now: int) -> None:
-        """Count a message."""
+        """Count a message that was received at ``now`` (ns)."""
         self.messages += 1
         self.last, self.heard = now, self.steady()
         if self.sender >= 0:  # else it is one of several
@@ -93,7 +93,10 @@ class InputMonitor:
         self.unreadable[self.sender if sender is None else sender] = reason
 
     def lose(self, count: int, now: int | None) -> None:
-        """Count messages lost before the next one; now (ns): they were changes."""
+        """Count messages lost before the next one.
+
+        now: when (ns) changes of objects were lost, None if no change was.
+        """
         self.lost += count
         if now is not None:
             self.missed = Missed(self.messages + 1, now)
@@ -202,7 +205,7 @@ def make_publisher(
 
 
 class QosWatch:
-    """Counts mismatches by topic and warns of new ones."""
+    """Counts endpoints with incompatible QoS by topic, and warns of new ones."""
 
     def __init__(self, node: Node, warn: Callable[[str], None]) -> None:
         self._node, self._warn = node, warn

@@ -104,7 +104,7 @@ def read_boxes(data: bytes, most: int) -> QueuedCloud:
 
 
 class BoxInput:
-    """Takes messages that are complete sets, and applies the newest of them.
+    """Takes messages that are complete sets of boxes, and applies the newest message.
 
     read: makes boxes of the bytes of a message, and of the most rows that it may have.
     """
@@ -230,7 +230,7 @@ class BoxInput:
 
     @property
     def _own(self) -> Mask:
-        """(rows,) the objects of these sets."""
+        """(rows,) which objects came by the sets of this input."""
         return np.asarray(self._table.live & (self._table.of_set == self.source.number))
 
     def _doubt(self) -> None:
@@ -273,7 +273,7 @@ class BoxInput:
 
     @contextmanager
     def _removed(self, slots: Rows) -> Iterator[None]:
-        """Remove the boxes at other slots than these, in the scene once others may take theirs."""
+        """Remove this input's boxes at other slots; new boxes can take their slots before."""
         shapes, gone = self._objects.shapes, self._own
         gone[slots[slots >= 0]] = False
         shapes.release(np.flatnonzero(gone))
@@ -302,7 +302,7 @@ class BoxInput:
         return self._table.namespaces.admit_number(number)
 
     def _report(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults, sizes: Floats) -> None:
-        """Count faults, mark their boxes, and store those that have no object."""
+        """Count faults, mark their boxes, and store the refusals of boxes without an object."""
         table = self._table
         for rows, (error, of_shape) in faults:
             item = name_from_key(self._key(int(numbers[rows[-1]]), int(ids[rows[-1]])))

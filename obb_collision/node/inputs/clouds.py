@@ -89,7 +89,7 @@ class WaitingClouds:
         use: Callable[[QueuedCloud, Floats | None], None],
         refuse: Callable[[QueuedCloud, RefusedError], None] = lambda cloud, error: None,
     ) -> int:
-        """Use the newest cloud that can be placed, and drop those before it; returns how many.
+        """Use the newest cloud that can be placed; drop earlier ones and return their number.
 
         use: takes a cloud and where its frame is (7,), None for the fixed frame; it may raise
         RefusedError. refuse: called for each cloud that can't be used.

@@ -178,7 +178,7 @@ class MarkerUpdate:
         self._kinds: Kinds = np.zeros(len(markers), np.int8)  # of the poses
 
     def apply(self) -> None:
-        """Apply them, and count those that are not used."""
+        """Apply the markers, and count those that are not used."""
         markers, objects = self._markers, self._objects
         faults = find_faults(markers, objects.placement.frame_index)
         self._kinds = faults.kinds

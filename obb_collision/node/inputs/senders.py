@@ -54,7 +54,7 @@ class Senders:
         self._taken = self._before = 0
 
     def note_message(self, info: Mapping[str, Any]) -> tuple[int, int]:
-        """Return who sent a message, and how many were lost before it.
+        """Return the number of the sender of a message, and how many messages were lost before it.
 
         What a new publisher sent before its first message may be from before the node came; it is
         lost where the queue was full.
@@ -81,7 +81,7 @@ class Senders:
         return sender, lost
 
     def gone(self, senders: Iterable[int]) -> set[int]:
-        """Return those of some senders that publish no more; only where that is known."""
+        """Return the senders, of some, that certainly publish no more."""
         asked = {sender for sender in senders if sender > ALONE}
         if not asked or not self._publishers():
             return asked

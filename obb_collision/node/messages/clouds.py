@@ -195,7 +195,7 @@ KEY_FIELDS = ("ns", "id")
 def poses_from_ros(
     message: PointCloud2, most: int = NO_LIMIT
 ) -> tuple[Integers | None, Integers, Floats]:
-    """Bulk poses: namespace numbers (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
+    """Return namespace numbers (n,), or None without a field ``ns``, ids (n,) and poses (n, 7).
 
     Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
     ``ns`` are integers of any size, the pose fields float32 or float64. Also ("too many points")
@@ -207,7 +207,9 @@ def poses_from_ros(
 def boxes_from_ros(
     message: PointCloud2, most: int = NO_LIMIT
 ) -> tuple[Integers | None, Integers, Floats, Floats]:
-    """Boxes of a message of ``object_boxes``: as ``poses_from_ros``, and sizes (n, 3) in metres.
+    """Return the boxes of a message of ``object_boxes``, with sizes (n, 3) in metres.
+
+    The other results are those of ``poses_from_ros``.
 
     Raises RefusedError ("field layout", "too many points").
     """

@@ -162,10 +162,10 @@ def unusable_poses(poses: Floats) -> Mask:
 
 
 def pose_kinds(poses: Floats) -> Kinds:
-    """Return of (n, 7) poses which are GOOD, UNUSABLE, ZERO or FAR (n,).
+    """Return the kind of each pose (n, 7): GOOD, UNUSABLE, ZERO or FAR.
 
-    UNUSABLE: not finite or too large. ZERO: a quaternion of length zero. FAR: one far from unit
-    length, which is normalised, but doubtful.
+    UNUSABLE: not finite or too large. ZERO: a quaternion of length zero. FAR: a quaternion far from
+    unit length; it is normalised, but doubtful. GOOD: none of these.
     """
     kinds = np.empty(len(poses), np.int8)
     _fill_kinds(np.ascontiguousarray(poses), kinds)

@@ -68,7 +68,7 @@ class FrameSource(Protocol):
 
 
 class FixedFrameOnly:
-    """Without tf2: no frame but the fixed one."""
+    """Stands in for tf2 where it is missing: knows the fixed frame only."""
 
     waits = False
 
@@ -91,7 +91,7 @@ def reason_from_tf2(error: Exception, tf2: Any) -> str:
 
 
 class TfFrames:
-    """Frames by tf2, listening on the node's own executor."""
+    """Looks poses of frames up by tf2; the node's own executor receives the transforms."""
 
     waits = True
     description = "tf2"
@@ -115,7 +115,7 @@ class TfFrames:
 
 
 def make_frames(node: Node, fixed_frame: str) -> FrameSource:
-    """Frames by tf2 where it is installed, else the fixed frame only."""
+    """Return the source of frames: tf2 where it is installed, else the fixed frame only."""
     return FixedFrameOnly(fixed_frame) if tf2_ros is None else TfFrames(node, fixed_frame)
 
 

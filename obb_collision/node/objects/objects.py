@@ -80,7 +80,7 @@ class Objects:
         """Hulls and trees of shapes, for an accuracy above obb."""
 
     def _rename(self, namespace: int) -> None:
-        """Give the objects of a namespace, by its number, the names that they have now."""
+        """Set the names of the objects of a namespace (number) to those in the table now."""
         table, overrides = self.table, self.shapes.overrides
         slots = np.flatnonzero(table.live & (table.ns == namespace))
         names = [name_from_key(key) for key in table.keys(slots)]
@@ -111,7 +111,7 @@ class Objects:
         return on_boxes
 
     def declare_empty(self) -> None:
-        """Note that a sender has declared its objects: it counts if there is none."""
+        """Note that a sender has declared its objects: with none, the scene is empty on purpose."""
         self.is_declared_empty = self.is_empty and not self.unplaceable
 
     def set_limits(self, limits: Limits) -> None:
@@ -164,13 +164,13 @@ class Objects:
         self.states.mark_doubtful(now)
 
     def set_overrides(self, overrides: Overrides[Accuracy]) -> None:
-        """Give objects, those to come too, an accuracy of their own by their names."""
+        """Set the accuracy of objects by their names, also of future objects."""
         self.shapes.overrides = overrides
         for name in map(name_from_key, self.table.slots):
             self.scene.set_accuracy(name, overrides.value(name))
 
     def newest_stamp(self, now: int) -> int:
-        """Stamp (ns) of the newest state evaluated; time of receipt where none has one to believe.
+        """Stamp (ns) of the newest state evaluated; time of receipt where no stamp is credible.
 
         ``now``, where there is no object.
         """
@@ -180,7 +180,7 @@ class Objects:
         return self.believed_stamp(now) or int(table.world_received[rows].max())
 
     def believed_stamp(self, now: int) -> int:
-        """Stamp (ns) of the newest state evaluated, 0 where none has one to believe."""
+        """Stamp (ns) of the newest state evaluated, 0 where no stamp is credible."""
         stamps = self.table.world_stamp[self.table.visible]
         believed = stamps <= now + self.states.stamp_tolerance
         return int(stamps.max(initial=0, where=believed))

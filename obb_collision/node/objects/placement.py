@@ -124,7 +124,7 @@ class WaitingStates:
 
     @property
     def rows(self) -> States:
-        """All of them."""
+        """All waiting states."""
         if len(self._parts) != 1:
             self._parts = [np.concatenate([np.empty(0, STATE), *self._parts])]
         return self._parts[0]
@@ -308,7 +308,7 @@ class Placement:
             self.waiting.rows = states[kept]
 
     def _time_out(self, latest: States, transforms: Transforms, now: int) -> None:
-        """Count states that waited too long, and mark their objects: those were not placed in time.
+        """Count states that waited too long, and mark their objects, which were not placed in time.
 
         Where a transform lags some of them wait on: the object follows as late as its transform.
         """

@@ -42,9 +42,10 @@ class Unplaceable(dict[Key, str]):
         self._expiries: dict[Key, dict[int, int]] = {}  # by input
 
     def add(self, key: Key, reason: str, expiry: int = NO_TIME, of_set: int = 0) -> None:
-        """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations.
+        """Store why an object is refused, until ``expiry`` (ns); not for markers without a body.
 
-        of_set: the input of complete sets it came by; then only its next set says that it is gone.
+        of_set: the number of the input of complete sets that sent the object, else 0. Then only the
+        next set of this input removes the refusal.
         """
         if reason == NO_BODY:
             self.delete(key)
@@ -63,7 +64,7 @@ class Unplaceable(dict[Key, str]):
         self[key], self._expiries[key] = reason, expiries
 
     def forget(self, key: Key) -> dict[int, int]:
-        """Remove one, if it is stored; returns when it expires, by input."""
+        """Remove the refusal of a key, if there is one; return when it expires (ns), by input."""
         self.pop(key, None)
         return self._expiries.pop(key, {})
 
@@ -76,22 +77,22 @@ class Unplaceable(dict[Key, str]):
             self.forget(key)
 
     def delete(self, key: Key) -> None:
-        """Remove one that a marker deletes, or replaces."""
+        """Remove the refusal of an object that a marker deletes or replaces."""
         self._end((shortened(key[0]), key[1]), [0])
 
     def delete_all(self, namespace: str | None) -> None:
-        """Remove all that markers delete, or those of a namespace."""
+        """Remove the refusals of markers, all or those of a namespace."""
         shown = None if namespace is None else shortened(namespace)
         for key in [key for key in self if shown in (None, key[0])]:
             self.delete(key)
 
     def forget_set(self, of_set: int) -> None:
-        """Remove those of the last set of an input."""
+        """Remove the refusals of the last set of an input."""
         for key in list(self):
             self._end(key, [of_set])
 
     def expire(self, now: int) -> None:
-        """Remove those whose lifetime is over."""
+        """Remove the refusals of objects whose lifetime is over."""
         for key, expiries in list(self._expiries.items()):
             self._end(key, [number for number, expiry in expiries.items() if expiry <= now])
 

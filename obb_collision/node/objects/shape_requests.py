@@ -82,7 +82,7 @@ class ShapeLimits:
     mesh_folders: MeshFolders = NO_FOLDERS
 
     def applied(self, job: Job) -> Job:
-        """Return a job within the limits; RefusedError for one beyond them."""
+        """Return a job with the limits applied; RefusedError for a job beyond them."""
         if isinstance(job, MeshFile):
             return replace(
                 job, largest=self.file_size, triangles=self.triangles, folders=self.mesh_folders
@@ -118,7 +118,7 @@ class ShapeRequests:
         self.limits = ShapeLimits()
 
     def built(self, plan: ShapePlan) -> Shape | None:
-        """Return the shape of a plan if it is there already."""
+        """Return the shape of a plan if it is already built, else None."""
         shape = self._built.get(plan.signature)
         if shape is not None:
             self._use(plan.signature, shape)
@@ -135,7 +135,7 @@ class ShapeRequests:
             self._recent_bytes -= _size(recent.pop(next(iter(recent))))
 
     def check_file(self, plan: ShapePlan) -> None:
-        """See to it that the file of a plan is looked at again, if there is one."""
+        """Request a new look at the file of a plan, if the plan has a file."""
         file = self._files.get(plan.signature)
         if file is not None:
             file.asked = True
@@ -167,7 +167,7 @@ class ShapeRequests:
         self._look_at_files()
 
     def _keep(self, signature: Signature, outcome: Outcome) -> Shape:
-        """Take note of a shape that was built; returns it."""
+        """Store and return a shape that was built."""
         built = outcome.result
         shape, version = built if isinstance(built, tuple) else (built, None)
         if version is not None:

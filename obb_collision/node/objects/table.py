@@ -198,7 +198,7 @@ class ObjectTable:
         return result
 
     def note_primitives(self, slots: Slots, kinds: Slots, sizes: Floats) -> None:
-        """Take note of the shapes (n,) that objects have, all of PRIMITIVES."""
+        """Store the kinds (n,) and sizes (n, 3), metres, of objects whose shapes are primitives."""
         if self.signatures:
             for slot in slots[self.kind[slots] == 0].tolist():
                 self.signatures.pop(slot, None)

@@ -163,7 +163,7 @@ class PairEvents:
         self._start: Rows = np.zeros(size, np.int64)
 
     def interrupt(self) -> None:
-        """Note that nothing was checked for a while: it does not count as apart."""
+        """Note a pause of checks; the pause does not count as time apart."""
         self._since[self._begun] = NO_TIME
 
     def clock_jumped(self, shift: int) -> None:

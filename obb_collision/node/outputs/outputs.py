@@ -124,7 +124,7 @@ class Outputs:
 
     @property
     def ends(self) -> dict[str, Publisher]:
-        """All publishers, by topic as the node names it."""
+        """All publishers, by the node's names of their topics."""
         named = {TOPICS[name].name: publisher for name, publisher in self.publishers.items()}
         return {**named, NAMESPACES.name: self.namespaces}
 

@@ -63,7 +63,7 @@ def allowed_steps(parameters: Parameters) -> list[str]:
 
 
 class Kernels:
-    """Loads kernels, and has those compiled that the cache lacks.
+    """Loads kernels, and compiles the kernels that the cache lacks.
 
     info, warning: log a line; report: takes how far compiling is; stopped: whether to give it up.
     """
@@ -82,7 +82,7 @@ class Kernels:
         _kernel_cache.logger.addHandler(self._handler)
 
     def prepare(self, parameters: Parameters) -> None:
-        """Have all that parameters allow ready; ExternalShutdownException if it is given up."""
+        """Load or compile kernels for all allowed values; ExternalShutdownException if stopped."""
         missing = self._load(allowed_steps(parameters))
         if missing:
             progress = self._compile(missing)
@@ -93,7 +93,7 @@ class Kernels:
             raise ExternalShutdownException("stopped while kernels were compiled")
 
     def check(self, parameters: Parameters) -> None:
-        """Load what other parameters need; ValueError where the cache lacks some of it."""
+        """Load the kernels that other parameters need; ValueError if the cache lacks some."""
         missing = self._load(allowed_steps(parameters))
         if missing:
             raise ValueError(

@@ -170,7 +170,7 @@ class CheckedRobot:
         return checker.world_state(), self._base().tobytes(), self._held()
 
     def is_world(self, world: tuple[object, ...]) -> bool:
-        """Return whether all of it is as it was."""
+        """Return whether scene, base and attached objects are as they were in ``world``."""
         state, base, held = world
         assert isinstance(state, WorldState)
         if not state.is_current(self.objects.scene):

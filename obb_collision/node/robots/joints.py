@@ -225,7 +225,7 @@ class Joints(Timestamps):
         return np.where(bad, np.nan, velocities)
 
     def rows_of(self, names: list[str], may_follow: bool = False) -> list[int]:
-        """Return the row of each joint, -1 of those that follow others, where they may be there.
+        """Return the row of each joint, or -1 for a joint that follows another (``may_follow``).
 
         RefusedError for one that is unknown, or there twice.
         """

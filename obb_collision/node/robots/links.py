@@ -110,7 +110,7 @@ class LinkObjects:
         """Whether all twists are those of the velocities, none being out of range."""
 
     def add(self) -> None:
-        """Add them; RefusedError, and nothing is added, where that is not possible."""
+        """Add the links as objects; RefusedError, and nothing is added, where that fails."""
         shapes, table = self._objects.shapes, self._objects.table
         taken = [key for key in self.keys if key in table.slots]
         if taken:
@@ -121,20 +121,20 @@ class LinkObjects:
 
     @property
     def _present(self) -> Rows:
-        """The slots that they still have: an error in ``~/clear`` may have ended some."""
+        """The slots of links whose objects exist; an error in ``~/clear`` may have ended some."""
         return self.slots[self._objects.table.are(self.slots, self._serials)]
 
     def remove(self) -> None:
-        """Remove them."""
+        """Remove the objects of the links."""
         self._objects.shapes.remove(self._present)
         self.slots = self._serials = self.slots[:0]
 
     def refuse(self) -> None:
-        """Mark that where they are is not known any more: the last boxes stay, grey."""
+        """Mark the places of the links as unknown: their last boxes stay, grey."""
         self._objects.states.refuse(self._present)
 
     def located(self, base: Floats, positions: Floats, velocities: Floats) -> Located:
-        """Return where they are, and how they move; RefusedError for poses that can't be used.
+        """Return poses and twists of the links; RefusedError for poses that can't be used.
 
         base: pose (7,) of the root link; positions, velocities: of the joints.
         """
@@ -155,7 +155,7 @@ class LinkObjects:
     def _twists(
         self, bodies: tuple[Rows, Floats], base: Floats, positions: Floats, velocities: Floats
     ) -> Floats:
-        """Return the twists (n, 6) of bodies: the rows of their links, and poses in those."""
+        """Return the twists (n, 6) of bodies, which are rows of links and poses in their frames."""
         links, places = bodies
         twists = np.zeros((len(links), 6))
         fastest = np.abs(velocities).max(initial=0.0)
@@ -214,7 +214,7 @@ class LinkObjects:
     def matrix(
         self, attached: AttachedObjects, touch_links: Iterable[tuple[str, str]]
     ) -> AllowedMatrix:
-        """Return which of them, and of attached objects, may touch.
+        """Return which links and attached objects may touch.
 
         Links of one rigid body, adjacent ones, and those disabled by the SRDF.
         """

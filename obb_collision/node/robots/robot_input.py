@@ -78,7 +78,7 @@ class DescriptionReading(Thread):
             self._meshes.close()
 
     def abandon(self) -> None:
-        """Let it end soon: a mesh that is being read is none."""
+        """Make the reading end soon; a mesh that is being read fails."""
         self.is_abandoned = True
         self._meshes.abandon()
 
@@ -111,13 +111,13 @@ class RobotInput:
         """The objects attached to its links."""
         self._base_refused = ""  # why its latest pose could not be used
         self.faults = {ROBOT: "no robot_description"}
-        """Why, by code, it is not known where its links are."""
+        """Why the places of the links are unknown, by code."""
         self.halt = ""
         """Why its ``speed_scale`` is 0, "" if it is not, or not requested."""
 
     @property
     def fault(self) -> str:
-        """Why it is not known where its links are, "" if it is."""
+        """Why the places of the links are unknown, "" if they are known."""
         return "; ".join(self.faults.values())
 
     def receive_text(self, kind: str, data: bytes, now: int) -> None:
@@ -158,7 +158,7 @@ class RobotInput:
         self._monitors[DESCRIPTION].refuse(BAD_DESCRIPTION, "whole message", why)
 
     def store_joints(self, data: bytes, now: int) -> None:
-        """Store the states of joints; those that come before there is a robot are dropped."""
+        """Store the states of joints; drop them if there is no robot yet."""
         message = joints_from_bytes(data)
         if self.joints is not None:
             self.joints.store_values(message, now)
@@ -191,7 +191,7 @@ class RobotInput:
         self._base_sender = self._objects.monitors["object_transform"].sender
 
     def apply(self, now: int, timeout: float) -> bool:
-        """Update the objects by the messages since the last time; return whether they are others.
+        """Update the objects by the messages since the last call; return whether objects differ.
 
         timeout: the age (s) at which joints are stale, 0 for never.
         """
@@ -233,7 +233,7 @@ class RobotInput:
         return {JOINT: joints, BASE: base or unplaced}
 
     def _base_fault(self, now: int) -> str:
-        """Return why it is not known where the base is, "" if it is."""
+        """Return why the pose of the base is unknown, "" if it is known."""
         if self.base.frame != BY_TOPIC:
             return ""
         if self._base is None or self._base_refused:
@@ -251,7 +251,7 @@ class RobotInput:
         return 0.0 < most * NANOSECONDS < now - since
 
     def transform_fault(self, stamp: int, now: int) -> str:
-        """Return why the transform of its base, of a stamp, is stale, "" if it is not."""
+        """Return why the base's transform of a stamp (ns) is stale, "" if it is not."""
         frame = "" if self.where is None else self.where[1]
         since = self._objects.placement.latest.since(frame, stamp, now)
         is_old = since > 0 and self._is_old(since, now, True)
@@ -304,7 +304,7 @@ class RobotInput:
 
     @property
     def where(self) -> tuple[Floats, str] | None:
-        """The pose (7,) of the root link in a frame, and the frame; None where it is not known."""
+        """The pose (7,) of the root link in a frame, and the frame; None if it is unknown."""
         if self.links is None or (self.base.frame == BY_TOPIC and self._base is None):
             return None
         return self._base or (IDENTITY_POSE, self.base_frame)
@@ -326,9 +326,9 @@ class RobotInput:
         return self._link_poses
 
     def set_attached(self, attached: AttachedObjects) -> bool:
-        """Set the attached objects, and how they move; return whether they are others.
+        """Set the attached objects, and their twists; return whether other objects are attached.
 
-        They are as old as the joints, for they move with them.
+        The objects are as old as the joints, for they move with them.
         """
         same, self.attached = attached.identity == self.attached.identity, attached
         if len(attached.slots) and not self.faults:

@@ -180,7 +180,7 @@ class Robots:
         return unknown
 
     def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
-        """Return the callback per topic, those that fail being counted; bases come by another."""
+        """Return the callback per topic; failures are counted. Bases come by another callback."""
         callbacks = {}
         for robot, answers in zip(self.robots, self.answers, strict=True):
             inputs.bases[robot.name] = robot.store_base

@@ -157,7 +157,7 @@ class Running:
 
     @property
     def names(self) -> list[str]:
-        """The joints that it moves."""
+        """Names of the joints that the trajectory moves."""
         return [self.joints.names[column] for column in self.columns]
 
     def hold(self) -> JointTrajectory:
@@ -230,12 +230,13 @@ class Trajectories:
         self.deciding: Deciding | None = None
         self._closed = False
         self.stopped = ""
-        """Why the last one was stopped, "" if it was not."""
+        """Why the last trajectory was stopped, "" if it was not."""
 
     def receive(self, data: bytes, now: int) -> None:
-        """Forward a message as it is, or say why not; always one without points: it is a stop.
+        """Forward a trajectory message unchanged, or say why not.
 
-        One with many pieces is decided in the next cycles, and waits for that.
+        A message without points is a stop; it is always forwarded. A trajectory with many pieces
+        waits: the next cycles decide it.
         """
         before, self.deciding = self.deciding, None
         if before is not None:
@@ -263,7 +264,7 @@ class Trajectories:
         self._say(DiagnosticStatus.ERROR, f"refused: {error}", error)
 
     def _decide(self) -> None:
-        """Check a share of the one that is not decided yet; forward it if it was the last."""
+        """Check a share of the undecided trajectory; forward it after the last share."""
         deciding, self.deciding = self.deciding, None  # whatever fails, it is not forwarded
         if deciding is None:
             return
@@ -286,7 +287,7 @@ class Trajectories:
     def _checked_share(self, deciding: Deciding) -> Running | None:
         """Return the trajectory if it is certified now, None if there is more to check.
 
-        All of it in one scene: after a change of that it is checked again from the beginning.
+        A change of the scene makes the check begin again.
         """
         now, running = self._clock(), deciding.running
         scene = self._scene_for(running)
@@ -326,7 +327,7 @@ class Trajectories:
             self._decide()
 
     def _look_after(self) -> None:
-        """Check the rest of the one that runs if the scene has changed; stop it if need be."""
+        """Check the rest of the running trajectory if the scene has changed; stop it if need be."""
         running, now = self.running, self._clock()
         if running is None:
             return
@@ -348,7 +349,7 @@ class Trajectories:
             raise
 
     def close(self) -> None:
-        """Stop what runs, for nothing monitors it any more. Also from another thread, and again."""
+        """Stop the running trajectory, which nothing monitors any more; safe from any thread."""
         self._closed, self.deciding = True, None
         if self.running is not None:
             self._stop(self.running, RefusedError("the node has stopped checking"))

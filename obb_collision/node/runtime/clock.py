@@ -89,7 +89,7 @@ class NodeClock:
 
     @property
     def has_time(self) -> bool:
-        """Whether there is any: a simulated clock has none before the first message of /clock."""
+        """Whether the clock has a time: a simulated one has none before the first /clock."""
         return self._last > 0
 
     def now(self) -> int:

@@ -101,7 +101,7 @@ class CollisionStatus:
         self._thread.start()
 
     def update(self, answer: Answer, cycle: bool = False) -> None:
-        """Publish an answer; cycle: it is that of a completed cycle."""
+        """Publish an answer; cycle: whether the answer is that of a completed cycle."""
         with self._lock:
             if cycle:
                 self._alive, self._resting = self._steady(), False

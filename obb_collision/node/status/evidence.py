@@ -175,7 +175,7 @@ class Evidence:
             yield Reason("unknown_objects", tuple(unknown[:MAX_NAMED]), len(unknown), more=more)
 
     def _missing(self) -> tuple[str, ...]:
-        """Return which required objects are not there, as before while nothing changes it."""
+        """Return the names of required objects that do not exist; kept while nothing changes."""
         parameters, table = self._parameters, self._objects.table
         # the table makes new ranks whenever an object comes, goes or is renamed
         basis = parameters.required_objects, parameters.groups, table.ranks

@@ -103,7 +103,7 @@ class NamedPrediction(NamedTuple):
 
     @property
     def undecided(self) -> bool:
-        """Whether it is not known if they collide."""
+        """Whether it is unknown if the pair collides."""
         return isnan(self.point[0])
 
 
