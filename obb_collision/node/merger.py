@@ -88,7 +88,7 @@ class AlwaysPublished:
 
 
 class MergerNode(Node):
-    """Joins what the nodes of several regions publish; everything goes to ``rclpy.node.Node``."""
+    """Joins what the nodes of several regions publish; options go to ``rclpy.node.Node``."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(NODE_NAME, **node_options)

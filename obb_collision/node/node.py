@@ -195,7 +195,7 @@ class CollisionNode(ManagedNode):
         )
 
     def activate(self) -> None:
-        """Check from the next cycle on."""
+        """Begin to check the scene, from the next cycle on."""
         self.cycle.active = True
         self.evidence.activate()
         self.get_logger().info("active")
@@ -398,7 +398,7 @@ class CollisionNode(ManagedNode):
         return int(self.get_clock().now().nanoseconds)
 
     def now(self) -> int:
-        """Time of the node's clock (ns), after the effects of a jump are applied."""
+        """Return the time of the node's clock (ns), after the effects of a jump are applied."""
         return self.time.now()
 
     def _is_simulated(self) -> bool:

@@ -124,7 +124,7 @@ PIECE = 1 << 17
 class Checker:
     """Finds the colliding pairs of a store: all of them, or those of changed objects.
 
-    limit: of the pairs kept, None for all; the search stops beyond it.
+    limit: maximum number of pairs kept, None for all; the search stops beyond it.
     """
 
     def __init__(self, store: ObjectStore, cache: ShapeCache, allowed: PairRules) -> None:

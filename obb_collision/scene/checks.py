@@ -190,7 +190,7 @@ def colliding_with(
     store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, pose: Floats, padding: float,
     level: Accuracy, exact: bool,
 ) -> Rows:  # fmt: skip
-    """Return the slots of the objects that a body would collide with, ascending."""
+    """Return the slots, ascending, of objects that a body at a pose (7,) would collide with."""
     there, slot = store.with_body(local_boxes(shape), pose, padding, kind_of(shape), level)
     own = cache.at_once()
     own.put(own.shape_for(slot, shape))
@@ -206,7 +206,7 @@ def colliding_with(
 
 
 def _colliding(store: ObjectStore, cache: ShapeCache, candidates: Pairs, exact: bool) -> Pairs:
-    """Return the pairs, of (m, 2) of slots, that collide."""
+    """Return the candidates, pairs (m, 2) of slots, that collide."""
     if is_plain(store):
         return colliding_pairs(store.all_boxes(), candidates, exact)[0]
     return decide_pairs(store, cache, candidates, exact)[0].pairs
@@ -218,7 +218,7 @@ def cast_at_objects(
 ) -> RayHits:  # fmt: skip
     """Return the first objects on rays; ``boxes`` of the result are slots.
 
-    level: of all objects, None for their own.
+    level: accuracy level for all objects, None for each object's own.
     """
     rays = as_rays(origins, directions, max_distance)
     levels = np.full(len(slots), Accuracy.OBB, np.int8)

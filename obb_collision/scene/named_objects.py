@@ -113,6 +113,7 @@ class NamedObjects(Changing):
         sizes : (n, 3) array_like
             Edge lengths, metres.
         poses : (n, 7) array_like
+            x y z (metres) qx qy qz qw.
         accuracies : sequence, optional
             n levels, None for the scene's.
         shapes : sequence, optional
@@ -189,7 +190,7 @@ class NamedObjects(Changing):
         Parameters
         ----------
         indices : (n,) array_like of int
-            Of objects.
+            Indices of objects.
         poses : (n, 7) array_like
             x y z (metres) qx qy qz qw.
 
@@ -204,7 +205,7 @@ class NamedObjects(Changing):
         self._objects.store.move_indices(indices, poses)
 
     def set_twist(self, name: str, twist: ArrayLike) -> None:
-        """Set the twist of an object, for the effect ``sweep``; it is valid until the next.
+        """Set the twist of an object, for the effect ``sweep``; it is valid until the next twist.
 
         Parameters
         ----------
@@ -243,7 +244,7 @@ class NamedObjects(Changing):
         self._objects.set_enabled([slot], as_flag(enabled, "enabled"))
 
     def set_padding(self, name: str, padding: float | None) -> None:
-        """Set the padding of an object; None for that of its override or of the scene.
+        """Set the padding of an object; None: the padding of its override, else of the scene.
 
         Parameters
         ----------
@@ -262,7 +263,7 @@ class NamedObjects(Changing):
         self._objects.set_padding(self._objects.store.slot(name), padding)
 
     def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Set the level of an object; None for that of the scene.
+        """Set the accuracy level of an object; None: the level of the scene.
 
         Parameters
         ----------
@@ -288,7 +289,7 @@ class NamedObjects(Changing):
 
     @property
     def accuracy(self) -> Accuracy:
-        """The level of objects without a level of their own; may be set, also by name."""
+        """The accuracy level of objects without their own; may be set, also as text."""
         return self._objects.accuracy
 
     @accuracy.setter

@@ -165,7 +165,7 @@ class SceneObjects:
         store.write(rows, extents(store.local_half_extents[rows], own, growths[other]))
 
     def speeds_of(self, indices: NDArray[np.int64], twists: Floats) -> Floats:
-        """Return the maximum speed (n,) of any point of objects; nothing is checked.
+        """Return the maximum speed (n,), m/s, of any point of each object; nothing is checked.
 
         By twists (n, 6) or their own, whichever is faster. A point within r of the object's origin
         moves at v + w r at most.
@@ -295,7 +295,7 @@ class SceneObjects:
         self._pad_again(self._padding, Overrides(new))
 
     def set_padding(self, slot: int, padding: float | None) -> None:
-        """Set the padding of an object; None for that of its override or of the scene."""
+        """Set the padding of an object; None: the padding of its override, else of the scene."""
         names = [str(self.store.names[slot])]
         wanted = self._paddings_of(names) if padding is None else as_padding(padding)
         self.store.pad(np.array([slot]), np.full(1, wanted, np.float64), padding is not None)
@@ -315,7 +315,7 @@ class SceneObjects:
 
     @property
     def accuracy(self) -> Accuracy:
-        """The level of objects without a level of their own; may be set, also by name."""
+        """The accuracy level of objects without their own; may be set, also as text."""
         return self._accuracy
 
     @accuracy.setter
@@ -326,7 +326,7 @@ class SceneObjects:
         self._accuracy = level
 
     def set_accuracy(self, slot: int, accuracy: Accuracy | str | None) -> None:
-        """Set the level of an object; None for that of the scene."""
+        """Set the accuracy level of an object; None: the level of the scene."""
         store, level = self.store, self._accuracy if accuracy is None else as_accuracy(accuracy)
         if store.accuracies[slot] != level:
             store.write(np.array([slot]), {"accuracies": level})
@@ -336,7 +336,7 @@ class SceneObjects:
 def paddings_of(
     names: Sequence[str], padding: float, overrides: Overrides[float]
 ) -> float | Floats:
-    """Return the paddings (n,) of objects, or one number for all."""
+    """Return the paddings (n,) of objects, metres, or one number for all."""
     if not overrides:
         return padding
     values = [overrides.value(name) for name in names]
@@ -371,6 +371,6 @@ def local_box(shape: Shape | OBB) -> LocalBox:
 
 
 def local_boxes(shape: Shape | OBB) -> LocalBoxes:
-    """Return the local box as arrays of length 1."""
+    """Return the local box of a shape as arrays of length 1."""
     center, rotation, half_extents = local_box(shape)
     return np.array(center)[None], np.array(rotation)[None], np.array(half_extents)[None]

@@ -152,7 +152,7 @@ class Report(SetOnce):
         Parameters
         ----------
         effect : str
-            Its name.
+            Name of the effect.
 
         Examples
         --------
@@ -178,13 +178,13 @@ class Report(SetOnce):
     def accuracies_of(self, effect: str) -> Levels:
         """Return the ``Accuracy`` (k,) int8 of each row of the result of an effect.
 
-        The rows of "sweep" are those of ``passed``, then those of ``predicted``. Boxes are
+        The rows of "sweep" are the rows of ``passed``, then of ``predicted``. Boxes are
         ``Accuracy.OBB``. A time budget lowers these like ``accuracies``.
 
         Parameters
         ----------
         effect : str
-            Its name.
+            Name of the effect.
 
         Examples
         --------
@@ -235,7 +235,7 @@ class Report(SetOnce):
 
     @property
     def separations(self) -> Floats:
-        """(m,) metres, signed: negative where they overlap.
+        """(m,) signed distances of the pairs, metres: negative where objects overlap.
 
         These, normals, positions and depths are those of the boxes up to OBB, of convex shapes
         above; on levels below OBB, and of curved shapes, separations may be positive.
@@ -244,7 +244,7 @@ class Report(SetOnce):
 
     @property
     def normals(self) -> Floats:
-        """(m, 3) unit vectors from i to j, along which they overlap least."""
+        """(m, 3) unit vectors from i to j, along which the objects overlap least."""
         return self._column("normals")
 
     @property

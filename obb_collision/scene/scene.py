@@ -77,7 +77,7 @@ class Scene(NamedObjects):
     max_pairs : int, optional
         Pairs that a report has at most, None for no limit; see the property.
     region : Region, optional
-        Whose pairs are found; see the property.
+        Region whose pairs are found; see the property.
 
     Examples
     --------
@@ -287,7 +287,7 @@ class Scene(NamedObjects):
         objects: Iterable[str] | str | None = None,
         **options: float | str,
     ) -> None:
-        """Set an effect; None keeps a setting.
+        """Set the mode, objects and options of an effect; None keeps the present value.
 
         Parameters
         ----------
@@ -295,9 +295,9 @@ class Scene(NamedObjects):
         mode : str, optional
             "off", "on" (at every check), or "auto" (on request, or when its result is read).
         objects : str or iterable of str, optional
-            Names or patterns; it is computed for pairs with at least one such object.
+            Names or patterns; the effect is computed for pairs with at least one such object.
         **options : float or str
-            Those of the effect.
+            Options of the effect, such as ``max_distance``.
 
         Examples
         --------
@@ -327,7 +327,7 @@ class Scene(NamedObjects):
         self._checks.obstacle_points = points
 
     def check(self, effects: Iterable[str] | str = ()) -> Report:
-        """Return all colliding pairs, with the effects asked for by name, or the one.
+        """Return all colliding pairs, with the effects that are asked for by name.
 
         Only changes since the last check are computed anew.
 
@@ -390,9 +390,9 @@ class Scene(NamedObjects):
         pose : (7,) array_like, optional
             x y z (metres) qx qy qz qw; the identity by default.
         padding : float
-            Metres by which its box is grown.
+            Metres by which the body is grown on every side.
         accuracy : Accuracy or str, optional
-            Its level, by default that of the scene.
+            Accuracy level of the body, by default the scene's.
         ignore : str or iterable of str
             Names or patterns of objects that do not count.
 
@@ -436,7 +436,7 @@ class Scene(NamedObjects):
         max_distance : float or (m,) array_like
             Metres, infinity allowed.
         accuracy : Accuracy or str, optional
-            Of all objects, by default that of each: below "hull" its box, else its hull or its
+            Level for all objects, by default each object's: below "hull" its box, else its hull or
             triangles. Round shapes are exact, and so is padding; padded meshes are their hulls.
         objects : str or iterable of str
             Names or patterns of the objects that rays can hit.

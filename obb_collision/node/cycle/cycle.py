@@ -154,7 +154,7 @@ class CycleMonitor:
             self.delay, self.age = delay, age
 
     def add(self, stages: dict[str, float], period: float) -> None:
-        """Count a cycle by its stages (s)."""
+        """Count a cycle by the durations (s) of its stages and its period (s)."""
         duration = sum(stages.values())
         for name, seconds in ({"cycle": duration} | stages).items():
             self.stages.setdefault(name, []).append(seconds)
@@ -214,10 +214,7 @@ class CycleRunner:
         return "inactive" if not self.active else "" if self.enabled else "disabled"
 
     def pairs_left(self) -> tuple[int, bool]:
-        """Return how many pairs collided at the last check whose objects still exist.
-
-        And whether there were more.
-        """
+        """Return how many pairs of present objects collided at the last check, and if more did."""
         pairs, were, more = self._last
         if len(pairs) == 0:
             return 0, False
@@ -304,7 +301,7 @@ SHORTEST_TIMER = 1e-4
 class Schedule:
     """Runs cycles according to the parameters ``trigger``, ``rate`` and ``min_period``.
 
-    make_timer: makes one of a period (s) by steady time, for a simulation clock may stand still.
+    make_timer: makes a timer of a period (s) by steady time: a simulation clock may stand still.
     """
 
     def __init__(
@@ -329,7 +326,7 @@ class Schedule:
             self._timer.reset()
 
     def arrived(self) -> None:
-        """With trigger arrival: compute at once, or once the burst is over."""
+        """With the trigger "arrival" run a cycle at once, or once a burst of messages is over."""
         if not self._on_arrival:
             return
         rest = self._min_period - (perf_counter() - self.last)

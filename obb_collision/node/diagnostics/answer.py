@@ -159,7 +159,7 @@ class Answer:
 
     @property
     def level(self) -> bytes:
-        """COLLIDING if a pair is known to, else UNKNOWN with a reason, and FREE without any."""
+        """COLLIDING if a pair is known to collide, else UNKNOWN with a reason, FREE without any."""
         if self.pairs:
             return bytes(COLLIDING)
         return bytes(UNKNOWN if self.reasons else FREE)

@@ -113,7 +113,7 @@ class InputMonitor:
     def refuse_rows(
         self, rows: Mask, reason: str, name: Callable[[int], str] | None = None, detail: str = ""
     ) -> None:
-        """Count those of n items that are refused, if any, and name the first one."""
+        """Count the refused items, True in rows (n,), and name the first one."""
         if rows.any():
             item = "" if name is None else name(int(np.argmax(rows)))
             self.refuse(reason, item, detail, int(np.count_nonzero(rows)))
@@ -159,7 +159,7 @@ class InputMonitor:
             self.warn(f"{self.topic}: {what}: {count}" + (f"; last: {last}" if last else ""))
 
     def since_last_report(self) -> tuple[int, int, int]:
-        """Messages, refused and doubtful items since this was last called."""
+        """Return the numbers of messages, refused and doubtful items since the last call."""
         counts = self.messages, self.refused.total(), self.doubted.total()
         before, self._seen = self._seen, counts
         messages, refused, doubted = (new - old for new, old in zip(counts, before, strict=True))

@@ -94,14 +94,14 @@ class Names(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """Why an item can't be used; of_shape: it is for its shape, and not for its pose."""
+    """Why an item can't be used; of_shape: whether its shape is at fault, not its pose."""
 
     error: RefusedError
     of_shape: bool
 
 
 class Faults:
-    """Faults of n markers or boxes: of each the first one that is noted."""
+    """The faults of n markers or boxes: the first fault noted of each item."""
 
     kinds: Kinds
     """Of their poses, once those are noted."""
@@ -112,7 +112,7 @@ class Faults:
 
     @property
     def good(self) -> Mask:
-        """(n,) those without a fault."""
+        """(n,) which items have no fault."""
         good: Mask = self._number == GOOD
         return good
 
@@ -123,7 +123,7 @@ class Faults:
 
     @property
     def are_of_shape(self) -> Mask:
-        """(n,) those whose fault is one of the shape."""
+        """(n,) which items have a fault of the shape."""
         numbers = [number for number, fault in enumerate(self._found) if fault.of_shape]
         return np.isin(self._number, numbers)
 
@@ -132,7 +132,7 @@ class Faults:
         return self._found[self._number[row]]
 
     def note(self, bad: Mask, error: RefusedError, of_shape: bool = False) -> None:
-        """Add a fault to those that have none so far."""
+        """Add a fault to the bad items (n,) that have none so far."""
         bad = bad & self.good
         if bad.any():
             self._number[bad] = len(self._found)
@@ -145,7 +145,7 @@ class Faults:
         self.note(among & (kinds == ZERO), RefusedError("zero quaternion"))
 
     def note_sizes(self, sizes: Floats, reason: str, among: Mask | bool = True) -> None:
-        """Add the faults of edge lengths (n, 3)."""
+        """Add the faults of edge lengths (n, 3), metres."""
         legal = (sizes >= SMALLEST_MEANT) & (sizes <= LARGEST_COORDINATE)
         bad = among & ~(legal[:, 0] & legal[:, 1] & legal[:, 2])
         if bad.any():
@@ -191,7 +191,7 @@ class Batch:
         return len(self.row)
 
     def key(self, row: int) -> Key:
-        """Key of a marker; a namespace that can't be used is shortened."""
+        """Return the key of a marker; a namespace that can't be used is shortened."""
         return self.ns.texts[self.ns.of[row]], int(self.id[row])
 
 
@@ -278,7 +278,7 @@ def _bad_frames(frames: Names, index_frame: Callable[[str], int]) -> dict[int, R
 
 
 def find_faults(markers: Batch, index_frame: Callable[[str], int]) -> Faults:
-    """Return the faults of markers that are found by arrays.
+    """Return the faults of markers that array operations can find.
 
     index_frame: returns the index of a frame, or raises RefusedError.
     """
@@ -417,7 +417,7 @@ def _ended(markers: Batch, good: Mask, now: int) -> Mask:
 
 
 def compile_kernels() -> None:
-    """Use the kernels of the node once: write markers, and take them in."""
+    """Compile the node's kernels by using each once: write markers, and apply them."""
     boxes = Boxes(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.ones((2, 3)))
     keys = [("", 1), ("", 2)]
     data = Markers("").write(keys, boxes, np.full(2, FREE), 0, 0.0, None)

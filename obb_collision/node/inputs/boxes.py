@@ -74,7 +74,7 @@ OWNED = RefusedError(
 
 
 class BoxRows(NamedTuple):
-    """Boxes as received: keys (n,), poses (n, 7) and sizes (n, 3)."""
+    """Boxes as received: keys (n,), poses (n, 7) and sizes (n, 3), metres."""
 
     namespaces: Integers | None
     ids: Integers
@@ -97,7 +97,7 @@ class BoxRows(NamedTuple):
 
 
 def read_boxes(data: bytes, most: int) -> QueuedCloud:
-    """Return the ``BoxRows`` of a serialised message of ``object_boxes``; RefusedError."""
+    """Return the ``BoxRows`` of a serialised message of ``object_boxes``; RefusedError if bad."""
     message = cloud_from_bytes(data)
     frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
     return QueuedCloud(BoxRows(*boxes_from_ros(message, most)), frame, stamp, len(message.data))
@@ -168,7 +168,7 @@ class BoxInput:
 
     @property
     def senders(self) -> tuple[int, ...]:
-        """Those whose sets came, the last one at the end."""
+        """Senders whose sets have come, the latest at the end."""
         return tuple(self._orders)
 
     def forget(self, senders: Iterable[int]) -> None:
@@ -240,7 +240,7 @@ class BoxInput:
     def _update(
         self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats, faults: Faults, state: State
     ) -> None:
-        """Bring the objects in line with a set of keys (n,), poses (n, 7) and sizes (n, 3).
+        """Bring the objects in line with a set of keys (n,), poses (n, 7) and sizes (n, 3), metres.
 
         Further faults are added to ``faults``.
         """

@@ -45,7 +45,7 @@ MAX_CLOUD_BYTES = 1 << 26
 class QueuedCloud(NamedTuple):
     """A queued cloud: content, frame, stamp (ns), size in bytes, time of receipt (ns) and sender.
 
-    carried: when the transform was true by which it is placed (ns), if that is the latest; else 0.
+    carried: time (ns) of the transform that places it, if that is the latest transform; else 0.
     """
 
     content: Any
@@ -181,7 +181,7 @@ class Obstacles:
             self._monitor.ignored = result.ignored
 
     def forget(self) -> None:
-        """Take all points away."""
+        """Remove all points from the scene."""
         self._objects.scene.obstacle_points = None
         self.waiting.clouds.clear()
         self.stamp = 0

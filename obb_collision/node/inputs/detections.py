@@ -71,7 +71,7 @@ class Detections(NamedTuple):
 
 
 def detections_from_bytes(data: bytes, most: int) -> Detections:
-    """Return a serialised Detection3DArray.
+    """Return the detections in a serialised Detection3DArray.
 
     RefusedError ("malformed message", "too many points" for more than ``most``).
     """
@@ -100,7 +100,7 @@ def read_detections(data: bytes, most: int) -> QueuedCloud:
 
 
 def numbers_of(texts: list[str]) -> Rows:
-    """Return different ids of objects (n,) for ids of detections.
+    """Return distinct numbers (n,), the ids of objects, for the ids of detections.
 
     Whole numbers are taken as they are, other texts by their CRC-32; what has no id, or that of one
     before it, gets one that is free, from 0 on.

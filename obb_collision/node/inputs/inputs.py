@@ -57,7 +57,7 @@ LENGTHS_DIFFER = "array lengths differ"
 
 
 class Inputs:
-    """Stores the messages of the topics about objects; the latest state of one wins."""
+    """Stores the messages of the topics about objects; the latest state of an object wins."""
 
     def __init__(
         self,

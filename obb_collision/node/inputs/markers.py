@@ -72,7 +72,7 @@ NO_NUMBER = -(1 << 40)
 
 
 class Waiting(NamedTuple):
-    """A message as bytes, when it came (ns), by whom, and how many had come by then."""
+    """A waiting message: bytes, time of receipt (ns), sender, and how many had come by then."""
 
     data: bytes
     received: int

@@ -102,7 +102,7 @@ class SceneFile:
         ]
 
     def add_to(self, objects: Objects, now: int) -> list[str]:
-        """Add the objects, at rest at the start; returns why some could not be, in a line each."""
+        """Add the objects, at rest at the start; returns a line for each that cannot be added."""
         refused = []
         for key, thing in zip(self.keys, self._scene.objects, strict=True):
             try:

@@ -81,7 +81,7 @@ class Senders:
         return sender, lost
 
     def gone(self, senders: Iterable[int]) -> set[int]:
-        """Return the senders, of some, that certainly publish no more."""
+        """Return the senders, among some, that certainly publish no more."""
         asked = {sender for sender in senders if sender > ALONE}
         if not asked or not self._publishers():
             return asked

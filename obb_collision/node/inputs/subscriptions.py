@@ -129,7 +129,7 @@ class Subscriptions:
         """By topic, as the node names it."""
 
     def keep(self, topic: str, wanted: bool) -> None:
-        """Subscribe to a topic, or no longer."""
+        """Subscribe to a topic if it is wanted, else unsubscribe."""
         if wanted and topic not in self.open:
             self.open[topic] = self._subscribe(topic)
         elif not wanted and topic in self.open:

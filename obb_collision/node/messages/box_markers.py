@@ -109,7 +109,7 @@ EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i &
 
 
 def edge_points(boxes: Boxes) -> Floats:
-    """(24 n, 3) ends of the 12 edges of each of n boxes."""
+    """Return the ends (24 n, 3), metres, of the 12 edges of each of n boxes."""
     local = SIGNS * boxes.half_extents[:, None]
     corners = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, local)
     return corners[:, EDGES].reshape(-1, 3)

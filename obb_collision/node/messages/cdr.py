@@ -190,7 +190,7 @@ class CloudMessage(NamedTuple):
 
 
 def pose_from_bytes(data: bytes) -> NamedPose:
-    """Return a serialised TransformStamped; RefusedError ("malformed message")."""
+    """Return the pose in a serialised TransformStamped; RefusedError ("malformed message")."""
     reader = Reader(data, TransformStamped)
     header, name = reader.header(), reader.text()
     pose = reader.doubles(1, 7)
@@ -199,7 +199,7 @@ def pose_from_bytes(data: bytes) -> NamedPose:
 
 
 def states_from_bytes(data: bytes) -> NamedStates:
-    """Return a serialised MultiDOFJointState; RefusedError ("malformed message")."""
+    """Return the states in a serialised MultiDOFJointState; RefusedError ("malformed message")."""
     reader = Reader(data, MultiDOFJointState)
     header = reader.header()
     names = reader.texts()
@@ -210,7 +210,7 @@ def states_from_bytes(data: bytes) -> NamedStates:
 
 
 def cloud_from_bytes(data: bytes) -> CloudMessage:
-    """Return a serialised PointCloud2; RefusedError ("malformed message", "field layout")."""
+    """Return the cloud in a PointCloud2; RefusedError ("malformed message", "field layout")."""
     reader = Reader(data, PointCloud2)
     header = reader.header()
     height, width = reader.numbers(SIZE)
@@ -287,7 +287,7 @@ class Items:
         return self.fixed.view(self.layout.dtype)[:, 0]
 
     def of(self, name: str) -> npt.NDArray[np.int64]:
-        """Return where a field begins, its length, and whether it is as before (n, 3)."""
+        """Return (n, 3) where a field begins, its length, whether it repeats the item before."""
         return self.spans[:, self.layout.columns[name]]
 
     def text(self, name: str, row: int) -> bytes:
@@ -372,7 +372,7 @@ class Reader:
         return is_next
 
     def count(self, item: int = 1) -> int:
-        """Return the length of a list whose items have at least so many bytes."""
+        """Return the length of a list whose items have at least ``item`` bytes each."""
         (number,) = self.numbers(WHOLE)
         if number * item > len(self._data) - self.at:
             raise self._malformed(f"a list of {number} items")
@@ -442,13 +442,13 @@ class Reader:
 
 
 def padded(text: str) -> bytes:
-    """Return a text as it stands where it begins, and the next one does, at a multiple of 4."""
+    """Return the bytes of a text in a message, padded to a multiple of 4 for the next text."""
     data = written_text(text)
     return data + bytes(-len(data) % 4)
 
 
 def written_text(text: str) -> bytes:
-    """Return a text as it stands in a message."""
+    """Return the bytes of a text in a message."""
     data = text.encode() + b"\x00"
     return WHOLE.pack(len(data)) + data
 

@@ -62,7 +62,7 @@ DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 def cloud_from_ros(
     message: PointCloud2, names: Collection[str], most: int = NO_LIMIT
 ) -> npt.NDArray[Any]:
-    """(n,) structured view of the named fields that a cloud has, whatever its layout.
+    """Return a structured view (n,) of the named fields that a cloud has, whatever its layout.
 
     Order of fields, padding and endianness are the message's. No more is copied than the message
     holds. Raises RefusedError ("field layout") where it contradicts itself, and ("too many points")
@@ -146,7 +146,7 @@ def cloud_to_bytes(rows: npt.NDArray[Any], stamp: int, frame: str, fields: bytes
 
 
 def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
-    """Unordered cloud of a (n,) structured array; fields follow the array's dtype."""
+    """Return an unordered cloud of a structured array (n,); fields follow the array's dtype."""
     data = cloud_to_bytes(rows, 0, "", field_bytes(rows.dtype))
     message: PointCloud2 = deserialize_message(data, PointCloud2)
     if header is not None:
@@ -155,7 +155,7 @@ def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointC
 
 
 def points_from_ros(message: PointCloud2, most: int = NO_LIMIT) -> npt.NDArray[Any]:
-    """Points (n, 3) of a cloud, in its order: float32 if x y z are, float64 otherwise.
+    """Return the points (n, 3) of a cloud, in order: float32 if x y z are, else float64.
 
     Where they stand side by side in the message they are not copied. Raises RefusedError ("field
     layout") where one of them is missing or no float, ("too many points") for more than ``most``.
@@ -261,7 +261,7 @@ def poses_to_ros(
     header: Header | None = None,
     single: bool = False,
 ) -> PointCloud2:
-    """Bulk poses for ``object_poses``: (n,) ids, (n, 7) poses, (n,) namespace numbers.
+    """Return bulk poses for ``object_poses``: ids (n,), poses (n, 7), namespace numbers (n,).
 
     ``single`` writes float32, half the bytes and 7 decimal digits.
     """

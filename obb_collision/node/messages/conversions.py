@@ -55,7 +55,7 @@ a float field: an int there arrives as the bits of its object header, a subnorma
 
 
 def stamp_from_ros(stamp: Time | Stamp) -> int:
-    """Nanoseconds of a Time.
+    """Return the nanoseconds of a Time.
 
     Raises RefusedError ("bad stamp") for one before 1970 or with a second of nanoseconds or more,
     which no clock gives.
@@ -67,13 +67,13 @@ def stamp_from_ros(stamp: Time | Stamp) -> int:
 
 
 def stamp_to_ros(nanoseconds: int) -> Time:
-    """Time message of whole nanoseconds."""
+    """Return the Time of whole nanoseconds."""
     seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
     return Time(sec=seconds, nanosec=rest)
 
 
 def duration_to_ros(seconds: float) -> Duration:
-    """Duration message of seconds."""
+    """Return the Duration of seconds."""
     whole, rest = divmod(round(seconds * NANOSECONDS), NANOSECONDS)
     return Duration(sec=whole, nanosec=rest)
 
@@ -84,19 +84,19 @@ def name_from_key(key: Key) -> str:
 
 
 def pose_to_ros(pose: Sequence[float] | Floats) -> Pose:
-    """Pose of a (7,) array."""
+    """Return the Pose of an array (7,)."""
     position, orientation = _position_and_quaternion(pose)
     return Pose(position=Point(**position), orientation=orientation)
 
 
 def transform_from_ros(transform: Transform) -> Floats:
-    """(7,) array of a Transform."""
+    """Return the pose (7,) of a Transform."""
     p, q = transform.translation, transform.rotation
     return np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
 
 
 def transform_to_ros(pose: Sequence[float] | Floats) -> Transform:
-    """Transform of a (7,) array."""
+    """Return the Transform of a pose (7,)."""
     position, rotation = _position_and_quaternion(pose)
     return Transform(translation=Vector3(**position), rotation=rotation)
 
@@ -109,7 +109,7 @@ def _position_and_quaternion(
 
 
 def twist_to_ros(twist: Sequence[float] | Floats) -> Twist:
-    """Twist of a (6,) array."""
+    """Return the Twist of an array (6,): linear (m/s), angular (rad/s)."""
     x, y, z, wx, wy, wz = (float(value) for value in twist)
     return Twist(linear=Vector3(x=x, y=y, z=z), angular=Vector3(x=wx, y=wy, z=wz))
 
@@ -117,7 +117,7 @@ def twist_to_ros(twist: Sequence[float] | Floats) -> Twist:
 def states_to_ros(
     names: Sequence[str], poses: Floats, header: Any = None, twists: Floats | None = None
 ) -> MultiDOFJointState:
-    """MultiDOFJointState of names, (n, 7) poses and (n, 6) twists."""
+    """Return the MultiDOFJointState of names, poses (n, 7) and twists (n, 6)."""
     message = MultiDOFJointState(joint_names=list(names))
     message.transforms = [transform_to_ros(pose) for pose in poses]
     if twists is not None:
@@ -140,7 +140,7 @@ def namespaces_to_ros(namespaces: Mapping[int, str] | Iterable[str]) -> Diagnost
 def namespace_table(
     namespaces: DiagnosticStatus | Mapping[int, str] | Iterable[str],
 ) -> Mapping[int, str]:
-    """Names by number, of a message of ``namespaces``, of the same, or of names.
+    """Return namespaces by number, from a message of ``namespaces``, a mapping, or names.
 
     Tables of several nodes can be merged: ``{**namespace_table(a), **namespace_table(b)}``.
     """
@@ -152,12 +152,12 @@ def namespace_table(
 
 
 def are_unusable(kinds: Kinds) -> Mask:
-    """Whether poses of these kinds (n,) cannot be used."""
+    """Return whether poses of these kinds (n,) cannot be used."""
     return (kinds == UNUSABLE) | (kinds == ZERO)
 
 
 def unusable_poses(poses: Floats) -> Mask:
-    """Which of (n, 7) poses cannot be used (n,)."""
+    """Return which poses (n, 7) cannot be used (n,)."""
     return are_unusable(pose_kinds(poses))
 
 

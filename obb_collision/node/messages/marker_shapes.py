@@ -99,7 +99,7 @@ class MarkerShape:
 
 @dataclass(frozen=True, eq=False)
 class ShapePlan:
-    """How to get a shape: it is here, or there is a job that builds it. One of them is None."""
+    """How to get a shape: the shape itself, or a job that builds it; the other is None."""
 
     signature: Signature
     shape: shapes.Shape | None = None
@@ -260,7 +260,7 @@ def marker_shape_from_ros(marker: Marker) -> MarkerShape:
 
 
 def shape_from_ros(marker: Marker) -> shapes.Shape:
-    """Shape of a marker in its own frame, its local box fitted; built here and now.
+    """Return the shape of a marker in its own frame, its local box fitted; built here and now.
 
     Raises RefusedError with a reason where the shape can't be built.
     """
@@ -276,7 +276,7 @@ def shape_from_ros(marker: Marker) -> shapes.Shape:
 
 
 def shape_to_ros(shape: shapes.Shape) -> Marker:
-    """ADD marker of a Box, Sphere, Cylinder, Ellipsoid or Mesh; TypeError for the others.
+    """Return the ADD marker of a Box, Sphere, Cylinder, Ellipsoid or Mesh; TypeError for others.
 
     Frame, namespace, id, pose and colour are the caller's.
     """

@@ -104,7 +104,7 @@ class NamespaceTable:
     def find(self, name: str) -> int | None:
         """Return the number of a namespace in the table, None if it is not there.
 
-        One with a stand-in for its name is found by both.
+        A namespace with a stand-in name is found by both names.
         """
         listed = self._numbers.get(name)
         if listed is not None:
@@ -229,11 +229,11 @@ class FrameTable:
         return self._indices.get(frame) == 0
 
     def name(self, index: int) -> str:
-        """Name of a frame."""
+        """Return the name of a frame."""
         return self._names[index]
 
     def index(self, frame: str) -> int:
-        """Index of a frame; an empty name means the fixed frame.
+        """Return the index of a frame; an empty name means the fixed frame.
 
         Raises RefusedError ("bad name", "too many frames").
         """

@@ -58,9 +58,9 @@ class FrameSource(Protocol):
     """For the log: what frames are accepted."""
 
     def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
-        """Pose (7,) of ``frame`` in the fixed frame at ``stamp`` (ns; 0 is the latest known).
+        """Return the pose (7,) of ``frame`` in the fixed frame at ``stamp`` (ns; 0: the latest).
 
-        And the stamp of the transform that was used: of a chain the oldest, 0 of static ones.
+        Also returns the stamp of the transform used: of a chain the oldest, 0 of static ones.
         Raises RefusedError where it isn't known (yet): "unknown frame", "no transform" between the
         two, "extrapolation" where the stamp is later or earlier than what is known.
         """
@@ -102,7 +102,7 @@ class TfFrames:
         self._listener: Any = tf2_ros.TransformListener(self.buffer, node, spin_thread=False)
 
     def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
-        """Pose of ``frame`` from the tf2 buffer, without waiting.
+        """Return the pose (7,) of ``frame`` from the tf2 buffer, without waiting.
 
         At time 0 tf2 stamps what it finds by the latest time that all transforms of the chain have,
         static ones aside, and 0 where all are static.
@@ -120,10 +120,10 @@ def make_frames(node: Node, fixed_frame: str) -> FrameSource:
 
 
 class LatestTransforms:
-    """When the latest transforms of frames were true: they stay when their sender has died.
+    """Times (ns) of the latest transforms of frames, which stay when their sender has died.
 
-    That is the older of their stamp and of when they were first seen. by_stamp: False where stamps
-    are of other clocks.
+    A time is the older of a transform's stamp and of when it was first seen. by_stamp: False
+    where stamps are of other clocks.
     """
 
     def __init__(self) -> None:
@@ -163,7 +163,7 @@ class Transforms:
         """By frame: why the latest look-up of those that failed did."""
 
     def get(self, frame: int, stamp: int) -> tuple[Floats, int] | None:
-        """Pose (7,) of a frame at a stamp (ns, 0 for the latest), and the stamp of the transform.
+        """Return the pose (7,) of a frame at a stamp (ns, 0: latest), and the transform's stamp.
 
         None where there is none.
         """

@@ -170,9 +170,9 @@ class Objects:
             self.scene.set_accuracy(name, overrides.value(name))
 
     def newest_stamp(self, now: int) -> int:
-        """Stamp (ns) of the newest state evaluated; time of receipt where no stamp is credible.
+        """Return the stamp (ns) of the newest state evaluated.
 
-        ``now``, where there is no object.
+        The time of receipt where no stamp is credible; ``now`` where there is no object.
         """
         table, rows = self.table, self.table.visible
         if not rows.any():
@@ -180,7 +180,7 @@ class Objects:
         return self.believed_stamp(now) or int(table.world_received[rows].max())
 
     def believed_stamp(self, now: int) -> int:
-        """Stamp (ns) of the newest state evaluated, 0 where no stamp is credible."""
+        """Return the stamp (ns) of the newest state evaluated, 0 where no stamp is credible."""
         stamps = self.table.world_stamp[self.table.visible]
         believed = stamps <= now + self.states.stamp_tolerance
         return int(stamps.max(initial=0, where=believed))

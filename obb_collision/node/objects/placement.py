@@ -134,7 +134,7 @@ class WaitingStates:
         self._parts, self._count = [states], len(states)
 
     def add(self, states: States) -> None:
-        """Keep more.
+        """Queue more states.
 
         Where they are too many, every other one of each object goes: the time they reach back,
         which decides whether there is a transform, stays.
@@ -186,7 +186,7 @@ class Placement:
         """Maximum time that a pose waits for its frame (s)."""
 
     def frame_index(self, frame: str) -> int:
-        """Index of a frame; an empty one means the fixed frame.
+        """Return the index of a frame; an empty name means the fixed frame.
 
         Raises RefusedError ("bad name", "too many frames", "unknown frame").
         """

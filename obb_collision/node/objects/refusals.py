@@ -32,7 +32,7 @@ OTHERS = "others", 1 << 32
 
 
 class Unplaceable(dict[Key, str]):
-    """The reasons by key; names that are too long are shortened.
+    """Reasons why objects were refused, by key; names that are too long are shortened.
 
     A refusal stays until the same input has more about the object, whatever other inputs send.
     """
@@ -114,7 +114,7 @@ MAX_DELETED = 10_000
 
 
 class UnknownObjects:
-    """The names, each with when its last state came (ns)."""
+    """Names without an object, each with the time (ns) of its last state."""
 
     def __init__(self, table: ObjectTable) -> None:
         self._table = table

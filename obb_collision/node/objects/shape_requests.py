@@ -153,7 +153,7 @@ class ShapeRequests:
             raise RefusedError(error.reason, error.detail) from error
 
     def poll(self) -> Iterator[BuiltShape]:
-        """Yield what objects get since the last time."""
+        """Yield the shapes and errors that came for objects since the last call."""
         for outcome in self._builder.poll():
             signature: Any = outcome.signature
             keys: tuple[Any, ...] | None = tuple(outcome.keys)

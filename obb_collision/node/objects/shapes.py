@@ -89,7 +89,7 @@ class ObjectShapes:
         self.requests = ShapeRequests(self.builder)
 
     def put_planned(self, key: Key, plan: ShapePlan, expiry: int = NO_TIME) -> int:
-        """Add an object by the plan of its shape, or give it that; returns its slot.
+        """Add an object, or change its shape, by the plan of the shape; returns its slot.
 
         A shape that takes time is built elsewhere. Till it is there a new object takes part in
         nothing and is unplaceable, one with a shape retains it and is doubtful. ``expiry`` as in
@@ -188,7 +188,7 @@ class ObjectShapes:
         admit: Callable[[int], int],
         refuse: Callable[[Mask, RefusedError], None],
     ) -> Iterator[Mask]:
-        """Make room for new ones of many objects (n,), and yield which have it.
+        """Make room for the new objects among (n,), and yield which objects have room.
 
         groups (n,): namespaces; admit: takes one and returns its number, or raises RefusedError;
         refuse: takes those (n,) that are refused for a reason.

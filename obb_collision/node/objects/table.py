@@ -176,7 +176,7 @@ class ObjectTable:
         self._sorted = self._index = None
 
     def signature(self, key: Key) -> Signature | None:
-        """Signature of the shape that an object has, None for an unknown object."""
+        """Return the signature of an object's shape, None for an unknown object."""
         slot = self.slots.get(key, -1)
         if slot >= 0 and self.kind[slot]:
             return (int(self.kind[slot]), *self.size[slot].tolist())
@@ -213,7 +213,7 @@ class ObjectTable:
         return self._index
 
     def find_named(self, names: list[str]) -> Slots:
-        """Slots (n,) of objects by name, ``ns/id``, -1 where there is no such object.
+        """Return the slots (n,) of objects by name, ``ns/id``, -1 where there is no such object.
 
         A slash in front may be missing: ``5`` means ``/5``, the object of an empty namespace, where
         there is no object of just that name.
@@ -238,12 +238,12 @@ class ObjectTable:
         return np.array([slot_of[name] for name in names], np.int64)
 
     def has(self, facts: int, slots: Slots | slice | int = EVERY) -> Mask:
-        """Return of which objects, (n,) or all (rows,), at least one of the facts holds."""
+        """Return for which objects, (n,) or all (rows,), at least one of the facts holds."""
         return (self.condition[slots] & facts) != 0
 
     @property
     def facts(self) -> int:
-        """Those that hold for any object."""
+        """The facts that hold for at least one object."""
         return int(np.bitwise_or.reduce(self.condition))
 
     def mark(self, slots: Slots | slice | int, event: Event) -> None:
@@ -280,17 +280,17 @@ class ObjectTable:
         return self.has(DOUBTS)
 
     def keys(self, slots: Slots) -> list[Key]:
-        """Keys of the objects at slots (n,)."""
+        """Return the keys of the objects at slots (n,)."""
         names = self.namespaces.names
         pairs = zip(self.ns[slots].tolist(), self.id[slots].tolist(), strict=True)
         return [(names[number], ident) for number, ident in pairs]
 
     def key(self, slot: int) -> Key:
-        """Key of the object at a slot."""
+        """Return the key of the object at a slot."""
         return self.namespaces.names[int(self.ns[slot])], int(self.id[slot])
 
     def name(self, slot: int) -> str:
-        """Name of the object at a slot."""
+        """Return the name of the object at a slot."""
         return name_from_key(self.key(slot))
 
     @property
@@ -307,7 +307,7 @@ class ObjectTable:
         self._ranks = None
 
     def order_keys(self, slots: Slots) -> Slots:
-        """One int64 per slot that sorts as (ns, id)."""
+        """Return one int64 per slot that sorts as (ns, id) does."""
         return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET
 
     def _sort(self) -> tuple[Slots, Slots]:
@@ -321,7 +321,7 @@ class ObjectTable:
         return self._sorted
 
     def find(self, namespaces: Slots | None, ids: Slots) -> Slots:
-        """Slots (n,) of objects by namespace number and id, -1 where there is no such object.
+        """Return the slots (n,) of objects by namespace number and id, -1 for no such object.
 
         Numbers are int32; the same bits as uint32 will do. Without them all objects must share
         one namespace: RefusedError otherwise.
@@ -351,7 +351,7 @@ class ObjectTable:
         return result
 
     def has_namespaces(self, namespaces: Slots) -> Mask:
-        """Whether numbers (n,) are those of namespaces in the table."""
+        """Return which numbers (n,) belong to namespaces in the table."""
         admitted = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
         return are_numbers(namespaces) & np.isin(signed(namespaces), admitted)
 
@@ -385,7 +385,7 @@ def pack(namespace: int, number: int) -> int:
 
 
 def _counts(numbers: Slots) -> list[tuple[int, int]]:
-    """Return the different ones of (n,) numbers, at least one, and how often each is there."""
+    """Return the distinct values of numbers (n,), n > 0, and how often each occurs."""
     if (numbers == numbers[0]).all():  # most senders have one namespace
         return [(int(numbers[0]), len(numbers))]
     different, counts = np.unique(numbers, return_counts=True)
@@ -398,5 +398,5 @@ def are_numbers(namespaces: Slots) -> Mask:
 
 
 def signed(namespaces: Slots) -> Slots:
-    """Return numbers as int32 of such as are, or the same bits as uint32; anything for others."""
+    """Return namespace numbers, int32 or their bits as uint32, as int32; others: any number."""
     return namespaces.astype(np.uint32).astype(np.int32).astype(np.int64)

@@ -50,7 +50,7 @@ TAKEN = (*POSITION_FIELDS, *NORMAL_FIELDS)
 
 
 class Events:
-    """Makes the rows of the topic. listeners: returns how many subscribers it has."""
+    """Makes the rows of the topic ``events``. listeners: returns its number of subscribers."""
 
     def __init__(self, parameters: Parameters, listeners: Callable[[], int]) -> None:
         self._parameters, self._listeners = parameters, listeners

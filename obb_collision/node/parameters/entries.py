@@ -353,12 +353,12 @@ def region_from(values: Mapping[str, Any]) -> Region | None:
 
 
 def bounds_text(region: Region | None) -> str:
-    """Return the bounds of a region as a status tells them, "everything" without any."""
+    """Return the bounds of a region as text for a status, "everything" without any."""
     return (", ".join(text_from_region(region)) if region is not None else "") or EVERYTHING
 
 
 def bounds_from_text(text: str) -> Region:
-    """Return a region with the bounds that a status tells; ValueError."""
+    """Return a region from the text of `bounds_text`; ValueError for any other text."""
     entries = [] if text == EVERYTHING else text.split(", ")
     return _region([range_from_text(entry) for entry in entries])
 

@@ -93,7 +93,7 @@ class CheckedRobot:
 
     @property
     def links(self) -> LinkObjects:
-        """Its links; RefusedError without a description."""
+        """The links of the robot; RefusedError without a description."""
         if self.input.links is None:
             raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.input.name}: {self.input.fault}")
         return self.input.links
@@ -105,7 +105,7 @@ class CheckedRobot:
 
     @property
     def joints(self) -> Joints:
-        """Its joints; RefusedError without a description."""
+        """The joints of the robot; RefusedError without a description."""
         if self.input.joints is None:
             raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.input.name}: {self.input.fault}")
         return self.input.joints

@@ -56,7 +56,7 @@ class JointMessage(NamedTuple):
 
 
 def joints_from_bytes(data: bytes) -> JointMessage:
-    """Return a serialised JointState; RefusedError ("malformed message") without its names."""
+    """Return the joints in a serialised JointState; RefusedError if their names are unreadable."""
     reader = Reader(data, JointState)
     header, names = reader.header(), reader.texts()
     try:
@@ -68,7 +68,7 @@ def joints_from_bytes(data: bytes) -> JointMessage:
 
 
 def text_from_bytes(data: bytes) -> str:
-    """Return a serialised String; RefusedError ("malformed message")."""
+    """Return the text in a serialised String; RefusedError ("malformed message")."""
     reader = Reader(data, String)
     text = reader.text()
     reader.end()
@@ -115,7 +115,7 @@ class Timestamps:
 class Joints(Timestamps):
     """The values of ``robot.joint_names``.
 
-    unclear: those of which no velocity is known, which is zero then; senders: of the values.
+    unclear: joints without a known velocity, which is zero then; senders: of the values.
     """
 
     def __init__(self, robot: Robot, monitor: InputMonitor, states: States) -> None:

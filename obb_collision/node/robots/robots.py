@@ -116,7 +116,7 @@ def robot_inputs(names: Iterable[str]) -> dict[str, Input]:
 
 
 class RobotAnswers:
-    """All that answers for one robot: by topics and, where moveit_msgs is installed, a service.
+    """Answers questions about one robot: by topics and, where moveit_msgs is installed, a service.
 
     undo: ends them.
     """

@@ -76,7 +76,7 @@ class Trajectory(NamedTuple):
 
 
 def trajectory_from_bytes(data: bytes) -> Trajectory:
-    """Return a serialised JointTrajectory.
+    """Return the trajectory in a serialised JointTrajectory.
 
     Raises RefusedError: "malformed message", "too many pieces" for more points than pieces are
     checked, and "bad point" for one that makes no sense.

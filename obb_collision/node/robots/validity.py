@@ -189,7 +189,7 @@ MAX_CONTACTS = 1000
 
 
 class StateService:
-    """Answers for one robot. contact: makes a ContactInformation."""
+    """Answers MoveIt's service for one robot. contact: makes a ContactInformation."""
 
     def __init__(
         self,
@@ -301,7 +301,7 @@ class Standstill:
         self._poses = np.zeros((0, 7))
 
     def update(self, serials: Rows, poses: Floats, moves: Mask, now: float) -> Mask:
-        """Return which do (n,), by the numbers (n,) that no two objects share, and poses (n, 7)."""
+        """Return which objects stand still (n,), by unique numbers (n,) and poses (n, 7)."""
         room = len(serials) - len(self._serials)
         if room > 0:
             self._serials = np.pad(self._serials, (0, room), constant_values=-1)
@@ -316,7 +316,7 @@ class Standstill:
 
 
 class SpeedScale:
-    """Publishes the scale of one robot, while it has subscribers."""
+    """Publishes the speed scale (0 to 1) of one robot, while the topic has subscribers."""
 
     def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
         self._checked, self._robot, self._publisher = checked, checked.input, publisher

@@ -41,7 +41,7 @@ WARN_PERIOD = 5.0
 
 
 def boot_time() -> int:
-    """Nanoseconds of a clock that never jumps, and continues while the machine is suspended."""
+    """Return the nanoseconds of a clock that never jumps, and continues during suspend."""
     try:
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
     except (AttributeError, OSError):  # Linux only
@@ -93,7 +93,7 @@ class NodeClock:
         return self._last > 0
 
     def now(self) -> int:
-        """Time of the clock (ns)."""
+        """Return the time of the clock (ns)."""
         before, now, steady = self._steady(), self._read(), self._steady()
         if steady - before > LARGEST_SLEW // 2:  # interrupted in between: the readings do not match
             return now

@@ -85,7 +85,7 @@ class Part(NamedTuple):
 
 
 def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> Part:
-    """Rate, age and refused items by reason of one input, over the last ``seconds``."""
+    """Return the rate, age and refused items by reason of an input, over the last ``seconds``."""
     messages, refused, doubted = monitor.since_last_report()
     age = "never" if monitor.last is None else f"{(now - monitor.last) / NANOSECONDS:.3f}"
     values: dict[str, object] = {

@@ -110,7 +110,7 @@ def _put(rows: StructuredRows, names: tuple[str, ...], values: Floats) -> None:
 
 
 def collision_rows(report: Report, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
-    """(m,) rows of the colliding pairs; NaN for what the effect ``separations`` did not give."""
+    """Return rows (m,) of the colliding pairs; NaN where the effect ``separations`` gave none."""
     pairs = order_pairs(report.pairs, state.table)
     rows = pair_rows(dtype, pairs, state)
     rows["verdict"], rows["accuracy"] = report.verdicts[pairs.order], report.accuracies[pairs.order]
@@ -125,7 +125,7 @@ def collision_rows(report: Report, state: CheckedState, dtype: np.dtype[Any]) ->
 
 
 def contact_rows(result: Contacts, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
-    """(k,) rows, one per contact point."""
+    """Return rows (k,), one per contact point."""
     pairs = order_pairs(result.pairs, state.table)
     counts = result.counts[pairs.order]
     pair = np.repeat(np.arange(len(counts)), counts)
@@ -141,7 +141,7 @@ def contact_rows(result: Contacts, state: CheckedState, dtype: np.dtype[Any]) ->
 
 
 def clearance_rows(result: Clearances, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
-    """(k,) rows, one per pair that is near."""
+    """Return rows (k,), one per pair that is near."""
     pairs = order_pairs(result.pairs, state.table)
     rows = pair_rows(dtype, pairs, state)
     swapped = pairs.swapped[:, None]
@@ -158,7 +158,7 @@ def clearance_rows(result: Clearances, state: CheckedState, dtype: np.dtype[Any]
 def prediction_rows(
     result: SweptPairs, state: CheckedState, dtype: np.dtype[Any]
 ) -> StructuredRows:
-    """(k,) rows: collisions passed since the state before, and those to come."""
+    """Return rows (k,): collisions passed since the state before, and those to come."""
     swept = join_rows([result.passed, result.predicted])
     passed = np.arange(len(swept)) < len(result.passed)
     pairs = order_pairs(swept.pairs, state.table)
@@ -175,12 +175,12 @@ def prediction_rows(
 
 
 def event_rows(events: StructuredRows, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
-    """(k,) rows, which events have from the beginning."""
+    """Return the rows (k,), which events have from the beginning."""
     return events
 
 
 def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
-    """(k,) rows of the objects with points inside."""
+    """Return rows (k,) of the objects with points inside."""
     table, points = state.table, state.report.cycle.obstacle_points
     hit = np.flatnonzero(result.counts)
     hit = hit[np.argsort(table.order_keys(result.indices[hit]))]

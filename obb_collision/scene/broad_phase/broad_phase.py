@@ -69,9 +69,9 @@ LINE = 8
 
 
 def find_candidates(minimum: Floats, maximum: Floats, convert: Convert | None = None) -> Pairs:
-    """Return (m, 2) all i < j whose closed bounds (n, 3) to (n, 3) overlap, in no special order.
+    """Return (m, 2) all row pairs i < j whose closed bounds overlap, in no special order.
 
-    convert: applied to the pairs found.
+    minimum, maximum (n, 3): the corners of the bounds. convert: applied to the pairs found.
     """
     if len(minimum) < 2:
         return NO_PAIRS if convert is None else convert(NO_PAIRS)
@@ -83,7 +83,7 @@ def find_candidates(minimum: Floats, maximum: Floats, convert: Convert | None = 
 def find_some_candidates(
     tree: BoundsTree, most: int, convert: Convert | None = None
 ) -> Pairs | None:
-    """`find_candidates`, or None for more than ``most`` pairs: then it stops early."""
+    """Return the pairs of `find_candidates`, None above ``most`` pairs: the search stops early."""
     search = partial(_self_overlaps, tuple(tree), most)
     return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, convert)
 
@@ -97,7 +97,7 @@ def find_candidates_of(minimum: Floats, maximum: Floats, row: int) -> Pairs:
 
 
 def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | None:
-    """Return (m, 2) all i < j with i or j in ``rows`` whose bounds overlap, in no special order.
+    """Return (m, 2) all row pairs i < j that overlap, with i or j in ``rows``, in no order.
 
     None for more than ``most`` pairs.
     """
@@ -110,9 +110,9 @@ def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | 
 def find_candidates_between(
     minimum: Floats, maximum: Floats, other_minimum: Floats, other_maximum: Floats
 ) -> Pairs:
-    """Return (m, 2) all rows i, j of two sets of bounds (n, 3) that overlap, in no special order.
+    """Return (m, 2) the rows i, j of two sets of bounds (n, 3) that overlap, in no special order.
 
-    The others go into a tree, in which each of the first is looked up.
+    The second set goes into a tree, in which each row of the first set is looked up.
     """
     if len(minimum) == 0 or len(other_minimum) == 0:
         return NO_PAIRS
@@ -258,7 +258,7 @@ def _leaf_bounds(
 def _box_overlaps(
     tree: BoundsTree, leaf: int, room: Room, count: int, pairs: np.ndarray, written: int
 ) -> int:
-    """Append the pairs of a leaf with ``count`` near leaves; return as ``_leaf_overlaps``."""
+    """Append the pairs of a leaf with ``count`` near leaves; return as ``_leaf_overlaps`` does."""
     order, nodes, near, hits = tree.order, tree.nodes, room.near, room.hits
     number = 0
     for k in range(count):
@@ -400,7 +400,7 @@ Bounds = tuple[Floats, Floats]
 def ordered_candidates(
     tree: BoundsTree, room: int, own: Bounds | None = None, first: int | None = None
 ) -> Iterator[tuple[Pairs, int]]:
-    """Yield all i < j whose bounds overlap, in lexicographic order, and the first row not done.
+    """Yield all row pairs i < j that overlap, in lexicographic order, and the first row not done.
 
     Each piece has all pairs of its rows i, at most max(room, n). own: bounds (m, 3), (m, 3) of
     another set, to which i then belongs. first: pairs that are enough for the first piece; each
@@ -452,7 +452,7 @@ LIFETIME = 0.5
 class KeptTree:
     """A tree kept while few boxes move: only their blocks and those above change.
 
-    Over bounds (n, 3) to (n, 3), which may be empty and which the caller changes.
+    The caller changes its arrays minimum and maximum (n, 3); bounds may be empty.
     """
 
     def __init__(self, minimum: Floats, maximum: Floats) -> None:
@@ -475,7 +475,7 @@ class KeptTree:
         return True
 
     def pairs_of(self, rows: Rows, most: int) -> Pairs | None:
-        """Return (k, 2) all i < j with i or j in rows whose bounds overlap, None above ``most``."""
+        """Return (k, 2) all overlapping row pairs i < j, i or j in rows; None above ``most``."""
         return find_some_candidates_of(self._tree, rows, most)
 
     def pairs_of_changes(

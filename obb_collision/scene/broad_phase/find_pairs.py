@@ -82,7 +82,7 @@ def find_pairs(
     ----------
     a : Boxes
     b : Boxes, optional
-        Without, the pairs among a; with it those of one box of a and one of b.
+        Without b, pairs within a are found; with b, pairs of one box of a and one box of b.
     exact : bool
         Decide by integer arithmetic what doubles can't tell from touching.
     accuracy : Accuracy or str
@@ -129,9 +129,9 @@ def any_collision(a: Boxes, b: Boxes | None = None, *, exact: bool = False) -> b
     ----------
     a : Boxes
     b : Boxes, optional
-        Without, any two of a; with it, one of a and one of b.
+        Without b, pairs within a are tested; with b, pairs of one box of a and one box of b.
     exact : bool
-        Decide by integer arithmetic what doubles can't tell from touching, which else counts.
+        Decide by integer arithmetic what doubles can't tell from touching; else it collides.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def _bucket_kernel(
 
 
 def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
-    """Return the boxes that greedy non-maximum suppression keeps.
+    """Return the rows of the boxes that greedy non-maximum suppression keeps, best first.
 
     From the best score down, a box is kept unless its ``iou`` with one that is kept exceeds the
     threshold. Only boxes that overlap are compared.
@@ -282,7 +282,7 @@ def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
     Returns
     -------
     (m,) array of int64
-        Their rows, best first.
+        Rows of the kept boxes, best first.
 
     Examples
     --------
@@ -380,7 +380,7 @@ def merge_keys(
     keys: np.ndarray, out_pairs: np.ndarray, out_verdicts: np.ndarray, out_levels: np.ndarray,
     old: np.ndarray,
 ) -> int:  # fmt: skip
-    """`merge_pairs` with new pairs from ``colliding_keys``; overwrites the keys."""
+    """Merge pairs as `merge_pairs`, with new ones from ``colliding_keys``; overwrites the keys."""
     new_pairs, new_verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
     pairs_kernel(len(changed), keys, np.empty_like(keys), new_pairs, new_verdicts)
     new_levels, again = np.full(len(keys), OBB, np.int8), np.empty(0, np.bool_)

@@ -58,7 +58,7 @@ MATRIX_SIZE = 128
 
 @dataclass(frozen=True)
 class Limits:
-    """seconds: of a job; memory: bytes of a job; waiting: bytes of all jobs that wait."""
+    """Limits: seconds and memory (bytes) of one job; waiting: bytes of all jobs that wait."""
 
     seconds: float = 60.0
     memory: int = 2 << 30
@@ -75,7 +75,7 @@ def _more_kernels() -> list[str]:
 
 
 class WorkerProcess:
-    """The child as its parent sees it: started when needed, and again when it has ended."""
+    """The child process, run from its parent: started when needed, and again after it ended."""
 
     def __init__(self) -> None:
         self._child: Child | None = None

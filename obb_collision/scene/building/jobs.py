@@ -68,7 +68,7 @@ class BuildError(ValueError):
 
 
 class Job(Protocol):
-    """One thing to build."""
+    """A job: a shape, tree, hull or pool to build."""
 
     @property
     def size(self) -> int:
@@ -76,7 +76,7 @@ class Job(Protocol):
         return 0
 
     def task(self) -> Task | None:
-        """Return the task of the child, None for no task."""
+        """Return the task for the child process, None where the child has nothing to do."""
         return None
 
     def finish(self, result: Any) -> Any:
@@ -108,7 +108,7 @@ class _PointsJob(Job):
 
 @dataclass(frozen=True, eq=False)
 class Triangles(_PointsJob):
-    """A mesh of triangles, by their corners (3n, 3), metres."""
+    """Builds a mesh of triangles from their corners (3n, 3), metres."""
 
     scale: Floats
 
@@ -117,7 +117,7 @@ class Triangles(_PointsJob):
         return np.arange(len(self.points)).reshape(-1, 3)
 
     def task(self) -> Task:
-        """Return the task that fits its box."""
+        """Return the task that fits the local box."""
         return _box_of, (Mesh, self.points, self._faces, self.scale)
 
     def finish(self, result: LocalBox) -> Mesh:
@@ -128,12 +128,12 @@ class Triangles(_PointsJob):
 
 @dataclass(frozen=True, eq=False)
 class Bodies(_PointsJob):
-    """The hull of equal bodies of edge lengths ``widths`` (3,) at points (n, 3), metres."""
+    """Builds the hull of equal bodies of edge lengths ``widths`` (3,) at points (n, 3), metres."""
 
     widths: Floats
 
     def task(self) -> Task:
-        """Return the task that fits its box."""
+        """Return the task that fits the local box."""
         return _box_of, (_hull_of_bodies, self.points, self.widths)
 
     def finish(self, result: LocalBox) -> Hull:
@@ -143,7 +143,7 @@ class Bodies(_PointsJob):
 
 @dataclass(frozen=True, eq=False)
 class MeshFile(Job):
-    """A mesh file by its path or URI, or by its content ``data``, of the type of the name's suffix.
+    """Reads a mesh file from a path or URI, or from ``data``; the name's suffix is its type.
 
     largest, triangles: limits of bytes and triangles; folders: allowed besides the shares of
     installed packages, None for anywhere; known: a version that is built already, for which the
@@ -193,7 +193,7 @@ class MeshFile(Job):
 
 
 def arrays_of(pool: type[Pool[Any]], shape: Shape) -> tuple[NDArray[Any], ...]:
-    """Return the arrays of a shape's tree or hull, as a kind of pool has it."""
+    """Return the arrays of a shape's tree or hull, as a kind of pool stores them."""
     return tuple(pool.arrays(pool.built(shape)).values())
 
 

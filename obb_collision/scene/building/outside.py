@@ -65,7 +65,7 @@ def is_large(shape: Shape | None) -> TypeGuard[Mesh | Hull]:
 
 @dataclass(frozen=True, eq=False)
 class BuildJob(Job):
-    """The tree or hull of a shape; it holds no memory of its own."""
+    """Builds the tree or hull of a shape; the job holds no memory of its own."""
 
     shape: Shape
     per_shape: PerShape[Any]
@@ -84,7 +84,7 @@ class BuildJob(Job):
 
 @dataclass(frozen=True, eq=False)
 class PackJob(Job):
-    """A new pool of the items in use; it holds no memory of its own."""
+    """Copies the items in use to a new pool; the job holds no memory of its own."""
 
     built: dict[Entry[Any], Any]
     per_shape: PerShape[Any]
@@ -116,7 +116,7 @@ class OutsideTrees:
 
     @property
     def failed(self) -> Counter[str]:
-        """Number that can't be built, by reason; their pairs stay on "obb"."""
+        """Numbers of trees and hulls that can't be built, by reason; pairs stay on "obb"."""
         return Counter(error.reason for error in self._failed.values())
 
     def build(
@@ -127,7 +127,7 @@ class OutsideTrees:
         body_of: Callable[[int], Body],
         budget: TimeLeft | None,
     ) -> None:
-        """Request large shapes, and build the others while there is time."""
+        """Request trees and hulls of large shapes; build the others while there is time."""
         rest = []
         for slot in slots[per_shape.rows(slots) < 0].tolist():
             shape = shapes.get(slot)

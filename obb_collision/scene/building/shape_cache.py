@@ -226,7 +226,7 @@ class Outside(Protocol):
         self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape],
         body_of: Callable[[int], Body], budget: TimeLeft | None,
     ) -> None:  # fmt: skip
-        """Request large shapes, and build the others while there is time."""
+        """Request trees and hulls of large shapes; build the others while there is time."""
 
     def drop(self, entry: Entry[Any]) -> None:
         """Handle that a slot has left an entry."""
@@ -378,7 +378,7 @@ class ShapeCache:
         return per_shape.rows(slots) >= 0
 
     def surfaces(self, slots: Rows, hull: bool) -> tuple[MeshTrees, Rows]:
-        """Build trees of triangles, or of hulls; return all and the row (k,) of each slot's.
+        """Build trees of triangles, or of hulls; return all trees, and each slot's row (k,).
 
         Not for slots of boxes.
         """

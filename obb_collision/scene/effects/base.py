@@ -221,7 +221,7 @@ class Cycle:
         return owns(self.region, np.maximum(*low))
 
     def own(self, slots: Rows) -> Rows:
-        """Return the slots, of (n,), whose objects belong to the region."""
+        """Return the slots, among (n,), whose objects belong to the region."""
         if self.region is None:
             return slots
         return slots[owns(self.region, self.bounds(slots)[0])]
@@ -292,7 +292,7 @@ def join_rows(tables: Sequence[R]) -> R:
 
 
 def write_rows(table: R, rows: Rows, new: R) -> None:
-    """Write rows of a dataclass of arrays."""
+    """Overwrite rows of a dataclass of arrays with the rows of ``new``."""
     for key, column in vars(table).items():
         column[rows] = vars(new)[key]
 
@@ -374,7 +374,7 @@ def _old_rows(
 
 
 def _merged(last: R, old: Rows, places: Rows, new: R) -> R:
-    """Return rows ``old`` (m,) of the last table, and rows of a new one in places, where -1 is."""
+    """Return rows ``old`` (m,) of the last table, and new rows at places, where ``old`` is -1."""
     source = np.maximum(old, 0)
     columns = []
     for before, here in zip(vars(last).values(), vars(new).values(), strict=True):

@@ -70,7 +70,7 @@ class ClearanceEffect(Effect):
     }
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Look at pairs whose bounds are near enough; most of those need no closest points."""
+        """Compute clearances of pairs whose bounds are near; most need no closest points."""
         max_distance = setting.values["max_distance"]
         slots = np.flatnonzero(cycle.active)
         minimum, maximum = cycle.boxes[slots].world_bounds()

@@ -50,7 +50,7 @@ class ContactsEffect(Effect):
     }
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Compute the patches."""
+        """Compute the contact patches of the selected pairs."""
         max_points = int(setting.values["max_points"])
 
         def compute(boxes: Boxes, pairs: Pairs) -> Contacts:

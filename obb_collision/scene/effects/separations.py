@@ -63,7 +63,7 @@ class SeparationsEffect(Effect):
 def hull_separations(
     boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
 ) -> Separations:
-    """Return the separations of pairs on HULL: minus a depth that certainly parts them."""
+    """Return the separations of pairs on HULL: minus a depth (m) that certainly parts the hulls."""
     distances = shapes.distances(boxes, pairs).distances
     middles = 0.5 * (distances.positions_a + distances.positions_b)
     lower = shapes.parted(distances.lower, pairs, Accuracy.HULL)

@@ -92,7 +92,7 @@ class EffectSettings(SetOnce):
         return EffectSettings(self._effects, {**self._settings, name: new})
 
     def reach(self) -> float:
-        """Return how far from objects others matter to effects that are not off (m)."""
+        """Return the distance (m) within which other objects matter to effects that are not off."""
         return max(
             self._settings[name].reach(effect.options) for name, effect in self._effects.items()
         )

@@ -210,7 +210,7 @@ class SweepEffect(Effect):
     lazy = False
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Sweep both ways, each only for objects that move far enough to need it."""
+        """Find passed and predicted collisions of objects that move far enough."""
         behind, ahead = _passed(cycle, setting), _predicted(cycle, setting)
         result = SweptPairs(behind.result, ahead.result)
         pairs = np.concatenate([behind.result.pairs, ahead.result.pairs])
@@ -276,7 +276,7 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
 
 
 def _passing(cycle: Cycle, before: PreviousCheck, slots: Rows) -> Rows:
-    """Return the slots, of (n,), that may have come near the region on their way."""
+    """Return the slots, among (n,), that may have come near the region on their way."""
     if cycle.region is None:
         return slots
     extents, starts, ends = cycle.boxes.half_extents, before.boxes.centers, cycle.boxes.centers

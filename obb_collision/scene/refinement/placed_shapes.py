@@ -143,7 +143,7 @@ class PlacedShapes:
     def levels(self, pairs: Pairs, choice: str, highest: Accuracy) -> Levels:
         """Return the level (m,) of an effect on pairs (m, 2): OBB, HULL or MESH.
 
-        choice: of ``CHOICES``; highest: of the effect. Pairs without triangles get HULL at most.
+        choice: from ``CHOICES``; highest: the effect's. Pairs without triangles get HULL at most.
         """
         first, second = np.array(pairs.T, order="C")  # effects' arrays are read-only
         levels = pair_levels(self._store, first, second, self._accuracies(choice))
@@ -259,7 +259,7 @@ class PlacedShapes:
         return np.where(collide, np.minimum(distances, 0.0), np.maximum(distances, least))
 
     def colliding_at(self, boxes: Boxes, poses: Floats, pairs: Pairs) -> Pairs:
-        """Return the pairs, of (m, 2), that collided at an earlier time, on their own levels.
+        """Return the pairs, among (m, 2), that collided at an earlier time, on their own levels.
 
         boxes, poses: of slots at that time, when sizes were those of now. Only during the check.
         """

@@ -47,8 +47,8 @@ MOST_GUESSES = 2000
 class AllowedMatrix(NamedTuple):
     """Pairs of names that may touch, even if a rule forbids it.
 
-    Thousands of pairs are as fast as a rule. rows: by name, names may share a row; allowed (r, r):
-    symmetric.
+    Thousands of pairs are as fast as a rule. rows: the row of each name, which names may
+    share; allowed (r, r): symmetric.
     """
 
     rows: dict[str, int]

@@ -129,7 +129,7 @@ class Overrides(Generic[Value]):
         return bool(self.overrides)
 
     def value(self, name: str) -> Value | None:
-        """Return the value for a name, None for that of the scene."""
+        """Return the value for a name, None where no pattern matches the name."""
         by_name = self._names.get(name, -1)
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
         last = next(by_pattern, by_name)

@@ -51,7 +51,7 @@ LocalBoxes = tuple[Floats, Floats, Floats]
 def find_moves(
     rows: np.ndarray, new: Floats, used: np.ndarray, poses: Floats, which: np.ndarray
 ) -> tuple[int, bool]:
-    """Write the numbers of new poses (m, 7) that differ from those of rows (m,); return how many.
+    """Write which new poses (m, 7) differ from the present poses of rows (m,); return how many.
 
     UNUSUAL for a row not in use, or a pose that is not finite or far from unit length. Also returns
     whether the rows ascend, so that none occurs twice.

@@ -193,7 +193,7 @@ def owns_pairs(region: Region, minimum: Floats, pairs: Rows) -> Mask:
 
 
 def balls_near(region: Region, centers: Floats, radii: Floats) -> Mask:
-    """Return which balls about (n, 3), radii (n,), may reach into the halo of a region.
+    """Return which balls of centers (n, 3) and radii (n,), metres, may reach into a region's halo.
 
     For spheres around boxes: never False where the bounds of a box reach there.
     """
@@ -211,7 +211,7 @@ MOST_WAITING = 100
 
 @dataclass
 class RegionState:
-    """Messages of a region: times in seconds, and numbers of objects."""
+    """State of a region by its messages: times in seconds, and numbers of objects."""
 
     last: float = -np.inf
     since: float = np.inf  #: begin of the time without a fault
@@ -321,7 +321,7 @@ class RegionMerger(SetOnce):
         now : float
             Seconds.
         topic : str
-            Of the rows; each topic is joined by itself.
+            Topic of the rows; each topic is joined by itself.
 
         Examples
         --------

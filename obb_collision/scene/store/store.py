@@ -233,7 +233,7 @@ class ObjectStore:
     def with_body(
         self, local_boxes: LocalBoxes, pose: Floats, padding: float, kind: int, level: Accuracy
     ) -> tuple[ObjectStore, int]:
-        """Return a copy with one more body, and its slot, for a question.
+        """Return a copy with one more body, and its slot, for a query.
 
         The copy shares the arrays, of which only that free slot is written.
         """
