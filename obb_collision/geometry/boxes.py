@@ -57,7 +57,7 @@ CORNER_SIGNS: Floats = np.array(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AABB(ArrayValue):
-    """The closed axis-aligned box between two corners. Equal where both corners are.
+    """The closed axis-aligned box between two corners. Boxes with equal corners are equal.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def world_bounds_kernel(
 
 @njit
 def world_bounds_of(center: Vector, rows: Axes, half_extents: Vector) -> tuple[Vector, Vector]:
-    """Return axis-aligned bounds that certainly contain a box; rows: of its rotation matrix."""
+    """Return outer axis-aligned bounds of a box, metres; rows: the rows of its rotation matrix."""
     x0, x1 = _bounds_along(center[0], rows[0], half_extents)
     y0, y1 = _bounds_along(center[1], rows[1], half_extents)
     z0, z1 = _bounds_along(center[2], rows[2], half_extents)
@@ -202,7 +202,7 @@ class BoxArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Boxes(ArrayValue, ForKernels):
-    """Arrays of n boxes; ``oc.Boxes`` adds what gives or takes a single ``OBB``."""
+    """Arrays of n boxes; ``oc.Boxes`` adds the methods that return or take an ``OBB``."""
 
     centers: Floats
     rotations: Floats
@@ -230,7 +230,7 @@ class Boxes(ArrayValue, ForKernels):
 
     @classmethod
     def from_poses(cls: type[Kind], poses: ArrayLike, half_extents: ArrayLike) -> Kind:
-        """Return boxes at poses.
+        """Return boxes whose centres and axes are given by poses.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class Boxes(ArrayValue, ForKernels):
     def aabb(self) -> AABB:
         """Return the axis-aligned box around all boxes, rounded outwards where inexact.
 
-        ``world_bounds`` has that of each.
+        ``world_bounds`` returns the bounds of each box.
 
         Examples
         --------
@@ -348,7 +348,7 @@ class Boxes(ArrayValue, ForKernels):
 
 
 def box_volumes(half_extents: Floats) -> Floats:
-    """Return volumes (...,) of half extents (..., 3), the same to the bit in any order of these."""
+    """Return volumes (...,) of half extents (..., 3), whose order does not change a bit."""
     small, middle, large = np.moveaxis(np.sort(2.0 * half_extents, axis=-1), -1, 0)
     with np.errstate(over="ignore", under="ignore"):
         volumes: Floats = small * middle * large

@@ -39,13 +39,13 @@ class CapsuleArrays(NamedTuple):
 class Capsules(ArrayValue, ForKernels):
     """n capsules: all points within radii[k] of the segment from starts[k] to ends[k].
 
-    ``capsules[rows]`` gives the capsules of a slice, an index array or a mask. Equal where all
-    numbers are.
+    ``capsules[rows]`` gives the capsules of a slice, an index array or a mask. Capsules with
+    equal numbers are equal.
 
     Parameters
     ----------
     starts, ends : (n, 3) array_like
-        Metres; where both are the same it is a sphere.
+        Metres; a capsule with equal start and end is a sphere.
     radii : (n,) array_like
         Metres, not negative; zero makes a segment.
 

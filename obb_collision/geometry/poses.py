@@ -139,9 +139,9 @@ def unit_poses(poses: ArrayLike, name: str = "poses") -> Floats:
 
 
 def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
-    """Return the poses ``inner``, which are relative to ``outer``, in the frame of ``outer``.
+    """Return poses ``inner``, given relative to ``outer``, in the frame that ``outer`` is given in.
 
-    Quaternions are normalised first. Positions that overflow are infinite or NaN.
+    Poses are (..., 7); quaternions are normalised. Positions that overflow are infinite or NaN.
     """
     a, b = unit_poses(outer), unit_poses(inner)
     places = _placed(a[..., :3], a[..., 3:], b[..., :3])
@@ -149,7 +149,7 @@ def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
 
 
 def inverse_poses(poses: ArrayLike) -> Floats:
-    """Return the inverses of poses (..., 7)."""
+    """Return the inverses of poses (..., 7), x y z (metres) qx qy qz qw."""
     back = unit_poses(poses) * (1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0)
     return np.concatenate([rotate_vectors(back[..., 3:], -back[..., :3]), back[..., 3:]], axis=-1)
 
@@ -184,7 +184,7 @@ def multiply_quaternions(a: Floats, b: Floats) -> Floats:
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the rotation by roll about x, then pitch about y, then yaw about z, all fixed axes.
+    """Return x y z w of the turn by roll about x, then pitch about y, then yaw about z; fixed axes.
 
     As in ROS REP 103; angles in radians.
     """

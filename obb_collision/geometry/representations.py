@@ -48,13 +48,13 @@ def corner_and_edges(boxes: Boxes) -> Floats:
 
 
 def to_compact(boxes: Boxes) -> Floats:
-    """Return (n, 12): centre, half extents, and two axes; the third is their cross product."""
+    """Return rows (n, 12): centre, half extents, two axes; their cross product is the third."""
     axes = boxes.rotations.transpose(0, 2, 1)[:, :2].reshape(-1, 6)
     return np.concatenate([boxes.centers, boxes.half_extents, axes], axis=1)
 
 
 def from_compact(numbers: ArrayLike) -> Boxes:
-    """Return the boxes of ``to_compact``; ValueError where a row is not a box."""
+    """Return the boxes of rows (n, 12) from ``to_compact``; ValueError where a row is not a box."""
     array = as_array(numbers, "numbers", (None, 12))
     x, y = array[:, 6:9], array[:, 9:12]
     rotations = np.stack([x, y, np.cross(x, y)], axis=-1)

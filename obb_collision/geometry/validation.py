@@ -64,7 +64,7 @@ def as_flag(value: object, name: str) -> bool:
 def select_rows(array: NDArray[Any], rows: Any, name: str, dimensions: int) -> NDArray[Any]:
     """Return the rows that an index array, a mask or a single index selects.
 
-    dimensions: of the result. Raises ValueError naming the argument otherwise.
+    dimensions: number of dimensions of the result. Raises ValueError naming the argument otherwise.
     """
     try:
         selected: NDArray[Any] = array[rows]
@@ -165,7 +165,7 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
 
 
 def as_shaped(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
-    """`as_array` for numbers that may be infinite or NaN.
+    """Return ``value`` as ``as_array`` does, but accept infinite numbers and NaN.
 
     Read-only arrays are copied: kernels are compiled for writable ones.
     """
@@ -378,7 +378,7 @@ def orthonormal_defect(stack: Floats) -> Floats:
 
 @njit
 def defect_of(matrix: Axes) -> float:
-    """`orthonormal_defect` of one matrix, by its rows."""
+    """Return the ``orthonormal_defect`` of one matrix, given as rows."""
     a, b, c = matrix
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     largest = _worse(abs(dot(x, y)), abs(dot(x, x) - 1.0))
@@ -415,7 +415,7 @@ def _orthonormalize_kernel(stack: Floats, out: Floats) -> None:
 
 @njit
 def orthonormal_of(matrix: Axes) -> Axes:
-    """`orthonormalize` one matrix, by its rows.
+    """Return the rows of one matrix, made orthonormal as by ``orthonormalize``.
 
     Newton's iteration for the polar factor, R <- R (3 I - R^T R) / 2 (Higham, Functions of
     Matrices, 8.3): quadratic, so two steps from a defect below 1e-6 reach rounding; a third

@@ -65,7 +65,7 @@ class ForKernels:
             return view
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the views, which would become arrays of their own in another process."""
+        """Return the attributes without views; unpickled views would be separate arrays."""
         return {
             name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)
         }

@@ -72,7 +72,7 @@ class PlacedRobots(Changing):
 
     @property
     def scene(self) -> Scene:
-        """The world."""
+        """The scene that robots are checked against."""
         return self._scene
 
     @property
@@ -82,7 +82,7 @@ class PlacedRobots(Changing):
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """All links, in the order of the robots."""
+        """The names of all links, in the order of the robots."""
         return self._model.link_names
 
     @property
@@ -175,7 +175,7 @@ class PlacedRobots(Changing):
         touch_links : str, or sequence or set of str
             Links that it may touch, such as fingers.
         padding : float
-            Metres, added to those of the link.
+            Metres, added to the padding of the link.
 
         Raises
         ------
@@ -213,7 +213,7 @@ class PlacedRobots(Changing):
         Parameters
         ----------
         name : str
-            Of the object.
+            Name of the object.
         link : str
         pose : (7,) array_like, optional
             In the frame of the link.
@@ -227,7 +227,7 @@ class PlacedRobots(Changing):
         KeyError
             For an unknown object.
         ValueError
-            For neither or both of pose and state.
+            Unless exactly one of pose and state is given.
 
         Examples
         --------
@@ -282,7 +282,7 @@ class PlacedRobots(Changing):
         Raises
         ------
         KeyError
-            For a name of which nothing is attached.
+            If no object of that name is attached.
 
         Examples
         --------

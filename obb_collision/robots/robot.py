@@ -66,7 +66,7 @@ class Robot(SetOnce):
     Attributes
     ----------
     name : str
-        As the URDF says.
+        Name in the URDF.
     link_names : tuple of str
         All links, the root's first, depth first in the order of the URDF.
     joint_names : tuple of str
@@ -74,9 +74,9 @@ class Robot(SetOnce):
         planar joint has three, ``NAME/x``, ``NAME/y``, ``NAME/theta``, a floating one
         ``NAME/trans_x``, ``trans_y``, ``trans_z``, ``rot_x``, ``rot_y``, ``rot_z``, ``rot_w``.
     lower, upper : (joints,) numpy.ndarray
-        Limits, infinite where there are none, -1 and 1 of ``rot_``. Metres or radians.
+        Limits, metres or radians; infinite where there are none, -1 and 1 for ``rot_``.
     velocity_limits : (joints,) numpy.ndarray
-        Per second, infinite where there are none.
+        Metres or radians per second; infinite where there are none.
     joints : tuple of Joint
         As in the URDF, parents before children; a virtual joint that moves is the first.
     shapes : tuple of tuples
@@ -94,7 +94,7 @@ class Robot(SetOnce):
     groups : dict of Group
         Joints and links of each group of the SRDF.
     group_states : dict
-        By (group, state): the values of joints.
+        By (group, state): the values of each joint, by its name.
     end_effectors : dict
         The group of each end effector of the SRDF.
     virtual_joint : VirtualJoint or None

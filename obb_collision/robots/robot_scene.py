@@ -286,9 +286,9 @@ class RobotScene(PlacedRobots):
         Parameters
         ----------
         states : (m, joints) array_like
-            Joints stay within the largest magnitudes of these.
+            Each joint stays within its largest magnitude in these states.
         deviations : (n, joints) array_like
-            How much each joint moves at most.
+            Upper bounds of how much each joint moves, metres or radians.
 
         Returns
         -------

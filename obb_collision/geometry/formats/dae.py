@@ -144,7 +144,7 @@ class _Document:
         return element
 
     def read(self) -> None:
-        """Add all that the scene places."""
+        """Add the meshes that the scene places to the parts."""
         roots = [
             self._named(instance, "url", "visual_scene")
             for scene in _children(self._root, "scene")

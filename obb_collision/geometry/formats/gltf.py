@@ -114,7 +114,7 @@ class _Document:
         return rows[index]
 
     def read(self) -> None:
-        """Add all that the scene places."""
+        """Add the meshes that the scene places to the parts."""
         waiting = [(index, np.eye(4), 1) for index in self._roots()]
         visited = 0
         while waiting:

@@ -124,7 +124,7 @@ def integers_in(text: bytes) -> Triangles | None:
 def lists_in(lines: list[bytes]) -> tuple[Triangles, Triangles] | None:
     """Return all numbers of lines, and the count of each line, which is its first number.
 
-    None where counts differ, or lines hold anything else: then they are read line by line.
+    None where counts differ, or lines hold anything else; the caller then reads line by line.
     """
     numbers = integers_in(b" ".join(lines)) if lines else None
     count = 0 if numbers is None else int(numbers[0])

@@ -160,7 +160,7 @@ def _columns(element: Element, names: tuple[str, ...]) -> list[int]:
 
 
 class _Words:
-    """The body of a text file, read by lines if each is a row, else word after word."""
+    """The body of a text file, read by lines if each line is a row, else word after word."""
 
     def __init__(self, body: bytes, rows: int) -> None:
         lines = [line for line in body.replace(b"\r", b"\n").split(b"\n") if line.strip()]
@@ -174,7 +174,7 @@ class _Words:
             check_complete(element.count, left // width, f"rows of {element.name!r}")
 
     def numbers(self, element: Element, names: tuple[str, ...]) -> Floats:
-        """Return columns (count, k) of an element."""
+        """Return the properties ``names`` of an element as columns (count, k)."""
         columns, width = _columns(element, names), len(element.properties)
         if self._lines and not any(prop.length for prop in element.properties):
             lines = self._lines[self._at : self._at + element.count]
@@ -261,7 +261,7 @@ class _Bytes:
         return rows
 
     def numbers(self, element: Element, names: tuple[str, ...]) -> Floats:
-        """Return columns (count, k) of an element."""
+        """Return the properties ``names`` of an element as columns (count, k)."""
         columns = _columns(element, names)
         if any(prop.length for prop in element.properties):
             values = [[row[column][0] for column in columns] for row in self._rows(element)]
@@ -316,7 +316,7 @@ class _Bytes:
         self._at = at
 
     def check_end(self) -> None:
-        """Raise ValueError where there is more than was declared; zeros may fill a file up."""
+        """Raise ValueError for bytes after the declared rows; zeros at the end are accepted."""
         rest = self._body[self._at :].strip(b"\0 \t\r\n")
         if rest:
             raise MeshError(f"it holds {len(rest)} bytes more than it declares")

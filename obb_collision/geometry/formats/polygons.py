@@ -220,7 +220,7 @@ def _area(flat: Floats) -> Any:
 def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tuple[int, int]:
     """Return the nearest corners of two loops (n, 2) whose line crosses no wall and is inside.
 
-    starts, ends: (k, 2) of walls, of the loops themselves, too.
+    starts, ends (k, 2): ends of the walls, which include the edges of both loops.
     """
     if len(outline) * len(hole) > MOST_PAIRS:
         raise MeshError("a hole of a face has too many corners: export it as triangles")

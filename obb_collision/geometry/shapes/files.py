@@ -230,7 +230,7 @@ class MeshFolders:
         return *self.folders, *self.packages.values()
 
     def resolve(self, path: str | Path) -> Path:
-        """`resolve_path`, which also looks for packages in these folders."""
+        """Return the path of ``resolve_path``, which also looks for packages in these folders."""
         if isinstance(path, str) and path.startswith(PACKAGE):
             name, _, inside = path.removeprefix(PACKAGE).lstrip("/").partition("/")
             package = self._package(name)

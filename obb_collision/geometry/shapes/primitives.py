@@ -91,7 +91,7 @@ class Shape(ABC, SetOnce):
         return shape
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the hash, which differs in another process."""
+        """Return the attributes without the hash, which differs in another process."""
         return {name: value for name, value in vars(self).items() if name != "_hash"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -295,7 +295,7 @@ class Cone(_Revolved):
 
 
 class Capsule(_Revolved):
-    """A capsule along z, centred; ``length`` is that of the cylinder between the two caps.
+    """A capsule along z, centred; ``length`` does not include the two caps.
 
     Parameters
     ----------

@@ -406,7 +406,7 @@ def _spread_bits(x: int) -> int:
 def morton_order_shared(
     minimum: Floats, maximum: Floats, order: NDArray[np.int64], spare: NDArray[np.int64]
 ) -> None:
-    """`morton_order`, to the bit, by several threads where they pay."""
+    """Write the same order as ``morton_order``, by several threads where that is faster."""
     count = len(minimum)
     if is_dealt(count):
         ends = np.array(run(_extent_kernel, count, FEWEST_NUMBERS, minimum, maximum))

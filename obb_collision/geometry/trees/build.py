@@ -244,7 +244,7 @@ SELECTION_ROUNDS = 100
 def build_tree(
     triangles: Floats, leaf: int
 ) -> tuple[Integers, Floats, Integers, Integers, Integers]:
-    """Return order (f,), nodes (m, 16), children (m,), starts (m, 2), levels (m,)."""
+    """Return the order (f,) of triangles; nodes, children, starts, levels as in ``MeshTrees``."""
     # Scaled by a power of two, exactly, so that squares and cubes neither over- nor underflow.
     largest = np.abs(triangles).max()
     power = -int(np.frexp(largest)[1]) if largest > 0.0 else 0

@@ -259,7 +259,7 @@ def _bounded_hull(points: Floats, margin: Floats, limit: float) -> Polytope | No
 
 
 def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
-    """`_bounded_hull` of points that may be flat, on a line, or equal.
+    """Return the ``_bounded_hull`` of points that may be flat, on a line, or equal.
 
     In the frame of their box, made thicker where that is thin, and stretched to a cube.
     """

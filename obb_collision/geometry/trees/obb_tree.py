@@ -242,7 +242,7 @@ class MeshTrees(ForKernels):
     ) -> MeshTrees:
         """Return the tree of valid arrays, as ``build``.
 
-        They may exceed MAX_MAGNITUDE, as a hull about valid points can.
+        Coordinates may exceed MAX_MAGNITUDE, as a hull about valid points can.
         """
         if len(faces) == 0:
             raise ValueError("faces must not be empty")
@@ -296,7 +296,7 @@ class MeshTrees(ForKernels):
 
     @classmethod
     def join(cls, trees: Sequence[MeshTrees]) -> MeshTrees:
-        """Join trees, in order.
+        """Return the meshes of several trees as one ``MeshTrees``, in order.
 
         Parameters
         ----------
@@ -333,7 +333,7 @@ class MeshTrees(ForKernels):
         Parameters
         ----------
         index : int
-            Of the mesh.
+            Row of the mesh.
         depth : int
             0 is one box.
 

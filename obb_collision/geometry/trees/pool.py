@@ -45,13 +45,13 @@ def mesh_tree(mesh: Mesh) -> MeshTrees:
 
 
 def box_tree(half_extents: Floats) -> MeshTrees:
-    """Return the tree of a box (3,) about the origin."""
+    """Return the tree of a box about the origin; half_extents (3,), metres."""
     return MeshTrees.from_half_extents(half_extents)
 
 
 @lru_cache(maxsize=256)
 def segment_tree(half: float) -> MeshTrees:
-    """Return the tree of a segment from -half to half along z, or of a point, as a triangle."""
+    """Return the tree of a segment from -half to half (m) along z, or of a point, as a triangle."""
     ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half], [0.0, 0.0, half]])
     return MeshTrees.of(ends, np.array([[0, 1, 2]]))
 

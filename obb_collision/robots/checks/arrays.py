@@ -301,7 +301,7 @@ class JointLimits:
         )
 
     def exceeded(self, states: Floats, others: Floats | None = None) -> Mask:
-        """Return (n, joints) which joints exceed their limits, or those of joints that mimic them.
+        """Return a mask (n, joints) of joints beyond their limits, or with mimics beyond theirs.
 
         others: more states (n, joints) for the same rows.
         """

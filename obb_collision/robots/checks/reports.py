@@ -35,7 +35,7 @@ class StatePairs(NamedTuple):
     Attributes
     ----------
     states : (m,) numpy.ndarray
-        The row of the state.
+        The row of the state of each pair.
     pairs : (m, 2) numpy.ndarray
         Rows of the report's ``names``, the smaller first.
     """
@@ -95,7 +95,7 @@ class StateReport(ValidityReport):
     Attributes
     ----------
     out_of_limits : (n, joints) numpy.ndarray
-        The joints that are out of their limits, or whose mimics are.
+        True for joints beyond their limits, or with mimics beyond theirs.
     first_pairs : (n, 2) numpy.ndarray
         A colliding pair per state, as rows of ``names``, the smaller first; -1 for none. Of several
         pairs it is always the same one, the first in the order of tests.
@@ -149,7 +149,7 @@ class StateDistances(FirstPairs):
     points : (n, 2, 3) numpy.ndarray
         The closest points of the pair, in the scene; NaN for none.
     directions : (n, 3) numpy.ndarray
-        Unit vectors from the first to the second of the pair; NaN for none.
+        Unit vectors from the first to the second body of the pair; NaN for none.
     names : sequence of str
         As in ``StateReport``.
     states : (n,) numpy.ndarray
@@ -181,7 +181,7 @@ class MotionReport(ValidityReport):
         Motions that count as colliding without a colliding state: a pair is too near to be proved
         free.
     out_of_limits : (n, joints) numpy.ndarray
-        The joints that leave their limits.
+        True for joints that leave their limits.
     first_pairs : (n, 2) numpy.ndarray
         The pair, as in ``StateReport``.
     names : sequence of str
@@ -211,6 +211,6 @@ class MotionReport(ValidityReport):
 
     @property
     def first_invalid(self) -> int | None:
-        """The first motion that is not valid, None if all are."""
+        """The row of the first motion that is not valid, None if all are valid."""
         rows = np.flatnonzero(~self.valid)
         return int(rows[0]) if len(rows) else None

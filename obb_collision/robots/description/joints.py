@@ -38,7 +38,7 @@ X, Y, Z = np.eye(3)
 
 
 class Mechanism(Protocol):
-    """A ``Robot`` as checks and proofs use it."""
+    """The attributes of a ``Robot`` that checks and proofs use."""
 
     link_names: tuple[str, ...]
     joint_names: tuple[str, ...]

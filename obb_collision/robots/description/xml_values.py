@@ -85,7 +85,7 @@ class Element:
 
     @property
     def line(self) -> int:
-        """Its line in the file."""
+        """The line of the element in the file."""
         return int(self.node.sourceline or 0)
 
     def refuse(self, reason: str) -> RobotError:

@@ -78,15 +78,15 @@ class PairProof:
     Attributes
     ----------
     links : (str, str)
-        Sorted.
+        Names of the links, sorted.
     verdict : str
         "never", "always", "adjacent", "can collide" or "undecided".
     witness : (joints,) numpy.ndarray or None
-        A state of the robot in which they collide, for "can collide".
+        A state of the robot in which both links collide, for "can collide".
     cells : int
         Boxes of states that the proof visited.
     seconds : float
-        The time that it took.
+        The time that the proof took.
     """
 
     links: tuple[str, str]
