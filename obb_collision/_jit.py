@@ -21,6 +21,7 @@ and machine code cached on disk by ``_kernel_cache``.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
@@ -92,8 +93,14 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
         return function
     cache = KernelCache(kernel)
     keep(kernel, cache.for_numba())
-    inner = numba.njit(**supported({**OPTIONS, **options, "no_cpython_wrapper": True}))(function)
-    keep(inner, cache.for_numba(for_kernels=True))
+
+    @functools.cache
+    def inner() -> Any:
+        options["no_cpython_wrapper"] = True
+        result = numba.njit(**supported({**OPTIONS, **options}))(function)
+        keep(result, cache.for_numba(for_kernels=True))
+        return result
+
     redirect_calls(kernel, inner, types.unliteral)
     kernels.append(kernel)
     caches.append(cache)

@@ -29,9 +29,10 @@ from typing import Any
 try:
     from numba.core.compiler import CompileResult
     from numba.core.options import DefaultOptions
+    from numba.core.runtime import rtsys
     from numba.core.serialize import dumps
 except ImportError:
-    CompileResult = DefaultOptions = dumps = None
+    CompileResult = DefaultOptions = dumps = rtsys = None
 
 UNDOCUMENTED = ("no_cfunc_wrapper", "no_cpython_wrapper", "forceinline", "_nrt")
 #: Errors of parts that a version of numba lacks.
@@ -59,7 +60,7 @@ class Cache:
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Load a compiled kernel, None where it is missing."""
-        target.refresh()
+        rtsys.initialize(target)  # all that loading needs; compiling loads the registries
 
         def rebuilt(content: bytes) -> Any:
             _, reduced = pickle.loads(content)
@@ -103,20 +104,21 @@ def supported(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if name in names}
 
 
-def redirect_calls(kernel: Any, inner: Any, general: Callable[[Any], Any]) -> None:
+def redirect_calls(kernel: Any, inner: Callable[[], Any], general: Callable[[Any], Any]) -> None:
     """Redirect calls from kernels to another kernel, with more general types of arguments.
 
-    Where numba lacks that, they call the kernel itself, compiled for each literal number.
+    inner: returns the other kernel; called only when a kernel that calls it is compiled. Where
+    numba lacks that, they call the kernel itself, compiled for each literal number.
     """
-    template, overload = (getattr(inner, n, None) for n in ("get_call_template", "get_overload"))
-    if template is None or overload is None:
+    if not (hasattr(kernel, "get_call_template") and hasattr(kernel, "get_overload")):
         return
 
-    def get(args: Any, kws: Any) -> Any:
+    def template(args: Any, kws: Any) -> Any:
         kinds = {name: general(kind) for name, kind in kws.items()}
-        return template(tuple(map(general, args)), kinds)
+        return inner().get_call_template(tuple(map(general, args)), kinds)
 
-    kernel.get_call_template, kernel.get_overload = get, overload
+    kernel.get_call_template = template
+    kernel.get_overload = lambda signature: inner().get_overload(signature)
 
 
 def function_of(called: Any) -> Any:

@@ -129,9 +129,8 @@ def _boxes() -> None:
     scene.check()
     scene.remove("at the origin")
     scene.check()
-    crowded = oc.Scene(max_pairs=1)
-    for number in range(2 * OBJECTS):
-        crowded.add(str(number), shapes.Box((1.0, 1.0, 1.0)), TURNED)
+    crowded, names = oc.Scene(max_pairs=1), [str(number) for number in range(2 * OBJECTS)]
+    crowded.add_boxes(names, np.ones((2 * OBJECTS, 3)), np.tile(TURNED, (2 * OBJECTS, 1)))
     assert crowded.check().truncated
     pairs_of_keys(batch(), np.zeros(2 * FEWEST_NUMBERS, np.int64), False)
     _bounds()  # in this process, too
