@@ -163,13 +163,13 @@ def grown(by: Usage, samples: int = 100) -> Usages:
 
 def test_what_grows_is_found_and_what_warms_up_is_not() -> None:
     result = Result(usages=grown(Usage(100 * MEGABYTE, 0, 0)))
-    assert faults(result, 61.0) == []
-    assert faults(result, 59.0) == ["its memory grew by 60.0 MB"]
-    leaking = faults(Result(usages=grown(Usage(0, 20, 0))), 1.0)
+    assert faults(result, 31.0) == []
+    assert faults(result, 29.0) == ["its memory grew by 30.0 MB"]
+    leaking = faults(Result(usages=grown(Usage(0, 40, 0))), 1.0)
     assert leaking == ["it grew by 12 descriptors, 0 threads"]
     warm = Usages()
     for number in range(100):
-        warm.add(Usage(MEGABYTE * min(number, 15), 5, 5))
+        warm.add(Usage(MEGABYTE * min(number, 40), 5, 5))
     assert faults(Result(usages=warm), 1.0) == []
 
 

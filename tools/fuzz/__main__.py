@@ -293,8 +293,8 @@ def _parser() -> argparse.ArgumentParser:
     option(parser, "--only", _only, text=text)
     text = "seconds that the node may be blocked, with 0.1 more per megabyte of a batch"
     option(parser, "--bound", real(0.0, 3600.0), 0.1, text)
-    text = "megabytes by which its memory may grow after a warm-up of a fifth of the time"
-    option(parser, "--growth", real(0.0, 1e6), 30.0, text)
+    text = "megabytes by which its memory may grow in the second half of the attack"
+    option(parser, "--growth", real(0.0, 1e6), 15.0, text)
     option(parser, "--log", new_file(), text="file for the node's output")
     parser.add_argument("node", nargs="*", metavar="NODE_ARGUMENT", help="argument of the node")
     return parser

@@ -46,8 +46,11 @@ class Usage(NamedTuple):
     children: float = 0.0
 
 
-WARM_UP = 0.2
-"""Share of the samples before the first one that counts."""
+WARM_UP, WINDOW = 0.5, 0.2
+"""Shares of the samples before the first one that counts, and of those that are compared.
+
+In the first half of an attack stores of objects, copies of them for effects and meshes fill up to
+their limits: 60 MB that are no leak, after which the memory stays as it is."""
 FEWEST = 40
 """Samples from which on growth is judged."""
 
@@ -55,7 +58,7 @@ FEWEST = 40
 class Usages:
     """Samples of the resources of a process; a share at the beginning is warm-up."""
 
-    def __init__(self, warm_up: float = WARM_UP, window: float = WARM_UP) -> None:
+    def __init__(self, warm_up: float = WARM_UP, window: float = WINDOW) -> None:
         self.samples: list[Usage] = []
         self._warm_up, self._window = warm_up, window
 
