@@ -136,13 +136,7 @@ class AABB(ArrayValue):
         return bool(inside) if single else np.asarray(inside)
 
     def corners(self) -> Floats:
-        """Return the corners (8, 3), metres, in the order of ``OBB.corners``.
-
-        Examples
-        --------
-        >>> oc.AABB([0, 0, 0], [1, 2, 3]).corners()[0].tolist()
-        [0.0, 2.0, 3.0]
-        """
+        """Return the corners (8, 3), metres, in the order of ``OBB.corners``."""
         return np.where(CORNER_SIGNS > 0.0, self.maximum, self.minimum)
 
     def __repr__(self) -> str:
@@ -283,13 +277,7 @@ class Boxes(ArrayValue, ForKernels):
         return box_volumes(self.half_extents)
 
     def corners(self) -> Floats:
-        """Return the corners (n, 8, 3) of each box, metres, in the order of ``OBB.corners``.
-
-        Examples
-        --------
-        >>> oc.Boxes([[0, 0, 0]], [np.eye(3)], [[1, 2, 3]]).corners()[0, 0].tolist()
-        [-1.0, 2.0, 3.0]
-        """
+        """Return the corners (n, 8, 3) of each box, metres, in the order of ``OBB.corners``."""
         steps = CORNER_SIGNS * self.half_extents[:, None, :]
         return self.centers[:, None, :] + steps @ self.rotations.transpose(0, 2, 1)
 

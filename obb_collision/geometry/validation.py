@@ -21,7 +21,7 @@ import re
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence, Sized
+from collections.abc import Iterator, Sized
 from contextlib import contextmanager
 from typing import Any
 
@@ -330,11 +330,6 @@ def as_quaternions(
         length = float((largest * norm)[..., 0].flat[int(np.argmax(far))])
         warn_caller(f"{name} far from unit length{where}: {length:.3g}; taken as normalised")
     return scaled / norm
-
-
-def is_far_from_unit(quaternion: Sequence[float]) -> bool:
-    """Return whether the length of a quaternion is farther than UNIT_TOLERANCE from 1."""
-    return abs(math.hypot(*quaternion) - 1.0) > UNIT_TOLERANCE
 
 
 def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:

@@ -42,7 +42,7 @@ def bits_of(number: int) -> int:
 
 @njit
 def sort_numbers(numbers: np.ndarray, spare: np.ndarray, low: int, high: int) -> None:
-    """Sort numbers (n,) int64, none negative, by their bits ``low`` to ``high`` - 1; stable.
+    """Sort numbers (n,) int64, not negative, by their bits ``low`` to ``high`` - 1; stable.
 
     spare (n,) int64: work space.
     """
@@ -94,14 +94,14 @@ FEWEST_NUMBERS = 1 << 16
 
 
 def is_dealt(count: int) -> bool:
-    """Return whether to deal so many numbers to buckets; one thread takes as long without."""
+    """Return whether numbers are dealt to buckets; with a single thread that saves no time."""
     return count >= 2 * FEWEST_NUMBERS
 
 
 def deal(numbers: NDArray[np.int64], out: NDArray[np.int64], high: int) -> NDArray[np.int64]:
-    """Write numbers (n,) of ``high`` bits to ``out`` (n,) by the highest BUCKET_BITS; stable.
+    """Write numbers (n,) of ``high`` bits to ``out`` (n,), ordered by their highest BUCKET_BITS.
 
-    Returns where each bucket starts, and the end (BUCKETS + 1,).
+    Stable. Returns where each bucket starts, and the end (BUCKETS + 1,).
     """
     shift = high - BUCKET_BITS
     parts = ranges(len(numbers), FEWEST_NUMBERS)

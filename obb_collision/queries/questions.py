@@ -12,11 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Questions about pairs of bodies: each a table from the kinds of both to a function.
-
-``f(a, b, pairs=None)``: each row of a against the same row of b, or, with pairs (m, 2), rows of a
-against rows of b.
-"""
+"""Questions about pairs of bodies: each a table from the kinds of both to a function."""
 
 from __future__ import annotations
 
@@ -124,29 +120,21 @@ def verdicts(
     pairs : (m, 2) array_like of int, optional
         Rows of a and of b; without, each row of a against the same row of b.
     exact : bool
-        Decide by integer arithmetic what doubles can't: then TOUCHING means touching exactly. Of
-        boxes and meshes (0.1 ms per pair of triangles in contact).
+        Of boxes and meshes: decide by integer arithmetic what doubles can't (0.1 ms per pair of
+        triangles in contact). TOUCHING then means touching exactly.
     effort : int, optional
-        Of meshes: pairs of nodes to look at once triangles touch; then the verdict stays TOUCHING,
-        though others may overlap, as it does soonest with 0. Meshes that rest face to face take
-        0.1 s to rule that out.
+        Of meshes: maximum number of pairs of nodes examined once triangles touch. Beyond it the
+        verdict stays TOUCHING, though other triangles may overlap. Without, meshes that rest face
+        to face take 0.1 s.
     depth : int, optional
-        Of meshes: look at boxes of that depth (2^depth of them per mesh) instead of triangles, and
-        call TOUCHING what is not SEPARATE: that never misses what triangles report. A pair whose
-        boxes of a lesser depth are apart is SEPARATE, even where boxes below stick out of those
-        above.
+        Of meshes: examine boxes of that depth (2^depth per mesh) instead of triangles. Pairs are
+        then SEPARATE or TOUCHING, and no collision of triangles is missed. A pair whose boxes of a
+        lesser depth are apart is SEPARATE, even where boxes below stick out of those above.
 
     Returns
     -------
     (m,) array of int8
         Of ``Verdict``; SEPARATE and OVERLAP are certain, for the doubles as stored.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For other kinds, and options that these do not have.
 
     References
     ----------
@@ -194,9 +182,9 @@ def separations(
 
     Of boxes that is the largest gap along an axis; of capsules the distance or the depth, right to
     2^-45 of the size of the pair; of half-spaces the height of the lowest point of a box. Of meshes
-    that are apart it is the distance of ``clearances``. Of others it is minus a depth: moving b
-    along the normal by the depth certainly parts them. No push along the normal of their hulls is
-    shorter, nor is the depth of their hulls but by 1e-9 of the size of the pair. For convex meshes
+    that are apart it is the distance of ``clearances``, else minus a depth: moving b along the
+    normal by the depth certainly parts them. No push along the normal of their hulls is shorter;
+    the depth of their hulls is shorter by at most 1e-9 of the size of the pair. For convex meshes
     it is the least of all; for others a shorter one may exist along a direction that was not tried.
 
     Parameters
@@ -211,15 +199,8 @@ def separations(
     -------
     Separations
         pairs (m, 2); separations (m,) metres, positive apart, negative overlapping; normals (m, 3)
-        unit, from a to b; positions (m, 3) metres, a place near both; verdicts (m,) int8, but for
+        unit, from a to b; positions (m, 3) metres, a place near both; verdicts (m,) int8, except of
         meshes.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for a negative radius.
-    TypeError
-        For other kinds, and options that these do not have.
 
     References
     ----------
@@ -261,7 +242,7 @@ def contacts(
     pairs : (m, 2) array_like of int, optional
         Rows of a and of b; without, each row of a against the same row of b.
     max_points : int
-        Points per pair at most, 4 or 8.
+        Maximum number of points per pair, 4 or 8.
     radii_a, radii_b : float or (n,) array_like, optional
         Of meshes, metres; a body is everything within its radius of its mesh.
 
@@ -271,14 +252,6 @@ def contacts(
         normals (m, 3) unit, from a to b; depths (m,) metres; counts (m,), 0 where apart; positions
         (m, max_points, 3) metres and position_depths (m, max_points), NaN past the count; axes
         (m,), -1 of meshes.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for another maximum;
-        for a negative radius.
-    TypeError
-        For other kinds, and options that these do not have.
 
     References
     ----------
@@ -342,19 +315,11 @@ def clearances(
     Returns
     -------
     Clearances
-        pairs (k, 2), in the order given; distances (k,) metres, positive apart; positions_a and
+        pairs (k, 2), in their order; distances (k,) metres, positive apart; positions_a and
         positions_b (k, 3) metres; normals (k, 3) unit, from a to b. Of boxes that overlap the
         distance is minus the depth, of those that touch 0; of capsules that overlap it is minus the
         depth; of meshes it is never above the truth, 0 where they collide, with upper (k,) metres
         and faces (k, 2).
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for a
-        negative distance or radius.
-    TypeError
-        For other kinds, and options that these do not have.
 
     References
     ----------
@@ -385,7 +350,7 @@ def sweeps(
     """Return when moving bodies first touch.
 
     Bodies that collide at the start hit at time 0; touching counts.
-    Where neither of two boxes turns (rotations equal bit for bit), the time is exact but for
+    Where neither of two boxes turns (rotations equal bit for bit), the time is exact up to
     rounding: never late, and at that time they are less than 4e-15 T apart (see ``linear``).
     Where one does, and of meshes, time and hit are conservative: never late, none missed, and at
     that time the bodies are nearer than ``tolerance`` times the bounding radius of the smaller box
@@ -408,7 +373,7 @@ def sweeps(
         Of meshes: seconds, positive.
     twists_a, twists_b : (n, 6) array_like, optional
         Of meshes: linear velocity x y z of the origin of each (m/s), angular velocity x y z
-        (rad/s), in the common frame; of all, where there is one row or a number; else they stand.
+        (rad/s), in the common frame. One row, or a number, holds for all; by default they rest.
     radii_a, radii_b : float or (n,) array_like, optional
         Of meshes, metres; a body is everything within its radius of its mesh.
 
@@ -418,15 +383,6 @@ def sweeps(
         hits and undecided (m,) bool; times and free_until (m,), from 0 to 1 or in seconds;
         positions (m, 3) metres; normals (m, 3) unit, from a to b, zero where meshes collide at the
         start.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for another tolerance;
-        for sets that do not move during the same times; for twists of other shapes, a duration that
-        is not positive, a negative radius.
-    TypeError
-        For other kinds, and options that these do not have.
 
     References
     ----------

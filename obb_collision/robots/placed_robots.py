@@ -177,11 +177,6 @@ class PlacedRobots(Changing):
         padding : float
             Metres, added to the padding of the link.
 
-        Raises
-        ------
-        TypeError
-            For another kind of shape.
-
         Examples
         --------
         >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
@@ -221,13 +216,6 @@ class PlacedRobots(Changing):
             The state at the grasp.
         touch_links : str, or sequence or set of str
             Links that it may touch, such as fingers.
-
-        Raises
-        ------
-        KeyError
-            For an unknown object.
-        ValueError
-            Unless exactly one of pose and state is given.
 
         Examples
         --------
@@ -278,11 +266,6 @@ class PlacedRobots(Changing):
         Parameters
         ----------
         name : str
-
-        Raises
-        ------
-        KeyError
-            If no object of that name is attached.
 
         Examples
         --------

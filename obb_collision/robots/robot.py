@@ -217,18 +217,15 @@ class Robot(SetOnce):
         return cls(description, semantics, root, joints, virtual)
 
     def link_poses(self, states: ArrayLike) -> Floats:
-        """Return the poses of all links, in the frame of the root link.
+        """Return the poses of links, (n, links, 7) or (links, 7), in the frame of the root link.
+
+        A pose is ``x y z qx qy qz qw``; the links are in the order of ``link_names``.
 
         Parameters
         ----------
         states : (n, joints) or (joints,) array_like
             The values of ``joint_names``; limits do not matter. Quaternions of floating joints are
             normalised.
-
-        Returns
-        -------
-        (n, links, 7) or (links, 7) numpy.ndarray
-            ``x y z qx qy qz qw``, in the order of ``link_names``.
 
         Examples
         --------
@@ -243,7 +240,7 @@ class Robot(SetOnce):
     def prove_pairs(
         self, time_limit: float = 60.0, progress: Callable[[PairProof], None] | None = None
     ) -> list[PairProof]:
-        """Prove which pairs of links can collide within the limits of the joints.
+        """Return proofs of which pairs of links can collide within the limits of the joints.
 
         Links have the bodies of accuracy ``hull``. A joint without limits makes one full turn; a
         pair whose prismatic, planar or floating joint has no limits is undecided. The SRDF is not
@@ -255,11 +252,6 @@ class Robot(SetOnce):
             Seconds for all pairs; pairs that are left then are undecided.
         progress : callable, optional
             Called with each ``PairProof`` as soon as it is done.
-
-        Returns
-        -------
-        list of PairProof
-            In the order of the links.
 
         Examples
         --------

@@ -42,6 +42,8 @@ DEFAULT_RESOLUTION = 1e-4
 class RobotScene(PlacedRobots):
     """Robots in a scene: checks of their states against themselves, each other and the scene.
 
+    Methods raise KeyError for an unknown group or object.
+
     Parameters
     ----------
     robots : Robot, or sequence or mapping of them
@@ -121,10 +123,6 @@ class RobotScene(PlacedRobots):
         base_state : (joints,) array_like, optional
             Values of the joints outside the group.
 
-        Returns
-        -------
-        StateReport
-
         Examples
         --------
         With ``checker`` as in the example of ``RobotScene``:
@@ -140,7 +138,7 @@ class RobotScene(PlacedRobots):
     def states_of_group(
         self, group: str, states: ArrayLike, base_state: ArrayLike | None = None
     ) -> Floats:
-        """Return full states: the joints of a group of the SRDF, and the others from a base state.
+        """Return full states (n, joints): joints of a group of the SRDF, others from a base state.
 
         Parameters
         ----------
@@ -150,15 +148,6 @@ class RobotScene(PlacedRobots):
             The joints of the group that are in ``joint_names``, in that order.
         base_state : (joints,) array_like, optional
             By default zeros, or the limits nearest to zero; floating joints do not turn.
-
-        Returns
-        -------
-        (n, joints) numpy.ndarray
-
-        Raises
-        ------
-        KeyError
-            For an unknown group.
 
         Examples
         --------
@@ -211,10 +200,6 @@ class RobotScene(PlacedRobots):
             Whether to include pairs whose distance no joint changes, such as a base and its table.
             ``all_pairs`` includes them always.
 
-        Returns
-        -------
-        StateDistances
-
         Examples
         --------
         With ``checker`` as in the example of ``RobotScene``:
@@ -259,10 +244,6 @@ class RobotScene(PlacedRobots):
         resolution : float
             Metres, positive; an interval in which a pair moves less is not divided.
 
-        Returns
-        -------
-        MotionReport
-
         Examples
         --------
         With ``checker`` as in the example of ``RobotScene``:
@@ -281,7 +262,9 @@ class RobotScene(PlacedRobots):
         return check_motions(self._prepared, self._accuracy, begins, finishes, finest, where)
 
     def displacements(self, states: ArrayLike, deviations: ArrayLike) -> Floats:
-        """Return upper bounds of how far a point of a link moves if joints move a little.
+        """Return upper bounds (n,) of how far, in metres, a point of a link moves with the joints.
+
+        Robots must not have planar or floating joints.
 
         Parameters
         ----------
@@ -289,16 +272,6 @@ class RobotScene(PlacedRobots):
             Each joint stays within its largest magnitude in these states.
         deviations : (n, joints) array_like
             Upper bounds of how much each joint moves, metres or radians.
-
-        Returns
-        -------
-        (n,) numpy.ndarray
-            Metres.
-
-        Raises
-        ------
-        ValueError
-            For robots with planar or floating joints.
 
         Examples
         --------
@@ -315,7 +288,9 @@ class RobotScene(PlacedRobots):
     def check_path(
         self, states: ArrayLike, *, first: bool = False, resolution: float = DEFAULT_RESOLUTION
     ) -> MotionReport:
-        """Return which motions from each state of a path to the next are valid.
+        """Return which of the n - 1 motions from each state of a path to the next are valid.
+
+        A single state is a motion that stays there.
 
         Parameters
         ----------
@@ -324,12 +299,6 @@ class RobotScene(PlacedRobots):
         first : bool
         resolution : float
             As in ``check_motions``.
-
-        Returns
-        -------
-        MotionReport
-            Of the n - 1 motions; ``first_invalid`` is the first that is not valid. A single state
-            is a motion that stays there.
 
         Examples
         --------

@@ -32,9 +32,9 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.rays.rays import (
     RayHits,
     as_rays,
+    cast_at,
     cast_at_bodies,
     cast_at_padded,
-    cast_rays,
 )
 from obb_collision.queries.verdict.coarse import bounds_of
 from obb_collision.scene.broad_phase.broad_phase import (
@@ -228,15 +228,14 @@ def cast_at_objects(
         choice = AS_PAIRS if level is None else max(level, Accuracy.OBB).name.lower()
         levels = shapes.object_levels(slots, choice)
     plain = slots[levels == Accuracy.OBB]
-    best = _nearer(None, cast_rays(store.boxes(plain), origins, directions, max_distance), plain)
+    best = _nearer(None, cast_at(store.boxes(plain), rays), plain)
     if shapes is None:
         return best
     meshes, thick = store.kinds[slots] == TRIANGLES, store.paddings[slots] > 0.0
     for surface in (Accuracy.HULL, Accuracy.MESH):
         bare = slots[meshes & ~thick & (levels == surface)]
         if len(bare):
-            targets = _surfaces(store, cache, bare, surface)
-            best = _nearer(best, cast_rays(targets, origins, directions, max_distance), bare)
+            best = _nearer(best, cast_at(_surfaces(store, cache, bare, surface), rays), bare)
     padded = slots[meshes & thick & (levels == Accuracy.MESH)]
     if len(padded):
         targets, radii = _surfaces(store, cache, padded, Accuracy.MESH), store.paddings[padded]

@@ -327,18 +327,13 @@ class Scene(NamedObjects):
         self._checks.obstacle_points = points
 
     def check(self, effects: Iterable[str] | str = ()) -> Report:
-        """Return all colliding pairs, with the effects that are asked for by name.
+        """Return all colliding pairs, with the effects requested by name.
 
-        Only changes since the last check are computed anew.
+        Only changes since the last check are computed anew. Other effects are computed when read.
 
         Parameters
         ----------
         effects : str or iterable of str
-
-        Returns
-        -------
-        Report
-            What collides; effects not asked for are computed when read.
 
         Examples
         --------
@@ -351,16 +346,7 @@ class Scene(NamedObjects):
         return self._checks.report(effects)
 
     def any_collision(self) -> bool:
-        """Return whether ``check`` without a time budget would report a pair; stops at the first.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("table", oc.shapes.Box([2, 1, 1]))
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.any_collision()
-        True
-        """
+        """Return whether ``check`` without a time budget reports a pair; stops at the first."""
         store, last = self._objects.store, self._checks.checker.last
         if last is not None and not last.behind and not store.touched:
             return len(last.decided.pairs) > 0

@@ -17,13 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import pi
+from math import hypot, pi
 
 from obb_collision import shapes
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
 from obb_collision.geometry.poses import Quaternion, quaternion_from_rpy, unit_quaternions
 from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
-from obb_collision.geometry.validation import is_far_from_unit
+from obb_collision.geometry.validation import UNIT_TOLERANCE
 from obb_collision.scene_files.description import Color, SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.yaml_values import Problems, Reader, Value
@@ -63,7 +63,7 @@ def check_angles(value: Value, *angles: float) -> None:
 
 def settled(value: Value, quaternion: Quaternion) -> Quaternion:
     """Return a quaternion; one far from length 1 is normalised, with a note."""
-    if not is_far_from_unit(quaternion):
+    if abs(hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE:
         return quaternion
     value.doubt(f"a quaternion far from unit length, taken as normalised, got {value.shown()}")
     return unit(quaternion)

@@ -20,7 +20,7 @@ the least translation along any of the 15 axes that parts them (``witness``).
 
 Accuracy: distances of separate pairs are within 1e-12 of the size of the pair, the sum of its six
 half extents or the distance itself, whichever is larger. So is the distance between the points,
-but for the rounding of world coordinates. Where many points are equally close (parallel faces),
+up to the rounding of world coordinates. Where many points are equally close (parallel faces),
 one pair of them is returned; nearly parallel faces count as parallel up to that accuracy.
 
 The answer for b and a is that for a and b, bit for bit, points exchanged and normal reversed
@@ -137,7 +137,7 @@ def box_clearances(
 
 
 def as_limit(max_distance: float) -> float:
-    """Return a distance in metres; large ones become infinite."""
+    """Return a maximum distance, metres; large ones become infinite."""
     if not (isinstance(max_distance, REAL_NUMBERS) and max_distance >= 0.0):  # NaN too
         raise ValueError(f"max_distance must be a number, at least 0, got {shown(max_distance)}")
     return float(max_distance) if max_distance <= MAX_MAGNITUDE else np.inf
@@ -204,7 +204,7 @@ def _comes_before(a: BoxAt, b: BoxAt) -> bool:
 def _near_points(
     a: BoxAt, b: BoxAt, pair: BoxPair, size: float, scale: float
 ) -> tuple[int, float, PointPair, Vector]:
-    """Return verdict, gap (metres), points and axis of boxes that overlap, or do so nearly.
+    """Return verdict, gap (metres), points and axis of boxes that overlap or nearly touch.
 
     The points of boxes that overlap are those that touch once b is moved by the depth.
     """
@@ -403,7 +403,7 @@ def points_on_axis(pair: BoxPair, number: int, n: Vector) -> PointPair:
 def points_anywhere(
     pair: BoxPair, size: float, points: PointPair, n: Vector
 ) -> tuple[PointPair, Vector]:
-    """Return the closest points of stages 4 to 6, and the normal: n or better."""
+    """Return the closest points of stages 4 to 6, and the normal: n or a better one."""
     points, m = _slide(pair, points, n)
     if _proven(points, gap_along(pair, m), size):
         return points, m
@@ -432,9 +432,9 @@ def _widest(pair: BoxPair, n: Vector, m: Vector) -> Vector:
 
 @njit
 def _slide(pair: BoxPair, points: PointPair, n: Vector) -> tuple[PointPair, Vector]:
-    """Return closer points: of b, closest to ``points.s``, then of a, closest to that of b.
+    """Return closer points, and the direction from a to b, which is n where the points agree.
 
-    And the direction from a to b, which is n where the points agree.
+    They are the point of b closest to ``points.s``, and the point of a closest to that.
     """
     t = closest_on_b(pair, points.s)
     closer = points_at(pair, closest_on_a(pair, t), t)

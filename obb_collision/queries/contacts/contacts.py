@@ -82,16 +82,16 @@ from obb_collision.queries.verdict.witness import (
 from obb_collision.typing import Axes, Floats, Integers, Vector
 from obb_collision.words import shown
 
-#: What ``Contacts.axes`` has for pairs that are no boxes.
+#: The value of ``Contacts.axes`` for pairs that are not boxes.
 NO_AXIS = -1
-#: How many points a pair can be asked for.
+#: Maximum numbers of points per pair that are accepted.
 POINT_LIMITS = (4, 8)
 
 #: Pairs below which a second thread does not pay: 100 us or so.
 FEWEST_CONTACTS = 200
 
 
-#: The arrays of ``Contacts`` but for the pairs, for kernels.
+#: All arrays of ``Contacts`` except the pairs, for kernels.
 ContactArrays = tuple[np.ndarray, ...]
 
 
@@ -129,7 +129,7 @@ class Contacts:
 
     @property
     def arrays(self) -> ContactArrays:
-        """All but the pairs, for kernels."""
+        """All arrays except the pairs, for kernels."""
         return tuple(vars(self).values())[1:]
 
     def __len__(self) -> int:
@@ -195,7 +195,7 @@ def contacts_kernel(
 
 @njit
 def _find_vertices(block: Floats, n: int, limit: int, polygon: Floats, spare: Floats) -> int:
-    """Write the vertices of the patch of a pair into its slots, and return how many."""
+    """Write the vertices of the patch of a pair into its slots, and return their number."""
     for k in range(4):
         write_at(polygon, k, vector_in(block, FACE_QUAD + 3 * k, n))
     count = clip_to_rectangle(polygon, 4, block[FACE_LIMIT, n], block[FACE_LIMIT + 1, n], spare)
@@ -209,7 +209,7 @@ def _find_vertices(block: Floats, n: int, limit: int, polygon: Floats, spare: Fl
 def _write_points(
     block: Floats, n: int, origin: Vector, out: ContactArrays, row: int, spare: Floats
 ) -> int:
-    """Write a row of points and of their depths, and return how many."""
+    """Write a row of points and their depths, and return their number."""
     _, _, counts, points, depths, _ = out
     size = block[PAIR_SIZE, n]
     written = 0
@@ -341,7 +341,7 @@ def _lay_face(a: BoxAt, b: BoxAt, face: int, size: float, polygon: Floats) -> No
 
 #: Pairs in a block: their numbers (29 kB) stay in the fastest memory.
 CONTACT_BLOCK = 32
-#: Most points of a pair.
+#: Maximum number of points of a pair.
 POINT_SLOTS = 8
 #: Least size of a pair, metres: its reciprocal must be finite. Below that a box counts as a point.
 SMALLEST_PAIR = 1e-300
@@ -352,7 +352,7 @@ SMALLEST_PAIR = 1e-300
 FACE_QUAD, FACE_LIMIT, PAIR_SIZE, FACE_CENTER, FACE_AXES, SLOT_VERTEX = 27, 39, 41, 51, 54, 60
 SLOT_POINT = SLOT_VERTEX + 3 * POINT_SLOTS
 SLOT_SETTLED = SLOT_POINT + 3 * POINT_SLOTS
-#: The same of the slot that is being worked on: rows whose places the compiler knows.
+#: The same rows of the current slot, at places that the compiler knows.
 VERTEX_NOW = SLOT_SETTLED + POINT_SLOTS
 PLACE_NOW, SETTLED_NOW, CONTACT_ROWS = VERTEX_NOW + 3, VERTEX_NOW + 6, VERTEX_NOW + 7
 

@@ -25,12 +25,9 @@ nearly equal patches.
 
 Vertices (s, t, w): place s, t on the face of a, from its centre along its two edges, and height w
 of the face of b above it along the normal, all in units of the size of the pair: the sum of the
-six half extents. The tolerances are in units of the size too.
+six half extents. Polygons are arrays (count, 3) of them. Tolerances are in units of the size, too.
 
 ``reduce_patch`` chooses the vertices that stand for it: those in contact, a few, always the same.
-
-Polygons are arrays (count, 3) of vertices s, t, w in units of the size of the pair, see
-``patch``.
 """
 
 from __future__ import annotations

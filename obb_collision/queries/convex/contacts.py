@@ -22,9 +22,9 @@ in that body, in the other's plane in the other one; a contact is halfway betwee
 
 Of a tip of angle t, what is clipped at both sides may be e / t beyond it, for e the rounding of a
 distance from a line. So where there are tips each corner p of the overlay, which is in the polygon
-that was clipped, is put on the nearest point q of the one that clips. Is q on a side, or a corner
-of 90 degrees or more, p is within 2 e of it. Else let x be a point of both: not beyond the two
-sides of the tip, and p by e at most. Where the way from x to p passes the tip, it is at most
+that was clipped, is put on the nearest point q of the one that clips. If q is on a side or a
+corner of 90 degrees or more, p is within 2 e of it. Else let x be a point of both: not beyond the
+two sides of the tip, and p by e at most. Where the way from x to p passes the tip, it is at most
 2 sqrt(2) e beside it: and so q is that near to the polygon that was clipped. There is such an x if
 a p is not beyond a tip, or if two are beyond different ones; else the features do not lie over each
 other.
@@ -71,8 +71,8 @@ from obb_collision.typing import Floats, Integers, Vector
 
 #: Points that stand for the rim of an end of a cylinder, or of the base of a cone.
 RIM_POINTS = 16
-#: Points of a feature at most. If there are more, the polygon is made early, and later points join
-#: its corners, or every second corner if they are more than half as many.
+#: Maximum number of points of a feature. If there are more, the polygon is made early, and later
+#: points join its corners, or every second corner if they are more than half as many.
 MOST_POINTS = 128
 #: Gaps of Shell sort (Ciura 2001).
 SORT_GAPS = (57, 23, 10, 4, 1)

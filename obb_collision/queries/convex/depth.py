@@ -50,7 +50,7 @@ from obb_collision.queries.meshes.placed import PairPose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
-#: Corners of the polytope at most: hulls take 10 to 40, pairs of ellipsoids up to 150.
+#: Maximum number of corners of the polytope: hulls take 10 to 40, pairs of ellipsoids up to 150.
 MOST_CORNERS = 256
 MOST_FACES = 2 * MOST_CORNERS
 #: A corner beyond a face by at most this is on it; sizes are near one.
@@ -220,7 +220,7 @@ def _height(room: DepthRoom, k: int, row: int) -> float:
 def _put_face(
     room: DepthRoom, row: int, i: int, j: int, k: int, pose: PairPose, unit: float
 ) -> None:
-    """Write a face and its plane, infinitely far for a face without one."""
+    """Write a face and its plane; a face without a plane is infinitely far."""
     room.faces[row, 0], room.faces[row, 1], room.faces[row, 2] = i, j, k
     u, v = _edge(room, i, j), _edge(room, i, k)
     n = cross(u, v)

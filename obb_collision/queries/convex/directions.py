@@ -16,8 +16,8 @@
 
 Feet: the point of a box, a cylinder or a cone that is nearest to a foremost point of another.
 
-Where that point is a corner, the line to its foot is the shortest one, which corners of the
-difference come near to only by and by: a face, a side or an end has no foremost points inside.
+Where that point is a corner, the line to its foot is the shortest one. Corners of the difference
+approach it only slowly: a face, a side or an end has no foremost points inside.
 
 Of curved bodies: Newton's step, by their curvature.
 

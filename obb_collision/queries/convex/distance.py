@@ -342,7 +342,7 @@ def _careful_search(
 def _needed(
     s: Corner, t: Corner, u: Corner, v: Corner, weights: Weights
 ) -> tuple[int, Corner, Corner, Corner, Weights]:
-    """Return the number of corners with weights, at most three, these first, and the weights."""
+    """Return the number of corners with weights, at most three, these corners, and the weights."""
     count, x, y, z = 0, 0.0, 0.0, 0.0
     first = second = third = s
     for k in range(4):

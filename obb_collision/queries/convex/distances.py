@@ -232,7 +232,7 @@ def core_room() -> CoreRoom:
 
 
 class MeshCoreDistance(NamedTuple):
-    """How far a mesh and a core are apart, metres: bounds, points and direction."""
+    """The distance of a mesh and a core, metres: bounds, points and direction."""
 
     lower: float
     upper: float  #: 0 where they overlap, infinite past the limit
@@ -298,7 +298,7 @@ def _mesh_kernel(
 def mesh_apart(
     trees: TreeArrays, mesh: int, core: Core, pose: PairPose, limit: float, room: CoreRoom
 ) -> MeshCoreDistance:
-    """Return how far a mesh and a core are apart, but for rounding; infinite past a limit."""
+    """Return the distance of a mesh and a core, up to rounding; infinite past a limit."""
     nearest = nearest_triangle(trees, mesh, core, pose, limit, room)
     if not (nearest.lower > 0.0 and trees.solid[mesh]):
         return nearest

@@ -324,7 +324,7 @@ EDGE_SLACK = 1e-12
 def way_out(p: Triangle, q: Triangle, frame: FlatFrame, enough: float) -> float:
     """Return how far q must go along the normal of a frame until it no longer touches p.
 
-    Not too short, but for rounding; -inf for triangles beside each other, or if certainly not more
+    Not too short, up to rounding; -inf for triangles beside each other, or if certainly not more
     than ``enough``.
     """
     p, q = _seen(p, frame), _seen(q, frame)

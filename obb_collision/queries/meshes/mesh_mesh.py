@@ -156,19 +156,12 @@ def triangle_pairs(
     pairs : (m, 2) array_like of int, optional
         Rows of a and of b; without, each row of a against the same row of b.
     capacity : int, optional
-        Triangles given at most; their number is the true one all the same. Without, all are.
+        Maximum number of pairs of triangles; ``count`` is the true one. By default all.
 
     Returns
     -------
     TrianglePairs
         pairs (c,) rows of the pairs; faces (c, 2) of a and b; verdicts (c,); count.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but placed meshes.
 
     Examples
     --------
@@ -375,7 +368,7 @@ class MeshClearances(Clearances):
     """
 
     upper: Floats
-    """(m,) the positions are no farther apart, but for the rounding of world coordinates."""
+    """(m,) the positions are no farther apart, up to the rounding of world coordinates."""
     faces: Integers
     """(m, 2) the closest faces of a and of b; -1 where a piece lies inside the other."""
 
@@ -473,7 +466,7 @@ def mesh_clearance_kernel(
 
 @njit(refcount=False)
 def surfaces_apart(bodies: MeshPair, limit: float, room: TreeRoom) -> SurfaceDistance:
-    """Return the distance of two meshes, the bounds but for rounding; infinite past a limit."""
+    """Return the distance of two meshes, with bounds up to rounding; infinite past a limit."""
     zero = ZERO
     unit, back = unit_scale(bodies.pose.size)
     if not roots_apart(bodies):

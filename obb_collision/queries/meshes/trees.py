@@ -293,7 +293,7 @@ def boxes_may_collide(bodies: MeshPair, depth: int, room: NodeStack) -> bool:
 DISTANCE_BOUND = 1024 * ROUNDOFF
 #: By how much a bound of two boxes may be off, relative to S (derivation above).
 NODE_BOUND = 2.0 * BOX_BOUND
-#: What cannot shorten the distance by more than this, relative to S, is not looked at: 1e-11.
+#: Nodes that cannot shorten the distance by more than this, relative to S, are dropped: 1e-11.
 SAME_DISTANCE = 2.0**-36
 #: Bounds of two triangles that differ by more than this, relative to S, are computed carefully.
 LOOSE_BOUNDS = 2.0**-40
@@ -367,7 +367,7 @@ def nearest_triangles(
 
 @njit
 def boxes_apart(nodes: Floats, i: int, other: NodeBox, unit: float) -> float:
-    """Return a lower bound of the distance of a node and a moved one, but for rounding.
+    """Return a lower bound of the distance of a node and a moved one, up to rounding.
 
     If not positive, the largest gap along a face: more negative where they overlap more.
     """

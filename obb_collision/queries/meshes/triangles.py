@@ -399,7 +399,7 @@ def _minus(a: Exact, b: Exact) -> Exact:
 
 
 def _candidate_axes(p: list[Exact], q: list[Exact]) -> Iterator[Exact]:
-    """Yield axes, none null, of which one separates if any axis does.
+    """Yield axes that are not null; if any axis separates, one of them does.
 
     The Minkowski difference is the hull of nine points, its faces are normal to products of two
     edges. If it is flat (coplanar triangles), a plane normal to it and an edge bounds it within its

@@ -17,9 +17,9 @@
 The surface belongs to them. What doubles cannot tell from it counts as inside, so no point of a
 body is ever reported as outside. Of meshes: points within 2^-41 of the reach of the mesh and the
 offset from its origin, and those of which every ray passes too near to an edge (``inside``), as
-some beside slivers do. Of a surface the first are all. Of convex bodies: cores with a formula are
-decided by it, up to rounding; radii, margins and hulls by the distance of a point, up to 1e-9 of S,
-the offset of the point and the reach of the body.
+some beside slivers do. A surface that is not a solid has only the former. Of convex bodies: cores
+with a formula are decided by it, up to rounding; radii, margins and hulls by the distance of a
+point, up to 1e-9 of S, the offset of the point and the reach of the body.
 """
 
 from __future__ import annotations

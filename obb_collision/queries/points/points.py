@@ -67,21 +67,21 @@ CHUNK = 1 << 15
 GRID_EFFORT = 0.1
 #: Parts of a cloud at most: each has results of its own for every box.
 MOST_CHUNKS = 64
-#: What is found as inside is within this of the box, relative to the half extents and margin.
+#: Points that count as inside are within this of the box, relative to the half extents and margin.
 POINT_REACH = 8192 * ROUNDOFF
 
 
 @dataclass(frozen=True, eq=False)
 class PointsInside:
-    """What boxes, or meshes, hold of a cloud, one by one; the centre is that of the box of a mesh.
+    """The points of a cloud in each box or mesh; the centre of a mesh is that of its box.
 
     indices (n,): rows of the boxes; in a report, indices of objects.
 
     counts (n,): points inside. first (n,): the lowest index of those, -1 without any. nearest
     (n,): the index of the one nearest to the box centre (of equally near ones the lowest), -1
     without any. distances (n,) metres: its distance from the centre, infinite without any.
-    ignored: points with a coordinate that is not finite. boxes (p,), if asked for: the lowest
-    box that holds each point, -1 for none.
+    ignored: points with a coordinate that is not finite. boxes (p,), with ``each_point``: the
+    lowest box that holds each point, -1 for none.
     """
 
     indices: Integers
@@ -110,20 +110,13 @@ def points_inside(
     margin : float
         Metres; points this near to a box or mesh count, too.
     each_point : bool
-        Also say for each point in which box it is.
+        Whether to return ``boxes``, too: for each point, which box holds it.
 
     Returns
     -------
     PointsInside
         counts (n,), first (n,), nearest (n,), distances (n,) metres from the centre; ignored; boxes
-        (p,) if asked for.
-
-    Raises
-    ------
-    ValueError
-        For points of another shape, or a negative margin.
-    TypeError
-        For anything but boxes and placed meshes.
+        (p,) with ``each_point``.
 
     Examples
     --------

@@ -59,12 +59,12 @@ class HalfSpaceArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces(ArrayValue, ForKernels):
-    """n solid half-spaces: all that is not above a plane.
+    """n solid half-spaces: all points that are not above a plane.
 
     Parameters
     ----------
     points : (n, 3) array_like
-        One on each plane, metres; one near the boxes gives the sharpest result.
+        A point on each plane, metres; points near the boxes give the sharpest results.
     normals : (n, 3) array_like
         Of the planes, upwards, of any length but zero.
 

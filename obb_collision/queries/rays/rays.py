@@ -116,11 +116,6 @@ def cast_rays(
         hits (m,) bool; boxes (m,) rows, -1 for none; distances (m,) metres; positions and normals
         (m, 3); faces (m,) of meshes.
 
-    Raises
-    ------
-    TypeError
-        For anything but boxes and placed meshes.
-
     References
     ----------
     Kay, Kajiya, Ray Tracing Complex Scenes (SIGGRAPH 1986); Ericson 2005, 5.3.3.
@@ -133,7 +128,7 @@ def cast_rays(
     ([0], [4.0], [[4.0, 0.0, 0.0]])
     """
     _check_targets(boxes)
-    return _cast(boxes, as_rays(origins, directions, max_distance))
+    return cast_at(boxes, as_rays(origins, directions, max_distance))
 
 
 def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) -> Rays:
@@ -146,6 +141,11 @@ def as_rays(origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) 
     reaches = as_each(max_distance, "max_distance", "a number, or a number per ray", (len(o),))
     refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
     return Rays(o, units, reaches)
+
+
+def cast_at(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
+    """Return the first hits of rays on boxes or meshes; not checked."""
+    return _hits(rays, targets, targets if isinstance(targets, Boxes) else root_boxes(targets))
 
 
 def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
@@ -182,11 +182,6 @@ def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLik
         hits (m,) bool; boxes (m,) rows, -1 for none; distances (m,) metres; positions and normals
         (m, 3); faces (m,) of meshes.
 
-    Raises
-    ------
-    TypeError
-        For anything but boxes and placed meshes.
-
     Examples
     --------
     >>> boxes = oc.Boxes([[5, 0, 0]], [np.eye(3)], [[1, 1, 1]])
@@ -199,7 +194,7 @@ def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLik
     check_lengths(starts=p, ends=q)
     units, norms = _units(q - p)
     units[norms == 0.0] = 1.0, 0.0, 0.0
-    return _cast(boxes, Rays(p, units, norms))
+    return cast_at(boxes, Rays(p, units, norms))
 
 
 def _check_targets(boxes: Boxes | PlacedMeshes) -> None:
@@ -211,10 +206,6 @@ def _units(directions: Floats) -> tuple[Floats, Floats]:
     """Return unit vectors (m, 3) and lengths (m,); zero stays zero."""
     norms = lengths(directions)
     return directions / np.where(norms > 0.0, norms, 1.0)[:, None], norms
-
-
-def _cast(targets: Boxes | PlacedMeshes, rays: Rays) -> RayHits:
-    return _hits(rays, targets, targets if isinstance(targets, Boxes) else root_boxes(targets))
 
 
 class Targets(NamedTuple):

@@ -92,7 +92,7 @@ class Approach(NamedTuple):
     velocity: Vector  #: how the offset changes
     far: float  #: maximum length of the offset of the origins until the horizon
     speed: float  #: of the second origin seen from the first
-    horizon: float  #: the longest step asked for
+    horizon: float  #: the longest step that is useful
 
 
 class MovingAxis(NamedTuple):

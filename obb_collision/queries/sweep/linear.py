@@ -23,7 +23,7 @@ Certified like the verdicts, and in two stages like them: a coarse pass that set
 by the spheres or the faces of the first box (``meeting_intervals``), then the axes that may decide
 the entry, or the exit, taken carefully. Every r is widened by the error bound of its stage, so
 intervals only grow: no hit is missed and no time is late. What this may cost: a miss by less than
-the bound, 4e-15 of T, counts as a hit, and at the time given the boxes are apart by less than that
+the bound, 4e-15 of T, counts as a hit, and at its time the boxes are apart by less than that
 (T: the offsets of the centres at the start and at the end, their components summed, plus all half
 extents). A time is early by at most that over the speed along the axis entered last: 1e-12 of it
 where the way along that axis is a hundredth of T or more.
@@ -108,7 +108,7 @@ def meeting_intervals(a: BoxAt, b: BoxAt, end: Vector, times: Floats) -> tuple[f
     its offset from a at time 0, ``end`` that at time 1.
 
     Writes to ``times`` (2, 15), unless it is a miss: when each axis has certainly been entered, and
-    when it has certainly not been left (NaN if unknown). All but for TIME_ROUNDING.
+    when it has certainly not been left (NaN if unknown). All up to TIME_ROUNDING.
 
     Formulas and bound as in ``verdict.fast_verdict``, linear in the offset and so valid at any time
     between.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""BoxMotion of boxes, from pose to pose or by twists: places at a time, turns, swept bounds.
+"""Motion of boxes, from pose to pose or by twists: places at a time, turns, swept bounds.
 
 Time runs from 0 to 1. The origin of a box, a point fixed to it, goes along a line at constant
 speed while the box turns about it at constant speed; its centre is at the end of the ``arm`` from
@@ -382,13 +382,6 @@ class MovingBoxes:
     start, end : Boxes
         Of the same half extents.
 
-    Raises
-    ------
-    ValueError
-        For different lengths or half extents.
-    TypeError
-        For anything but boxes.
-
     Examples
     --------
     >>> start = oc.Boxes([[0, 0, 0], [5, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
@@ -428,13 +421,6 @@ class MovingBoxes:
             Seconds, positive.
         origins : (n, 3) array_like, optional
             Points fixed to the boxes and anywhere, metres; the centres by default.
-
-        Raises
-        ------
-        ValueError
-            For other shapes, a duration that is not positive, and ways too long.
-        TypeError
-            For anything but boxes.
 
         Examples
         --------

@@ -25,7 +25,7 @@ Only the time during which the spheres about both origins meet is walked, so the
 costs little. Of a box that turns beside one that does neither turn nor move, one turn is enough.
 Boxes that turn many times are bounded by the body they sweep in a whole turn (``bounds``), and
 most of that time is skipped. Where the walk still takes too many steps, or rounding leaves less
-than the tolerance, the pair is undecided, and the time until which the boxes are apart is given.
+than the tolerance, the pair is undecided, with the time until which the boxes are apart.
 
 Rounding: lengths are in units of a power of two about as large as the boxes and their arms. With u
 the unit roundoff, a place is off by 4 u of offset and way so far (``offset_and_way``, and the time

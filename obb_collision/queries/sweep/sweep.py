@@ -163,18 +163,18 @@ LEAST_TOLERANCE = TOLERANCE_FLOOR
 
 @dataclass(frozen=True, eq=False)
 class Sweeps:
-    """What the motion of m pairs leads to, arrays over the pairs. One of three answers each.
+    """The first contacts of m moving pairs, as arrays; each pair has one of three answers.
 
     pairs (m, 2): rows of a and b; in a report, indices of objects.
 
-    hits (m,) bool: the boxes touch. undecided (m,) bool: it is not known whether they do; whoever
-    must not miss a collision takes it that they may, from ``free_until`` on. Neither: they don't.
+    hits (m,) bool: the bodies touch. undecided (m,) bool: they may touch, from ``free_until`` on.
+    Neither: they do not touch.
 
-    times (m,): of first contact, in the unit of the motion; infinite without one, NaN where not
-    known. free_until (m,): until when the boxes are certainly apart: the time of contact,
-    infinity, or as far as it is known. positions (m, 3) metres: where, in the common frame at that
-    time (in or near both of boxes that overlap at the start); normals (m, 3): unit vectors from
-    the first box to the second. Both NaN without a hit, and (0, 3) where not asked for.
+    times (m,): of first contact, in the unit of the motion; infinite without one, NaN if undecided.
+    free_until (m,): until when the bodies are certainly apart, infinity if they do not touch.
+    positions (m, 3) metres: where, in the common frame at that time (in or near both of boxes that
+    overlap at the start); normals (m, 3): unit vectors from the first box to the second. Both NaN
+    without a hit, and (0, 3) with ``contacts=False``.
     """
 
     pairs: Integers
@@ -229,7 +229,7 @@ def box_sweeps(
     tolerance: float = TOLERANCE,
     contacts: bool = True,
 ) -> Sweeps:
-    """Return when moving boxes first touch, and where, if asked for contacts."""
+    """Return when moving boxes first touch; contacts: whether to find where, too."""
     near = as_tolerance(tolerance)
     row_pairs = as_pairs(a, b, pairs)
     motion, duration, rows = join_motions(a, b, row_pairs)

@@ -19,8 +19,8 @@ exact: 0 where ``verdicts`` does not say OVERLAP and for flat boxes, which have 
 volume, and 1, for boxes that are the same set. The answer for b and a is that for a and b, bit for
 bit.
 
-Accuracy: a volume is off by at most VOLUME_BOUND. So thin boxes have as many digits as their
-thickness has beside the size of the pair.
+Accuracy: a volume is off by at most VOLUME_BOUND. So the volume of a thin box has
+as many digits as its thickness has relative to the size of the pair.
 
 Faces are loops of directed edges, in no order. A plane cuts each face between an edge that leaves
 and one that enters: the cut closes the face, and reversed it is an edge of the new face in the
@@ -60,13 +60,6 @@ def overlap_volumes(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Float
         the volume of both for boxes that are the same set, also with axes swapped or reversed.
         Positive otherwise. Infinite beyond 1.8e308.
 
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but boxes.
-
     References
     ----------
     Sutherland, Hodgman, Reentrant Polygon Clipping (CACM 1974).
@@ -94,13 +87,6 @@ def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
     (m,) array
         From 0 to 1. Exactly 0 where ``overlap_volumes`` is, and exactly 1 for boxes that are the
         same set, also with axes swapped or reversed. Flat boxes have 1 with themselves, else 0.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but boxes.
 
     Examples
     --------
@@ -163,7 +149,7 @@ CLIPPED_FACES = 12
 #: Edges of a face: four, or a cut through each of 11 others, and one more for each further plane;
 #: as many again where rounding bends a face.
 FACE_EDGES = 32
-#: Cuts of one face by a plane: one, but for rounding.
+#: Cuts of one face by a plane: one, or more by rounding.
 FACE_CUTS = FACE_EDGES
 #: The least positive volume: that of boxes which overlap, though rounding says they don't.
 LEAST_OVERLAP = 5e-324

@@ -12,11 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pairs as they come from outside: the one convention of all questions about pairs.
-
-``f(a, b, pairs=None)``: each row of a against the same row of b, or, with pairs (m, 2), rows of a
-against rows of b.
-"""
+"""Validation of pairs, by the convention ``f(a, b, pairs=None)`` of all questions about pairs."""
 
 from __future__ import annotations
 

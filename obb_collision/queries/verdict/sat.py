@@ -349,7 +349,7 @@ def best_edge(pair: BoxPair, best: AxisGap) -> AxisGap:
 
 @njit
 def _edge_gap(offset: float, a: float, b: float, p: float, q: float) -> float:
-    """Return the gap along a unit edge axis, whose components are p and q but for their signs.
+    """Return the gap along a unit edge axis, whose components are p and q up to their signs.
 
     a, b: the reach of the boxes. -inf if the gap is not positive, or for nearly parallel edges.
     """

@@ -158,7 +158,7 @@ def _bound_edges(gaps: Vector, x: Vector, error: float) -> tuple[float, Vector]:
 
 @njit(inline=True)
 def _bound_edge(gap: float, p: float, q: float, error: float) -> tuple[float, float]:
-    """Return bounds of the gap along a unit edge axis, whose components are p and q but for signs.
+    """Return bounds of the gap along a unit edge axis, whose components are p and q up to signs.
 
     gap: not divided by the length of the axis.
     """
@@ -194,7 +194,7 @@ def largest_gap(a: BoxAt, b: BoxAt, axes: int) -> Witness:
     """Return the witness among some axes, a bit for each.
 
     If all stored axes of both boxes are equal, only the first three of the 15 differ: all products
-    are theirs but for signs, to the last bit.
+    are theirs up to signs, to the last bit.
     """
     best = -np.inf
     n = 0.0, 0.0, 0.0
@@ -231,7 +231,7 @@ def _before(u: Vector, v: Vector) -> bool:
 
 
 #: Rounds of alternating projections: each moves the point into one box, then into the other.
-#: A few are enough, but for thin wedges.
+#: A few are enough, except for thin wedges.
 PROJECTION_ROUNDS = 32
 #: They end when the point moves less than this, relative to the sum of the half extents: enough
 #: for drawing.

@@ -355,21 +355,6 @@ def rigid_groups(tree: Tree) -> Rows:
     return groups
 
 
-def driving_joints(tree: Tree) -> Mask:
-    """Return (links + 1, links) whether a frame is moved by the joint of a link.
-
-    The last frame is the world. Fixed joints, and joints with multiplier zero, move nothing.
-    """
-    count = len(tree.parents)
-    moving = (tree.kinds != FIXED) & (tree.multipliers != 0.0)
-    driven = np.zeros((count + 1, count), np.bool_)
-    for link, parent in enumerate(tree.parents.tolist()):
-        if parent >= 0:
-            driven[link] = driven[parent]
-        driven[link, link] = moving[link]
-    return driven
-
-
 def next_joint(tree: Tree, link: int) -> int:
     """Return the nearest link, from this one to the root, whose joint moves; -1 for none."""
     while link >= 0 and (tree.kinds[link] == FIXED or tree.multipliers[link] == 0.0):

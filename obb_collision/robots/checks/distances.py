@@ -369,7 +369,7 @@ def distance_gradients(
 
     A distance along a direction n changes by n times the difference of the velocities of the
     closest points. To first order it does not matter that these move on their links.
-    driven: see ``driving_joints``; frames (m, 2): those of the points (m, 2, 3); directions (m, 3):
+    driven: of ``OwnBodies``; frames (m, 2): those of the points (m, 2, 3); directions (m, 3):
     from the first to the second point, NaN for none.
     """
     gradients = np.zeros(states.shape)

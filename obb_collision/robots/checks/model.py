@@ -40,7 +40,6 @@ from obb_collision.robots.checks.arrays import (
     body_pairs,
     chain_lengths,
     chains_of,
-    driving_joints,
     next_joint,
     one_tree,
     rigid_groups,
@@ -58,7 +57,7 @@ from obb_collision.robots.checks.bodies import (
     largest_padding,
     world_of,
 )
-from obb_collision.robots.kinematics.kinematics import FLOATING, PRISMATIC, Tree, link_poses
+from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree, link_poses
 from obb_collision.scene.building.shape_cache import TRIANGLES, kind_of
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape, Sphere
@@ -115,8 +114,18 @@ class OwnBodies:
 
     @cached_property
     def driven(self) -> Mask:
-        """The result of ``driving_joints``."""
-        return driving_joints(self.tree)
+        """(links + 1, links) whether the joint of a link moves a frame; the world is the last.
+
+        Fixed joints, and joints with multiplier zero, move nothing.
+        """
+        tree, count = self.tree, len(self.tree.parents)
+        moving = (tree.kinds != FIXED) & (tree.multipliers != 0.0)
+        driven = np.zeros((count + 1, count), np.bool_)
+        for link, parent in enumerate(tree.parents.tolist()):
+            if parent >= 0:
+                driven[link] = driven[parent]
+            driven[link, link] = moving[link]
+        return driven
 
     @cached_property
     def moved(self) -> Mask:

@@ -112,17 +112,7 @@ class StateReport(ValidityReport):
     _things: ClassVar[str] = " states"
 
     def pairs_of(self, state: int) -> list[tuple[str, str]]:
-        """Return the names of all colliding pairs of a state.
-
-        Parameters
-        ----------
-        state : int
-
-        Raises
-        ------
-        ValueError
-            For a report of a check without ``all_pairs=True``.
-        """
+        """Return the names of all colliding pairs of a state, after a check with all_pairs=True."""
         if self.all_pairs is None:
             raise ValueError("all pairs were not requested: use check(..., all_pairs=True)")
         states, pairs = self.all_pairs
