@@ -87,7 +87,7 @@ def about_trees(**given: Any) -> Any:
             with suppress(*ERRORS, OverflowError):  # no such number
                 given[name][-1] = value
     bodies = oc.PlacedMeshes(oc.MeshTrees(**given), [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
-    return oc.verdicts(bodies, bodies, [[0, 1]]), oc.verdicts(bodies, bodies, depth=3)
+    return oc.verdicts(bodies, bodies, [[0, 1]]), bodies.trees.boxes(0, 3)
 
 
 MORE = {

@@ -110,7 +110,6 @@ def verdicts(
     *,
     exact: bool = False,
     effort: int | None = None,
-    depth: int | None = None,
 ) -> Verdicts:
     """Return whether bodies collide, with certainty.
 
@@ -126,10 +125,6 @@ def verdicts(
         Of meshes: maximum number of pairs of nodes examined once triangles touch. Beyond it the
         verdict stays TOUCHING, though other triangles may overlap. Without, meshes that rest face
         to face take 0.1 s.
-    depth : int, optional
-        Of meshes: examine boxes of that depth (2^depth per mesh) instead of triangles. Pairs are
-        then SEPARATE or TOUCHING, and no collision of triangles is missed. A pair whose boxes of a
-        lesser depth are apart is SEPARATE, even where boxes below stick out of those above.
 
     Returns
     -------
@@ -150,7 +145,7 @@ def verdicts(
     [2]
     """
     exactly = as_flag(exact, "exact") or None
-    return _answer(VERDICT_TABLE, a, b, pairs, {}, exact=exactly, effort=effort, depth=depth)
+    return _answer(VERDICT_TABLE, a, b, pairs, {}, exact=exactly, effort=effort)
 
 
 @overload

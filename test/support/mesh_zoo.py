@@ -225,10 +225,10 @@ def verdict_of(a: PlacedMeshes, b: PlacedMeshes, exact: bool = False) -> Verdict
 
 
 def collisions(
-    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None = None, depth: int | None = None
+    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None = None
 ) -> NDArray[np.bool_]:
-    """Return which meshes collide, or boxes of a depth: the quickest question."""
-    return np.asarray(oc.verdicts(a, b, pairs, effort=0, depth=depth) != Verdict.SEPARATE)
+    """Return which meshes collide: the quickest question."""
+    return np.asarray(oc.verdicts(a, b, pairs, effort=0) != Verdict.SEPARATE)
 
 
 def placed_corners(bodies: PlacedMeshes, row: int) -> Floats:

@@ -172,7 +172,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "verdicts of half-spaces": {"b": oc.HalfSpaces(POINTS, UNITS)},
     "clearances of capsules": {"a": oc.Capsules(POINTS, UNITS, np.ones(2))},
     "triangle_pairs": {**MESHES, "capacity": 9},
-    "verdicts of meshes": {**MESHES, "effort": 99, "depth": None},
+    "verdicts of meshes": {**MESHES, "effort": 99},
     "separations of meshes": MESHES,
     "clearances of meshes": MESHES,
     "contacts of meshes": MESHES,
@@ -186,7 +186,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "Scene.objects.shape_of": {},
 }  # fmt: skip
 #: Only for bodies of another kind, and what is a function or is made beforehand.
-SPECIAL = {"effort", "duration", "capacity", "depth", "region"}
+SPECIAL = {"effort", "duration", "capacity", "region"}
 #: Properties of a scene, and of its parts.
 PROPERTIES: dict[str, Any] = {
     "padding": 0.1, "accuracy": "obb", "time_budget": 0.1, "obstacle_points": POINTS,

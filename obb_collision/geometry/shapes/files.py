@@ -19,9 +19,9 @@ could be anything, even a pipe that never ends. Archives and compressed formats 
 bytes of them can become any number.
 
 Where somebody else names a file, it must be in an allowed folder: the share folders of installed
-packages and the folders chosen. Symbolic links and ``..`` are
-resolved first. ``colcon build --symlink-install`` fills share folders with links to the sources, so
-a link may lead to the sources of the same package.
+packages and the folders chosen. Symbolic links and ``..`` are resolved first. ``colcon build
+--symlink-install`` fills share folders with links to the sources, so a link may lead to the sources
+of the same package.
 """
 
 from __future__ import annotations

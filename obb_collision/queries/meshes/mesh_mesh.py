@@ -75,7 +75,6 @@ from obb_collision.queries.meshes.trees import (
     NodePair,
     NodeStack,
     TreeRoom,
-    boxes_may_collide,
     find_contacts,
     nearest_triangles,
     node_stack,
@@ -105,17 +104,9 @@ def mesh_verdicts(
     *,
     exact: bool = False,
     effort: int = UNLIMITED,
-    depth: int | None = None,
 ) -> NDArray[np.int8]:
-    """Return the verdicts of meshes (m,), or of their boxes of a depth, which are never OVERLAP.
-
-    effort: pairs of nodes to examine after the first contact.
-    """
+    """Return the verdicts of meshes (m,); effort: pairs of nodes after the first contact."""
     i, j = as_sides(a, b, pairs)
-    if depth is not None:
-        met, rows = np.empty(len(i), np.bool_), RowPairs(a.arrays, i, b.arrays, j)
-        run(tree_kernel, len(i), FEWEST_MESH_VERDICTS, rows, as_whole(depth, "depth"), met)
-        return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
     if exact:
@@ -270,23 +261,6 @@ def _find_range(
             verdict = nesting(bodies, search.waiting)[0]
         out[n] = verdict
     return count
-
-
-@njit
-def tree_kernel(pairs: RowPairs, depth: int, out: np.ndarray, start: int, stop: int) -> None:
-    """Write for a range of pairs whether boxes of a depth may collide, or a piece lies inside."""
-    _tree_range(pairs, depth, out, node_stack(), start, stop)
-
-
-@njit(refcount=False)
-def _tree_range(
-    pairs: RowPairs, depth: int, out: np.ndarray, waiting: NodeStack, start: int, stop: int
-) -> None:
-    for n in range(start, stop):
-        bodies = mesh_pair_at(pairs, n)
-        out[n] = not roots_apart(bodies) and (
-            boxes_may_collide(bodies, depth, waiting) or nesting(bodies, waiting)[0] != SEPARATE
-        )
 
 
 @njit(refcount=False)

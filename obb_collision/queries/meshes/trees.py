@@ -19,10 +19,9 @@ is replaced by its children or, if it has none, by its triangles. A question is 
 their arguments: how far a box is, what a triangle adds to the answer, and the limit beyond which
 boxes no longer count. All are compiled into the kernel that asks.
 
-Two trees, triangles in contact or boxes of a depth: of a pair of nodes that may collide the larger
-is replaced by its children, and the pair that overlaps more comes first, so that a collision is
-found soon (Gottschalk, Lin, Manocha 1996, section 5). A pair is dropped only if the boxes are
-certainly apart.
+Two trees, triangles in contact: of a pair of nodes that may collide the larger is replaced by its
+children, and the pair that overlaps more comes first, so that a collision shows soon (Gottschalk,
+Lin, Manocha 1996, section 5). A pair is dropped only if the boxes are certainly apart.
 
 Two trees, the distance: a pair of nodes whose boxes are at least as far apart as the two closest
 triangles so far is dropped; of the others the larger node is replaced by its children, and the
@@ -63,7 +62,6 @@ from obb_collision.queries.meshes.placed import (
     moved,
     moved_node,
     node_face_gaps,
-    node_gap,
 )
 from obb_collision.queries.meshes.triangle_distance import (
     careful_triangle_gap,
@@ -258,35 +256,6 @@ def _push(
         stack[waiting, 0], stack[waiting, 1] = other
         waiting += 1
     return waiting
-
-
-@njit(refcount=False)
-def boxes_may_collide(bodies: MeshPair, depth: int, room: NodeStack) -> bool:
-    """Return whether boxes of a depth, and those above them, are not certainly apart.
-
-    A greater depth never reports a collision that a lesser one does not.
-    """
-    trees_a, a, trees_b, b, pose = bodies
-    nodes_a, children_a, levels_a = trees_a.nodes, trees_a.children, trees_a.levels
-    nodes_b, children_b, levels_b = trees_b.nodes, trees_b.children, trees_b.levels
-    stack = room.nodes
-    stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        i, j = stack[waiting, 0], stack[waiting, 1]
-        child_a = children_a[i] if levels_a[i] < depth else -1
-        child_b = children_b[j] if levels_b[j] < depth else -1
-        if child_a < 0 and child_b < 0:
-            return True
-        # By levels, not by size: every depth then looks at all pairs of the lesser ones.
-        split_a = child_b < 0 or (child_a >= 0 and levels_a[i] <= levels_b[j])
-        i1, j1 = (child_a, j) if split_a else (i, child_b)
-        i2, j2 = (child_a + 1, j) if split_a else (i, child_b + 1)
-        first = node_gap(nodes_a, i1, nodes_b, j1, pose)
-        second = node_gap(nodes_a, i2, nodes_b, j2, pose)
-        waiting = _push((i1, j1), (i2, j2), (first, second), stack, waiting)
-    return False
 
 
 #: By how much a distance may be off, relative to S (derivation above).

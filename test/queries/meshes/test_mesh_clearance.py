@@ -379,7 +379,6 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
         answers = (
             oc.verdicts(bodies, bodies, pairs),
             collisions(bodies, bodies, pairs),
-            collisions(bodies, bodies, pairs, depth=3),
             hulls_may_collide(bulks, bulks, *pairs.T),
         )
         assert all(0.1 < (answer != 0).mean() < 0.9 for answer in answers)
