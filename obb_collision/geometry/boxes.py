@@ -104,10 +104,6 @@ class AABB(ArrayValue):
     def intersects(self, other: AABB) -> bool:
         """Return whether two closed boxes have a common point; touching counts.
 
-        Parameters
-        ----------
-        other : AABB
-
         Examples
         --------
         >>> oc.AABB([0, 0, 0], [1, 1, 1]).intersects(oc.AABB([2, 0, 0], [3, 1, 1]))
@@ -224,7 +220,7 @@ class Boxes(ArrayValue, ForKernels):
 
     @classmethod
     def from_poses(cls: type[Kind], poses: ArrayLike, half_extents: ArrayLike) -> Kind:
-        """Return boxes whose centres and axes are given by poses.
+        """Return boxes with the positions of poses as centres and their axes.
 
         Parameters
         ----------

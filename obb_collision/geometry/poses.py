@@ -139,7 +139,7 @@ def unit_poses(poses: ArrayLike, name: str = "poses") -> Floats:
 
 
 def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
-    """Return poses ``inner``, given relative to ``outer``, in the frame that ``outer`` is given in.
+    """Return poses ``inner``, relative to ``outer``, in the frame that ``outer`` is relative to.
 
     Poses are (..., 7); quaternions are normalised. Positions that overflow are infinite or NaN.
     """

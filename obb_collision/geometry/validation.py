@@ -373,7 +373,7 @@ def orthonormal_defect(stack: Floats) -> Floats:
 
 @njit
 def defect_of(matrix: Axes) -> float:
-    """Return the ``orthonormal_defect`` of one matrix, given as rows."""
+    """Return the ``orthonormal_defect`` of one matrix, as rows."""
     a, b, c = matrix
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     largest = _worse(abs(dot(x, y)), abs(dot(x, x) - 1.0))

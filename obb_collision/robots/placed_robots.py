@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +31,7 @@ from obb_collision.robots.kinematics.kinematics import checked_states, link_pose
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.objects import as_padding
 from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.allowed import guess
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Mask
 from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
@@ -263,10 +263,6 @@ class PlacedRobots(Changing):
     def detach(self, name: str) -> None:
         """Remove an attached object.
 
-        Parameters
-        ----------
-        name : str
-
         Examples
         --------
         >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
@@ -307,8 +303,7 @@ class PlacedRobots(Changing):
         """Return the number of a link; ValueError naming the argument for an unknown one."""
         row = self._model.link_rows.get(name) if isinstance(name, str) else None
         if row is None:
-            close = get_close_matches(str(name), self._model.link_names, 1)
-            hint = f"; did you mean {close[0]}?" if close else ""
+            hint = guess(str(name), self._model.link_names)
             raise ValueError(f"{argument} must name links, got {shown(name)}{hint}")
         return row
 

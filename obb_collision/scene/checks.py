@@ -108,7 +108,7 @@ class Checks:
         self.region = region
 
     def report(self, effects: Iterable[str] | str) -> Report:
-        """Return all colliding pairs, with the effects asked for, as ``Scene.check`` does."""
+        """Return all colliding pairs, with the requested effects, as ``Scene.check`` does."""
         start = perf_counter()
         if self.budget is not None:
             self.budget.start()

@@ -147,10 +147,6 @@ class NamedObjects(Changing):
     def remove(self, name: str) -> None:
         """Remove an object.
 
-        Parameters
-        ----------
-        name : str
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -280,7 +276,7 @@ class NamedObjects(Changing):
 
     @property
     def padding(self) -> float:
-        """Metres by which boxes without their own padding grow on every side; may be set."""
+        """Metres by which boxes without their own padding grow on every side; can be set."""
         return self._objects.padding
 
     @padding.setter
@@ -289,7 +285,7 @@ class NamedObjects(Changing):
 
     @property
     def accuracy(self) -> Accuracy:
-        """The accuracy level of objects without their own; may be set, also as text."""
+        """The accuracy level of objects without their own; can be set, also as text."""
         return self._objects.accuracy
 
     @accuracy.setter
@@ -305,10 +301,6 @@ class NamedObjects(Changing):
     def index(self, name: str) -> int:
         """Return the index of an object.
 
-        Parameters
-        ----------
-        name : str
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -320,10 +312,6 @@ class NamedObjects(Changing):
 
     def name(self, index: int) -> str:
         """Return the name of the object with an index.
-
-        Parameters
-        ----------
-        index : int
 
         Examples
         --------
@@ -352,10 +340,6 @@ class NamedObjects(Changing):
     def pose(self, name: str) -> Floats:
         """Return the pose (7,) of an object: x y z (metres) qx qy qz qw, as it was set.
 
-        Parameters
-        ----------
-        name : str
-
         Examples
         --------
         >>> scene = oc.Scene()
@@ -367,10 +351,6 @@ class NamedObjects(Changing):
 
     def obb(self, name: str) -> OBB:
         """Return the world box of an object, with padding.
-
-        Parameters
-        ----------
-        name : str
 
         Examples
         --------

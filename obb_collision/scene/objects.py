@@ -270,7 +270,7 @@ class SceneObjects:
 
     @property
     def padding(self) -> float:
-        """Metres by which boxes without their own padding grow on every side; may be set."""
+        """Metres by which boxes without their own padding grow on every side; can be set."""
         return self._padding
 
     @padding.setter
@@ -279,7 +279,7 @@ class SceneObjects:
 
     @property
     def padding_overrides(self) -> list[tuple[str, float]]:
-        """Paddings by name or pattern, such as (``gripper/*``, metres); may be set.
+        """Paddings by name or pattern, such as (``gripper/*``, metres); can be set.
 
         The last one that an object matches counts, also for later objects. The padding of an object
         itself, from ``Scene.add`` or ``Scene.set_padding``, comes before.
@@ -315,7 +315,7 @@ class SceneObjects:
 
     @property
     def accuracy(self) -> Accuracy:
-        """The accuracy level of objects without their own; may be set, also as text."""
+        """The accuracy level of objects without their own; can be set, also as text."""
         return self._accuracy
 
     @accuracy.setter

@@ -61,7 +61,7 @@ class Report(SetOnce):
     those computed so far.
 
     Everything else is an effect: computed when first read, from the boxes as they were at the
-    check, unless the scene has it "on" or the check was asked for it. ValueError for reading an
+    check, unless the scene has it "on" or the check requested it. ValueError for reading an
     effect that is "off", or one that must be requested at the check and was not.
 
     Examples

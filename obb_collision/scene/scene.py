@@ -148,7 +148,7 @@ class Scene(NamedObjects):
 
     @property
     def max_pairs(self) -> int | None:
-        """The limit of pairs in a report, None for no limit; may be set.
+        """The limit of pairs in a report, None for no limit; can be set.
 
         n objects in one place collide in n (n - 1) / 2 pairs, which soon takes gigabytes. With a
         limit a check stops once it has more pairs. It keeps that many, which ones is undefined, and
@@ -164,7 +164,7 @@ class Scene(NamedObjects):
 
     @property
     def region(self) -> Region | None:
-        """The region whose pairs are found, None for all pairs; may be set.
+        """The region whose pairs are found, None for all pairs; can be set.
 
         Scenes with the same objects, and regions that together fill space, find each pair and each
         row of effects once. A pair belongs to the region of a point: on each axis the larger of the
@@ -186,13 +186,13 @@ class Scene(NamedObjects):
 
     @property
     def time_budget(self) -> float | None:
-        """Seconds for a check with the requested effects, None for no limit; may be set.
+        """Seconds for a check with the requested effects, None for no limit; can be set.
 
         Pairs above "obb" are then decided nearest first until the time is up. The others stay on
         "obb", which misses no collision, as ``Report.behind`` and ``Report.accuracies`` say. Later
-        checks go on with them. So it is with rows of effects, see ``Report.accuracies_of``. A
+        checks go on with them. The same holds for rows of effects, see ``Report.accuracies_of``. A
         single pair, or the tree of a new shape, may exceed the time; see ``objects.prepare``. A
-        ``Budget`` with a clock of its own may be set, too. More than a second makes a warning.
+        ``Budget`` with a clock of its own can be set, too. More than a second makes a warning.
         """
         return None if self._checks.budget is None else self._checks.budget.seconds
 
@@ -314,7 +314,7 @@ class Scene(NamedObjects):
 
     @property
     def obstacle_points(self) -> NDArray[Any] | None:
-        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; may be set.
+        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; can be set.
 
         The array is not copied. Rows that are not finite are ignored and counted.
         """

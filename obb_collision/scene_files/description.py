@@ -170,7 +170,7 @@ class SceneDescription:
 
     groups: patterns by name; accuracies: patterns and their levels, the last match counts;
     time_budget: seconds per check, None for no budget; robots: for ``RobotScene``, not a part of
-    the scene that ``build`` makes; notes: what is odd in the file, or ignored, one line each.
+    the scene that ``build`` makes; notes: odd or ignored values of the file, one line each.
 
     Examples
     --------

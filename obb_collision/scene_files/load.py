@@ -223,7 +223,7 @@ READY = ("tabletop", "warehouse", "lidar_zone", "arm_cell")
 def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> SceneDescription:
     r"""Return the description in a YAML file: a scene file, or a MoveIt planning scene.
 
-    Its keys determine the format. The notes of the result say what is odd or ignored; odd values
+    Its keys determine the format. The notes of the result name odd and ignored values; odd values
     also give a warning.
 
     Parameters

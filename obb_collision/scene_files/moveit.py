@@ -117,7 +117,7 @@ OBJECT_KEYS = (
     *("header", "pose", "id", "type", "primitives", "primitive_poses", "meshes", "mesh_poses"),
     *("planes", "plane_poses", "subframe_names", "subframe_poses", "operation"),
 )
-#: Numbers of ``shape_msgs/SolidPrimitive``, by which its types may be given.
+#: Numbers of ``shape_msgs/SolidPrimitive``, that may stand for its types.
 TYPES = {"1": "box", "2": "sphere", "3": "cylinder", "4": "cone"}
 #: Number of dimensions and constructor of each primitive; in MoveIt the height is the first.
 PRIMITIVES: dict[str, tuple[int, Callable[..., Shape]]] = {
@@ -172,7 +172,7 @@ def _frame_id(value: Value) -> Value | None:
 def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]:
     """Return the parts of an object: one by its id, several by id/0, id/1 and so on.
 
-    base: the frame in which the object is given; files: those of its meshes.
+    base: the pose of the frame of the object; files: those of its meshes.
     """
     fields = value.fields(OBJECT_KEYS, ("id",))
     name = fields["id"].text("an id")

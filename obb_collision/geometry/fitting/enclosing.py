@@ -226,7 +226,7 @@ def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Float
     turned = np.minimum(same.max(axis=0), reversed_.max(axis=0))
     if (turned <= UNTURNED).all():
         yield rotation
-    for exponent in (0, 1):  # a matrix that is rigid but for a power of two
+    for exponent in (0, 1):  # a matrix that is rigid up to a power of two
         frame = np.ldexp(axes, exponent)
         if abs(orthonormal_defect(frame[None])[0]) <= ORTHONORMAL_ROUNDING:
             yield _right_handed(frame)

@@ -77,7 +77,7 @@ def read(data: bytes, parts: Parts) -> None:
 
 
 def _first_words(lines: list[bytes]) -> set[bytes]:
-    """Return the first words of lines that are no vertices, faces or normals."""
+    """Return the first words of lines that are not vertices, faces or normals."""
     others = [line for line in lines if line[:2] not in OFTEN and line[:3] not in NORMALS]
     return {line.split(None, 1)[0] for line in others if line.strip()}
 

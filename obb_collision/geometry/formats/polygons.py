@@ -32,7 +32,7 @@ from obb_collision.typing import Floats, Mask
 
 #: Corners of polygons that are cut at once.
 TOGETHER = 1 << 18
-#: Limit of corners looked at in all tests of ears, half a minute; and the price of a test of few
+#: Limit of corners examined in all tests of ears, half a minute; and the price of a test of few
 #: corners, in corners.
 MOST_LOOKS, FEWEST_LOOKS = 1_000_000_000, 1000
 #: Limits of pairs of corners between which a hole may be joined to an outline, and of those tried.

@@ -111,7 +111,7 @@ def _moments(triangles: Floats, first: int, last: int, covariance: Floats) -> in
 
 @njit
 def _eigenvectors(a: Floats, vectors: Floats) -> None:
-    """Write the eigenvectors of a symmetric (3, 3), upper half given, as columns (Jacobi)."""
+    """Write the eigenvectors of a symmetric (3, 3) as columns (Jacobi); reads its upper half."""
     vectors[:] = 0.0
     for k in range(3):
         vectors[k, k] = 1.0

@@ -207,7 +207,7 @@ CORNER_ROUNDS = 8
 MAX_HULL_CORNERS = 1000
 #: Number of points up to which the hull of all is made: 0.3 s at most; and of how many of more.
 MAX_HULL_POINTS = 20_000
-#: Directions in which the farthest points are found are those of so fine a geodesic sphere: 162.
+#: Rounds of the geodesic sphere whose 162 directions find the farthest points.
 EXTREMES = 2
 #: Points that are inside a hull by less than this share are kept.
 WELL_INSIDE = 2.0**-20
@@ -278,7 +278,7 @@ def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
 
 
 def _outer_points(points: Floats) -> Floats:
-    """Return points (k, 3) without those inside the hull of some, which are no corners.
+    """Return points (k, 3) without those inside the hull of some, which are not corners.
 
     About MAX_HULL_POINTS at most: of more the extreme points, and as many of the others.
     """

@@ -426,7 +426,7 @@ def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
 
 
 def _first_of_each(rows: Integers) -> Integers:
-    """Return the first row of each group of equal rows (m, 3), none of them negative."""
+    """Return the first row of each group of equal rows (m, 3), not negative."""
     if len(rows) == 0 or rows.max() >= 1 << VERTEX_BITS:
         return np.asarray(np.unique(rows, axis=0, return_index=True)[1])
     # one number per row sorts ten times as fast

@@ -305,7 +305,7 @@ def place(question: MotionQuestion, n: int, time: float, slot: int, room: Motion
 
 @njit(refcount=False)
 def free_slot(times: Floats, time: float, slot_a: int, slot_b: int) -> int:
-    """Return the slot of a time, or one that may be overwritten: none of two that are in use."""
+    """Return the slot of a time, else a slot that may be overwritten, not one of two in use."""
     slot = 2
     for k in range(2, SLOTS):
         if times[k] == time:

@@ -70,7 +70,7 @@ class _KilledError(BuildError):
 
 
 def _more_kernels() -> list[str]:
-    """Return the folders with compiled kernels, but for the first, the cache."""
+    """Return the folders with compiled kernels, except the first, the cache."""
     return [str(place) for place in _kernel_cache.places[1:]]
 
 
@@ -273,7 +273,7 @@ class Builder:
 
     def __init__(self) -> None:
         self.limits = Limits()
-        """May be set at any time."""
+        """Can be set at any time."""
         self.process = WorkerProcess()
         """The process in which jobs run."""
         self._changed = Condition()

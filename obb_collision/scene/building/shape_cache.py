@@ -360,7 +360,7 @@ class ShapeCache:
         return pool.all if pool.size else NO_HULLS, self._hulls.rows(slots)
 
     def cores(self, slots: Rows) -> NDArray[np.float64]:
-        """Return the numbers (k, 6) of ``core_of`` for the shapes of slots, none of them boxes."""
+        """Return the numbers (k, 6) of ``core_of`` for the shapes of slots, which are not boxes."""
         return self._numbers[slots]
 
     def build(self, store: ObjectStore, slots: Rows, hull: bool, budget: TimeLeft | None) -> Mask:

@@ -29,7 +29,7 @@ from obb_collision.scene.store.patterns import as_patterns, matching
 from obb_collision.words import shown
 
 OFF, AUTO, ON = MODES = ("off", "auto", "on")
-"""Never; when asked for; at every check."""
+"""An effect is computed never, on request, or at every check."""
 
 
 class EffectSettings(SetOnce):

@@ -50,7 +50,7 @@ GROWTH, SHARE = 4, 0.5
 class Budget:
     """Seconds per cycle, and how many of them are left.
 
-    seconds: from ``start`` to ``finish`` of a cycle; may be set at any time. clock: seconds,
+    seconds: from ``start`` to ``finish`` of a cycle; can be set at any time. clock: seconds,
     rising. Raises ValueError for a time that is not positive and finite.
     """
 

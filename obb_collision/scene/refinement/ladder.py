@@ -15,8 +15,8 @@
 """The level of ``Accuracy`` on which a pair is decided, and its verdict.
 
 It is the lower level of the pair's two objects. Levels above OBB decide only pairs that OBB
-reports, and only pairs with a shape that is no box; others stay on OBB. With padding MESH is HULL
-for pairs without a mesh, except for spheres, capsules and boxes among themselves.
+reports, and only pairs with a shape that is not a box; others stay on OBB. With padding MESH is
+HULL for pairs without a mesh, except for spheres, capsules and boxes among themselves.
 """
 
 from __future__ import annotations

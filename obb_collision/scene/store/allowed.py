@@ -251,7 +251,7 @@ class PairRules:
     def allowed(self) -> list[Rule]:
         """The rules (first, second, allowed), of which the last that fits a pair counts.
 
-        May be set, in place of all earlier ones.
+        Can be set, in place of all earlier ones.
         """
         return [(_shown(a), _shown(b), allowed) for a, b, allowed in self._rules.values()]
 
@@ -267,7 +267,7 @@ class PairRules:
 
     @property
     def check_only(self) -> list[Sides]:
-        """The only pairs (first, second) that count, [] for all; may be set.
+        """The only pairs (first, second) that count, [] for all; can be set.
 
         Allowed pairs do not count here either. A check warns, once, of a name or pattern that
         matches no object and no link of its robots; see ``Scene.check_only``.
@@ -286,7 +286,7 @@ class PairRules:
 
     @property
     def allowed_within(self) -> list[str]:
-        """Namespaces, or patterns of them, within which objects may touch; may be set.
+        """Namespaces, or patterns of them, within which objects may touch; can be set.
 
         The namespace of ``robot/arm/1`` is ``robot/arm``. ``*`` means each namespace: pairs of
         two namespaces count, those of one do not.
@@ -301,7 +301,7 @@ class PairRules:
 
     @property
     def matrix(self) -> AllowedMatrix:
-        """Pairs of names that may touch, even if a rule forbids it; may be set."""
+        """Pairs of names that may touch, even if a rule forbids it; can be set."""
         return self._matrix
 
     @matrix.setter

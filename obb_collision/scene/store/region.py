@@ -316,7 +316,7 @@ class RegionMerger(SetOnce):
             Nanoseconds; rows of equal stamps are joined.
         rows : (n,) structured array
             With the fields ``ns_a id_a ns_b id_b``, or ``ns id``, as in the clouds of the node.
-            They replace rows of the same region and stamp that are not joined yet, but for passed
+            They replace rows of the same region and stamp that are not joined yet, except passed
             pairs, which a node reports once.
         now : float
             Seconds.
