@@ -131,9 +131,10 @@ class Motions:
         places, velocities, passed = (np.array(part) for part in legs)
         ways = velocities * passed[:, None]
         turning = ways[:, 3:].any(axis=1)  # quaternions of others stay bit for bit
-        turned = Rotation.from_rotvec(ways[turning, 3:]) * Rotation.from_quat(places[turning, 3:])
         places[:, :3] += ways[:, :3]
-        places[turning, 3:] = turned.as_quat()
+        if turning.any():  # scipy 1.11 takes no empty arrays
+            turns = Rotation.from_rotvec(ways[turning, 3:])
+            places[turning, 3:] = (turns * Rotation.from_quat(places[turning, 3:])).as_quat()
         poses[self.moving], twists[self.moving] = places, velocities
         for row, leader in self._followers:
             poses[row] = compose_poses(poses[leader], poses[row])
