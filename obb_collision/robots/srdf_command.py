@@ -169,7 +169,3 @@ def _outcome(robot: Robot, proof: PairProof) -> str:
         return f"{proof.verdict} ({proof.cells} cells)" if proof.cells else proof.verdict
     values = zip(robot.joint_names, proof.witness.tolist(), strict=True)
     return f"{proof.verdict}, as at " + ", ".join(f"{name} {value:.4g}" for name, value in values)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -40,7 +40,7 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.status import objects_answer
 from obb_collision.scene.building.builder import Limits
 from obb_collision.scene.building.jobs import Task, perform
-from obb_collision.scene.store import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.shapes import Box
 
 MILLISECOND = 1_000_000

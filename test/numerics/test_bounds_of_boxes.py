@@ -49,7 +49,7 @@ from obb_collision.numerics.constants import (
     UNDERFLOW,
 )
 from obb_collision.numerics.vec3 import vector
-from obb_collision.queries.clearance import CERTAINLY_APART, PROVEN
+from obb_collision.queries.clearance.clearance import CERTAINLY_APART, PROVEN
 from obb_collision.queries.points import INSIDE_BOUND, contains
 from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.rays.boxes import (

@@ -34,7 +34,7 @@ import obb_collision as oc
 from obb_collision.scene import checker
 from obb_collision.scene.broad_phase import find_pairs as pairs
 from obb_collision.scene.effects import EFFECTS, separations
-from obb_collision.scene.refinement import Budget
+from obb_collision.scene.refinement.budget import Budget
 from obb_collision.shapes import Box, Cylinder, Mesh, Sphere
 
 pair_separations = vars(separations)["pair_separations"]

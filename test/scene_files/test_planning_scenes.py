@@ -31,7 +31,7 @@ from hypothesis import strategies as st
 from processes import SharedWorker
 
 import obb_collision as oc
-from obb_collision.geometry.shapes import NO_FOLDERS
+from obb_collision.geometry.shapes.files import NO_FOLDERS
 from obb_collision.robots.description import description_text
 from obb_collision.scene.building.builder import Limits
 from obb_collision.scene_files import (

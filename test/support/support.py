@@ -28,7 +28,7 @@ import obb_collision as oc
 from obb_collision import Boxes, MovingBoxes, sweeps
 from obb_collision.geometry.validation import orthonormal_defect
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.clearance import Clearances
+from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts import Contacts
 from obb_collision.queries.sweep import TOLERANCE, Sweeps
 from obb_collision.queries.verdict.witness import witness_kernel

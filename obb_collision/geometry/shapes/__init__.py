@@ -13,13 +13,3 @@
 # limitations under the License.
 
 """Shapes of objects: primitives, hulls, meshes, and mesh files."""
-
-from obb_collision.geometry.shapes.files import (
-    NO_FOLDERS,
-    MeshFolders,
-    allowed_path,
-    resolve_path,
-    source_folder,
-)
-
-__all__ = ["NO_FOLDERS", "MeshFolders", "allowed_path", "resolve_path", "source_folder"]

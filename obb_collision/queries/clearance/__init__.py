@@ -13,7 +13,3 @@
 # limitations under the License.
 
 """Distances of boxes, and their closest points."""
-
-from obb_collision.queries.clearance.clearance import CERTAINLY_APART, PROVEN, Clearances
-
-__all__ = ["CERTAINLY_APART", "PROVEN", "Clearances"]

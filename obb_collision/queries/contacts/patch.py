@@ -50,7 +50,7 @@ FEATURE_TIE = 2.0**-24
 CLIP_SLACK = 512 * ROUNDOFF
 
 #: Faces that have not quite met at a vertex count as in contact there up to this distance, and
-#: points may be that far outside of a box: resting boxes keep their vertices.
+#: points may be outside of a box by as much: resting boxes keep their vertices.
 IN_CONTACT = 2.0**-31
 
 

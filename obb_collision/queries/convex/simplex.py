@@ -107,7 +107,7 @@ def _less(a: Wide, b: Wide) -> bool:
 def _weights(
     i: int, x: float, j: int, y: float, k: int, z: float
 ) -> tuple[float, float, float, float]:
-    """Return weights of four corners: x, y, z of corners i, j, k, of equal ones the first."""
+    """Return weights of four corners: x, y, z of corners i, j, k; of equal corners the first."""
     return (
         _weight(0, i, x, j, y, k, z),
         _weight(1, i, x, j, y, k, z),

@@ -81,7 +81,7 @@ from obb_collision.typing import Floats, Integers, Vector
 
 #: Pairs below which a second thread does not pay: 1 ms.
 FEWEST_BODY_DEPTHS = 4
-#: Steps back to a triangle at most; most take 2 to 6.
+#: Maximum number of steps back to a triangle; most pairs take 2 to 6.
 MOST_STEPS_BACK = 40
 
 

@@ -93,14 +93,14 @@ from obb_collision.queries.verdict.pair_rows import RowPairs
 from obb_collision.queries.verdict.verdict import SEPARATE, Separations
 from obb_collision.typing import Floats, Integers, Vector
 
-#: Normals of single triangles that are tried.
+#: Maximum number of normals of single triangles that are tried.
 TRIED_NORMALS = 6
-#: Triangles in contact whose normals are looked at, spread over all.
+#: Maximum number of triangles in contact whose normals are examined, spread over all.
 SAMPLED_CONTACTS = 64
 #: The direction is changed until the push is not shorter by this fraction, or so many times.
 WORTHWHILE_GAIN = 1e-3
 MOST_CHANGES = 6
-#: Turns of all triangles in contact, to find a way out for all.
+#: Rounds over the triangles in contact that find a way out of all.
 KACZMARZ_ROUNDS = 8
 #: Normals whose cosine is above this count as equal.
 SAME_NORMAL = 0.999
@@ -265,7 +265,7 @@ def _write_directions(bodies: MeshPair, n: Vector, contacts: int, ways: PushDire
 def _out_of_all(ways: PushDirections, count: int) -> Vector:
     """Return a short translation that moves each triangle its way out along its normal.
 
-    In turns, each as far as the others have left it (Kaczmarz 1937).
+    One triangle after another, each by the rest of its way (Kaczmarz 1937), round after round.
     """
     sum_of = 0.0, 0.0, 0.0
     for _ in range(KACZMARZ_ROUNDS):
@@ -316,7 +316,7 @@ def _spread(ways: PushDirections, count: int, chosen: int) -> int:
     return chosen
 
 
-#: Places this little outside of an edge or a face, relative to it, are on it.
+#: Places outside of an edge or a face by this or less, relative to it, are on it.
 EDGE_SLACK = 1e-12
 
 
@@ -400,11 +400,11 @@ def _edges_apart(a: Vector, b: Vector, c: Vector, d: Vector) -> float:
 PUSH_MARGIN = 2.0**-33
 #: A gap there of at least this, relative to S, proves a gap at the place itself.
 CERTAIN_GAP = 0.25 * PUSH_MARGIN
-#: Places tried at most: most pushes end at the second.
+#: Maximum number of places tried; most pushes end at the second.
 MOST_PLACES = 48
 #: A distance that grows by less than this per length of a push is not worth it.
 LEAST_SLOPE = 0.05
-#: Pairs of triangles in contact examined at a place; the next place shows the others.
+#: Maximum number of pairs of triangles examined at a place; the next place shows the others.
 CONTACT_ROOM = 512
 
 

@@ -83,7 +83,7 @@ from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.rays.boxes import MISSED, NO_FACE, ORIGIN_INSIDE, Hit, Ray, moved_ahead
 from obb_collision.typing import Floats, Vector
 
-#: Steps at most: those that hit take 2 to 6, those that pass near an edge halve the way each time.
+#: Maximum number of steps: rays that hit take 2 to 6, those near an edge halve the way each time.
 MOST_RAY_STEPS = 80
 #: The speed towards a plane is off by 4 roundoffs, so that steps are shorter by twice that.
 SPEED_ROUNDING = 8 * ROUNDOFF

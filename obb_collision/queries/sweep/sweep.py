@@ -157,7 +157,7 @@ def _support(box: BoxAt, normal: Vector, flat: float) -> Feature:
 TOLERANCE = 1e-4
 #: Pairs below which a second thread does not pay: 20 us where they do not turn.
 FEWEST_SWEEPS = 64
-#: What rounding allows, and then the least that is taken (see ``rigid``).
+#: The least tolerance that is accepted: what rounding allows (see ``rigid``).
 LEAST_TOLERANCE = TOLERANCE_FLOOR
 
 

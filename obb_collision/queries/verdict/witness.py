@@ -261,7 +261,7 @@ def common_point(pair: BoxPair) -> Vector:
 
 #: Pairs in a block: their numbers (15 kB) stay in the fastest memory.
 PAIR_BLOCK = 64
-#: Rows of a block: where its numbers stand. What comes out of it is the largest gap and its bound.
+#: First rows of the numbers of a block; the results are the largest gap and its bound.
 OFFSET, AXES_A, AXES_B, EXTENTS_A, EXTENTS_B, GAP, BOUND, BLOCK_ROWS = 0, 3, 12, 21, 24, 27, 28, 29
 
 
@@ -329,8 +329,8 @@ def write_in(block: Floats, row: int, n: int, vector: Vector) -> None:
     POINT,
     WITNESS_ROWS,
 ) = (*(27, 30, 39, 42, 45, 46, 47, 48, 51, 54),)
-#: Rows of the search for a common point, once the edges are of no use: the point, when it is
-#: settled, and whether it is not. What it goes by is in the rows from EXTENTS_A on.
+#: Rows of the search for a common point, in place of those of the edges: the point, when it is
+#: settled, and whether it is not. Its inputs are in the rows from EXTENTS_A on.
 MOVING_POINT, SETTLED_STEP, STILL_MOVING = 39, 42, 43
 
 

@@ -13,7 +13,3 @@
 # limitations under the License.
 
 """Decides pairs above ``obb``, by trees, hulls or triangles, in a time budget."""
-
-from obb_collision.scene.refinement.budget import Budget, refine
-
-__all__ = ["Budget", "refine"]

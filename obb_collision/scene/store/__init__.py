@@ -13,7 +13,3 @@
 # limitations under the License.
 
 """Contents of a scene: names, poses, world boxes, and rules about pairs by name."""
-
-from obb_collision.scene.store.patterns import Overrides, override_from_text, padding_from_text
-
-__all__ = ["Overrides", "override_from_text", "padding_from_text"]

@@ -35,8 +35,8 @@ from support import refused
 from trimesh.visual.material import SimpleMaterial
 
 from obb_collision.geometry.formats.parts import Parts, TooManyError
-from obb_collision.geometry.shapes import allowed_path, resolve_path, source_folder
 from obb_collision.geometry.shapes import files as mesh_files
+from obb_collision.geometry.shapes.files import allowed_path, resolve_path, source_folder
 from obb_collision.shapes import Mesh
 
 OBJ = "mtllib {mtl}\no part\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n"

@@ -46,7 +46,7 @@ from obb_collision.node.objects.table import (
     UNKNOWN,
     ObjectTable,
 )
-from obb_collision.scene.store import Overrides
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere
 from obb_collision.typing import Floats
 

@@ -40,7 +40,7 @@ from obb_collision.node.parameters import entries
 from obb_collision.node.parameters.entries import MAX_PATTERNS, Spec
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.regions import Region
-from obb_collision.scene.store import Overrides, override_from_text, padding_from_text
+from obb_collision.scene.store.patterns import Overrides, override_from_text, padding_from_text
 
 ROOT = Path(__file__).parents[3]
 FIELDS: dict[str, list[Any]] = {

@@ -48,7 +48,7 @@ from obb_collision.node.objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjec
 from obb_collision.node.parameters import ready
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.status import PERIOD, CollisionStatus
-from obb_collision.scene.store import Overrides
+from obb_collision.scene.store.patterns import Overrides
 
 A = namespace_number("a")
 APART = cube(A1), cube(A2, (3, 0, 0))

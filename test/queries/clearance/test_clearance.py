@@ -32,7 +32,7 @@ from support import any_pairs, family, joined, refused, row_of, sizes, stored, w
 
 import obb_collision as oc
 from obb_collision import Boxes, Capsules, HalfSpaces, Verdict, verdicts
-from obb_collision.queries.clearance import Clearances
+from obb_collision.queries.clearance.clearance import Clearances
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform, place, random_rotations, turns
 

@@ -29,7 +29,7 @@ from small_robots import LIMIT, joint, link, urdf
 from support import refused
 
 import obb_collision as oc
-from obb_collision.geometry.shapes import MeshFolders
+from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.robots.description import RobotError, xml_values
 
 SMALL = urdf(

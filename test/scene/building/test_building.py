@@ -34,7 +34,7 @@ from each import each
 from scenes import PATIENCE, build, outcomes, wait_built
 
 from obb_collision import _child
-from obb_collision.geometry.shapes import MeshFolders
+from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building import jobs
 from obb_collision.scene.building.builder import Builder, Limits, Outcome

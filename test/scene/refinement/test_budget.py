@@ -31,7 +31,8 @@ import obb_collision as oc
 from obb_collision import Accuracy
 from obb_collision.scene import checker
 from obb_collision.scene.effects import clearance
-from obb_collision.scene.refinement import Budget, mesh_pairs, refine
+from obb_collision.scene.refinement import mesh_pairs
+from obb_collision.scene.refinement.budget import Budget, refine
 
 OBB, HULL, MESH = Accuracy.OBB, Accuracy.HULL, Accuracy.MESH
 SEPARATE, TOUCHING = oc.Verdict.SEPARATE, oc.Verdict.TOUCHING
