@@ -30,5 +30,17 @@ from obb_collision.geometry.shapes.primitives import (
     Shape,
     Sphere,
 )
+from obb_collision.geometry.trees.clouds import Cloud
 
-__all__ = ["Box", "Capsule", "Cone", "Cylinder", "Ellipsoid", "Hull", "Mesh", "Shape", "Sphere"]
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cloud",
+    "Cone",
+    "Cylinder",
+    "Ellipsoid",
+    "Hull",
+    "Mesh",
+    "Shape",
+    "Sphere",
+]

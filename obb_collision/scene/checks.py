@@ -31,6 +31,7 @@ from obb_collision.obb import OBB
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.rays.rays import (
     RayHits,
+    Rays,
     as_rays,
     cast_at,
     cast_at_bodies,
@@ -43,13 +44,14 @@ from obb_collision.scene.broad_phase.broad_phase import (
     growing_candidates,
 )
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
-from obb_collision.scene.building.shape_cache import TRIANGLES, ShapeCache, kind_of
+from obb_collision.scene.building.shape_cache import CLOUD, TRIANGLES, ShapeCache, kind_of
 from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, PreviousCheck
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.objects import SceneObjects, local_boxes
-from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement.budget import Budget, Levels
+from obb_collision.scene.refinement.clouds import placed_balls
 from obb_collision.scene.refinement.ladder import NONE, decide_pairs, is_plain, needs_spheres
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, PlacedShapes
 from obb_collision.scene.report import Report
@@ -221,9 +223,24 @@ def cast_at_objects(
     level: accuracy level for all objects, None for each object's own.
     """
     rays = as_rays(origins, directions, max_distance)
+    own = store.accuracies[slots] if level is None else np.full(len(slots), np.int8(level))
+    balls = (store.kinds[slots] == CLOUD) & (own >= Accuracy.OBB)
+    clouds, slots, own = slots[balls].tolist(), slots[~balls], own[~balls]
+    best = _cast_at_shapes(store, cache, slots, level, own, rays)
+    for slot in clouds:
+        bodies, boxes = placed_balls(store, cache, slot)
+        best = _nearer(best, cast_at_bodies(bodies, boxes, rays), np.full(len(boxes), slot))
+    return best
+
+
+def _cast_at_shapes(
+    store: ObjectStore, cache: ShapeCache, slots: Rows, level: Accuracy | None, own: Levels,
+    rays: Rays,
+) -> RayHits:  # fmt: skip
+    """Return the first objects on rays, as ``cast_at_objects``; own (n,): level of each slot."""
     levels = np.full(len(slots), Accuracy.OBB, np.int8)
     shapes = None
-    if (store.accuracies[slots] if level is None else np.int8(level)).max(initial=0) > Accuracy.OBB:
+    if own.max(initial=0) > Accuracy.OBB:
         shapes = PlacedShapes(store, cache, NONE.pairs, NONE.levels)
         choice = AS_PAIRS if level is None else max(level, Accuracy.OBB).name.lower()
         levels = shapes.object_levels(slots, choice)

@@ -144,6 +144,29 @@ class NamedObjects(Changing):
         box = about_origins(halves(edges))
         return self._objects.put(names, box[2], placed(box, where), levels, shapes)
 
+    def set_shape(self, name: str, shape: Shape | OBB) -> None:
+        """Give an object another shape; it keeps its index, pose, padding, accuracy and rules.
+
+        Parameters
+        ----------
+        name : str
+        shape : Shape or OBB
+            In the object's own frame.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("camera", oc.shapes.Cloud([[1, 0, 0]]))
+        >>> scene.set_shape("camera", oc.shapes.Cloud([[2, 0, 0], [3, 0, 0]]))
+        """
+        check_kind(shape, Shape, "shape", OBB)
+        store = self._objects.store
+        slot, box = store.slot(name), local_boxes(shape)
+        padding = float(store.own_paddings[slot]) if store.padded[slot] else None
+        level = Accuracy(store.accuracies[slot]) if store.levelled[slot] else None
+        columns = placed(box, store.poses[slot][None], "pose")
+        self._objects.put([name], box[2], columns, [level], [shape], padding)
+
     def remove(self, name: str) -> None:
         """Remove an object.
 

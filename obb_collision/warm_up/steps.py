@@ -74,6 +74,8 @@ SURFACES, CONVEX_PAIRS = "distances of meshes", "pairs of convex bodies"
 MESSAGES = "messages"
 """The step that every message of a node needs."""
 
+CLOUDS, CLOUDS_AT_MESH = "clouds", "clouds at mesh"
+"""The steps of clouds beside other objects, up to "hull" and on "mesh", with all effects."""
 ROBOTS = "robots"
 """The step that robots need."""
 
@@ -183,6 +185,23 @@ def _add_crowd(scene: oc.Scene, padding: float) -> None:
         pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
         scene.add(str(number), shape, pose, padding=padding)
     scene.add("padded", shapes.Sphere(0.2), padding=0.01)
+
+
+def _clouds(*levels: Accuracy) -> None:
+    """Check clouds beside shapes of all kinds, with all effects but those of points."""
+    for level in levels:
+        scene = oc.Scene(accuracy=level)
+        _add_crowd(scene, 0.0)
+        for number, points in enumerate(clouds()):
+            scene.add(f"cloud {number}", shapes.Cloud(points, 0.1 * number))
+        scene.add("far", shapes.Cloud(np.eye(3)), (9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        scene.set_twist("far", (-9.0, 0.0, 0.0, 0.1, 0.0, 0.0))
+        for name in EFFECTS:
+            scene.set_effect(name, "on")
+        scene.check()
+        scene.move("far", (-9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        scene.check()
+        scene.cast_rays(np.zeros((1, 3)), np.ones((1, 3)))
 
 
 def _hulls() -> None:
@@ -453,6 +472,8 @@ STEPS: dict[str, Callable[[], None] | str] = {
     "queries of rays, planes, points, capsules": _other_queries,
     "queries of meshes": _mesh_queries,
     "fits": _fits,
+    CLOUDS: lambda: _clouds(Accuracy.OBB, Accuracy.HULL),
+    CLOUDS_AT_MESH: lambda: _clouds(Accuracy.MESH),
     ROBOTS: _robots,
     # by name, as it is in a layer above
     MESSAGES: "obb_collision.node.inputs.batch:compile_kernels",

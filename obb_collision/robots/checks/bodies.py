@@ -40,13 +40,14 @@ from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.robots.checks.arrays import LinkBodies
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses
-from obb_collision.scene.building.shape_cache import BOX, BOXED, ROUND, kind_of
+from obb_collision.scene.building.shape_cache import BOX, BOXED, CLOUD, ROUND, kind_of
 from obb_collision.scene.objects import local_box
-from obb_collision.scene.refinement.mesh_pairs import places_of, trees_of
+from obb_collision.scene.refinement.bodies import places_of, trees_of
+from obb_collision.scene.refinement.clouds import placed_balls
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Shape, Sphere
-from obb_collision.typing import Floats, Integers, Rows
+from obb_collision.typing import Floats, Integers, Mask, Rows
 
 #: Relative growth of radii: more than their roundings.
 RADIUS_GROWTH = 1.0 + 64 * ROUNDOFF
@@ -114,6 +115,17 @@ def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: 
     boxes = np.full(count, frame), centers, rotations, half_extents, spheres, inner
     rest = np.ones(count, np.bool_), none, radii, radii, none
     blocks = np.ascontiguousarray(corners.transpose(0, 2, 1))
+    return LinkBodies(*boxes, *rest, blocks, np.arange(count + 1))
+
+
+def ball_bodies(centers: Floats, radii: Floats, frame: int) -> LinkBodies:
+    """Return balls (n,) as bodies in a frame."""
+    count, none = len(centers), np.zeros(len(centers))
+    halves, turns = np.repeat(radii[:, None], 3, axis=1), np.tile(np.eye(3), (count, 1, 1))
+    farthest = np.abs(centers).sum(axis=1)
+    boxes = np.full(count, frame), centers, turns, halves, radii * RADIUS_GROWTH, none
+    rest = np.zeros(count, np.bool_), radii, farthest, farthest + radii, none
+    blocks = np.repeat(centers[:, :, None], LANES, axis=2)
     return LinkBodies(*boxes, *rest, blocks, np.arange(count + 1))
 
 
@@ -271,24 +283,44 @@ Kept = dict[int, tuple[object, LinkBodies]]
 
 
 class World(NamedTuple):
-    """The objects of a scene, relative to an origin (3,), and the tree of their bounds."""
+    """The objects of a scene as bodies (w,), relative to an origin (3,), and their tree.
+
+    An object is one body; a cloud is a body for each of its balls, which come last.
+    """
 
     scene: Scene
     origin: Floats
     slots: Rows  #: (w,)
-    kinds: Rows  #: (w,) as in ``scene.building.shape_cache``
-    names: list[str]
+    kinds: Rows  #: (w,) as in ``scene.building.shape_cache``; a ball is round
+    names: list[str]  #: of the objects
+    owners: Rows  #: (w,) the row of ``names`` of each body
+    balls: int  #: the first body that is a ball of a cloud
     bodies: LinkBodies
     tree: BoundsTree
 
     def placed(self, rows: Rows) -> tuple[PlacedMeshes, Floats]:
-        """Return objects (k,), all of them round or none, as meshes, and their radii."""
+        """Return bodies (k,), all of them round or none, as meshes, and their radii."""
         store, slots = self.scene.objects.store, self.slots[rows]
+        balls = rows >= self.balls
+        if balls.any():
+            return self._placed_round(rows, balls)
         cache = self.scene.objects.cache.at_once()
         cache.build(store, np.unique(slots[store.kinds[slots] != ROUND]), False, None)
         trees, numbers, radii = trees_of(store, cache, slots)
         centers, rotations = places_of(store, store.all_boxes(), slots)
         return PlacedMeshes.trusted(trees, numbers, centers - self.origin, rotations), radii
+
+    def _placed_round(self, rows: Rows, balls: Mask) -> tuple[PlacedMeshes, Floats]:
+        """Return round bodies (k,), of which some are balls, as segments, and their radii."""
+        halves, radii = np.zeros(len(rows)), self.bodies.rounds[rows].copy()
+        centers = self.bodies.centers[rows].copy()
+        rotations = np.tile(np.eye(3), (len(rows), 1, 1))
+        others = np.flatnonzero(~balls)
+        store, slots = self.scene.objects.store, self.slots[rows[others]]
+        halves[others] = self.scene.objects.cache.cores(slots)[:, 4]
+        places = places_of(store, store.all_boxes(), slots)
+        centers[others], rotations[others] = places[0] - self.origin, places[1]
+        return PlacedMeshes.trusted(*segment_trees(halves), centers, rotations), radii
 
 
 def world_of(
@@ -300,22 +332,38 @@ def world_of(
     """
     store = scene.objects.store
     active = _counted(store, left_out)
-    boxed = np.isin(store.kinds[active], (BOX, BOXED))
-    plain, others = active[boxed], active[~boxed]
-    slots = np.concatenate([plain, others])
+    boxed, balls = np.isin(store.kinds[active], (BOX, BOXED)), store.kinds[active] == CLOUD
+    plain, others, clouds = active[boxed], active[~(boxed | balls)], active[balls]
     state = store, store.version, store.revision, frame, origin.tobytes()
-    keys = {slot: (state, store.poses[slot].tobytes()) for slot in others.tolist()}
+    shaped = [*others.tolist(), *clouds.tolist()]
+    keys = {slot: (state, store.poses[slot].tobytes()) for slot in shaped}
     new = [slot for slot, key in keys.items() if slot not in kept or kept[slot][0] != key]
-    made = dict(zip(new, _made(scene, np.array(new, np.int64), frame, origin), strict=True))
-    bodies = {slot: made[slot] if slot in made else kept[slot][1] for slot in keys}
+    solid = [slot for slot in new if store.kinds[slot] != CLOUD]
+    made = dict(zip(solid, _made(scene, np.array(solid, np.int64), frame, origin), strict=True))
+    made |= {slot: _balls(scene, slot, frame, origin) for slot in new if slot not in made}
+    bodies = {slot: made[slot] if slot in made else kept[slot][1] for slot in shaped}
     kept.clear()
     kept.update({slot: (keys[slot], body) for slot, body in bodies.items()})
     boxes = store.centers[plain] - origin, store.rotations[plain], store.half_extents[plain]
-    minimum, maximum = meeting_bounds(store.boxes(slots))
-    tree = BoundsTree.build(minimum - origin, maximum - origin)
-    names = [str(store.names[slot]) for slot in slots]
     parts = joined([box_bodies(*boxes, frame), *bodies.values()])
-    return World(scene, origin, slots, store.kinds[slots], names, parts, tree)
+    objects = np.concatenate([plain, others, clouds])
+    counts = np.ones(len(objects), np.int64)
+    counts[len(counts) - len(clouds) :] = [len(bodies[slot].frames) for slot in clouds.tolist()]
+    owners, first = np.repeat(np.arange(len(objects)), counts), len(plain) + len(others)
+    minimum, maximum = meeting_bounds(store.boxes(objects[:first]))
+    reach = (parts.spheres[first:] * RADIUS_GROWTH)[:, None]
+    low = np.concatenate([minimum - origin, parts.centers[first:] - reach])
+    high = np.concatenate([maximum - origin, parts.centers[first:] + reach])
+    kinds = store.kinds[objects][owners]
+    kinds[first:] = ROUND
+    names, tree = [str(store.names[slot]) for slot in objects], BoundsTree.build(low, high)
+    return World(scene, origin, objects[owners], kinds, names, owners, first, parts, tree)
+
+
+def _balls(scene: Scene, slot: int, frame: int, origin: Floats) -> LinkBodies:
+    """Return the bodies of the balls of a cloud."""
+    balls, _ = placed_balls(scene.objects.store, scene.objects.cache, slot)
+    return ball_bodies(balls.centers - origin, balls.radii, frame)
 
 
 def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBodies]:

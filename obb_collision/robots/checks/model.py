@@ -425,11 +425,11 @@ class Model:
         counted = self._counted(scene, links, world.names)
         if counted is not None:
             allowed = allowed | ~counted[:, :count]
-            world_allowed = np.ascontiguousarray(~counted[own.owners, count:])
+            world_allowed = np.ascontiguousarray(~counted[own.owners, count:][:, world.owners])
         pairs, first, tree = body_pairs(own.owners, allowed), len(own.owners), world.tree
         tests = Tests(*own.links, pairs, world_allowed, first, tree.nodes, tree.starts, tree.order)
         bodies = joined([own.bodies, world.bodies])
-        owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
+        owners = np.concatenate([own.owners, count + world.owners, [-1]])
         checked = Checked(self.tree, bodies, tests, owners, NO_CHAINS, np.empty(0, np.bool_))
         return Prepared(checked, own, world, self.limits, names, self.joint_names)
 

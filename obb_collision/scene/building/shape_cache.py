@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Box, Capsule, Shape, Sphere
+from obb_collision.geometry.trees.clouds import Cloud
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import (
     Body,
@@ -46,8 +47,8 @@ from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
 
 #: Kinds of shapes: decided by their boxes only, boxes, spheres and capsules, other convex shapes,
-#: triangles.
-BOXED, BOX, ROUND, CONVEX, TRIANGLES = range(5)
+#: triangles, clouds.
+BOXED, BOX, ROUND, CONVEX, TRIANGLES, CLOUD = range(6)
 
 
 def kind_of(shape: Shape | OBB) -> int:
@@ -56,6 +57,8 @@ def kind_of(shape: Shape | OBB) -> int:
         return BOX
     if isinstance(shape, Mesh):
         return TRIANGLES if len(shape.faces) else BOXED
+    if isinstance(shape, Cloud):
+        return CLOUD
     is_round = isinstance(shape, (Sphere, Capsule)) and len(set(shape.scale)) == 1
     return ROUND if is_round else CONVEX
 

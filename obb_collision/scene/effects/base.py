@@ -42,7 +42,9 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_some_candidates_of,
     ordered_candidates,
 )
+from obb_collision.scene.building.shape_cache import CLOUD
 from obb_collision.scene.refinement.budget import Levels
+from obb_collision.scene.refinement.clouds import CloudPairs, is_cloud_pair
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, CHOICES, PlacedShapes
 from obb_collision.scene.store.allowed import PairFilter
 from obb_collision.scene.store.region import Region, owns, owns_pairs
@@ -54,6 +56,8 @@ R = TypeVar("R")
 """A dataclass of arrays with one row per pair."""
 ByLevel: TypeAlias = "Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Pairs, Setting], R]]"
 """Functions that compute rows of pairs (k, 2) on a level above OBB: as many rows, all columns."""
+OfClouds: TypeAlias = "Callable[[CloudPairs, PlacedShapes, Levels, Setting], R]"
+"""A function that computes rows of pairs (k, 2) with a cloud, on levels (k,): all columns."""
 #: The level of boxes, as arrays of levels have it.
 OBB = np.int8(Accuracy.OBB)
 
@@ -202,6 +206,8 @@ class Cycle:
         """
         pairs = slots[rows]
         counts = np.ones(len(pairs), np.bool_)
+        if self.shapes is not None:
+            counts &= ~(self.shapes.kinds[pairs] == CLOUD).all(axis=1)
         if self.region is not None and len(pairs):
             low, high = self.bounds(slots)
             a, b = rows.T
@@ -297,19 +303,27 @@ def write_rows(table: R, rows: Rows, new: R) -> None:
         column[rows] = vars(new)[key]
 
 
-def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | None) -> R:
-    """Compute rows of a table of boxes anew, where levels are above OBB; return the table."""
-    if not by_level:
+def refined(
+    table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R], of_clouds: OfClouds[R]
+) -> R:
+    """Compute rows of a table of boxes anew, above OBB and of clouds; return the table."""
+    pairs, shapes = vars(table)["pairs"], cycle.shapes
+    if shapes is None:
         return table
-    pairs = vars(table)["pairs"]
     levels = cycle.levels(pairs, setting, max(by_level))
-    if levels is None or cycle.shapes is None:
-        return table
-    for portion in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
-        for level, compute in by_level.items():
-            rows = portion[levels[portion] == level]
-            if len(rows):
-                write_rows(table, rows, compute(cycle.boxes, cycle.shapes, pairs[rows], setting))
+    clouds = is_cloud_pair(shapes.kinds, pairs)
+    if levels is not None:
+        for portion in shapes.nearest_first(cycle.boxes, pairs, levels):
+            for level, compute in by_level.items():
+                rows = portion[(levels[portion] == level) & ~clouds[portion]]
+                if len(rows):
+                    write_rows(table, rows, compute(cycle.boxes, shapes, pairs[rows], setting))
+        levels = shapes.reached(pairs, levels)
+    rows = np.flatnonzero(clouds)
+    if len(rows):
+        seen = shapes.cloud_pairs(cycle.boxes, pairs[rows])
+        reached = np.full(len(rows), OBB) if levels is None else levels[rows]
+        write_rows(table, rows, of_clouds(seen, shapes, reached, setting))
     return table
 
 
@@ -319,22 +333,23 @@ def pair_rows(
     setting: Setting,
     compute: Callable[[Boxes, Pairs], R],
     blank: R,
-    by_level: ByLevel[R] | None = None,
+    by_level: ByLevel[R],
+    of_clouds: OfClouds[R],
 ) -> Outcome:
     """Compute an effect's rows for the colliding pairs that it is selected for.
 
-    compute(boxes, pairs) returns one row per pair; blank: a result without rows; by_level: replaces
-    rows above OBB. Rows of unchanged pairs are copied from the check before. Pairs for which
-    ``compute`` raises are left out.
+    compute(boxes, pairs) returns one row per pair; blank: a result without rows; by_level and
+    of_clouds replace rows above OBB, and of clouds. Rows of unchanged pairs are copied from the
+    check before. Pairs for which ``compute`` raises are left out.
     """
     rows = setting.select(cycle.pairs)
     if len(rows) == 0:
         return Outcome(blank, 0, (), rows, setting.values)
-    highest = max(by_level) if by_level else Accuracy.OBB
+    highest = max(by_level)
     pairs = cycle.pairs.copy() if len(rows) == len(cycle.pairs) else cycle.pairs[rows]
 
     def compute_all(selected: Pairs) -> R:
-        return refined(compute(cycle.boxes, selected), cycle, setting, by_level)
+        return refined(compute(cycle.boxes, selected), cycle, setting, by_level, of_clouds)
 
     levels = cycle.levels(pairs, setting, highest)
     last = cycle.last.get(name)

@@ -44,6 +44,8 @@ from obb_collision.scene.effects.base import (
     refined,
     take_rows,
 )
+from obb_collision.scene.refinement.budget import Levels
+from obb_collision.scene.refinement.clouds import CloudPairs, by_level
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
@@ -81,7 +83,7 @@ class ClearanceEffect(Effect):
 
         def compute(candidates: Pairs) -> Clearances:
             table = near_pairs(cycle.boxes, candidates, max_distance)[0]
-            table = refined(table, cycle, setting, BY_LEVEL)
+            table = refined(table, cycle, setting, BY_LEVEL, cloud_clearances)
             beyond = table.distances > max_distance
             return take_rows(table, ~beyond) if beyond.any() else table
 
@@ -124,6 +126,23 @@ def triangle_clearances(
         table.positions_a[rows] = np.where(back, y, x)
         table.positions_b[rows] = np.where(back, x, y)
     table.distances[:] = shapes.parted(table.distances, pairs, Accuracy.MESH)
+    return table
+
+
+def cloud_clearances(
+    pairs: CloudPairs, shapes: PlacedShapes, levels: Levels, setting: Setting
+) -> Clearances:
+    """Return the distances of the nearest balls, infinite beyond the limit.
+
+    Where a cloud collides: minus the depth of the deepest ball.
+    """
+    count = len(pairs.pairs)
+    table = Clearances(pairs.pairs, np.full(count, np.inf), *np.zeros((3, count, 3)))
+    near = pairs.closest(levels, setting.values["max_distance"])
+    table.distances[near.rows], table.normals[near.rows] = near.lower, near.normals
+    table.positions_a[near.rows], table.positions_b[near.rows] = near.positions
+    for level, rows in by_level(levels):
+        table.distances[rows] = shapes.parted(table.distances[rows], pairs.pairs[rows], level)
     return table
 
 

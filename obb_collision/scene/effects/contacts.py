@@ -19,9 +19,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.contacts.contacts import Contacts, pair_contacts
+from obb_collision.queries.contacts.contacts import NO_AXIS, Contacts, pair_contacts
 from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
@@ -35,7 +37,9 @@ from obb_collision.scene.effects.base import (
     Setting,
     pair_rows,
 )
-from obb_collision.scene.effects.separations import triangle_contacts
+from obb_collision.scene.effects.separations import cloud_separations, triangle_contacts
+from obb_collision.scene.refinement.budget import Levels
+from obb_collision.scene.refinement.clouds import CloudPairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 
@@ -57,7 +61,7 @@ class ContactsEffect(Effect):
             return pair_contacts(boxes, pairs, max_points)
 
         blank = Contacts.blank(NO_PAIRS, max_points)
-        return pair_rows(self.name, cycle, setting, compute, blank, BY_LEVEL)
+        return pair_rows(self.name, cycle, setting, compute, blank, BY_LEVEL, cloud_contacts)
 
 
 def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting) -> Contacts:
@@ -66,6 +70,26 @@ def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Set
     lower = shapes.parted(distances.lower, pairs, Accuracy.HULL)
     distances, max_points = replace(distances, lower=lower), int(setting.values["max_points"])
     return convex_contacts(bodies, bodies, pairs, i, j, max_points, distances)
+
+
+def cloud_contacts(
+    pairs: CloudPairs, shapes: PlacedShapes, levels: Levels, setting: Setting
+) -> Contacts:
+    """Return the deepest balls of clouds, along the normal of the deepest one."""
+    most = int(setting.values["max_points"])
+    table = cloud_separations(pairs, shapes, levels, setting)
+    result = Contacts.blank(pairs.pairs.copy(), most)
+    result.positions[:], result.position_depths[:] = np.nan, np.nan
+    result.normals[:], result.axes[:] = table.normals, NO_AXIS
+    result.depths[:] = np.maximum(-table.separations, 0.0)
+    deep = pairs.closest(levels, np.inf, most)
+    met = (deep.lower <= 0.0) & (table.separations[deep.rows] <= 0.0)
+    rows = deep.rows[met]
+    places = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    result.positions[rows, places] = (0.5 * (deep.positions[0] + deep.positions[1]))[met]
+    result.position_depths[rows, places] = -deep.lower[met]
+    result.counts[:] = np.bincount(rows, minlength=len(pairs.pairs))
+    return result
 
 
 BY_LEVEL: ByLevel[Contacts] = {Accuracy.HULL: hull_contacts, Accuracy.MESH: triangle_contacts}

@@ -40,6 +40,8 @@ from obb_collision.scene.effects.base import (
     take_rows,
     write_rows,
 )
+from obb_collision.scene.refinement.budget import Levels
+from obb_collision.scene.refinement.clouds import CloudPairs, by_level
 from obb_collision.scene.refinement.placed_shapes import PairSides, PlacedShapes
 from obb_collision.typing import Floats
 
@@ -57,7 +59,8 @@ class SeparationsEffect(Effect):
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute the table of ``Report.separations``, ``normals`` and ``positions``."""
-        return pair_rows(self.name, cycle, setting, pair_separations, BLANK, BY_LEVEL)
+        tables = BLANK, BY_LEVEL, cloud_separations
+        return pair_rows(self.name, cycle, setting, pair_separations, *tables)
 
 
 def hull_separations(
@@ -109,6 +112,19 @@ def triangle_contacts(
         write_rows(result, sides.rows, patches)
     result.pairs[:], result.normals[:], result.axes[:] = pairs, table.normals, NO_AXIS
     return result
+
+
+def cloud_separations(
+    pairs: CloudPairs, shapes: PlacedShapes, levels: Levels, _: Setting
+) -> Separations:
+    """Return minus the depths of the deepest balls."""
+    table = Separations.blank(pairs.pairs)
+    deep = pairs.closest(levels, np.inf)
+    table.separations[deep.rows], table.normals[deep.rows] = deep.lower, deep.normals
+    table.positions[deep.rows] = 0.5 * (deep.positions[0] + deep.positions[1])
+    for level, rows in by_level(levels):
+        table.separations[rows] = shapes.parted(table.separations[rows], pairs.pairs[rows], level)
+    return table
 
 
 def _write(table: Separations, sides: PairSides, new: Separations) -> None:

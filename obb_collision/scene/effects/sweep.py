@@ -30,12 +30,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import ConvexBodies
@@ -69,6 +70,12 @@ from obb_collision.scene.effects.base import (
     take_rows,
     write_rows,
 )
+from obb_collision.scene.refinement.clouds import (
+    CloudPairs,
+    by_level,
+    is_cloud_pair,
+    least_of,
+)
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 from obb_collision.scene.store.region import balls_near
 from obb_collision.typing import Floats, Mask, Rows
@@ -81,6 +88,8 @@ class BoxMotions(NamedTuple):
     moving: MovingBoxes
     now: Boxes  #: of the slots, at this check
     pivots: Floats  #: (n, 3) start of the points of the boxes that move straight
+    minimum: Floats  #: (n, 3) corners of bounds that contain each motion
+    maximum: Floats
 
 
 Swept: TypeAlias = "Callable[[PlacedShapes, Cycle, BoxMotions, Pairs, Floats, float], Sweeps]"
@@ -89,27 +98,39 @@ Swept: TypeAlias = "Callable[[PlacedShapes, Cycle, BoxMotions, Pairs, Floats, fl
 def refined_sweeps(
     sweeps: Sweeps, cycle: Cycle, motions: BoxMotions, pairs: Pairs, setting: Setting
 ) -> Sweeps:
-    """Replace the sweeps of boxes by sweeps of shapes, for pairs (m, 2) above OBB."""
+    """Replace the sweeps of boxes by sweeps of shapes, for pairs (m, 2) above OBB or of clouds."""
+    shapes = cycle.shapes
+    if shapes is None:
+        return sweeps
     touching = np.flatnonzero(sweeps.hits | sweeps.undecided)
     high = cycle.levels(pairs[touching], setting, max(BY_LEVEL))
-    if high is None or cycle.shapes is None:
+    clouds = is_cloud_pair(shapes.kinds, pairs)
+    if high is None and not clouds[touching].any():
         return sweeps
     levels = np.full(len(pairs), np.int8(Accuracy.OBB))
-    levels[touching] = high
+    if high is not None:
+        levels[touching] = high
     sweeps = take_rows(sweeps, np.arange(len(pairs)))  # a copy, to write to
     duration = motions.moving.duration
     tolerance = setting.values["tolerance"]
-    for part in cycle.shapes.nearest_first(cycle.boxes, pairs, levels):
+
+    def compute_rows(rows: Rows, compute: Swept) -> None:
+        begin = sweeps.free_until[rows] / duration * (1.0 - 4.0 * ROUNDOFF)
+        new = compute(shapes, cycle, motions, pairs[rows], begin, tolerance)
+        free = np.maximum(new.free_until * duration, sweeps.free_until[rows])
+        times = np.where(new.undecided, np.nan, free)
+        new = replace(new, pairs=sweeps.pairs[rows], free_until=free, times=times)
+        write_rows(sweeps, rows, new)
+
+    for portion in shapes.nearest_first(cycle.boxes, pairs, levels):
+        part = portion[~clouds[portion]]
         for level, compute in BY_LEVEL.items():
             rows = part[(levels[part] >= level) & (sweeps.hits[part] | sweeps.undecided[part])]
-            if len(rows) == 0:
-                continue
-            begin = sweeps.free_until[rows] / duration * (1.0 - 4.0 * ROUNDOFF)
-            new = compute(cycle.shapes, cycle, motions, pairs[rows], begin, tolerance)
-            free = np.maximum(new.free_until * duration, sweeps.free_until[rows])
-            times = np.where(new.undecided, np.nan, free)
-            new = replace(new, pairs=sweeps.pairs[rows], free_until=free, times=times)
-            write_rows(sweeps, rows, new)
+            if len(rows):
+                compute_rows(rows, compute)
+    seen = touching[clouds[touching]]
+    for level, of_level in by_level(shapes.reached(pairs, levels)[seen]):
+        compute_rows(seen[of_level], partial(cloud_sweeps, level))
     return sweeps
 
 
@@ -166,6 +187,57 @@ def triangle_sweeps(
         sweeps.normals[sides.turned] *= -1.0
         write_rows(table, sides.rows, sweeps)
     return table
+
+
+def cloud_sweeps(
+    level: Accuracy,
+    shapes: PlacedShapes,
+    cycle: Cycle,
+    motions: BoxMotions,
+    pairs: Pairs,
+    begin: Floats,
+    tolerance: float,
+) -> Sweeps:
+    """Return when the first ball of each cloud meets the other object, on its level."""
+    clouds = shapes.cloud_pairs(cycle.boxes, pairs)
+    balls = clouds.balls_about(*_swept_boxes(clouds, motions))
+    table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
+    table.times[:] = table.free_until[:] = np.inf
+    table.positions[:] = table.normals[:] = np.nan
+    slots, i = np.unique(clouds.others[balls.rows], return_inverse=True)
+    own, begin = clouds.clouds[balls.rows], begin[balls.rows]
+    if len(balls.rows) == 0:
+        return table
+    if level == Accuracy.MESH:
+        meshes, radii = clouds.meshes(slots[i])
+        motion = motion_of(meshes, slots[i], motions), motion_of(balls.bodies, own, motions)
+        bodies = meshes, radii, balls.bodies, None
+        sweeps = swept_meshes(*bodies, joined_motions(*motion), begin, tolerance)
+    else:
+        both = clouds.with_balls(slots, level, balls)
+        rows = np.column_stack([i, len(slots) + np.arange(len(i))])
+        turned = motion_of(both, np.append(slots, own), motions)
+        sweeps = convex_sweeps(both, turned, rows, begin, tolerance)
+    met = np.flatnonzero(sweeps.hits | sweeps.undecided)
+    first = met[least_of(balls.rows[met], sweeps.free_until[met])]
+    rows, sweeps = balls.rows[first], take_rows(sweeps, first)
+    sweeps.normals[clouds.turned[rows]] *= -1.0
+    write_rows(table, rows, sweeps)
+    return table
+
+
+def _swept_boxes(clouds: CloudPairs, motions: BoxMotions) -> tuple[BoxArrays, Floats]:
+    """Return bounds of the motions of the other objects, and how far (m,) points of clouds move."""
+    rows, motion = np.searchsorted(motions.slots, clouds.others), motions.moving.arrays
+    low, high = motions.minimum[rows], motions.maximum[rows]
+    middle = 0.5 * low + 0.5 * high
+    halves = np.nextafter(np.maximum(high - middle, middle - low), np.inf)
+    around = BoxArrays(middle, np.tile(np.eye(3), (len(rows), 1, 1)), halves)
+    own = np.searchsorted(motions.slots, clouds.clouds)
+    starts, ends, seconds = motion.starts[own], motion.ends[own], motion.seconds
+    ways = lengths(seconds * ends if seconds else ends - starts)
+    reaches = motion.radii[own] + lengths(motion.arms[own])
+    return around, (ways + lengths(motion.turns[own]) * reaches) * OUTWARD
 
 
 NO_SWEEPS = Sweeps(
@@ -236,20 +308,26 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
         selected &= setting.selected[slots]
     if not selected.any():
         return NOTHING
-    pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
+    bounds = swept_bounds(start, end)
+    pairs = meeting_pairs(cycle, slots, *bounds, selected)
     pairs = pairs[~_among(pairs, cycle.pairs, len(cycle.enabled))]
-    motions = BoxMotions(slots, MovingBoxes(start, end), end, start.centers)
+    motions = BoxMotions(slots, MovingBoxes(start, end), end, start.centers, *bounds)
     outcome = _swept(cycle, motions, pairs, setting)
     result = outcome.result
     begun = result.undecided | (result.times > 0.0)
     far = needed[np.searchsorted(slots, result.pairs)].any(axis=1)
     levels = cycle.levels(result.pairs, setting, max(BY_LEVEL))
-    if levels is not None:  # shapes may have been near enough, but apart
-        far |= levels > OBB
+    smaller = np.zeros(len(result.pairs), np.bool_)  # than their boxes
+    if cycle.shapes is not None:
+        smaller |= is_cloud_pair(cycle.shapes.kinds, result.pairs)
+    if levels is not None:
+        smaller |= levels > OBB
+    if smaller.any():  # shapes may have been near enough, but apart
+        far |= smaller
         then = before.pairs  # colliding pairs, of any region
         if before.poses is not None and cycle.shapes is not None:
             then = cycle.shapes.colliding_at(before.boxes, before.poses, result.pairs)
-        begun |= (levels > OBB) & ~_among(result.pairs, then, len(cycle.enabled))
+        begun |= smaller & ~_among(result.pairs, then, len(cycle.enabled))
     # the others collided before, and were reported then
     return replace(outcome, result=take_rows(result, begun & far))
 
@@ -272,7 +350,7 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     pairs = meeting_pairs(cycle, slots, *bounds, selected[slots])
     pairs = pairs[~_among(pairs, cycle.pairs, len(cycle.enabled))]
     moved = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
-    return _swept(cycle, BoxMotions(slots, moved, boxes, origins), pairs, setting)
+    return _swept(cycle, BoxMotions(slots, moved, boxes, origins, *bounds), pairs, setting)
 
 
 def _passing(cycle: Cycle, before: PreviousCheck, slots: Rows) -> Rows:

@@ -33,8 +33,16 @@ from obb_collision.queries.verdict.coarse import bounds_may_collide, spheres_may
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.broad_phase.find_pairs import OBB, columns
-from obb_collision.scene.building.shape_cache import BOX, BOXED, ROUND, TRIANGLES, ShapeCache
+from obb_collision.scene.building.shape_cache import (
+    BOX,
+    BOXED,
+    CLOUD,
+    ROUND,
+    TRIANGLES,
+    ShapeCache,
+)
 from obb_collision.scene.refinement.budget import Budget, Levels, refine
+from obb_collision.scene.refinement.clouds import CloudPairs, pairs_that_count
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
@@ -57,11 +65,10 @@ class Decided(NamedTuple):
 
 def is_plain(store: ObjectStore) -> bool:
     """Return whether every pair is decided on OBB."""
-    levels = store.accuracies[store.active]
+    levels, kinds = store.accuracies[store.active], store.kinds[store.active]
     if (levels == Accuracy.OBB).all():
-        return True
-    meshes = (store.kinds[store.active] > BOX).any()
-    return bool((levels >= Accuracy.OBB).all() and not meshes)
+        return not (kinds == CLOUD).any()
+    return bool((levels >= Accuracy.OBB).all() and not (kinds > BOX).any())
 
 
 def needs_spheres(store: ObjectStore) -> bool:
@@ -99,7 +106,15 @@ def _levels_kernel(
         level = min(accuracies[i], accuracies[j])
         low, high = min(kinds[i], kinds[j]), max(kinds[i], kinds[j])
         padded = paddings[i] > 0.0 or paddings[j] > 0.0
-        if low == BOXED or high == BOX:  # decided by boxes only
+        if high == CLOUD:  # its balls, on the level of the other object
+            other = j if kinds[i] == CLOUD else i
+            if level >= OBB:
+                level = accuracies[other]
+            if low <= BOX:
+                level = min(level, OBB)
+            elif low != TRIANGLES:
+                level = min(level, HULL)
+        elif low == BOXED or high == BOX:  # decided by boxes only
             level = min(level, OBB)
         elif padded and high != ROUND and high != TRIANGLES:
             level = min(level, HULL)
@@ -125,12 +140,19 @@ def decide_pairs(
     below its level.
     """
     boxes = store.all_boxes()
+    if (store.kinds[candidates] == CLOUD).any():
+        candidates = pairs_that_count(store, cache, candidates)
     first, second = columns(candidates)
     wanted = pair_levels(store, first, second)
     if needs_spheres(store):
         kept = (wanted == Accuracy.SPHERE) | bounds_may_collide(boxes, first, second)
         first, second, wanted = first[kept], second[kept], wanted[kept]
     verdicts = _box_verdicts(boxes, first, second, wanted, exact)
+    clouds = np.maximum(store.kinds[first], store.kinds[second]) == CLOUD
+    rows = np.flatnonzero(clouds & (wanted >= Accuracy.OBB) & (verdicts != SEPARATE))
+    if len(rows):
+        seen = np.column_stack([first[rows], second[rows]])
+        verdicts[rows] = CloudPairs(store, cache, boxes, seen).box_verdicts()
     met = np.flatnonzero(verdicts != SEPARATE)
     pairs = np.column_stack([first[met], second[met]])
     verdicts, wanted = verdicts[met], wanted[met]

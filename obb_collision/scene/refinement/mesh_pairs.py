@@ -29,10 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide, mesh_body_distances
@@ -45,12 +42,15 @@ from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, V
 from obb_collision.scene.building.shape_cache import (
     BOX,
     BOXED,
+    CLOUD,
     CONVEX,
     ROUND,
     TRIANGLES,
     ShapeCache,
 )
+from obb_collision.scene.refinement.bodies import convex_bodies
 from obb_collision.scene.refinement.budget import ABOVE, Budget
+from obb_collision.scene.refinement.clouds import CloudPairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -65,7 +65,7 @@ EFFORT = 256
 def prepare_shapes(store: ObjectStore, cache: ShapeCache) -> None:
     """Build the trees and hulls that all objects may need, and compile the kernels for them."""
     wanted = np.flatnonzero(store.active & (store.accuracies > Accuracy.OBB))
-    wanted = wanted[store.kinds[wanted] != BOXED]
+    wanted = wanted[~np.isin(store.kinds[wanted], (BOXED, CLOUD))]
     if len(wanted) == 0:
         return
     for hull in (False, True):
@@ -92,10 +92,17 @@ class MeshPairs:
         kinds = store.kinds[self._slots]
         a, b = kinds[self._ends[0]], kinds[self._ends[1]]
         self._simple = np.maximum(a, b) == ROUND
+        self._cloudy = np.maximum(a, b) == CLOUD
         self._solid = (np.maximum(a, b) < TRIANGLES) & ~self._simple
 
     def prepare(self, level: Accuracy, rows: Rows, budget: Budget | None) -> Mask:
         """Build trees and hulls of pairs while there is time; return which (k,) are ready."""
+        cloudy = self._cloudy[rows]
+        if cloudy.any():
+            ready = np.empty(len(rows), np.bool_)
+            ready[~cloudy] = self.prepare(level, rows[~cloudy], budget)
+            ready[cloudy] = self._prepare_others(level, rows[cloudy], budget)
+            return ready
         ready = self._simple[rows]
         hulls = self._by_hull(level, rows)
         both = ~hulls & ~ready & (level == Accuracy.MESH) & self._curved(rows)
@@ -111,8 +118,27 @@ class MeshPairs:
             ready[needy] &= have[i] & have[j]
         return ready
 
+    def _prepare_others(self, level: Accuracy, rows: Rows, budget: Budget | None) -> Mask:
+        """Build the hulls or trees of the other objects of pairs with a cloud; as ``prepare``."""
+        others = self._cloud_pairs(rows).others
+        needy = others[self._store.kinds[others] > ROUND]
+        ready = np.ones(len(self._store.kinds), np.bool_)
+        ready[needy] = self._cache.build(self._store, needy, level == Accuracy.HULL, budget)
+        return ready[others]
+
+    def _cloud_pairs(self, rows: Rows) -> CloudPairs:
+        """Return pairs (k,) of a cloud and another object."""
+        pairs = np.column_stack([self._slots[ends[rows]] for ends in self._ends])
+        return CloudPairs(self._store, self._cache, self._store.all_boxes(), pairs)
+
     def decide(self, level: Accuracy, rows: Rows) -> Verdicts:
         """Return verdicts (k,) of prepared pairs; OVERLAP only on MESH, where it is certain."""
+        cloudy = self._cloudy[rows]
+        if cloudy.any():
+            result = np.empty(len(rows), np.int8)
+            result[~cloudy] = self.decide(level, rows[~cloudy])
+            result[cloudy] = self._cloud_pairs(rows[cloudy]).shape_verdicts(level)
+            return result
         simple, hulls = self._simple[rows], self._by_hull(level, rows)
         result = np.empty(len(rows), np.int8)
         result[simple] = self._round_verdicts(rows[simple])
@@ -260,41 +286,3 @@ def _marked(count: int, first: Rows, second: Rows) -> Mask:
     mask = np.zeros(count, np.bool_)
     mask[first] = mask[second] = True
     return mask
-
-
-def places_of(store: ObjectStore, boxes: Boxes, slots: Rows) -> tuple[Floats, Floats]:
-    """Return centres and rotations of slots (k,): of poses, or of ``boxes`` where a slot is a box.
-
-    boxes: the padded boxes of all slots.
-    """
-    centers, rotations = boxes.centers[slots], boxes.rotations[slots]
-    shaped = np.flatnonzero(store.kinds[slots] > BOX)
-    centers[shaped], rotations[shaped] = as_poses(store.poses[slots[shaped]], warn=False)
-    return centers, rotations
-
-
-def trees_of(store: ObjectStore, cache: ShapeCache, slots: Rows) -> tuple[MeshTrees, Rows, Floats]:
-    """Return trees, the row (k,) of each slot's tree, and radii (k,) with padding.
-
-    Trees of spheres and capsules are segments; either all slots have these shapes, or none.
-    """
-    radii = store.paddings[slots]
-    if (store.kinds[slots] == ROUND).any():
-        halves, own = cache.cores(slots)[:, 4:].T
-        return *segment_trees(halves), own + radii
-    return *cache.trees(slots), radii
-
-
-def convex_bodies(store: ObjectStore, cache: ShapeCache, boxes: Boxes, slots: Rows) -> ConvexBodies:
-    """Return the bodies of slots (k,) with padding, and the hulls built so far.
-
-    boxes: of all slots, padded.
-    """
-    shaped = np.flatnonzero(store.kinds[slots] > BOX)
-    cores = np.zeros((len(slots), 6))
-    cores[:, 0], cores[:, 1:4] = BOX_CORE, boxes.half_extents[slots]
-    cores[shaped] = cache.cores(slots[shaped])
-    cores[shaped, 5] += store.paddings[slots[shaped]]
-    kinds, sizes, radii = cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
-    hulls = cache.hulls(slots)
-    return ConvexBodies(kinds, sizes, radii, *hulls, *places_of(store, boxes, slots))

@@ -34,10 +34,11 @@ from obb_collision.queries.convex.support import CURVED_CORES, HULL_CORE, Convex
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.building.shape_cache import BOX, BOXED, ROUND, TRIANGLES, ShapeCache
+from obb_collision.scene.building.shape_cache import BOX, BOXED, CLOUD, ROUND, TRIANGLES, ShapeCache
+from obb_collision.scene.refinement.bodies import convex_bodies, placed_meshes
 from obb_collision.scene.refinement.budget import Budget, Levels
+from obb_collision.scene.refinement.clouds import CloudPairs
 from obb_collision.scene.refinement.ladder import decide_pairs, nearest_first, pair_levels
-from obb_collision.scene.refinement.mesh_pairs import convex_bodies, places_of, trees_of
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -151,7 +152,7 @@ class PlacedShapes:
             collide, rows = self._rows(pairs)
             levels[collide] = self._decided[rows]
         np.minimum(levels, np.int8(highest), out=levels)
-        whole = self.kinds[pairs].max(axis=1) < TRIANGLES
+        whole = ~(self.kinds[pairs] == TRIANGLES).any(axis=1)
         levels[whole & (levels > Accuracy.HULL)] = Accuracy.HULL
         levels[levels < Accuracy.HULL] = Accuracy.OBB
         for level, have, lower in (
@@ -190,13 +191,13 @@ class PlacedShapes:
     def _have_trees(self, pairs: Pairs) -> Mask:
         """Build the trees that pairs (k, 2) need; return which (k,) have them."""
         slots = np.unique(pairs)
-        have = self._have(slots[self.kinds[slots] != ROUND], False)
+        have = self._have(slots[~np.isin(self.kinds[slots], (ROUND, CLOUD))], False)
         return np.asarray(have[pairs].all(axis=1))
 
     def _have_hulls(self, pairs: Pairs) -> Mask:
         """Build the hulls that pairs (k, 2) need; return which (k,) have them."""
         slots = np.unique(pairs)
-        slots = slots[self.kinds[slots] > BOX]
+        slots = slots[(self.kinds[slots] > BOX) & (self.kinds[slots] != CLOUD)]
         cornered = self._current_cache().cores(slots)[:, 0] == HULL_CORE
         have = self._have(slots[cornered], True) & (self.kinds != BOXED)
         return have[pairs].all(axis=1)
@@ -242,10 +243,13 @@ class PlacedShapes:
                 a, b = (self.meshes(boxes, slots) for slots in ends[rows].T)
                 yield PairSides(rows, turned[rows], ends[rows], *a, *b)
 
+    def cloud_pairs(self, boxes: Boxes, pairs: Pairs) -> CloudPairs:
+        """Return pairs (m, 2) of a cloud and another object; boxes: of all slots, padded."""
+        return CloudPairs(self._store, self._current_cache(), boxes, pairs)
+
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
         """Return the placed trees of slots (k,), and radii (k,) with padding; see ``trees_of``."""
-        trees, rows, radii = trees_of(self._store, self._current_cache(), slots)
-        return PlacedMeshes.trusted(trees, rows, *places_of(self._store, boxes, slots)), radii
+        return placed_meshes(self._store, self._current_cache(), boxes, slots)
 
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
         """Clip distances (m,) to the verdicts of pairs (m, 2).

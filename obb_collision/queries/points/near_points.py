@@ -1,0 +1,147 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The points of a cloud near boxes: all within a reach of each box, or the nearest one.
+
+The boxes are given in the frame of the cloud, and the tree over its points is searched with their
+bounds. What is given back are distances from the boxes; how exact they are is said by whoever
+computes the places of the boxes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
+from obb_collision.geometry.trees.bounds_tree import STACK, BoundsTree, lowest, overlaps
+from obb_collision.numerics.intrinsics import LANES
+from obb_collision.numerics.vec3 import (
+    absolute,
+    combined,
+    components,
+    fast_norm,
+    max_of,
+    minus,
+    vector_at,
+)
+from obb_collision.queries.verdict.sat import BoxAt, box_at
+from obb_collision.typing import Floats, Rows, Vector
+
+FIRST_ROOM = 256
+"""Points for which there is room at first."""
+
+
+class NearPoints(NamedTuple):
+    """Points near boxes, q of them, ascending by box."""
+
+    boxes: Rows  #: (q,) row of the box
+    points: Rows  #: (q,) row of the point
+    distances: Floats  #: (q,) metres from the box, negative inside of it
+
+
+def near_points(
+    tree: BoundsTree, ordered: Floats, boxes: BoxArrays, reaches: Floats, only: str = "all"
+) -> NearPoints:
+    """Return the points of a tree that are at most ``reaches`` (n,) metres from boxes (n,).
+
+    ordered: the points (p, 3) in the order of the tree, so that neighbours are near in memory.
+    only: "all", of each box the "nearest" one, or "any" one.
+    """
+    if len(tree.order) == 0:
+        return NearPoints(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+    most = {"all": ALL, "nearest": NEAREST, "any": ANY}[only]
+    return NearPoints(*_near_kernel(tree, ordered, boxes, reaches, most))
+
+
+ALL, NEAREST, ANY = 0, 1, 2
+FIRST_STEP, STEP, SMALLEST = 0.02, 4.0, 1e-300
+"""The first reach in which the nearest point is looked for, relative to the distance of any one,
+and how much larger the next ones are, metres at least."""
+
+
+@njit
+def _near_kernel(
+    tree: BoundsTree, points: Floats, boxes: BoxArrays, reaches: Floats, most: int
+) -> tuple[np.ndarray, np.ndarray, Floats]:
+    order, nodes, starts = tree.order, tree.nodes, tree.starts
+    owners, numbers = np.empty(FIRST_ROOM, np.int64), np.empty(FIRST_ROOM, np.int64)
+    distances = np.empty(FIRST_ROOM)
+    levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
+    used = 0
+    for row in range(len(reaches)):
+        box, limit, before = box_at(boxes, row), reaches[row], used
+        sides = absolute(box.axes[0]), absolute(box.axes[1]), absolute(box.axes[2])
+        half, c = combined(sides, box.half_extents), box.center
+        reach = limit
+        if most == NEAREST:  # in steps, so that few points are farther than the nearest one
+            reach = min(limit, FIRST_STEP * _distance(box, vector_at(points, 0)))
+        while True:
+            levels[0], waiting[0] = len(starts) - 2, 0
+            depth, widest = 1, reach
+            while depth > 0:
+                depth -= 1
+                level, block = levels[depth], waiting[depth]
+                x, y, z = half[0] + reach, half[1] + reach, half[2] + reach
+                mask = overlaps(
+                    nodes, starts[level] + block, c[0] - x, c[1] - y, c[2] - z, c[0] + x, c[1] + y,
+                    c[2] + z,
+                )  # fmt: skip
+                while mask != 0:
+                    child = LANES * block + lowest(mask)
+                    mask &= mask - 1
+                    if level > 0:
+                        levels[depth], waiting[depth] = level - 1, child
+                        depth += 1
+                        continue
+                    distance = _distance(box, vector_at(points, child))
+                    if distance > reach:
+                        continue
+                    if used == len(owners):
+                        owners, numbers = _doubled(owners), _doubled(numbers)
+                        distances = _doubled(distances)
+                    place = before if most == NEAREST else used
+                    if place < used and not distance < distances[place]:
+                        continue
+                    owners[place], numbers[place], distances[place] = row, order[child], distance
+                    used = max(used, place + 1)
+                    if most == NEAREST:
+                        reach = distance
+                    elif most == ANY:
+                        mask = depth = 0
+            if used > before or not widest < limit:
+                break
+            reach = min(limit, max(STEP * widest, SMALLEST))
+    return owners[:used].copy(), numbers[:used].copy(), distances[:used].copy()
+
+
+@njit
+def _distance(box: BoxAt, point: Vector) -> float:
+    """Return the distance of a point from a box, negative inside of it."""
+    excess = minus(absolute(components(box.axes, minus(point, box.center))), box.half_extents)
+    most = max_of(excess)
+    if most <= 0.0:
+        return most
+    return fast_norm((max(excess[0], 0.0), max(excess[1], 0.0), max(excess[2], 0.0)))
+
+
+@njit
+def _doubled(array: np.ndarray) -> np.ndarray:
+    """Return a copy with room for twice as many numbers."""
+    larger = np.empty(2 * len(array), array.dtype)
+    for k in range(len(array)):
+        larger[k] = array[k]
+    return larger

@@ -1,0 +1,408 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clouds in a scene, beside the distance of each of their points from the other objects."""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import obb_collision as oc
+from obb_collision.geometry.poses import as_poses
+from obb_collision.typing import Floats
+
+SPAN = 2.0
+RADIUS = 0.03
+CORNERS = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.3]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+SHAPES = {
+    "box": oc.shapes.Box([0.5, 0.3, 0.2]),
+    "sphere": oc.shapes.Sphere(0.2),
+    "capsule": oc.shapes.Capsule(0.1, 0.4),
+    "cylinder": oc.shapes.Cylinder(0.15, 0.5),
+    "mesh": oc.shapes.Mesh(CORNERS, FACES),
+}
+
+
+def made_points(seed: int, count: int = 800) -> Floats:
+    """Return points on the walls of a room and in it."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-SPAN, SPAN, (count, 3))
+    walls = np.arange(0, count, 2)
+    points[walls, rng.integers(0, 3, len(walls))] = -SPAN / 2
+    return points
+
+
+def made_poses(seed: int, count: int) -> Floats:
+    """Return poses (n, 7) in the room."""
+    rng = np.random.default_rng(seed)
+    quaternions = rng.normal(size=(count, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return np.hstack([rng.uniform(-SPAN, SPAN, (count, 3)), quaternions])
+
+
+def placed(points: Floats, pose: Floats) -> Floats:
+    """Return points of a frame at a pose in the world."""
+    (position,), (rotation,) = as_poses(pose[None])
+    return points @ rotation.T + position
+
+
+def distances(kind: str, pose: Floats, points: Floats) -> Floats:
+    """Return the signed distances (n,) of points from a shape at a pose, by formulas."""
+    (position,), (rotation,) = as_poses(pose[None])
+    local, shape = (points - position) @ rotation, SHAPES[kind]
+    if kind == "box":
+        return _box_distances(np.abs(local) - shape.local_box[2])
+    if kind == "sphere":
+        return np.linalg.norm(local, axis=1) - 0.2
+    if kind == "capsule":
+        local[:, 2] -= np.clip(local[:, 2], -0.2, 0.2)
+        return np.linalg.norm(local, axis=1) - 0.1
+    if kind == "cylinder":
+        return _box_distances(
+            np.stack([np.hypot(*local[:, :2].T) - 0.15, abs(local[:, 2]) - 0.25], 1)
+        )
+    surface = np.min([_triangle_distances(CORNERS[face], local) for face in FACES], axis=0)
+    inside = np.ones(len(local), np.bool_)
+    for a, b, c in CORNERS[FACES]:
+        inside &= (local - a) @ np.cross(b - a, c - a) <= 0.0
+    return np.where(inside, -surface, surface)
+
+
+def _box_distances(excess: Floats) -> Floats:
+    """Return signed distances from how far points are beyond each pair of faces."""
+    outside = np.linalg.norm(np.maximum(excess, 0.0), axis=1)
+    return np.where(outside > 0.0, outside, excess.max(axis=1))
+
+
+def _triangle_distances(triangle: Floats, points: Floats) -> Floats:
+    """Return the distances of points from a triangle: of its plane, or of its edges."""
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    within = np.ones(len(points), np.bool_)
+    best = np.full(len(points), np.inf)
+    for p, q in ((a, b), (b, c), (c, a)):
+        way = q - p
+        within &= (points - p) @ np.cross(normal, way) >= 0.0
+        share = np.clip((points - p) @ way / (way @ way), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(points - (p + share[:, None] * way), axis=1))
+    height = abs((points - a) @ normal) / np.linalg.norm(normal)
+    return np.where(within, height, best)
+
+
+def room(
+    level: str, seed: int, radius: float = RADIUS
+) -> tuple[oc.Scene, dict[str, Floats], Floats]:
+    """Return a scene of a cloud and shapes, their poses, and the points in the world."""
+    scene, points, pose = oc.Scene(accuracy=level), made_points(seed), made_poses(seed + 1, 1)[0]
+    scene.add("cloud", oc.shapes.Cloud(points, radius), pose)
+    names = [f"{kind}/{n}" for n in range(4) for kind in SHAPES]
+    poses = dict(zip(names, made_poses(seed, 20), strict=True))
+    for name, where in poses.items():
+        scene.add(name, SHAPES[name.split("/")[0]], where)
+    scene.check_only([("cloud", "*")])
+    return scene, poses, placed(points, pose)
+
+
+def expected(poses: dict[str, Floats], points: Floats, radius: float = RADIUS) -> dict[str, float]:
+    """Return the distance of the nearest ball from each shape, minus the depth of the deepest."""
+    return {
+        name: float(distances(name.split("/")[0], pose, points).min()) - radius
+        for name, pose in poses.items()
+    }
+
+
+def other(pair: tuple[str, str]) -> str:
+    """Return the object that is not the cloud."""
+    first, second = pair
+    return second if first == "cloud" else first
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("level", ["hull", "mesh"])
+def test_a_cloud_collides_where_a_ball_does(level: str, seed: int) -> None:
+    scene, poses, points = room(level, seed)
+    want = expected(poses, points)
+    assert min(map(abs, want.values())) > 1e-9
+    report = scene.check()
+    assert {other(pair) for pair in report.names()} == {n for n, gap in want.items() if gap < 0.0}
+    assert 1 < len(report) < 20
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("level", ["hull", "mesh"])
+def test_the_nearest_ball_is_the_clearance(level: str, seed: int) -> None:
+    scene, poses, points = room(level, seed)
+    scene.set_effect("clearance", "on", max_distance=0.15)
+    report, want = scene.check(), expected(poses, points)
+    table = report.clearances
+    names = [other((str(report.slot_names[i]), str(report.slot_names[j]))) for i, j in table.pairs]
+    assert set(names) == {name for name, gap in want.items() if gap <= 0.15}
+    for name, gap in zip(names, table.distances, strict=True):
+        if want[name] > 0.0:
+            assert gap == pytest.approx(want[name], abs=1e-9)
+        else:  # depths along one direction, of what is convex as of its hull
+            assert want[name] - 1e-6 <= gap <= 0.0 or name.startswith(("cylinder", "mesh"))
+    apart = np.linalg.norm(table.positions_a - table.positions_b, axis=1)
+    free = table.distances > 0.0
+    assert apart[free] == pytest.approx(table.distances[free], abs=1e-9)
+    ways = table.positions_b[free] - table.positions_a[free]
+    along = np.einsum("ij,ij->i", ways, table.normals[free])
+    assert along == pytest.approx(table.distances[free], abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_obb_balls_meet_the_boxes_of_objects(seed: int) -> None:
+    scene, poses, points = room("obb", seed)
+    want = {}
+    for name in poses:
+        box = scene.boxes[scene.index(name)]
+        local = (points - box.center) @ box.rotation
+        want[name] = _box_distances(np.abs(local) - box.half_extents).min() - RADIUS
+    scene.set_effect("clearance", "on", max_distance=0.1)
+    report = scene.check()
+    assert {other(pair) for pair in report.names()} == {n for n, gap in want.items() if gap < 0.0}
+    table = report.clearances
+    for (i, j), gap in zip(table.pairs.tolist(), table.distances.tolist(), strict=True):
+        name = other((str(report.slot_names[i]), str(report.slot_names[j])))
+        assert gap == pytest.approx(want[name], abs=1e-9)
+    assert len(table.pairs) == sum(gap <= 0.1 for gap in want.values())
+
+
+@pytest.mark.parametrize("level", ["obb", "hull", "mesh"])
+def test_contacts_are_the_deepest_balls(level: str) -> None:
+    scene, poses, points = room(level, 4)
+    report = scene.check()
+    contacts = report.contacts
+    assert (report.separations <= 0.0).all()
+    np.testing.assert_array_equal(contacts.depths, -report.separations)
+    for row, pair in enumerate(report.names()):
+        name, count = other(pair), contacts.counts[row]
+        kind = name.split("/")[0]
+        gaps = np.sort(distances(kind, poses[name], points)) - RADIUS
+        assert count == min(4, int((gaps < 0.0).sum())) or (level == "obb" and kind != "box")
+        assert np.isnan(contacts.positions[row, count:]).all()
+        places = contacts.positions[row, :count]
+        near = np.linalg.norm(points[None] - places[:, None], axis=2).min(axis=1)
+        assert (near < RADIUS + contacts.position_depths[row, :count]).all()
+        if kind == "box" or (level != "obb" and kind in ("sphere", "capsule")):
+            depths = contacts.position_depths[row, :count]
+            np.testing.assert_allclose(depths, -gaps[:count], atol=1e-9)
+
+
+@pytest.mark.parametrize("moves", ["object", "cloud", "both"])
+@pytest.mark.parametrize("level", ["obb", "hull", "mesh"])
+def test_a_sweep_is_never_late(level: str, moves: str) -> None:
+    scene, poses, _ = room(level, 7)
+    rng, twists = np.random.default_rng(3), {}
+    for name in ["cloud", *poses]:
+        if moves == "both" or (moves == "cloud") == (name == "cloud"):
+            twists[name] = rng.uniform(-1.0, 1.0, 6)
+            scene.set_twist(name, twists[name])
+    before = {other(pair) for pair in scene.check().names()}
+    table = scene.check("sweep").swept.predicted
+    times = dict.fromkeys(poses, np.inf)
+    for (i, j), time in zip(table.pairs.tolist(), table.times.tolist(), strict=True):
+        times[other((scene.names[i], scene.names[j]))] = time
+    assert 2 < sum(time < 1.0 for time in times.values()) < 20
+    seen = dict.fromkeys(poses, np.inf)
+    start = {name: scene.pose(name) for name in ["cloud", *poses]}
+    for time in np.linspace(0.0, 1.0, 41):
+        for name, twist in twists.items():
+            scene.move(name, advanced(start[name], twist, time))
+        for pair in scene.check().names():
+            seen[other(pair)] = min(seen[other(pair)], time)
+    scene.set_effect("clearance", "on", max_distance=SPAN)
+    for name in poses.keys() - before:
+        assert times[name] <= seen[name] + 1e-9
+        if times[name] < np.inf:  # it is not early: they are as near as the tolerance then
+            for body, twist in twists.items():
+                scene.move(body, advanced(start[body], twist, times[name]))
+            near = scene.check().clearances
+            row = [{"cloud", name} == {scene.names[i], scene.names[j]} for i, j in near.pairs]
+            assert near.distances[row] < 2e-3
+
+
+def advanced(pose: Floats, twist: Floats, time: float) -> Floats:
+    """Return a pose after a time with a twist of its origin."""
+    angle = np.linalg.norm(twist[3:]) * time
+    axis = twist[3:] / np.linalg.norm(twist[3:])
+    turned = [*np.sin(angle / 2) * axis, np.cos(angle / 2)]
+    turn = oc.OBB.from_quaternion(np.zeros(3), turned, [1] * 3)
+    here = oc.OBB.from_quaternion(pose[:3], pose[3:], [1] * 3)
+    rotated = oc.OBB(pose[:3] + time * twist[:3], turn.rotation @ here.rotation, [1] * 3)
+    return np.array([*rotated.center, *rotated.quaternion])
+
+
+def test_what_passes_a_cloud_between_two_checks_is_found() -> None:
+    scene = oc.Scene(accuracy="hull")
+    wall = np.stack(np.meshgrid([0.0], np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)), -1)
+    scene.add("wall", oc.shapes.Cloud(wall.reshape(-1, 3)))
+    scene.add("ball", oc.shapes.Sphere(0.2), [-3.0, 0.01, 0.02, 0, 0, 0, 1])
+    scene.check("sweep")
+    scene.move("ball", [3.0, 0.01, 0.02, 0, 0, 0, 1])
+    passed = scene.check("sweep").swept.passed
+    assert len(passed.pairs) == 1
+    first = np.sqrt(0.2**2 - np.min(np.sum((wall.reshape(-1, 3)[:, 1:] - [0.01, 0.02]) ** 2, 1)))
+    assert passed.times[0] == pytest.approx((3.0 - first) / 6.0, abs=1e-6)
+
+
+@given(st.data())
+def test_a_point_that_touches_collides(data: st.DataObject) -> None:
+    place = data.draw(st.tuples(*[st.integers(-4, 4)] * 3))
+    level, where = (
+        data.draw(st.sampled_from(["obb", "hull", "mesh"])),
+        np.array([*place, 0, 0, 0, 1.0]),
+    )
+    scene = oc.Scene(accuracy=level)
+    scene.add("cloud", oc.shapes.Cloud([[1.0, 0.25, -0.5], [90.0, 0, 0]]), where)
+    scene.add("box", oc.shapes.Box([2.0, 1.0, 4.0]), where)
+    assert scene.check().names() == [("cloud", "box")]
+    where[0] -= 1e-9
+    scene.move("box", where)
+    assert scene.check().names() == []
+
+
+def test_a_cloud_without_points_collides_with_nothing() -> None:
+    for level in oc.Accuracy:
+        scene = oc.Scene(accuracy=level)
+        scene.add("cloud", oc.shapes.Cloud(np.full((3, 3), np.nan), radius=1.0))
+        scene.add("box", oc.shapes.Box([1, 1, 1]))
+        scene.set_effect("clearance", "on", max_distance=10.0)
+        report = scene.check("sweep")
+        assert report.names() == []
+        assert len(report.clearances.pairs) == 0
+
+
+@pytest.mark.parametrize("level", list(oc.Accuracy))
+def test_two_clouds_never_collide(level: oc.Accuracy) -> None:
+    scene = oc.Scene(accuracy=level)
+    for name in "ab":
+        scene.add(name, oc.shapes.Cloud(made_points(1), 0.5))
+        scene.set_twist(name, [1, 0, 0, 0, 0, 0])
+    scene.set_effect("clearance", "on", max_distance=1.0)
+    report = scene.check("sweep")
+    assert report.names() == []
+    assert len(report.clearances.pairs) == len(report.swept.predicted.pairs) == 0
+
+
+def test_below_obb_the_bounds_stand_for_a_cloud() -> None:
+    scene = oc.Scene(accuracy="aabb")
+    scene.add("cloud", oc.shapes.Cloud([[-1, -1, -1], [1, 1, 1]]))
+    scene.add("box", oc.shapes.Box([0.1, 0.1, 0.1]))
+    assert scene.check().names() == [("cloud", "box")]
+    scene.set_accuracy("box", "obb")
+    assert scene.check().names() == [("cloud", "box")]
+    scene.set_accuracy("cloud", "obb")
+    assert scene.check().names() == []
+
+
+def test_padding_grows_the_balls() -> None:
+    scene = oc.Scene(accuracy="hull")
+    scene.add("cloud", oc.shapes.Cloud([[0, 0, 1.0]]), padding=0.25)
+    scene.add("ball", oc.shapes.Sphere(0.5), padding=0.2)
+    scene.set_effect("clearance", "on", max_distance=0.3)
+    assert scene.check().clearances.distances == pytest.approx([0.05])
+    scene.set_padding("cloud", 0.31)
+    assert scene.check().names() == [("cloud", "ball")]
+
+
+def test_a_new_shape_keeps_pose_padding_level_rules_and_index() -> None:
+    scene = oc.Scene()
+    index = scene.add("cloud", oc.shapes.Cloud([[0, 0, 0]]), [1, 0, 0, 0, 0, 0, 1], padding=0.1)
+    scene.add("box", oc.shapes.Box([1, 1, 1]), [2, 0, 0, 0, 0, 0, 1])
+    scene.add("floor", oc.shapes.Box([9, 9, 1]))
+    scene.allow("cloud", "floor")
+    scene.set_accuracy("cloud", "hull")
+    assert scene.check().names() == [("box", "floor")]
+    scene.set_shape("cloud", oc.shapes.Cloud([[0.45, 0, 0]]))
+    assert scene.check().names() == [("cloud", "box"), ("box", "floor")]
+    assert scene.index("cloud") == index
+    assert scene.pose("cloud")[0] == 1.0
+    with pytest.raises(KeyError, match="none"):
+        scene.set_shape("none", oc.shapes.Sphere(1))
+    with pytest.raises(TypeError, match="shape"):
+        scene.set_shape("cloud", "sphere")  # type: ignore[arg-type]
+
+
+def test_replacing_a_cloud_again_and_again_leaks_nothing() -> None:
+    scene = oc.Scene(accuracy="hull")
+    scene.add("cloud", oc.shapes.Cloud(made_points(0, 10)))
+    scene.add("ball", oc.shapes.Sphere(0.5))
+    for n in range(300):
+        if n == 100:
+            gc.collect()
+            blocks = sys.getallocatedblocks()
+        scene.set_shape("cloud", oc.shapes.Cloud(made_points(n % 3, 10)))
+        scene.check()
+    gc.collect()
+    assert sys.getallocatedblocks() < blocks + 500
+
+
+def test_a_body_in_question_meets_clouds_and_may_be_one() -> None:
+    scene = oc.Scene(accuracy="hull")
+    scene.add("cloud", oc.shapes.Cloud([[0, 0, 0], [5, 5, 5]]))
+    scene.add("box", oc.shapes.Box([1, 1, 1]), [3, 0, 0, 0, 0, 0, 1])
+    assert scene.query(oc.shapes.Sphere(0.1)) == ["cloud"]
+    assert scene.query(oc.shapes.Sphere(0.1), [1, 1, 1, 0, 0, 0, 1]) == []
+    assert scene.query(oc.shapes.Cloud([[3, 0, 0], [0, 0, 0]])) == ["box"]
+
+
+def test_points_that_are_not_finite_are_counted() -> None:
+    points = np.array([[0, 0, 0], [np.nan, 0, 0], [1, 2, np.inf], [1, 1, 1]], np.float32)
+    cloud = oc.shapes.Cloud(points[:, ::1], 0.25)
+    assert (len(cloud.points), cloud.ignored) == (2, 2)
+    center, _, half = cloud.local_box
+    np.testing.assert_array_equal(center, 0.5)
+    np.testing.assert_allclose(half, 0.75)
+    with pytest.raises(ValueError, match="radius"):
+        oc.shapes.Cloud(points, -1)
+    with pytest.raises(ValueError, match="points"):
+        oc.shapes.Cloud([[1, 2]])
+    with pytest.raises(ValueError, match="read-only"):
+        cloud.points[0] = 1
+
+
+@pytest.mark.parametrize("level", ["obb", "hull", "mesh"])
+def test_rays_hit_the_first_ball(level: str) -> None:
+    scene, points = oc.Scene(accuracy=level), made_points(3, 200)
+    pose = made_poses(5, 1)[0]
+    scene.add("cloud", oc.shapes.Cloud(points, 0.1), pose, padding=0.05)
+    scene.add("box", oc.shapes.Box([0.3, 0.3, 0.3]), [0.5, 0, 0, 0, 0, 0, 1])
+    rng, centers = np.random.default_rng(1), placed(points, pose)
+    origins, ways = rng.uniform(-3, 3, (50, 3)), rng.normal(size=(50, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    hits = scene.cast_rays(origins, ways)
+    arms = centers[None] - origins[:, None]
+    along = np.einsum("rpi,ri->rp", arms, ways)
+    square = 0.15**2 - (np.einsum("rpi,rpi->rp", arms, arms) - along**2)
+    first = np.where(square >= 0.0, along - np.sqrt(np.maximum(square, 0.0)), np.inf)
+    first = np.where((first < 0.0) & (np.linalg.norm(arms, axis=2) < 0.15), 0.0, first)
+    first = np.where(first < 0.0, np.inf, first).min(axis=1)
+    only = scene.index("cloud") == hits.boxes
+    assert 5 < only.sum() < 50
+    np.testing.assert_allclose(hits.distances[only], first[only], atol=1e-6)
+    assert (hits.distances <= first + 1e-9).all()
+
+
+def test_shapes_are_prepared_beside_clouds() -> None:
+    scene, _, _ = room("mesh", 2)
+    scene.objects.prepare()
+    assert scene.check().names() == room("mesh", 2)[0].check().names()
