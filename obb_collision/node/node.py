@@ -359,7 +359,7 @@ class CollisionNode(ManagedNode):
             self.subscribed.drain()
         self._change("input objects", self.inputs.markers.apply)
         for boxes in self.inputs.sets:
-            self._change(f"input {boxes.source.topic}", boxes.apply)
+            self._change(f"input {boxes.topic}", boxes.apply)
         self._change("input robots", self.robots.apply)
         return self.subscribed.take_wait()
 

@@ -20,7 +20,7 @@ those before it anyway.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -29,12 +29,11 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.inputs.batch import Faults, put_rows
-from obb_collision.node.inputs.clouds import QueuedCloud, WaitingClouds
-from obb_collision.node.inputs.senders import ALONE, ANY
+from obb_collision.node.inputs.clouds import QueuedCloud
+from obb_collision.node.inputs.newest import NewestInput
 from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import boxes_from_ros
 from obb_collision.node.messages.conversions import (
-    NANOSECONDS,
     Key,
     are_unusable,
     name_from_key,
@@ -42,12 +41,12 @@ from obb_collision.node.messages.conversions import (
     stamp_from_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.names import check_name, namespace_number, stand_in
+from obb_collision.node.messages.names import namespace_number, stand_in
 from obb_collision.node.objects.conditions import POSE_REFUSED, SHAPE_REFUSED
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE
-from obb_collision.node.objects.states import ANEW, OLDER, State
+from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NO_TIME, are_numbers, signed
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
@@ -61,8 +60,6 @@ class Source(NamedTuple):
 
 
 BOXES = Source("object_boxes", "boxes", 1)
-MOST_SENDERS = 100
-"""Senders of sets that are remembered, those heard last."""
 REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason, OLDER)
@@ -103,7 +100,7 @@ def read_boxes(data: bytes, most: int) -> QueuedCloud:
     return QueuedCloud(BoxRows(*boxes_from_ros(message, most)), frame, stamp, len(message.data))
 
 
-class BoxInput:
+class BoxInput(NewestInput):
     """Takes messages that are complete sets of boxes, and applies the newest message.
 
     read: makes boxes of the bytes of a message, and of the most rows that it may have.
@@ -117,81 +114,8 @@ class BoxInput:
         source: Source = BOXES,
         read: Callable[[bytes, int], QueuedCloud] = read_boxes,
     ) -> None:
-        self._objects, self._table, self._clock = objects, objects.table, clock
-        self.source, self._read = source, read
-        self._monitor = objects.monitors[source.topic]
-        self.waiting = WaitingClouds(objects, frames, self._monitor)
-        self._orders: dict[int, tuple[int, int]] = {}
-        """By sender, the last one at the end: older stamps than this are late, and when it came."""
-        self.is_contested = False
-        """Whether several senders take turns: the set of one removes the boxes of the other."""
-
-    def queue(self, data: bytes, now: int) -> None:
-        """Queue a complete set, serialised, for the next cycle."""
-        sender = self._monitor.sender
-        try:
-            cloud = self._read(data, self._objects.max_points)
-            check_name(cloud.frame, "frame")
-            self._note_order(cloud.stamp, now, sender)
-        except RefusedError as error:
-            self.apply()  # the sets before it
-            self._doubt()
-            if error.reason != OLDER or not self._own.any():
-                raise
-            self._monitor.refuse(error.reason, "whole message", error.detail)
-            return
-        cloud = cloud._replace(received=now, sender=sender)
-        self._monitor.superseded += self.waiting.add(cloud)
-
-    def _note_order(self, stamp: int, now: int, sender: int) -> None:
-        """Store the stamp of a set; RefusedError for one older than the last of its sender."""
-        self._note_turn(sender)
-        states, (order, received) = self._objects.states, self._orders.pop(sender, (0, 0))
-        before = order - stamp
-        if stamp and before > 0:
-            most = f"{before / NANOSECONDS:.1f} s before the last one"
-            if now - received <= states.order_timeout:
-                self._orders[sender] = order, received
-                raise RefusedError(OLDER, most)
-            self._monitor.doubt(ANEW, "whole message", most)
-        is_believed = stamp and stamp <= now + states.stamp_tolerance
-        self._orders[sender] = stamp if is_believed else order, now
-
-    def _note_turn(self, sender: int) -> None:
-        """Note the sender; one that follows another for good is one that has restarted."""
-        if sender == ALONE:
-            self.forget([other for other in self._orders if other != ALONE])
-        is_last = next(reversed(self._orders), sender) == sender
-        self.is_contested |= sender == ANY or (sender in self._orders and not is_last)
-        if len(self._orders) > MOST_SENDERS:
-            del self._orders[next(iter(self._orders))]
-
-    @property
-    def senders(self) -> tuple[int, ...]:
-        """Senders whose sets have come, the latest at the end."""
-        return tuple(self._orders)
-
-    def forget(self, senders: Iterable[int]) -> None:
-        """Forget senders, which are gone; where one is left, the sets are no longer contested."""
-        for sender in senders:
-            self._orders.pop(sender, None)
-        self.is_contested &= len(self._orders) > 1
-
-    def cleared(self) -> None:
-        """Drop waiting sets, and forget their senders: all objects were removed."""
-        self.waiting.clouds.clear()
-        self.is_contested = False
-
-    def apply(self) -> None:
-        """Apply the newest set that can be placed, if one waits."""
-        if self.waiting.clouds:
-            now = self._clock()
-            self._monitor.superseded += self.waiting.use_newest(now, self._use, self._refuse)
-
-    def clock_jumped(self, shift: int) -> None:
-        """Shift times by a jump of the clock (ns)."""
-        self.waiting.clock_jumped(shift)
-        self._orders = {sender: (0, at + shift) for sender, (_, at) in self._orders.items()}
+        super().__init__(objects, frames, clock, source.topic, read)
+        self.source = source
 
     def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Bring the objects in line with a set, given in a frame that is at ``frame`` (7,)."""
@@ -211,7 +135,7 @@ class BoxInput:
             faults.kinds = pose_kinds(poses)
             bad = are_unusable(faults.kinds)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
-        of_cloud = cloud.stamp, cloud.received, self.source.topic, cloud.carried, cloud.sender
+        of_cloud = cloud.stamp, cloud.received, self.topic, cloud.carried, cloud.sender
         state = State("", *of_cloud)
         self._update(numbers, ids, poses, boxes.sizes, faults, state)
 
@@ -220,7 +144,7 @@ class BoxInput:
         rows = np.flatnonzero(boxes.are_keys)
         if len(rows) < len(boxes.ids) or len(rows) == 0:
             self._monitor.mark_unreadable(error.reason, cloud.sender)
-        self._doubt()
+        self._doubt(error.reason)
         numbers, ids = boxes.numbers[rows], boxes.ids[rows]
         new = self._table.find(numbers, ids) < 0
         self._refuse_new(numbers[new], ids[new], error.reason)
@@ -233,8 +157,7 @@ class BoxInput:
         """(rows,) which objects came by the sets of this input."""
         return np.asarray(self._table.live & (self._table.of_set == self.source.number))
 
-    def _doubt(self) -> None:
-        """Mark that a newer set could not be used: the boxes of the last one stay."""
+    def _doubt(self, reason: str) -> None:
         self._table.mark(np.flatnonzero(self._own), POSE_REFUSED)
 
     def _update(
@@ -262,7 +185,7 @@ class BoxInput:
                 slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
 
             rows = np.flatnonzero(faults.good)
-            put_rows(rows, put, fail, self._objects.guard, f"input {self.source.topic}")
+            put_rows(rows, put, fail, self._objects.guard, f"input {self.topic}")
         rows = np.flatnonzero(faults.good)
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(

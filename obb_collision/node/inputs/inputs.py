@@ -85,10 +85,7 @@ class Inputs:
             "object_transform": self.guarded("object_transform", self._transform, in_order=True),
             "object_states": self.guarded("object_states", self._states, in_order=True),
             "object_poses": self.guarded("object_poses", self._poses, in_order=True),
-            **{
-                boxes.source.topic: self.guarded(boxes.source.topic, boxes.queue)
-                for boxes in self.sets
-            },
+            **{boxes.topic: self.guarded(boxes.topic, boxes.queue) for boxes in self.sets},
         }
 
     def guarded(

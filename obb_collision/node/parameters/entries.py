@@ -172,6 +172,11 @@ MAX_MEMBERS = MAX_OVERRIDES
 """Maximum names and patterns in a group, and in a list with all of its groups."""
 
 
+def pattern_from_text(text: str) -> str:
+    """Read a name or pattern; ValueError for anything else."""
+    return as_patterns(text, "entry")[0]
+
+
 def group_from_text(text: str) -> GroupEntry:
     """Read ``NAME: WORD WORD``; ValueError for anything else."""
     name, colon, words = text.partition(":")

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from copy import copy
 from difflib import get_close_matches
 from traceback import format_exc
@@ -38,6 +38,13 @@ from obb_collision.node.parameters.entries import (
     option_name,
     region_from,
 )
+from obb_collision.node.parameters.sources import (
+    SourceSettings,
+    check_names,
+    check_sources,
+    source_specs,
+    sources_of,
+)
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.node.runtime.inner import parameter_overrides
 from obb_collision.scene.effects import EFFECTS
@@ -47,6 +54,8 @@ from obb_collision.words import shown
 __all__ = ["SPECS", "Parameters"]
 
 SPEC_OF = {spec.name: spec for spec in SPECS}
+RESERVED = ("qos_overrides", "use_sim_time", "start_type_description_service")
+"""Names of parameters that rclpy declares."""
 ALIKE = 0.8
 """Minimum likeness of a misspelt name: files for several nodes have names of others."""
 
@@ -62,14 +71,24 @@ class Parameters:
         self._node = node
         self._values: dict[str, Any] = {}
         self._overridden: dict[str, Any] = {}
-        for spec in SPECS:
-            self._values[spec.name] = spec.read(_declare(node, spec))
+        self._specs: dict[str, Spec] = {}
+        """Of all parameters, those of sources, too."""
+        self._add(SPECS)
+        names = self._values["sources"]
+        check_names(names, {name.partition(".")[0] for name in (*SPEC_OF, *RESERVED)})
+        for name in names:
+            self._add(source_specs(name))
         _check_together(self._values)
-        for hint in misspelt(parameter_overrides(node)):
+        for hint in misspelt(parameter_overrides(node), self._specs):
             node.get_logger().warning(hint)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._update)
         guard_parameter_services(node)
+
+    def _add(self, specs: Iterable[Spec]) -> None:
+        for spec in specs:
+            self._specs[spec.name] = spec
+            self._values[spec.name] = spec.read(_declare(self._node, spec))
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -86,6 +105,11 @@ class Parameters:
     def bases(self) -> dict[str, Base]:
         """Where each robot stands, by its name."""
         return bases_of(self._values)
+
+    @property
+    def source_settings(self) -> list[SourceSettings]:
+        """The settings of all sources."""
+        return sources_of(self._values)
 
     @property
     def touch_links(self) -> list[tuple[str, str]]:
@@ -144,10 +168,10 @@ class Parameters:
             for parameter in parameters:
                 if not parameter.name:  # rclpy takes it for declared
                     raise ValueError("a parameter needs a name")
-                if parameter.name in SPEC_OF and parameter.value is None:
+                if parameter.name in self._specs and parameter.value is None:
                     raise ValueError(f"{parameter.name} cannot be removed")
             changed = copy(self)
-            changed._values = {**self._values, **_read(parameters)}
+            changed._values = {**self._values, **self._read(parameters)}
             _check_together(changed._values)
             self.on_check(changed)
         except Exception as error:  # whatever the reader raises: the value is refused
@@ -155,10 +179,18 @@ class Parameters:
         return SetParametersResult(successful=True)
 
     def _update(self, parameters: Sequence[Parameter]) -> None:
-        ours = _read(parameters)
+        ours = self._read(parameters)
         self._values.update(ours)
         if ours:  # others are declared while a subscription is made
             self.on_change()
+
+    def _read(self, parameters: Sequence[Parameter]) -> dict[str, Any]:
+        """Return the values of those parameters that are ours."""
+        return {
+            parameter.name: self._specs[parameter.name].read(parameter.value)
+            for parameter in parameters
+            if parameter.name in self._specs
+        }
 
 
 def _declare(node: Node, spec: Spec) -> Any:
@@ -172,13 +204,13 @@ def _declare(node: Node, spec: Spec) -> Any:
         raise ValueError(f"{error}; {hint}") from error
 
 
-def misspelt(names: Iterable[str]) -> list[str]:
-    """Return a hint for each name that looks like one of SPECS; ROS ignores it without a word."""
+def misspelt(names: Iterable[str], known: Collection[str] = SPEC_OF.keys()) -> list[str]:
+    """Return a hint for each name that looks like a known one; ROS ignores it without a word."""
     return [
         f"there is no parameter {name}; did you mean {close[0]}?"
         for name in names
-        if name not in SPEC_OF and not name.startswith("qos_overrides.")
-        for close in [get_close_matches(name, SPEC_OF, 1, ALIKE)]
+        if name not in known and not name.startswith("qos_overrides.")
+        for close in [get_close_matches(name, known, 1, ALIKE)]
         if close
     ]
 
@@ -189,18 +221,10 @@ def _check_together(values: Mapping[str, Any]) -> None:
     region_from(values)
     bases_of(values)
     folders_from(values)
+    check_sources(values)
     stop, slow = values["speed_stop_distance"], values["speed_slow_distance"]
     if slow <= stop:
         raise ValueError(f"speed_slow_distance must exceed speed_stop_distance, {slow} <= {stop}")
-
-
-def _read(parameters: Sequence[Parameter]) -> dict[str, Any]:
-    """Return the values of those parameters that are in the table."""
-    return {
-        parameter.name: SPEC_OF[parameter.name].read(parameter.value)
-        for parameter in parameters
-        if parameter.name in SPEC_OF
-    }
 
 
 def guard_parameter_services(node: Node) -> None:

@@ -31,25 +31,22 @@ from obb_collision.node.parameters.entries import (
     group_from_text,
     option_name,
     pair_from_text,
+    pattern_from_text,
     range_from_text,
     robot_from_text,
     touches_from_text,
 )
+from obb_collision.node.parameters.sources import MAX_SOURCES, source_from_text
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
 from obb_collision.scene.store.patterns import (
     MAX_OVERRIDES,
-    as_patterns,
     override_from_text,
     padding_from_text,
     read_override,
 )
-
-
-def _pattern(text: str) -> str:
-    return as_patterns(text, "entry")[0]
 
 
 def _seconds(text: str) -> float:
@@ -110,7 +107,7 @@ GENERAL = (
         "stale_policy of selected objects: 'pallet/*: keep' by name, pattern or group, "
         "'pallet=keep' by namespace. The last match counts."
     ),
-    Spec("required_objects", [""], entry=_pattern).means(
+    Spec("required_objects", [""], entry=pattern_from_text).means(
         "Names, patterns or groups that must have an object. While an object is missing, "
         "collision_status is STALE."
     ),
@@ -118,7 +115,7 @@ GENERAL = (
         "Inputs with the maximum time (s) between two messages: 'points: 0.3'. After a longer "
         "silence, counted from the activation on, collision_status is STALE."
     ),
-    Spec("ignored_objects", [""], entry=_pattern).means(
+    Spec("ignored_objects", [""], entry=pattern_from_text).means(
         "Names or patterns of unknown objects whose states are ignored. States of other unknown "
         "objects make collision_status STALE."
     ),
@@ -261,6 +258,13 @@ ROBOTS = (
     ),
 )
 
+SOURCES = (
+    Spec("sources", [""], fixed=True, entry=source_from_text, most=MAX_SOURCES).means(
+        "Names of sensors. Each is the object sources/NAME/0, by the parameters NAME.type, "
+        "NAME.topic, ..."
+    ),
+)
+
 REGION = (
     Spec("region", [""], entry=range_from_text).means(
         "Region of space that this node checks: 'x: -inf to 5.0' for each bounded axis (m, fixed "
@@ -284,7 +288,7 @@ FILTERS = (  # before what uses groups: parameters of a file are set one by one
         "Pairs that are checked, and no others: 'robot/* table/1', with two names, patterns or "
         "groups. Without entries: all pairs."
     ),
-    Spec("allowed_within", [""], entry=_pattern).means(
+    Spec("allowed_within", [""], entry=pattern_from_text).means(
         "Namespaces, or patterns of them, within which collisions are ignored. '*': every "
         "namespace."
     ),
@@ -332,7 +336,7 @@ def _effect_specs() -> Iterator[Spec]:
     for name in mode_names():
         yield Spec(f"effects.{name}", AUTO, choices=MODES).means(describe_mode(name))
         if name in EFFECTS:
-            yield Spec(option_name(name, "objects"), ["*"], entry=_pattern).means(
+            yield Spec(option_name(name, "objects"), ["*"], entry=pattern_from_text).means(
                 f"Objects selected for {name}, by name, pattern or group. A pair is computed if at "
                 "least one of its objects is selected."
             )
@@ -340,4 +344,4 @@ def _effect_specs() -> Iterator[Spec]:
             yield _option_spec(option_name(name, key), option)
 
 
-SPECS = (*GENERAL, *ROBOTS, *REGION, *FILTERS, *ACCURACY, *_effect_specs())
+SPECS = (*GENERAL, *ROBOTS, *SOURCES, *REGION, *FILTERS, *ACCURACY, *_effect_specs())

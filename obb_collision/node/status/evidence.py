@@ -145,7 +145,7 @@ class Evidence:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > self._parameters.allowed_delay:
             yield Reason("overload")
-        shared = [boxes.source.topic for boxes in self._sets if boxes.is_contested]
+        shared = [boxes.topic for boxes in self._sets if boxes.is_contested]
         if self._others or shared:
             who = (*(STATUS for _ in range(self._others > 0)), *shared)
             yield Reason("two_publishers", who, len(who))
@@ -239,8 +239,8 @@ class Evidence:
                 if not self._goes_by(sender):
                     del monitor.unreadable[sender]
         for boxes in self._sets:
-            if boxes.is_contested and boxes.source.topic in self._senders:
-                boxes.forget(self._senders[boxes.source.topic].gone(boxes.senders))
+            if boxes.is_contested and boxes.topic in self._senders:
+                boxes.forget(self._senders[boxes.topic].gone(boxes.senders))
 
     def _goes_by(self, sender: int) -> bool:
         """Return whether the state of any object or robot is a sender's, and not stale."""

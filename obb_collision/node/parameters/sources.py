@@ -1,0 +1,158 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters of sensors: ``sources`` names them, and each name has a group of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from obb_collision.node.objects.table import POLICIES
+from obb_collision.node.parameters.entries import (
+    INPUTS,
+    ROBOT_NAME,
+    Groups,
+    Spec,
+    pattern_from_text,
+)
+from obb_collision.words import shown
+
+MAX_SOURCES = 100
+"""Most sources of a node."""
+NAMESPACE = "sources"
+"""Before the name of a source: the object of ``front`` is ``sources/front/0``."""
+TYPES = CLOUD, SCAN, RANGE = ("cloud", "scan", "range")
+USES = OBSTACLE, WATCH = ("obstacle", "watch")
+FAR = 1.0e6
+"""Metres: a limit of this size leaves nothing out."""
+
+
+class SourceSettings(NamedTuple):
+    """The parameters of a source, in the order of ``SPECS``, after its name."""
+
+    name: str
+    type: str
+    topic: str
+    use: str
+    radius: float
+    voxel: float
+    min_range: float
+    max_range: float
+    min_height: float
+    max_height: float
+    height_frame: str
+    leave_out: list[str]
+    leave_out_padding: float
+    shadows: bool
+    timeout: float
+    stale_policy: str
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """The key of its object."""
+        return f"{NAMESPACE}/{self.name}", 0
+
+
+SPECS = (
+    Spec("type", CLOUD, choices=TYPES, fixed=True).means(
+        "Type of the messages. cloud: sensor_msgs/PointCloud2. scan: LaserScan. range: Range, "
+        "whose object is the cap of its cone at the distance measured."
+    ),
+    Spec("topic", "", fixed=True, optional=True).means("Topic, by default the name of the source."),
+    Spec("use", OBSTACLE, choices=USES, fixed=True).means(
+        "obstacle: an object that collides. watch: in no pair; points_inside counts its points."
+    ),
+    Spec("radius", 0.01, (0.0, 1000.0)).means("Radius of the ball about each point (m)."),
+    Spec("voxel", 0.0, (0.0, 1000.0)).means(
+        "Edge of the cells of which one point each is kept (m), the nearest to the centre. The "
+        "radius grows by the distance from it to the points left out. 0: all points are kept."
+    ),
+    Spec("min_range", 0.0, (0.0, FAR)).means("Points nearer to the sensor are left out (m)."),
+    Spec("max_range", FAR, (0.0, FAR)).means("Points farther from the sensor are left out (m)."),
+    Spec("min_height", -FAR, (-FAR, FAR)).means("Points below are left out (m)."),
+    Spec("max_height", FAR, (-FAR, FAR)).means("Points above are left out (m)."),
+    Spec("height_frame", "", optional=True).means(
+        "Frame in which heights are z; by default the fixed frame."
+    ),
+    Spec("leave_out", [""], entry=pattern_from_text).means(
+        "Robots, and objects by name, pattern or group: points inside are left out. Of a robot "
+        "these are all links and what is attached. The places at the stamp of the message count."
+    ),
+    Spec("leave_out_padding", 0.05, (0.0, 1000.0)).means(
+        "Distance from what is left out within which points are left out, too (m)."
+    ),
+    Spec("shadows", False).means(
+        "Whether points behind what is left out, seen from the sensor, are left out, too."
+    ),
+    Spec("timeout", 0.5, (0.0, FAR)).means(
+        "Age limit of the object, and of the wait for the first message (s). 0: no limit."
+    ),
+    Spec("stale_policy", POLICIES[0], choices=POLICIES).means(
+        "How the object is treated when it is stale, as the parameter stale_policy."
+    ),
+)
+"""The parameters of a source, each named after the source and a dot."""
+
+
+def source_specs(name: str) -> list[Spec]:
+    """Return the parameters of a source."""
+    return [replace(spec, name=f"{name}.{spec.name}") for spec in SPECS]
+
+
+def source_from_text(text: str) -> str:
+    """Read the name of a source; ValueError for one that cannot be part of a topic."""
+    if not ROBOT_NAME.fullmatch(text):
+        raise ValueError(f"{shown(text)} must be letters, digits and _, and begin with a letter")
+    return text
+
+
+def sources_of(values: Mapping[str, Any]) -> list[SourceSettings]:
+    """Return the settings of all sources."""
+    return [_settings(values, name) for name in values["sources"]]
+
+
+def _settings(values: Mapping[str, Any], name: str) -> SourceSettings:
+    found = SourceSettings(name, *(values[f"{name}.{spec.name}"] for spec in SPECS))
+    return found if found.topic else found._replace(topic=name)
+
+
+def check_names(names: list[str], others: set[str]) -> None:
+    """Raise ValueError for a name that occurs twice, or is that of other parameters."""
+    for row, name in enumerate(names):
+        if name in names[:row]:
+            raise ValueError(f"sources: {name!r} occurs twice")
+        if name in others:
+            raise ValueError(f"sources: {name!r} is the name of other parameters")
+
+
+def check_sources(values: Mapping[str, Any]) -> None:
+    """Raise ValueError for parameters of sources that do not fit each other."""
+    if not values["sources"]:
+        return
+    groups, taken = Groups(values["groups"], values["robots"]), set(INPUTS)
+    for source in sources_of(values):
+        name = source.name
+        if source.topic in taken or source.topic.partition("/")[0] in values["robots"]:
+            raise ValueError(f"{name}.topic: another input has {source.topic!r}")
+        taken.add(source.topic)
+        for what in ("range", "height"):
+            low, high = (getattr(source, f"{end}_{what}") for end in ("min", "max"))
+            if low > high:
+                raise ValueError(f"{name}.max_{what} must not be below {name}.min_{what}")
+        try:
+            groups.all_meant(source.leave_out)
+        except ValueError as error:
+            raise ValueError(f"{name}.leave_out: {error}") from error
