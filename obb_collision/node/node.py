@@ -40,6 +40,7 @@ from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.clouds import Obstacles
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.scene_file import SceneFile
+from obb_collision.node.inputs.sources import Sources, source_inputs
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
 from obb_collision.node.messages.optional import unusable
 from obb_collision.node.objects.frames import FrameSource, make_frames
@@ -173,6 +174,7 @@ class CollisionNode(ManagedNode):
         self._make_cycle([] if scene_file is None else scene_file.allowed())
         self.outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
+        self.sources.add()
         if scene_file is not None:
             refused = scene_file.add_to(self.objects, self.now())
             if refused:
@@ -224,6 +226,7 @@ class CollisionNode(ManagedNode):
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame, names = self.parameters.fixed_frame, self.parameters.robots
         self.topics: dict[str, Input] = {**INPUTS, **detections.INPUTS, **robot_inputs(names)}
+        self.topics |= source_inputs(self.parameters.source_settings)
         if self.parameters.latched_objects:
             latched = self.topics["objects"]._replace(durability=DurabilityPolicy.TRANSIENT_LOCAL)
             self.topics["objects"] = latched
@@ -251,6 +254,15 @@ class CollisionNode(ManagedNode):
             self.now,
             lambda: self.evidence.not_known(),
         )
+        self.sources = Sources(
+            self.objects,
+            self.frames,
+            self.now,
+            self.parameters,
+            self.robots.parts,
+            self.obstacles,
+        )
+        self.inputs.newest += self.sources.all
         self._stop_robots = self.robots.stop
         self.undo.callback(self.robots.close)
 
@@ -258,11 +270,14 @@ class CollisionNode(ManagedNode):
         """Create the check, and what calls it."""
         objects, now = self.objects, self.now
         self.settings = SceneParameters(self.parameters, objects, allowed)
-        self.cycle = CycleRunner(objects, self.obstacles, self.outputs, self.guard, self.collect)
+        self.cycle = CycleRunner(
+            objects, self.obstacles, self.sources, self.outputs, self.guard, self.collect
+        )
         self._schedule = Schedule(self._make_timer, self.run_cycle)
         points = self.inputs.guarded("points", self.obstacles.queue, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         callbacks |= self.robots.callbacks(self.inputs)
+        callbacks |= self.sources.callbacks(self.inputs)
         self.subscribed = Subscriptions(
             self, self.topics, callbacks, self.monitors, self._arrived, now
         )
@@ -361,6 +376,7 @@ class CollisionNode(ManagedNode):
         for boxes in self.inputs.sets:
             self._change(f"input {boxes.topic}", boxes.apply)
         self._change("input robots", self.robots.apply)
+        self._change("input sources", self.sources.apply)
         return self.subscribed.take_wait()
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
@@ -436,13 +452,14 @@ class CollisionNode(ManagedNode):
         try:
             self.robots.hold("all objects were removed")
             self.inputs.markers.apply()  # markers from before the call
-            for boxes in self.inputs.sets:
-                boxes.cleared()
+            for newest in self.inputs.newest:
+                newest.cleared()
             self.inputs.unknown.deleted(self.objects.table.slots, self.now())
             count = self.objects.clear()
             for monitor in self.monitors.values():
                 monitor.cleared()
             self.robots.cleared()
+            self.sources.add()
             self._update_status()
             response.success, response.message = True, f"{count} objects removed"
         except Exception as error:
@@ -467,7 +484,7 @@ class CollisionNode(ManagedNode):
             f"the clock jumped by {shift / S_TO_NS:+.3f} s: ages and lifetimes of "
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
-        inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.sets, self.obstacles
+        inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.newest, self.obstacles
         others = self.objects, self.robots, self.outputs.events.pairs, *self.monitors.values()
         parts: list[Any] = [*inputs, *others]
         for part in parts:  # one that fails leaves none of the others in the old time

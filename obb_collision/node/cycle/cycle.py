@@ -33,6 +33,7 @@ from rclpy.constants import S_TO_NS
 from rclpy.timer import Timer
 
 from obb_collision.node.inputs.clouds import Obstacles
+from obb_collision.node.inputs.sources import Sources
 from obb_collision.node.objects.conditions import ASIDE, SET_ASIDE, TRIED_AGAIN
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
@@ -186,12 +187,13 @@ class CycleRunner:
         self,
         objects: Objects,
         obstacles: Obstacles,
+        sources: Sources,
         outputs: Outputs,
         guard: Guard,
         collect: Callable[[], float],
     ) -> None:
         self._objects, self._obstacles, self._outputs = objects, obstacles, outputs
-        self._guard, self._collect = guard, collect
+        self._guard, self._collect, self._sources = guard, collect, sources
         self._set_aside = SetAside(objects, guard)
         self.monitor = CycleMonitor()
         self.period = 1.0
@@ -259,6 +261,7 @@ class CycleRunner:
         effects = self._outputs.effects.of_cycle()
         if "points" in effects:
             self._obstacles.use_newest(now)
+            self._sources.apply_watched()
         times.append(perf_counter())
         last, costs_before = self.report, () if self.report is None else tuple(self.report.costs)
         self.report = report = self._set_aside.check(effects & EFFECTS.keys())

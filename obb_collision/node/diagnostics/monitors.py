@@ -69,6 +69,8 @@ class InputMonitor:
     """Where changes were lost that nothing has made good since."""
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where it was not used."""
+    last_cloud: dict[str, int] = field(default_factory=dict)
+    """Of the last cloud of a source: its points, those left out by reason, those used."""
     superseded: int = 0
     """States and complete sets that newer ones replaced before a cycle used them."""
     lost: int = 0

@@ -144,6 +144,8 @@ class Obstacles:
         self.waiting = WaitingClouds(objects, frames, self._monitor)
         self.stamp = 0
         """Of the points in the scene (ns), 0 for none."""
+        self._own: Floats | None = None
+        self._watched: dict[str, Floats] = {}
 
     def queue(self, data: bytes, now: int) -> None:
         """Keep a serialised cloud."""
@@ -170,6 +172,19 @@ class Obstacles:
             position, rotation = as_poses(frame[None], warn=False)
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is ignored
                 points = points.astype(np.float64) @ rotation[0].T + position[0]
+        self._own = points
+        self._set(cloud)
+
+    def watch(self, topic: str, points: Floats, cloud: QueuedCloud) -> None:
+        """Use the points (n, 3) of another topic, too, in the fixed frame."""
+        self._watched[topic] = points
+        self._set(cloud)
+
+    def _set(self, cloud: QueuedCloud) -> None:
+        """Give the scene the points of all topics; cloud: the one that is new."""
+        parts = [] if self._own is None else [self._own]
+        parts += self._watched.values()
+        points = parts[0] if len(parts) == 1 else np.concatenate(parts)
         self._objects.scene.obstacle_points = points
         believed = cloud.stamp <= cloud.received + self._objects.states.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
@@ -182,7 +197,8 @@ class Obstacles:
 
     def forget(self) -> None:
         """Remove all points from the scene."""
-        self._objects.scene.obstacle_points = None
+        self._objects.scene.obstacle_points = self._own = None
+        self._watched.clear()
         self.waiting.clouds.clear()
         self.stamp = 0
 

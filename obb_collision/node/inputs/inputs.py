@@ -26,6 +26,7 @@ import numpy as np
 from obb_collision.node.inputs.boxes import OWNED, BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
+from obb_collision.node.inputs.newest import NewestInput
 from obb_collision.node.messages.cdr import (
     Header,
     NamedPose,
@@ -49,7 +50,7 @@ from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.states import OLDER, State
-from obb_collision.node.objects.table import Slots, signed
+from obb_collision.node.objects.table import OF_SOURCE, Slots, signed
 from obb_collision.typing import Floats, Mask, Rows
 
 LENGTHS_DIFFER = "array lengths differ"
@@ -77,6 +78,8 @@ class Inputs:
             self.sets.append(BoxInput(objects, frames, clock, DETECTIONS, read_detections))
         self.bases: dict[str, Callable[[NamedPose, int], None]] = {}
         """By name of a robot: the callback for poses of its base."""
+        self.newest: list[NewestInput] = [*self.sets]
+        """All inputs of which the newest message counts."""
 
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per input topic; they take serialised messages."""
@@ -218,7 +221,9 @@ class Inputs:
         """Store the good rows; count the others by reason and mark their objects."""
         monitor = self._monitors[topic]
         unknown, kinds = slots < 0, pose_kinds(poses)
-        owned = self._objects.table.of_robot[slots] if self.bases else unknown
+        owned, table = unknown, self._objects.table
+        if self.bases or len(self.newest) > len(self.sets):
+            owned = table.of_robot[slots] | (table.of_set[slots] == OF_SOURCE)
         free, refused = ~(unknown | owned), slots[:0]
         if not free.all() or kinds.max(initial=0) >= UNUSABLE:
             for reason, rows in (

@@ -186,7 +186,7 @@ class CloudMessage(NamedTuple):
     is_bigendian: bool
     point_step: int
     row_step: int
-    data: bytearray
+    data: memoryview
 
 
 def pose_from_bytes(data: bytes) -> NamedPose:
@@ -415,11 +415,16 @@ class Reader:
         numbers = np.frombuffer(self._data, "<f8", count * columns, start)
         return numbers.reshape(count, columns).astype(np.float64)  # a copy: aligned and writable
 
-    def content(self) -> bytearray:
-        """Return a list of bytes."""
+    def singles(self, count: int) -> npt.NDArray[np.float32]:
+        """Return numbers (count,) of four bytes each, as a view of the message."""
+        start = self._reserve(4 * count, 4) if count else 0
+        return np.frombuffer(self._data, "<f4", count, start)
+
+    def content(self) -> memoryview:
+        """Return a list of bytes, as a view of the message."""
         size = self.count()
         start = self._reserve(size)
-        return bytearray(memoryview(self._data)[start : start + size])
+        return memoryview(self._data)[start : start + size]
 
     def end(self) -> None:
         """Refuse a message that goes on."""

@@ -308,7 +308,7 @@ class Staleness:
         frame and was sent once does not age itself, but its transform does.
         """
         table, most = self._table, int(self._limits.timeout * NANOSECONDS)
-        since = self._own_since()
+        since = self.known_since
         limits = np.where(table.limit < 0, table.repeated * most, table.limit)
         if table.carried.any():
             carried = table.carried > 0
@@ -318,7 +318,8 @@ class Staleness:
             limits = np.where(alone & (table.limit < 0), most, limits)
         return since, limits
 
-    def _own_since(self) -> Slots:
+    @property
+    def known_since(self) -> Slots:
         """Return (rows,) since when states are known (ns), whatever placed them."""
         stamps, received = self._table.world_stamp, self._table.world_received
         if not self._states.by_stamp:
@@ -329,7 +330,7 @@ class Staleness:
 
     def keep_ages(self, shift: int) -> None:
         """Keep ages that go by stamps, which mean nothing after a jump of the clock (ns)."""
-        table, since = self._table, self._own_since()
+        table, since = self._table, self.known_since
         older = (since < table.world_received) & ((table.carried == 0) | (since < table.carried))
         older &= ~table.has(WAITING) | (table.frame != 0)  # those have that of what they wait for
         table.carried[older] = since[older]

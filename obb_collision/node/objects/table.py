@@ -63,6 +63,9 @@ PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 POLICIES = UNKNOWN, COLLIDE, KEEP, IGNORE = ("unknown", "collide", "keep", "ignore")
 """Treatments of a stale object: place unknown; grown; as if it stood still; in no pair."""
 
+OF_SOURCE = 100
+"""The number in ``of_set`` of the objects of sources, which no other input changes."""
+
 NO_SEARCH = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
 

@@ -52,6 +52,10 @@ def allowed_steps(parameters: Parameters) -> list[str]:
     wanted.update(map(steps.accuracy_step, pairs))
     if parameters.robots:
         wanted.add(steps.ROBOTS)
+    if any(source.leave_out for source in parameters.source_settings):
+        wanted.add(steps.effect_step("points"))
+        if max(pairs) > Accuracy.OBB:
+            wanted.add(steps.effect_level_step("points", Accuracy.HULL))
     for name in EFFECTS:
         if parameters.mode(name) != OFF:
             choice = parameters.setting(name).get(ACCURACY, Accuracy.OBB.label)

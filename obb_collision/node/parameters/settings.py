@@ -20,7 +20,7 @@ from typing import Any
 
 from obb_collision._threads import set_threads
 from obb_collision.accuracy import as_accuracy
-from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
 from obb_collision.node.objects.states import BY_STAMP, AgeLimits
@@ -116,11 +116,16 @@ def apply_limits(parameters: Parameters, objects: Objects) -> None:
     by_stamp = parameters.judge_ages == BY_STAMP
     objects.states.by_stamp = objects.placement.latest.by_stamp = by_stamp
     groups = Groups(parameters.groups, parameters.robots)
+    timeouts = groups.overrides(parameters.object_timeout_overrides)
+    policies = groups.overrides(parameters.stale_policy_overrides)
+    for source in parameters.source_settings:
+        timeouts.append((name_from_key(source.key), source.timeout))
+        policies.append((name_from_key(source.key), source.stale_policy))
     objects.staleness.limits = AgeLimits(
         parameters.object_timeout,
-        Overrides(groups.overrides(parameters.object_timeout_overrides)),
+        Overrides(timeouts),
         parameters.stale_policy,
-        Overrides(groups.overrides(parameters.stale_policy_overrides)),
+        Overrides(policies),
         parameters.stale_speed,
         parameters.stale_reach,
     )

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from functools import partial
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
@@ -32,6 +33,7 @@ from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.table import NO_TIME
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
 from obb_collision.node.robots.links import NONE_ATTACHED
@@ -81,6 +83,8 @@ KINDS = {
     ),
 }
 """The input topics of each robot, after its name and a slash."""
+ROBOT_NOT_KNOWN = "robot not known"
+"""Reason: points of a robot cannot be left out while its state is not known."""
 OUTPUTS = (
     Topic(
         name=STATE_VALIDITY,
@@ -285,6 +289,18 @@ class Robots:
             robot.clock_jumped(shift)
         for answers in self.answers:
             answers.trajectories.clock_jumped(shift)
+
+    def parts(self, name: str) -> tuple[Rows, int]:
+        """Return the slots of a robot's links and attached objects, and up to when they are known.
+
+        By the oldest joint (ns); NO_TIME where joints do not age. RefusedError while it is unknown.
+        """
+        (robot,) = (robot for robot in self.robots if robot.name == name)
+        if robot.faults or robot.links is None or robot.joints is None:
+            raise RefusedError(ROBOT_NOT_KNOWN, f"{name}: {robot.fault}")
+        slots = np.concatenate([robot.links.slots, robot.attached.slots])
+        ages = self._parameters.joint_timeout > 0.0
+        return slots, int(robot.joints.since.min(initial=NO_TIME)) if ages else NO_TIME
 
     def stop(self) -> None:
         """Stop what runs, and forward no more; also from another thread, and again."""

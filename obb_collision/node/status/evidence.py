@@ -45,6 +45,7 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.parameters.entries import Groups, bounds_text
 from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.parameters.sources import WATCH, SourceSettings
 from obb_collision.node.robots.robots import Robots
 from obb_collision.node.runtime.clock import NodeClock
 from obb_collision.node.status.collision_status import STATUS
@@ -79,12 +80,15 @@ class Evidence:
         publishers: Callable[[], int],
     ) -> None:
         self._parameters, self._objects, self._cycle = parameters, objects, cycle
-        self._unknown, self._sets, self._robots = inputs.unknown, inputs.sets, robots
+        self._unknown, self._newest, self._robots = inputs.unknown, inputs.newest, robots
         self._senders, self._inputs = subscribed.senders, subscribed.reports
         self._clock, self._steady, self._publishers = clock, clock.seconds, publishers
         self._looked, self._others = -inf, 0
         self._activated = self._steady()
         self._standstill = LONGEST_STANDSTILL
+        self._sources: list[SourceSettings] = []
+        """Those that are obstacles."""
+        self._unasked = set(UNASKED)
         self._required: tuple[tuple[object, ...], tuple[str, ...]] = (), ()
 
     def activate(self) -> None:
@@ -97,6 +101,10 @@ class Evidence:
         limits = [parameters.object_timeout, parameters.joint_timeout if robots else 0.0]
         for entries in (parameters.object_timeout_overrides, parameters.required_inputs):
             limits += [limit for _, limit in entries]
+        limits += [source.timeout for source in parameters.source_settings]
+        settings = parameters.source_settings
+        self._sources = [source for source in settings if source.use != WATCH]
+        self._unasked = {*UNASKED, *(source.topic for source in settings if source.use == WATCH)}
         self._standstill = min((limit for limit in limits if limit), default=LONGEST_STANDSTILL)
         self._standstill = min(self._standstill, LONGEST_STANDSTILL)
 
@@ -145,7 +153,7 @@ class Evidence:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > self._parameters.allowed_delay:
             yield Reason("overload")
-        shared = [boxes.topic for boxes in self._sets if boxes.is_contested]
+        shared = [boxes.topic for boxes in self._newest if boxes.is_contested]
         if self._others or shared:
             who = (*(STATUS for _ in range(self._others > 0)), *shared)
             yield Reason("two_publishers", who, len(who))
@@ -195,7 +203,11 @@ class Evidence:
             heard = self._inputs[topic].heard if topic in self._inputs else 0.0
             if heard < self._activated or steady - heard > limit:
                 silent.append(topic)
-        asked = {topic: monitor for topic, monitor in self._inputs.items() if topic not in UNASKED}
+        for source in self._sources:
+            heard = self._inputs[source.topic].heard
+            if heard < self._activated and 0.0 < source.timeout < steady - self._activated:
+                silent.append(source.topic)
+        asked = {t: monitor for t, monitor in self._inputs.items() if t not in self._unasked}
         heard = max((monitor.heard for monitor in asked.values()), default=0.0)
         if 0.0 < parameters.input_timeout < steady - max(heard, self._activated):
             silent.append("all")
@@ -238,7 +250,7 @@ class Evidence:
             for sender in senders.gone(unreadable) if senders and unreadable else ():
                 if not self._goes_by(sender):
                     del monitor.unreadable[sender]
-        for boxes in self._sets:
+        for boxes in self._newest:
             if boxes.is_contested and boxes.topic in self._senders:
                 boxes.forget(self._senders[boxes.topic].gone(boxes.senders))
 

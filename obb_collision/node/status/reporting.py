@@ -100,6 +100,7 @@ def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> P
     values |= {key: value for key, value in more.items() if value}
     if monitor.ignored is not None:
         values["not finite in the last cloud"] = monitor.ignored
+    values |= {f"last cloud: {what}": count for what, count in monitor.last_cloud.items()}
     for word, counts in (("rejected", monitor.refused), ("doubtful", monitor.doubted)):
         values |= {f"{word}: {reason}": count for reason, count in sorted(counts.items())}
     faults = {

@@ -1,0 +1,205 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The self-filter of sensors: points inside robots and objects, where these were at a stamp.
+
+Links of robots are objects too, so that one way serves both: their latest poses are remembered, and
+those at the stamp lie between two of them. An object is its box or, above ``obb``, its hull, with
+its padding.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.poses import as_poses
+from obb_collision.node.inputs.cuts import Points
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.frames import EXTRAPOLATION
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.table import NO_TIME
+from obb_collision.node.parameters.entries import Groups
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.queries.convex.support import HULL_CORE
+from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.scene.building.shape_cache import BOX, CLOUD
+from obb_collision.scene.refinement.bodies import convex_bodies
+from obb_collision.scene.store.patterns import matching
+from obb_collision.scene.store.placing import placed
+from obb_collision.typing import Floats, Mask, Rows
+
+REMEMBERED = 2 * NANOSECONDS
+"""For how long (ns) poses are remembered."""
+MOST_REMEMBERED = 1000
+"""Poses of an object, at most."""
+
+
+class RobotParts(Protocol):
+    """Finds what a robot consists of."""
+
+    def __call__(self, name: str) -> tuple[Rows, int]:
+        """Return the slots of links and attached objects, and up to when (ns) they are known.
+
+        RefusedError while the robot is not known; NO_TIME where its state does not age.
+        """
+        ...
+
+
+class LeftOut:
+    """What sources leave out, and the poses it had of late; words: the lists of all sources."""
+
+    def __init__(
+        self,
+        objects: Objects,
+        parameters: Parameters,
+        robots: RobotParts,
+        words: Callable[[], list[list[str]]],
+    ) -> None:
+        self._objects, self._parameters, self._robots = objects, parameters, robots
+        self._words = words
+        self._poses: dict[int, deque[tuple[int, Floats]]] = {}  # by serial, with their times
+        self._matched: dict[tuple[str, ...], Rows] = {}
+        self._basis: tuple[object, ...] = ()
+
+    def place(self, now: int) -> None:
+        """Place what is to be left out by the newest states: points wait for it."""
+        if any(self._words()):
+            self._objects.placement.place(now)
+            self.record()
+
+    def record(self) -> None:
+        """Remember where everything is that is to be left out."""
+        lists = self._words()
+        if not any(lists):
+            self._poses.clear()
+            return
+        objects, table = self._objects, self._objects.table
+        found = [self._slots(words)[0] for words in lists if words]
+        slots = np.unique(np.concatenate(found))
+        slots = slots[table.visible[slots]]
+        times, serials = objects.staleness.known_since[slots], table.serial[slots].tolist()
+        poses, kept = objects.scene.objects.poses_of(slots), {}
+        for serial, time, pose in zip(serials, times.tolist(), poses, strict=True):
+            states = kept[serial] = self._poses.get(serial) or deque(maxlen=MOST_REMEMBERED)
+            if states and time <= states[-1][0]:
+                states[-1] = states[-1][0], pose
+                continue
+            states.append((time, pose))
+            while states[0][0] < time - REMEMBERED:
+                states.popleft()
+        self._poses = kept
+
+    def inside(self, points: Points, words: Sequence[str], stamp: int, padding: float) -> Mask:
+        """Return which points (n, 3), in the fixed frame, are inside what was there at a stamp.
+
+        stamp: ns, 0 for now. padding: metres. RefusedError ("extrapolation") where a robot's state
+        at the stamp is not known.
+        """
+        result = np.zeros(len(points), np.bool_)
+        for boxes, bodies in self._bodies(*self._at(words, stamp)):
+            result |= points_in_bodies(boxes, bodies, points, padding, each_point=True).boxes >= 0
+        return result
+
+    def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, list[str]]:
+        """Return the slots that words mean, those of objects alone, and the robots among them."""
+        objects, parameters = self._objects, self._parameters
+        basis = parameters.groups, parameters.robots, objects.table.ranks
+        if not self._basis or any(a is not b for a, b in zip(basis, self._basis, strict=True)):
+            self._basis, self._matched = basis, {}
+        meant = Groups(parameters.groups, parameters.robots).all_meant(words)
+        robots = [name for name in meant if name in parameters.robots]
+        patterns = tuple(name for name in meant if name not in robots)
+        if patterns not in self._matched:
+            keys = list(objects.table.slots)
+            rows = np.flatnonzero(matching(patterns, [name_from_key(key) for key in keys]))
+            slots = np.array([objects.table.slots[keys[row]] for row in rows.tolist()], np.int64)
+            kinds = objects.scene.objects.store.kinds
+            self._matched[patterns] = slots[kinds[slots] != CLOUD]
+        matched, parts = self._matched[patterns], []
+        for name in robots:
+            try:
+                parts.append(self._robots(name)[0])
+            except RefusedError:
+                continue
+        return np.concatenate([matched, *parts]), matched, robots
+
+    def _at(self, words: Sequence[str], stamp: int) -> tuple[Rows, Floats]:
+        """Return slots (k,) and poses (k, 7) of what words mean, at a stamp."""
+        _, matched, robots = self._slots(words)
+        serials, visible = self._objects.table.serial, self._objects.table.visible
+        places: dict[int, Floats] = {}
+        for slot in matched[visible[matched]].tolist():
+            states = self._poses[int(serials[slot])]
+            places[slot] = between(states, stamp) if stamp else states[-1][1]
+        for name in robots:
+            slots, until = self._robots(name)
+            if stamp and until < stamp:
+                self._refuse(name, stamp, until)
+            for slot in slots.tolist():
+                states = self._poses.get(int(serials[slot]))
+                if states is None:
+                    self._refuse(name, stamp, 0)
+                first, last = states[0][0], states[-1][0]
+                if stamp and until != NO_TIME and not first <= stamp <= last:
+                    self._refuse(name, stamp, last)
+                places[slot] = between(states, stamp) if stamp else states[-1][1]
+        poses = np.array(list(places.values())).reshape(-1, 7)
+        return np.array(list(places), np.int64), poses
+
+    def _refuse(self, robot: str, stamp: int, until: int) -> None:
+        late = f"{(stamp - until) / NANOSECONDS:.3f} s after its last state" if until else "no pose"
+        raise RefusedError(EXTRAPOLATION, f"robot {robot} at the stamp: {late}")
+
+    def _bodies(self, slots: Rows, poses: Floats):
+        """Yield the boxes of objects at poses, with None or the convex bodies in them."""
+        if len(slots) == 0:
+            return
+        store, cache = self._objects.scene.objects.store, self._objects.scene.objects.cache
+        local = store.local_centers[slots], store.local_rotations[slots], store.half_extents[slots]
+        there = placed(local, poses)
+        boxes = Boxes.trusted(there["centers"], there["rotations"], store.half_extents[slots])
+        shaped = (store.accuracies[slots] > Accuracy.OBB) & (store.kinds[slots] > BOX)
+        rows = np.flatnonzero(shaped)
+        cornered = rows[cache.cores(slots[rows])[:, 0] == HULL_CORE]
+        shaped[cornered] = cache.build(store, slots[cornered], True, None)
+        if not shaped.all():
+            yield boxes[np.flatnonzero(~shaped)], None
+        rows = np.flatnonzero(shaped)
+        if len(rows):
+            bodies = convex_bodies(store, cache, store.all_boxes(), slots[rows])
+            centers, rotations = as_poses(poses[rows], warn=False)
+            yield boxes[rows], replace(bodies, centers=centers, rotations=rotations)
+
+
+def between(states: Sequence[tuple[int, Floats]], time: int) -> Floats:
+    """Return the pose (7,) at a time (ns) by states of rising times; before and after: the ends."""
+    after = bisect_left(states, time, key=lambda state: state[0])
+    if after == len(states) or after == 0:
+        return states[max(0, after - 1)][1]
+    (start, first), (end, last) = states[after - 1], states[after]
+    share = (time - start) / (end - start)
+    turned = last[3:] if first[3:] @ last[3:] >= 0.0 else -last[3:]
+    quaternion = (1.0 - share) * first[3:] + share * turned
+    return np.append(
+        (1.0 - share) * first[:3] + share * last[:3], quaternion / np.linalg.norm(quaternion)
+    )

@@ -1,0 +1,332 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sensors as objects: each message gives the object of its source a new cloud.
+
+A message waits until the next cycle and for its transform; the newest one that can be used replaces
+those before it, which are never built. The points stay in the frame of the sensor, which is where
+the object is placed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import LaserScan, PointCloud2, Range
+
+from obb_collision.geometry.poses import (
+    IDENTITY_POSE,
+    as_poses,
+    compose_poses,
+    inverse_poses,
+    rotate_vectors,
+)
+from obb_collision.node.inputs.clouds import Obstacles, QueuedCloud
+from obb_collision.node.inputs.cuts import Points, finite_rows, heights, in_range, thin_out
+from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs.leave_out import LeftOut, RobotParts
+from obb_collision.node.inputs.newest import NewestInput
+from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
+from obb_collision.node.messages.clouds import points_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.scans import (
+    RangeMessage,
+    ScanMessage,
+    points_of_range,
+    points_of_scan,
+    range_from_bytes,
+    scan_from_bytes,
+)
+from obb_collision.node.objects.conditions import POSE_OVERTAKEN, POSE_REFUSED, TIMED_OUT
+from obb_collision.node.objects.frames import LATER, FrameSource
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import OLDER, State
+from obb_collision.node.objects.table import OF_SOURCE
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.parameters.sources import (
+    CLOUD,
+    FAR,
+    RANGE,
+    SCAN,
+    WATCH,
+    SourceSettings,
+)
+from obb_collision.shapes import Cloud
+from obb_collision.typing import Floats, Mask
+
+DEPTH = 5
+"""Messages that wait in the queue of a source, as drivers of sensors send."""
+KINDS = {
+    CLOUD: (PointCloud2, cloud_from_bytes),
+    SCAN: (LaserScan, scan_from_bytes),
+    RANGE: (Range, range_from_bytes),
+}
+"""By type: the message, and how its bytes are read."""
+
+
+class Seen(NamedTuple):
+    """Points (k, 3) in the frame of a sensor, the radius that covers it (m), unknown points.
+
+    times (k,): of a scan, from 0 at the first ray to 1 at the last.
+    """
+
+    points: Points
+    radius: float = 0.0
+    unknown: int = 0
+    times: Floats | None = None
+
+
+def source_inputs(settings: list[SourceSettings]) -> dict[str, Input]:
+    """Return the input topics of sources."""
+    best_effort = ReliabilityPolicy.BEST_EFFORT
+    return {
+        source.topic: Input(KINDS[source.type][0], DEPTH, best_effort, meaning=source.name)
+        for source in settings
+    }
+
+
+class Source(NewestInput):
+    """A sensor; its messages are the shapes of an object.
+
+    settings: returns its parameters; left_out: finds the points of robots and objects.
+    """
+
+    def __init__(
+        self,
+        objects: Objects,
+        frames: FrameSource,
+        clock: Callable[[], int],
+        settings: Callable[[], SourceSettings],
+        left_out: LeftOut,
+    ) -> None:
+        first = settings()
+        super().__init__(objects, frames, clock, first.topic, self._read_message)
+        self._settings, self._frames, self._left_out = settings, frames, left_out
+        self._type, self.key = first.type, first.key
+
+    def add(self) -> None:
+        """Add the object, which is not placed until the first message is."""
+        slot = self._objects.shapes.put(self.key, Cloud(np.empty((0, 3))))
+        self._table.of_set[slot] = OF_SOURCE
+
+    def _read_message(self, data: bytes, _: int) -> QueuedCloud:
+        message: Any = KINDS[self._type][1](data)
+        stamp = stamp_from_ros(message.header.stamp)
+        return QueuedCloud(message, message.header.frame_id, stamp, len(data))
+
+    @property
+    def _own(self) -> Mask:
+        own = np.zeros(len(self._table.condition), np.bool_)
+        slot = self._table.slots.get(self.key)
+        own[[] if slot is None else slot] = True
+        return own
+
+    def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
+        settings = self._settings()
+        self._check_order(cloud)
+        sensor = IDENTITY_POSE if frame is None else frame
+        points, radius = self._cut(self._see(cloud), cloud, sensor, settings)
+        self._take(points, radius, cloud, sensor)
+
+    def _check_order(self, cloud: QueuedCloud) -> None:
+        slot = np.flatnonzero(self._own)
+        if self._objects.states.find_late(slot, cloud.stamp, cloud.received).any():
+            raise RefusedError(OLDER, "a newer message was used")
+
+    def _take(self, points: Points, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
+        """Give the object points in the frame of a sensor at a pose (7,)."""
+        try:
+            shape = Cloud(points, radius)
+        except ValueError as error:
+            raise RefusedError("bad shape", str(error)) from error
+        slot = self._objects.shapes.put(self.key, shape)
+        self._table.of_set[slot] = OF_SOURCE
+        of_cloud = cloud.stamp, cloud.received, self.topic, cloud.carried, cloud.sender
+        self._objects.states.store(np.array([slot]), sensor[None], State("", *of_cloud))
+
+    def _see(self, cloud: QueuedCloud) -> Seen:
+        """Return the points of a message."""
+        message, most = cloud.content, self._objects.max_points
+        if isinstance(message, CloudMessage):
+            return Seen(points_from_ros(message, most))
+        if isinstance(message, RangeMessage):
+            return Seen(*points_of_range(message))
+        assert isinstance(message, ScanMessage)
+        points, hit, unknown = points_of_scan(message, most)
+        return Seen(points, 0.0, unknown, np.flatnonzero(hit) / max(len(hit) - 1, 1))
+
+    def _cut(
+        self, seen: Seen, cloud: QueuedCloud, sensor: Floats, settings: SourceSettings
+    ) -> tuple[Points, float]:
+        """Return the points that stay, and their radius (m); count the others."""
+        points, times, radius = seen.points, seen.times, seen.radius + settings.radius
+        counts = {"points": len(points) + seen.unknown}
+
+        def keep(rows: Mask, what: str) -> None:
+            nonlocal points, times
+            counts[what] = counts.get(what, 0) + len(rows) - int(np.count_nonzero(rows))
+            if not rows.all():
+                points, times = points[rows], None if times is None else times[rows]
+
+        counts["not known"] = seen.unknown
+        keep(finite_rows(points), "not known")
+        if settings.min_range > 0.0 or settings.max_range < FAR:
+            keep(in_range(points, settings.min_range, settings.max_range), "out of range")
+        if times is not None:
+            points = self._straightened(points, times, cloud, sensor)
+        if settings.min_height > -FAR or settings.max_height < FAR:
+            height = heights(points, sensor, self._height_pose(cloud, settings))
+            rows = (height >= settings.min_height) & (height <= settings.max_height)
+            keep(rows, "out of the heights")
+        if settings.leave_out:
+            position, rotation = as_poses(sensor[None], warn=False)
+            there = points.astype(np.float64) @ rotation[0].T + position[0]
+            place = cloud.stamp, settings.leave_out_padding
+            keep(~self._left_out.inside(there, settings.leave_out, *place), "left out")
+        if settings.voxel > 0.0:
+            kept, moved = thin_out(points, settings.voxel)
+            counts["in the cell of another"] = len(points) - len(kept)
+            points, radius = points[kept], radius + moved
+        self._monitor.last_cloud = counts | {"used": len(points)}
+        return points, radius
+
+    def _height_pose(self, cloud: QueuedCloud, settings: SourceSettings) -> Floats:
+        """Return the pose (7,) of the frame of heights at the stamp; RefusedError without one."""
+        name = settings.height_frame
+        if self._objects.placement.frame_table.is_fixed(name):
+            return IDENTITY_POSE
+        return self._pose_of(name, cloud.stamp)
+
+    def _pose_of(self, frame: str, stamp: int) -> Floats:
+        pose, _ = self._frames.lookup(frame, stamp)
+        if unusable_poses(pose[None]).any():
+            raise RefusedError("bad transform", f"{frame!r}: {pose.tolist()}")
+        return pose
+
+    def _straightened(
+        self, points: Points, times: Floats, cloud: QueuedCloud, sensor: Floats
+    ) -> Points:
+        """Return the points of a scan in the frame of its first ray, the sensor having moved."""
+        scan: ScanMessage = cloud.content
+        last = int(scan.time_increment * (len(scan.ranges) - 1) * NANOSECONDS)
+        is_fixed = self._objects.placement.frame_table.is_fixed(cloud.frame)
+        if last == 0 or cloud.stamp == 0 or is_fixed:
+            return points
+        end = self._pose_of(cloud.frame, cloud.stamp + last)
+        moved = compose_poses(inverse_poses(sensor[None]), end[None])[0]
+        turn = moved[3:] if moved[6] >= 0.0 else -moved[3:]
+        sine = float(np.linalg.norm(turn[:3]))
+        half = times * np.arctan2(sine, turn[3])
+        axis = turn[:3] / sine if sine > 0.0 else np.zeros(3)
+        turns = np.column_stack([np.sin(half)[:, None] * axis, np.cos(half)])
+        return rotate_vectors(turns, points) + times[:, None] * moved[:3]
+
+    def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
+        self._doubt(error.reason)
+
+    def _doubt(self, reason: str) -> None:
+        late = TIMED_OUT if reason in LATER else POSE_REFUSED
+        event = POSE_OVERTAKEN if reason == OLDER else late
+        self._table.mark(np.flatnonzero(self._own), event)
+
+
+class WatchedSource(Source):
+    """A sensor whose points are in no pair, but counted by ``points_inside``."""
+
+    def __init__(self, obstacles: Obstacles, *parts: Any) -> None:
+        super().__init__(*parts)
+        self._obstacles = obstacles
+
+    def add(self) -> None:
+        """Add nothing: there is no object."""
+
+    def _check_order(self, cloud: QueuedCloud) -> None:
+        """Accept every message."""
+
+    def _take(self, points: Points, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
+        position, rotation = as_poses(sensor[None], warn=False)
+        there = points.astype(np.float64) @ rotation[0].T + position[0]
+        self._obstacles.watch(self.topic, there, cloud)
+
+    def _doubt(self, reason: str) -> None:
+        """Mark nothing: no object depends on it."""
+
+
+class Sources:
+    """The sensors that the parameters of a node name."""
+
+    def __init__(
+        self,
+        objects: Objects,
+        frames: FrameSource,
+        clock: Callable[[], int],
+        parameters: Parameters,
+        robots: RobotParts,
+        obstacles: Obstacles,
+    ) -> None:
+        self._parameters, self._clock = parameters, clock
+        self._left_out = LeftOut(objects, parameters, robots, self._words)
+        self.obstacles: list[Source] = []
+        self.watched: list[Source] = []
+        for row, settings in enumerate(parameters.source_settings):
+            parts = objects, frames, clock, self._settings_of(row), self._left_out
+            if settings.use == WATCH:
+                self.watched.append(WatchedSource(obstacles, *parts))
+            else:
+                self.obstacles.append(Source(*parts))
+        self.all = [*self.obstacles, *self.watched]
+
+    def _settings_of(self, row: int) -> Callable[[], SourceSettings]:
+        return lambda: self._parameters.source_settings[row]
+
+    def _words(self) -> list[list[str]]:
+        """Return what each source leaves out."""
+        return [source.leave_out for source in self._parameters.source_settings]
+
+    def callbacks(self, inputs: Inputs) -> Mapping[str, Callable[[bytes], None]]:
+        """Return the callback per topic; failures are counted."""
+        watched = {source.topic for source in self.watched}
+        return {
+            source.topic: inputs.guarded(
+                source.topic, source.queue, changes=source.topic not in watched
+            )
+            for source in self.all
+        }
+
+    def add(self) -> None:
+        """Add the objects of all sources, again if all objects were removed."""
+        for source in self.obstacles:
+            source.add()
+
+    def apply(self) -> None:
+        """Give objects the newest messages."""
+        if self.all:
+            self._left_out.record()
+            self._apply(self.obstacles)
+
+    def apply_watched(self) -> None:
+        """Use the newest messages of sources that are watched."""
+        self._apply(self.watched)
+
+    def _apply(self, sources: list[Source]) -> None:
+        waiting = [source for source in sources if source.waiting.clouds]
+        if waiting:
+            self._left_out.place(self._clock())
+        for source in waiting:
+            source.apply()

@@ -1,0 +1,130 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""LaserScan and Range -> points in the frame of the sensor, by REP 117.
+
+Infinite, and beyond ``range_max``: nothing within range. Not a number, or below ``range_min``: what
+is there is not known.
+"""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from sensor_msgs.msg import LaserScan, Range
+
+from obb_collision.node.messages.cdr import TOO_MANY_POINTS, Header, Reader
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.typing import Floats, Mask
+
+BAD_SCAN, BAD_RANGE = "bad scan", "bad range"
+RANGE_NOT_KNOWN = "range not known"
+"""Reason: the one range of a message says nothing of what is there."""
+LONGEST_SCAN = 60.0
+"""Seconds from the first ray of a scan to the last, at most."""
+HEAD, ECHO, KIND = Struct("<7f"), Struct("<4f"), Struct("<B")
+RINGS = 4
+"""Circles of balls by which the cap of a cone is covered, besides the one at its centre."""
+
+
+class ScanMessage(NamedTuple):
+    """A sensor_msgs/LaserScan: angles (rad), increments and limits as numbers, ranges (n,) (m)."""
+
+    header: Header
+    angle_min: float
+    angle_increment: float
+    time_increment: float
+    range_min: float
+    range_max: float
+    ranges: npt.NDArray[np.float32]
+
+
+class RangeMessage(NamedTuple):
+    """A sensor_msgs/Range: the angle of its cone (rad), and ranges (m)."""
+
+    header: Header
+    field_of_view: float
+    min_range: float
+    max_range: float
+    range: float
+
+
+def scan_from_bytes(data: bytes) -> ScanMessage:
+    """Return the scan in a LaserScan; RefusedError ("malformed message", "bad scan")."""
+    reader = Reader(data, LaserScan)
+    header = reader.header()
+    first, _, step, delay, _, least, most = reader.numbers(HEAD)
+    ranges, _ = (reader.singles(reader.count(4)) for _ in range(2))
+    reader.end()
+    scan = ScanMessage(header, first, step, delay, least, most, ranges)
+    if not np.isfinite(scan[1:4]).all() or np.isnan(scan[4:6]).any():
+        raise RefusedError(BAD_SCAN, f"angles, increments or limits {scan[1:6]}")
+    if abs(scan.time_increment) * len(ranges) > LONGEST_SCAN:
+        raise RefusedError(BAD_SCAN, f"time_increment {scan.time_increment:g}")
+    return scan
+
+
+def range_from_bytes(data: bytes) -> RangeMessage:
+    """Return the range in a Range; RefusedError ("malformed message", "bad range").
+
+    Messages from before ROS 2 Jazzy have no variance.
+    """
+    reader = Reader(data, Range)
+    header = reader.header()
+    reader.numbers(KIND, 1)
+    angle, least, most, distance = reader.numbers(ECHO)
+    reader.end()
+    if not 0.0 <= angle <= 2.0 * np.pi or np.isnan((least, most)).any():
+        raise RefusedError(BAD_RANGE, f"field_of_view {angle}, from {least} to {most}")
+    return RangeMessage(header, angle, least, most, distance)
+
+
+def points_of_scan(scan: ScanMessage, most: int) -> tuple[Floats, Mask, int]:
+    """Return the points (k, 3) of a scan, which rays (n,) they are of, and how many are not known.
+
+    RefusedError ("too many points") for more rays than ``most``.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    if len(ranges) > most:
+        raise RefusedError(TOO_MANY_POINTS, f"{len(ranges)}, {most} is the limit")
+    unknown = ~(ranges >= scan.range_min)
+    hit = ~unknown & (ranges <= scan.range_max) & np.isfinite(ranges)
+    angles = scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
+    points = np.zeros((len(angles), 3))
+    points[:, 0], points[:, 1] = ranges[hit] * np.cos(angles), ranges[hit] * np.sin(angles)
+    return points, hit, int(np.count_nonzero(unknown))
+
+
+def points_of_range(message: RangeMessage) -> tuple[Floats, float]:
+    """Return points (k, 3) on the cap of a cone about x, and a radius by which balls cover it (m).
+
+    Without points where nothing is within range. RefusedError ("range not known").
+    """
+    distance = message.range
+    if not distance >= message.min_range:
+        raise RefusedError(RANGE_NOT_KNOWN, f"{distance}, at least {message.min_range} is known")
+    if distance > message.max_range or np.isinf(distance):
+        return np.empty((0, 3)), 0.0
+    step = 0.5 * message.field_of_view / RINGS
+    off = np.concatenate([[0.0], *(np.full(6 * k, k * step) for k in range(1, RINGS + 1))])
+    turns = [np.arange(6 * k) * (np.pi / (3 * k)) for k in range(1, RINGS + 1)]
+    around = np.concatenate([[0.0], *turns])
+    side = np.sin(off)
+    cap = np.column_stack([np.cos(off), side * np.cos(around), side * np.sin(around)])
+    # of the cap no point is farther than half a step from a circle, and half the distance of two
+    # neighbours, which is at most a sixth of pi in steps, along it
+    return distance * cap, distance * step * (0.5 + np.pi / 6.0) * (1.0 + 1e-9)
