@@ -15,20 +15,37 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 from each import each
-from rig import A1, FRAME, NAMESPACE, RELIABILITY, FakeFrames, Rig, cube, pose
+from rig import A1, A2, B1, FRAME, NAMESPACE, RELIABILITY, FakeFrames, Rig, cube, pose, spy
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField, Range
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
 
+from obb_collision import node as ros
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.inputs import sources
+from obb_collision.node.inputs.clouds import QueuedCloud
 from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_to_ros
 
 KINDS = {"cloud": PointCloud2, "scan": LaserScan, "range": Range}
 FRONT = "sources/front/0"
+
+
+def cloud_of(points: Any, header: Header, kind: str = "<f4") -> PointCloud2:
+    """Return a cloud of points (n, 3)."""
+    rows = np.zeros(len(points), [(axis, kind) for axis in "xyz"])
+    for column, axis in enumerate("xyz"):
+        rows[axis] = np.asarray(points, np.float64).reshape(-1, 3)[:, column]
+    return cloud_to_ros(rows, header)
 
 
 class SensorRig(Rig):
@@ -52,16 +69,17 @@ class SensorRig(Rig):
 
     def see(self, points: Any, name: str = "front", frame: str = FRAME, kind: str = "<f4") -> None:
         """Publish a cloud."""
-        rows = np.zeros(len(points), [(axis, kind) for axis in "xyz"])
-        for column, axis in enumerate("xyz"):
-            rows[axis] = np.asarray(points, np.float64).reshape(-1, 3)[:, column]
-        self.sensors[name].publish(cloud_to_ros(rows, self.header(frame)))
+        self.sensors[name].publish(cloud_of(points, self.header(frame), kind))
 
     def scan(self, ranges: Any, frame: str = FRAME, **fields: Any) -> None:
         """Publish a scan of a quarter turn."""
         values = {"range_min": 0.1, "range_max": 10.0, "angle_increment": 0.5 * np.pi} | fields
         message = LaserScan(header=self.header(frame), ranges=list(map(float, ranges)), **values)
         self.sensors["front"].publish(message)
+
+    def met(self) -> set[str]:
+        """Return the names of what collides with the source, by the last state sent."""
+        return {name for pair in self.pairs() if FRONT in pair for name in pair if name != FRONT}
 
     def cut(self, name: str = "front") -> dict[str, int]:
         """Return what was left out of the last cloud."""
@@ -72,17 +90,314 @@ class SensorRig(Rig):
 def front() -> Iterator[SensorRig]:
     """Yield a rig with one cloud, and a cube of one metre."""
     with SensorRig({"front": {}}) as made:
-        made.send(cube(A1))
+        made.send(cube(A1)).answer()
         yield made
 
 
 def test_a_cloud_collides_by_name_and_is_replaced(front: SensorRig) -> None:
     front.known("unplaced", FRONT)
     front.see([[5, 0, 0], [0.505, 0, 0]])
-    assert front.pairs() == {("a/1", FRONT)}
+    assert front.met() == {"a/1"}
     front.see([[5, 0, 0], [0.52, 0, 0]])
-    assert front.pairs() == set(), "the radius is 1 cm"
+    assert front.met() == set(), "the radius is 1 cm"
     front.known()
     front.see([])
-    assert front.pairs() == set(), "nothing seen is an answer, too"
+    assert front.met() == set(), "nothing seen is an answer, too"
     front.known()
+
+
+def raw(rig: Rig, organised: bool, order: str, kind: str) -> PointCloud2:
+    """Return a cloud of 6 points with gaps in its rows, one of them NaN, one in the cube."""
+    points = np.array([[5, 0, 0], [6, 0, 0], [np.nan] * 3, [7, 0, np.inf], [0, 0, 0], [8, 0, 0]])
+    width, height = (3, 2) if organised else (6, 1)
+    layout = {"names": [*"zxy"], "formats": [order + kind] * 3, "offsets": [1, 12, 21]}
+    dtype = np.dtype({**layout, "itemsize": 32})
+    rows = np.zeros((height, width), dtype)
+    for column, axis in enumerate("xyz"):
+        rows[axis] = points[:, column].reshape(height, width)
+    step = 32 * width + 5
+    data = b"".join(row.tobytes() + bytes(5) for row in rows)
+    number = {"f4": PointField.FLOAT32, "f8": PointField.FLOAT64}[kind]
+    fields = [
+        PointField(name=axis, offset=at, datatype=number, count=1)
+        for axis, at in zip("zxy", (1, 12, 21), strict=True)
+    ]
+    fields.append(PointField(name="rgb", offset=29, datatype=PointField.UINT8, count=3))
+    message = PointCloud2(header=rig.header(), height=height, width=width, fields=fields)
+    message.is_bigendian, message.point_step, message.row_step = order == ">", 32, step
+    message.data = data
+    return message
+
+
+@each("organised", [True, False])
+@each("order", ["<", ">"])
+@each("kind", ["f4", "f8"])
+def test_clouds_of_every_layout(front: SensorRig, organised: bool, order: str, kind: str) -> None:
+    front.send(cube(A1)).answer()
+    front.sensors["front"].publish(raw(front, organised, order, kind))
+    assert front.met() == {"a/1"}
+    assert front.cut() == {"points": 6, "not known": 2, "used": 4}
+
+
+def test_a_scan_knows_nothing_of_what_is_not_a_range() -> None:
+    with SensorRig({"front": {"type": "scan"}}) as rig:
+        rig.send(cube(A1, (0, 1, 0)), cube(A2, (-0.05, 0, 0), (0.02, 0.5, 1))).answer()
+        rig.scan([9.0, 1.0, 0.05, np.nan])
+        assert rig.met() == {"a/1"}
+        assert rig.cut() == {"points": 4, "not known": 2, "used": 2}
+        rig.scan([np.inf, np.inf, 11.0, 0.1, -np.inf], range_min=0.0)
+        assert rig.met() == set()
+        assert rig.cut() == {"points": 2, "not known": 1, "used": 1}
+        rig.known()
+        rig.scan([])
+        assert rig.met() == set()
+        for wrong in ({"angle_increment": np.nan}, {"time_increment": 1e9}, {"range_max": np.nan}):
+            rig.scan([1.0, 1.0], **wrong)
+            rig.says(UNKNOWN, "input_unreadable", who="front (bad scan)")
+
+
+def test_a_range_is_the_cap_of_its_cone() -> None:
+    with SensorRig({"front": {"type": "range", "radius": 0.0}}) as rig:
+        rig.send(cube(A1, (2.05, 0, 0), (0.1, 0.1, 0.1)), cube(A2, (2, 1, 0), (0.02, 0.02, 0.02))).answer()
+
+        def measure(distance: float, angle: float) -> set[str]:
+            limits = {"min_range": 0.2, "max_range": 4.0, "field_of_view": angle}
+            message = Range(header=rig.header(), range=distance, **limits)
+            rig.sensors["front"].publish(message)
+            return rig.met()
+
+        assert measure(2.01, 0.2) == {"a/1"}
+        assert measure(1.9, 0.2) == set()
+        assert "a/2" in measure(5**0.5, 1.1), "0.46 rad off the axis, of 0.55"
+        assert measure(np.inf, 0.2) == measure(4.5, 0.2) == set()
+        rig.known()
+        for unknown in (np.nan, 0.1, -np.inf):
+            measure(1.9, 0.2)
+            rig.known()
+            message = Range(header=rig.header(), range=unknown, min_range=0.2, max_range=4.0)
+            rig.sensors["front"].publish(message)
+            rig.known("refused", FRONT)
+        assert rig.refused("front") == {"range not known": 3}
+
+
+def test_several_sources_at_once() -> None:
+    with SensorRig({"front": {}, "rear": {"topic": "lidar/rear", "type": "scan"}}) as rig:
+        rig.send(cube(A1), cube(A2, (5, 0, 0))).answer()
+        rig.see([[0, 0, 0]])
+        rig.says(COLLIDING, "unplaced", who="sources/rear/0")
+        message = LaserScan(header=rig.header(), ranges=[5.0, 0.2], range_max=9.0)
+        rig.sensors["rear"].publish(message)
+        assert {frozenset(pair) for pair in rig.pairs()} == {
+            frozenset(pair)
+            for pair in (("a/1", FRONT), ("a/1", "sources/rear/0"), ("a/2", "sources/rear/0"))
+        }, "clouds do not collide with clouds"
+
+
+def test_a_source_must_deliver() -> None:
+    with SensorRig({"front": {"timeout": 0.3}}) as rig:
+        rig.send(cube(A1)).answer()
+        rig.known("input_silent", "front")
+        rig.see([[5, 0, 0]])
+        rig.known()
+        rig.known("stale", FRONT)
+        rig.set(**{"front.timeout": 0.0})
+        rig.known()
+        rig.set(**{"front.timeout": 0.3, "front.stale_policy": "keep"})
+        rig.says(FREE, "1 stale (accepted)")
+        rig.see([[0, 0, 0]])
+        assert rig.met() == {"a/1"}
+        rig.says(COLLIDING)
+
+
+def test_what_cannot_be_read_is_not_free(front: SensorRig) -> None:
+    front.see([[0, 0, 0]])
+    assert front.met() == {"a/1"}
+    front.sensors["front"].publish(PointCloud2(header=front.header(), width=1, height=1))
+    front.until(lambda: front.refused("front") == {"field layout": 1})
+    front.says(COLLIDING, "refused")
+    front.see([[5, 0, 0]])
+    front.known()
+    front.node.subscribed.open["front"].callback(b"\0\1\0\0abc", {})
+    front.says(UNKNOWN, "input_unreadable")
+    front.see([[5, 0, 0]])
+    front.known()
+
+
+def test_a_frame_that_is_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = FakeFrames()
+    with SensorRig({"front": {}}, frames=frames, transform_timeout=0.1) as rig:
+        rig.send(cube(A1)).answer()
+        frames.known["camera"] = pose(5.0)
+        rig.see([[-5, 0, 0]], frame="camera")
+        assert rig.met() == {"a/1"}
+        frames.spans["camera"] = (1, rig.stamp)
+        rig.see([[-8, 0, 0]], frame="camera")
+        rig.says(COLLIDING, "late_frame")
+        frames.spans["camera"] = (1, rig.stamp + 10**12)
+        rig.see([[-8, 0, 0]], frame="camera")
+        assert rig.met() == set()
+        rig.known()
+
+
+def test_only_the_newest_cloud_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    with SensorRig({"front": {}}, rate=1.0) as rig:
+        rig.send(cube(A1)).answer()
+        built = spy(monkeypatch, sources, "Cloud")
+        for x in (0, 0, 0, 0, 5):
+            rig.see([[x, 0, 0]])
+        assert rig.met() == set()
+        monitor = rig.monitor("front")
+        assert built.call_count == monitor.messages - monitor.superseded
+        assert monitor.superseded >= 3
+
+
+def test_a_thousand_clouds_leave_nothing_behind(front: SensorRig) -> None:
+    rng = np.random.default_rng(0)
+    front.see([[5, 0, 0]])
+    front.met()
+    (source,) = front.node.sources.all
+    objects = front.node.objects
+    slot, serial = objects.table.slots[source.key], objects.table.serial.copy()
+
+    def replace(count: int) -> int:
+        for _ in range(count):
+            points = np.add(rng.uniform(-1, 1, (2000, 3)), (5, 0, 0))
+            source._take(points, 0.01, QueuedCloud(None, FRAME, 0, 0, front.now()), np.array(pose(0)))
+            objects.update(front.now())
+            objects.scene.check()
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first, last = replace(100), replace(900)
+    finally:
+        tracemalloc.stop()
+    assert last - first < 100_000, "one cloud has 48,000 bytes"
+    assert objects.table.slots[source.key] == slot
+    assert (objects.table.serial == serial).all()
+
+
+def test_no_other_input_changes_the_object(front: SensorRig) -> None:
+    front.see([[0, 0, 0]])
+    assert front.met() == {"a/1"}
+    front.send_transform(FRONT, pose(9))
+    front.send(Marker(ns="sources/front", action=Marker.DELETEALL))
+    front.send(cube(("sources/front", 0), (9, 0, 0)), cube(A2, (0.5, 0, 0)))
+    assert front.met() == {"a/1", "a/2"}
+    assert front.refused("object_transform") == {"object of another input": 1}
+    front.send(Marker(action=Marker.DELETEALL))
+    front.until(lambda: len(front.node.objects.table) == 1)
+    front.call(Trigger, "obb_collision/clear", Trigger.Request())
+    front.known("unplaced", FRONT)
+    front.send(cube(A1)).answer()
+    front.see([[0, 0, 0]])
+    assert front.met() == {"a/1"}
+
+
+def test_rules_padding_and_groups_hold(front: SensorRig) -> None:
+    front.see([[0.53, 0, 0]])
+    assert front.met() == set()
+    front.set(padding_overrides=["sources/*: 0.03"])
+    front.see([[0.53, 0, 0]])
+    assert front.met() == {"a/1"}
+    front.set(allowed_pairs=["sources/front/0 a/*"])
+    front.see([[0.53, 0, 0]])
+    assert front.met() == set()
+
+
+def test_cuts_are_counted() -> None:
+    limits = {"min_range": 1.0, "max_range": 6.0, "min_height": -0.5, "max_height": 2.0}
+    sensor = {**limits, "voxel": 0.5, "radius": 0.0, "height_frame": "floor"}
+    frames = FakeFrames()
+    frames.known["floor"], frames.known["tilted"] = pose(0, 0, -1), [0, 0, 0, 0, 0.6, 0, 0.8]
+    with SensorRig({"front": sensor}, frames=frames) as rig:
+        rig.send(cube(A1, (3, 0, 0))).answer()
+        dense = [[3.26, 0.25, 0.25], [3.1, 0.1, 0.1], [3.4, 0.4, 0.4]]
+        rig.see([[0.5, 0, 0], [7, 0, 0], [2, 0, 1.1], [2, 0, -1.6], [np.nan, 0, 0], *dense])
+        assert rig.met() == {"a/1"}
+        assert rig.cut() == {
+            "points": 8,
+            "not known": 1,
+            "out of range": 2,
+            "out of the heights": 2,
+            "in the cell of another": 2,
+            "used": 1,
+        }
+        shape = rig.node.objects.scene.objects.shape_of(FRONT)
+        assert shape.points.tolist() == np.float32(dense[:1]).tolist()
+        reach = np.linalg.norm(np.float32(dense[0]) - np.float32(dense[1]).astype(float))
+        assert reach <= shape.radius < reach + 1e-6
+        values = rig.status("input front")
+        assert values["last cloud: out of range"] == "2"
+        assert values["last cloud: used"] == "1"
+        rig.set(**{"front.voxel": 0.0, "front.max_height": 1.0e6, "front.height_frame": "tilted"})
+        rig.see([[3, 0, 0], [-3, 0, 0]])
+        rig.met()
+        assert rig.cut()["out of the heights"] == 1
+
+
+def test_what_is_left_out_is_no_obstacle() -> None:
+    sensor = {"leave_out": ["a/*"], "leave_out_padding": 0.1}
+    with SensorRig({"front": sensor}) as rig:
+        rig.send(cube(A1), cube(B1, (1.05, 0, 0))).answer()
+        rig.see([[0.58, 0, 0], [0, 0, 0]])
+        assert rig.met() == set()
+        assert rig.cut() == {"points": 2, "not known": 0, "left out": 2, "used": 0}
+        rig.see([[0.62, 0, 0]])
+        assert rig.met() == {"b/1"}
+        rig.set(**{"front.leave_out": [""]})
+        rig.see([[0.58, 0, 0], [0, 0, 0]])
+        assert rig.met() == {"a/1", "b/1"}
+
+
+def test_where_an_object_was_at_the_stamp_counts() -> None:
+    with SensorRig({"front": {"leave_out": ["a/*"]}}) as rig:
+        rig.send(cube(B1, (3, 0, 0), (9, 9, 9)))
+        stamps = []
+        for x in (0, 1, 2, 9):
+            rig.send(cube(A1, (x, 0, 0)))
+            rig.answer()
+            stamps.append(rig.stamp)
+            rig.cycles(2)
+        message = cloud_of([[1.5, 0, 0], [3, 0, 0]], rig.header())
+        message.header.stamp = stamp_to_ros((stamps[1] + stamps[2]) // 2)
+        rig.sensors["front"].publish(message)
+        rig.until(lambda: rig.cut().get("left out") == 1)
+        shape = rig.node.objects.scene.objects.shape_of(FRONT)
+        assert shape.points.tolist() == [[3, 0, 0]]
+
+
+def test_a_watched_source_is_in_no_pair() -> None:
+    with SensorRig({"front": {"use": "watch"}}) as rig:
+        rig.listen("points_inside", "namespaces")
+        rig.send(cube(A1)).answer()
+        rig.known()
+        rig.see([[0, 0, 0], [0.1, 0, 0], [5, 0, 0]])
+        rig.until(lambda: "points_inside" in rig.last and rig.last["points_inside"].width)
+        (row,) = ros.points_inside_from_ros(rig.last["points_inside"])
+        assert row["count"] == 2
+        rig.known()
+        assert len(rig.node.objects.table) == 1
+        rig.sensors["front"].publish(PointCloud2(header=rig.header(), width=1, height=1))
+        rig.until(lambda: rig.refused("front"))
+        rig.known()
+
+
+@each(
+    "given, reason",
+    [
+        ({"sources": ["front", "front"]}, "'front' occurs twice"),
+        ({"sources": ["rate"]}, "name of other parameters"),
+        ({"sources": ["effects"]}, "name of other parameters"),
+        ({"sources": ["a b"]}, "letters"),
+        ({"sources": ["front"], "front.type": "lidar"}, "front.type must be one of cloud"),
+        ({"sources": ["front"], "front.topic": "objects"}, "another input has 'objects'"),
+        ({"sources": ["one", "two"], "two.topic": "one"}, "another input has 'one'"),
+        ({"sources": ["front"], "front.leave_out": ["arm"]}, "front.leave_out: 'arm' is not a"),
+        ({"sources": ["front"], "front.max_range": 1.0, "front.min_range": 2.0}, "front.max_range"),
+    ],
+)
+def test_parameters_of_sources_that_make_no_sense(given: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        Rig(given=given)
