@@ -76,6 +76,8 @@ MESSAGES = "messages"
 
 CLOUDS, CLOUDS_AT_MESH = "clouds", "clouds at mesh"
 """The steps of clouds beside other objects, up to "hull" and on "mesh", with all effects."""
+BODY_QUERIES = "queries of meshes"
+"""The step of rays against shapes."""
 ROBOTS = "robots"
 """The step that robots need."""
 
@@ -470,7 +472,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
     "queries of rays, planes, points, capsules": _other_queries,
-    "queries of meshes": _mesh_queries,
+    BODY_QUERIES: _mesh_queries,
     "fits": _fits,
     CLOUDS: lambda: _clouds(Accuracy.OBB, Accuracy.HULL),
     CLOUDS_AT_MESH: lambda: _clouds(Accuracy.MESH),

@@ -35,10 +35,10 @@ def finite_rows(points: Points) -> Mask:
     """Return which points (n,) are finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         sums = points[:, 0] + points[:, 1] + points[:, 2]
-    rows: Mask = np.isfinite(sums)
+    rows = np.asarray(np.isfinite(sums))
     if not rows.all():  # large ones may overflow
         rows = np.isfinite(points).all(axis=1)
-    return rows
+    return np.asarray(rows)
 
 
 def in_range(points: Points, low: float, high: float) -> Mask:

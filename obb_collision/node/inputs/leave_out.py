@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -40,10 +40,13 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import NO_TIME
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.queries.convex.support import HULL_CORE
+from obb_collision.numerics.vec3 import lengths
+from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.queries.rays.boxes import Rays
+from obb_collision.queries.rays.rays import cast_at_bodies
 from obb_collision.scene.building.shape_cache import BOX, CLOUD
-from obb_collision.scene.refinement.bodies import convex_bodies
+from obb_collision.scene.refinement.bodies import box_bodies, convex_bodies
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene.store.placing import placed
 from obb_collision.typing import Floats, Mask, Rows
@@ -117,7 +120,35 @@ class LeftOut:
         """
         result = np.zeros(len(points), np.bool_)
         for boxes, bodies in self._bodies(*self._at(words, stamp)):
-            result |= points_in_bodies(boxes, bodies, points, padding, each_point=True).boxes >= 0
+            holders = points_in_bodies(boxes, bodies, points, padding, each_point=True).boxes
+            assert holders is not None
+            result |= holders >= 0
+        return result
+
+    def behind(
+        self, points: Points, words: Sequence[str], stamp: int, padding: float, sensor: Floats
+    ) -> Mask:
+        """Return which points (n, 3) are behind what was there, seen from a sensor at (3,).
+
+        What holds the sensor hides nothing; what holds it in its padding alone hides without that.
+        """
+        ways = points - sensor
+        far = lengths(ways)
+        result, ahead = np.zeros(len(points), np.bool_), np.flatnonzero(far > 0.0)
+        units = ways[ahead] / far[ahead, None]
+        origins = np.broadcast_to(sensor, units.shape).copy()
+        for boxes, shapes in self._bodies(*self._at(words, stamp)):
+            bodies = box_bodies(boxes, np.arange(len(boxes))) if shapes is None else shapes
+            near, within = (
+                points_in_bodies(boxes, shapes, sensor[None], margin).counts > 0
+                for margin in (padding, 0.0)
+            )
+            for rows, margin in ((~near, padding), (near & ~within, 0.0)):
+                if rows.any():
+                    some, rays = boxes[np.flatnonzero(rows)], Rays(origins, units, far[ahead])
+                    grown = Boxes.trusted(some.centers, some.rotations, some.half_extents + margin)
+                    hits = cast_at_bodies(_grown(bodies, rows, margin), grown, rays)
+                    result[ahead] |= hits.hits
         return result
 
     def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, list[str]]:
@@ -154,23 +185,17 @@ class LeftOut:
         for name in robots:
             slots, until = self._robots(name)
             if stamp and until < stamp:
-                self._refuse(name, stamp, until)
+                raise _unknown(name, stamp, until)
             for slot in slots.tolist():
-                states = self._poses.get(int(serials[slot]))
-                if states is None:
-                    self._refuse(name, stamp, 0)
-                first, last = states[0][0], states[-1][0]
-                if stamp and until != NO_TIME and not first <= stamp <= last:
-                    self._refuse(name, stamp, last)
-                places[slot] = between(states, stamp) if stamp else states[-1][1]
+                known = self._poses.get(int(serials[slot]))
+                first, last = (known[0][0], known[-1][0]) if known else (NO_TIME, 0)
+                if not known or (stamp and until != NO_TIME and not first <= stamp <= last):
+                    raise _unknown(name, stamp, last)
+                places[slot] = between(known, stamp) if stamp else known[-1][1]
         poses = np.array(list(places.values())).reshape(-1, 7)
         return np.array(list(places), np.int64), poses
 
-    def _refuse(self, robot: str, stamp: int, until: int) -> None:
-        late = f"{(stamp - until) / NANOSECONDS:.3f} s after its last state" if until else "no pose"
-        raise RefusedError(EXTRAPOLATION, f"robot {robot} at the stamp: {late}")
-
-    def _bodies(self, slots: Rows, poses: Floats):
+    def _bodies(self, slots: Rows, poses: Floats) -> Iterator[tuple[Boxes, ConvexBodies | None]]:
         """Yield the boxes of objects at poses, with None or the convex bodies in them."""
         if len(slots) == 0:
             return
@@ -189,6 +214,20 @@ class LeftOut:
             bodies = convex_bodies(store, cache, store.all_boxes(), slots[rows])
             centers, rotations = as_poses(poses[rows], warn=False)
             yield boxes[rows], replace(bodies, centers=centers, rotations=rotations)
+
+
+def _unknown(robot: str, stamp: int, until: int) -> RefusedError:
+    """Return that the state of a robot at a stamp is not known; until: its last one (ns)."""
+    apart = (stamp - until) / NANOSECONDS
+    return RefusedError(EXTRAPOLATION, f"robot {robot}: {apart:.3f} s from its last state")
+
+
+def _grown(bodies: ConvexBodies, rows: Mask, margin: float) -> ConvexBodies:
+    """Return some of the bodies, grown by a margin (m)."""
+    columns = {
+        name: value if name == "hulls" else value[rows] for name, value in vars(bodies).items()
+    }
+    return ConvexBodies(**{**columns, "radii": columns["radii"] + margin})
 
 
 def between(states: Sequence[tuple[int, Floats]], time: int) -> Floats:

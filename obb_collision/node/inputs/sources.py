@@ -198,7 +198,12 @@ class Source(NewestInput):
             position, rotation = as_poses(sensor[None], warn=False)
             there = points.astype(np.float64) @ rotation[0].T + position[0]
             place = cloud.stamp, settings.leave_out_padding
-            keep(~self._left_out.inside(there, settings.leave_out, *place), "left out")
+            inside = self._left_out.inside(there, settings.leave_out, *place)
+            keep(~inside, "left out")
+            if settings.shadows:
+                there = there[~inside]
+                behind = self._left_out.behind(there, settings.leave_out, *place, position[0])
+                keep(~behind, "in a shadow")
         if settings.voxel > 0.0:
             kept, moved = thin_out(points, settings.voxel)
             counts["in the cell of another"] = len(points) - len(kept)
@@ -235,7 +240,7 @@ class Source(NewestInput):
         half = times * np.arctan2(sine, turn[3])
         axis = turn[:3] / sine if sine > 0.0 else np.zeros(3)
         turns = np.column_stack([np.sin(half)[:, None] * axis, np.cos(half)])
-        return rotate_vectors(turns, points) + times[:, None] * moved[:3]
+        return rotate_vectors(turns, points.astype(np.float64)) + times[:, None] * moved[:3]
 
     def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
         self._doubt(error.reason)

@@ -23,11 +23,11 @@ from typing import Any, NamedTuple
 from obb_collision.node.objects.table import POLICIES
 from obb_collision.node.parameters.entries import (
     INPUTS,
-    ROBOT_NAME,
     Groups,
     Spec,
     pattern_from_text,
 )
+from obb_collision.scene_files.native import ROBOT_NAME
 from obb_collision.words import shown
 
 MAX_SOURCES = 100

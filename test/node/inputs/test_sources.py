@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 from each import each
 from rig import A1, A2, B1, FRAME, NAMESPACE, RELIABILITY, FakeFrames, Rig, cube, pose, spy
+from robot_rig import RobotRig
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField, Range
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -35,7 +36,10 @@ from obb_collision.node.inputs import sources
 from obb_collision.node.inputs.clouds import QueuedCloud
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.frames import EXTRAPOLATION
 
+Sensors = Mapping[str, Mapping[str, Any]]
 KINDS = {"cloud": PointCloud2, "scan": LaserScan, "range": Range}
 FRONT = "sources/front/0"
 
@@ -48,19 +52,23 @@ def cloud_of(points: Any, header: Header, kind: str = "<f4") -> PointCloud2:
     return cloud_to_ros(rows, header)
 
 
-class SensorRig(Rig):
-    """A rig with sensors: by name their parameters, in short."""
+def parameters_of(sensors: Sensors) -> dict[str, Any]:
+    """Return the parameters of sensors; they arrive surely, and are never stale."""
+    given: dict[str, Any] = {"sources": list(sensors)}
+    for name, parameters in sensors.items():
+        given |= {f"{name}.timeout": 0.0}
+        given |= {f"{name}.{key}": value for key, value in parameters.items()}
+        topic = parameters.get("topic", name)
+        given[f"qos_overrides.{NAMESPACE}/{topic}.{RELIABILITY}"] = "reliable"
+    return given
+
+
+class Sensing(Rig):
+    """A rig with sensors."""
 
     has_true_stamps = True
 
-    def __init__(self, sensors: Mapping[str, Mapping[str, Any]], **options: Any) -> None:
-        given = {"sources": list(sensors)}
-        for name, parameters in sensors.items():
-            given |= {f"{name}.{key}": value for key, value in parameters.items()}
-            given.setdefault(f"{name}.timeout", 0.0)
-            topic = parameters.get("topic", name)
-            given[f"qos_overrides.{NAMESPACE}/{topic}.{RELIABILITY}"] = "reliable"
-        super().__init__(given=given, **options)
+    def start_sensors(self, sensors: Sensors) -> None:
         self.sensors = {}
         for name, parameters in sensors.items():
             kind, topic = KINDS[parameters.get("type", "cloud")], parameters.get("topic", name)
@@ -84,6 +92,29 @@ class SensorRig(Rig):
     def cut(self, name: str = "front") -> dict[str, int]:
         """Return what was left out of the last cloud."""
         return dict(self.monitor(name).last_cloud)
+
+
+class SensorRig(Sensing):
+    """A node with sensors, by name their parameters."""
+
+    def __init__(self, sensors: Sensors, **options: Any) -> None:
+        super().__init__(given=parameters_of(sensors), **options)
+        self.start_sensors(sensors)
+
+
+class ArmRig(Sensing, RobotRig):
+    """A node with the robot ``arm`` and the sensor ``front``."""
+
+    def __init__(self, **sensor: Any) -> None:
+        given = parameters_of({"front": sensor}) | {"joint_timeout": 100.0}
+        super().__init__(given=given, frames=FakeFrames(), transform_timeout=1.0)
+        self.start_sensors({"front": sensor})
+
+    def see_at(self, stamp: int, *points: Sequence[float]) -> None:
+        """Publish a cloud of a stamp (ns)."""
+        message = cloud_of(points, self.header())
+        message.header.stamp = stamp_to_ros(stamp)
+        self.sensors["front"].publish(message)
 
 
 @pytest.fixture
@@ -158,7 +189,9 @@ def test_a_scan_knows_nothing_of_what_is_not_a_range() -> None:
 
 def test_a_range_is_the_cap_of_its_cone() -> None:
     with SensorRig({"front": {"type": "range", "radius": 0.0}}) as rig:
-        rig.send(cube(A1, (2.05, 0, 0), (0.1, 0.1, 0.1)), cube(A2, (2, 1, 0), (0.02, 0.02, 0.02))).answer()
+        rig.send(
+            cube(A1, (2.05, 0, 0), (0.1, 0.1, 0.1)), cube(A2, (2, 1, 0), (0.02, 0.02, 0.02))
+        ).answer()
 
         def measure(distance: float, angle: float) -> set[str]:
             limits = {"min_range": 0.2, "max_range": 4.0, "field_of_view": angle}
@@ -262,7 +295,9 @@ def test_a_thousand_clouds_leave_nothing_behind(front: SensorRig) -> None:
     def replace(count: int) -> int:
         for _ in range(count):
             points = np.add(rng.uniform(-1, 1, (2000, 3)), (5, 0, 0))
-            source._take(points, 0.01, QueuedCloud(None, FRAME, 0, 0, front.now()), np.array(pose(0)))
+            source._take(
+                points, 0.01, QueuedCloud(None, FRAME, 0, 0, front.now()), np.array(pose(0))
+            )
             objects.update(front.now())
             objects.scene.check()
         gc.collect()
@@ -366,6 +401,115 @@ def test_where_an_object_was_at_the_stamp_counts() -> None:
         rig.until(lambda: rig.cut().get("left out") == 1)
         shape = rig.node.objects.scene.objects.shape_of(FRONT)
         assert shape.points.tolist() == [[3, 0, 0]]
+
+
+def test_what_is_behind_what_is_left_out_is_its_shadow() -> None:
+    sensor = {"leave_out": ["a/*"], "shadows": True, "leave_out_padding": 0.1}
+    frames = FakeFrames()
+    frames.known["camera"] = pose(-3)
+    for level, hidden in (("obb", 4), ("hull", 3)):  # the box of the ball hides one more
+        with SensorRig({"front": sensor}, frames=frames, accuracy=level) as rig:
+            ball = cube(A2, (0, 3, 0), type=Marker.SPHERE)
+            rig.send(cube(A1), ball, cube(B1, (-3, 0, 0), (9, 9, 9))).answer()
+            behind, beside = [[5, 0, 0], [7, 0, 1]], [[-4, 0, 0], [2, 1.3, 0], [5, 0, 3]]
+            # seen from the camera the ball of 0.5 m, padded by 0.1 m, is at 45 degrees
+            of_ball, by_ball = [3.7, 6.8, 0], [3.0 + 1.1, 6.0 - 1.1, 0]
+            points = np.add([*behind, of_ball, *beside, by_ball], (3, 0, 0))
+            rig.see(points, frame="camera")
+            rig.answer()
+            assert rig.cut()["left out"] == 0
+            assert rig.cut()["in a shadow"] == hidden
+            rig.send(cube(A1, (-3.55, 0, 0))).answer()
+            rig.see([[9, 0, 0], [-1.5, 0, 0]], frame="camera")
+            rig.answer()
+            assert rig.cut()["in a shadow"] == 1, "padding about it hides nothing"
+            rig.send(cube(A1, (-3, 0, 0))).answer()
+            rig.see([[9, 0, 0], [-1.5, 0, 0]], frame="camera")
+            rig.answer()
+            assert rig.cut()["in a shadow"] == 0, "within the cube the camera would see nothing"
+
+
+def hand(turn: float, height: float = 0.5) -> list[float]:
+    """Return where the hand of the arm is."""
+    return [np.cos(turn), np.sin(turn), height]
+
+
+def test_a_robot_is_left_out_where_it_was_at_the_stamp() -> None:
+    with ArmRig(leave_out=["arm"]) as rig:
+        rig.see([[5, 0, 0]])
+        rig.says(UNKNOWN, "robot_unknown")
+        rig.until(lambda: rig.refused("front") == {"robot not known": 1})
+        rig.start_robot(turn=0.0)
+        rig.put((3, 0, 0.5), (1, 1, 1))
+        stamps = []
+        for turn in (0.2, 0.4, 0.6, 1.6):
+            rig.move(turn=turn)
+            stamps.append(rig.stamp)
+            rig.cycles(2)
+        middle = (stamps[1] + stamps[2]) // 2
+        rig.see_at(middle, hand(0.5), hand(0.0), hand(1.6), [3, 0, 0.5])
+        rig.until(lambda: rig.cut().get("left out") == 1)
+        rig.says(COLLIDING)
+        assert rig.cut()["used"] == 3
+
+
+def test_points_wait_for_the_state_of_the_robot() -> None:
+    with ArmRig(leave_out=["arm"]) as rig:
+        rig.start_robot(turn=0.0)
+        rig.see_at(rig.stamp, hand(0.0))
+        rig.known()
+        rig.see(points=[hand(0.1)])
+        rig.cycles(3)
+        assert rig.cut()["left out"] == 1, "of the cloud before"
+        rig.move(turn=0.1)
+        rig.until(lambda: rig.monitor("front").superseded == 0 and rig.known())
+        rig.see(points=[hand(0.1)])
+        rig.says(UNKNOWN, "late_frame", who=FRONT)
+        assert rig.refused("front") == {"extrapolation": 1}
+        rig.move(turn=0.1)
+        rig.see_at(rig.stamp, hand(0.1))
+        rig.known()
+
+
+def test_what_a_robot_carries_is_left_out_with_it() -> None:
+    with ArmRig(leave_out=["arm"]) as rig:
+        rig.start_robot(turn=0.0)
+        rig.send(cube(A1, (1.3, 0, 0), (0.3, 0.1, 0.1), "arm/hand", frame_locked=True))
+        rig.cycles(3)
+        rig.move(turn=0.0)
+        rig.see_at(rig.stamp, [1.4, 0, 0.5], [1.4, 0.2, 0.5])
+        rig.until(lambda: rig.cut().get("left out") == 1)
+
+
+def test_a_scan_of_a_moving_sensor_is_straightened() -> None:
+    frames = FakeFrames()
+    with SensorRig({"front": {"type": "scan"}}, frames=frames) as rig:
+        rig.send(cube(A1, (5, 0, 0))).answer()
+        start = rig.time()
+
+        def lookup(frame: str, stamp: int) -> Any:
+            if stamp > start + 3 * 10**9:
+                raise RefusedError(EXTRAPOLATION, "later")
+            turn = 0.25 * np.pi * (stamp - begun[0]) * 1e-9 if stamp else 0.0
+            place = [(stamp - begun[0]) * 1e-9, 0, 0, 0, 0, np.sin(turn / 2), np.cos(turn / 2)]
+            return np.array(place), stamp
+
+        begun = [0]
+        frames.lookup = lookup  # type: ignore[method-assign]
+        header = rig.header("base")
+        begun[0] = rig.stamp
+        message = LaserScan(header=header, ranges=[2.0, 2.0, 2.0], range_max=9.0)
+        message.time_increment = 1.0
+        rig.sensors["front"].publish(message)
+        rig.answer()
+        shape = rig.node.objects.scene.objects.shape_of(FRONT)
+        angles = np.arange(3) * 0.25 * np.pi
+        expected = np.column_stack([2 * np.cos(angles) + [0, 1, 2], 2 * np.sin(angles), 0 * angles])
+        assert shape.points == pytest.approx(expected, abs=1e-6)
+        message = LaserScan(header=rig.header("base"), ranges=[2.0, 2.0], range_max=9.0)
+        message.time_increment = 20.0
+        rig.sensors["front"].publish(message)
+        rig.says(UNKNOWN, "late_frame", who=FRONT)
 
 
 def test_a_watched_source_is_in_no_pair() -> None:
