@@ -76,6 +76,8 @@ MESSAGES = "messages"
 
 CLOUDS, CLOUDS_AT_MESH = "clouds", "clouds at mesh"
 """The steps of clouds beside other objects, up to "hull" and on "mesh", with all effects."""
+SOURCES = "points of sensors"
+"""The step that every source of a node needs."""
 BODY_QUERIES = "queries of meshes"
 """The step of rays against shapes."""
 ROBOTS = "robots"
@@ -478,10 +480,11 @@ STEPS: dict[str, Callable[[], None] | str] = {
     CLOUDS_AT_MESH: lambda: _clouds(Accuracy.MESH),
     ROBOTS: _robots,
     # by name, as it is in a layer above
+    SOURCES: "obb_collision.node.inputs.cuts:compile_kernels",
     MESSAGES: "obb_collision.node.inputs.batch:compile_kernels",
 }
 """The function of each step, or its name."""
-NEEDS_ROS = (MESSAGES,)
+NEEDS_ROS = (MESSAGES, SOURCES)
 PARTS = {
     BOXES: (BOUNDS,),
     accuracy_step(Accuracy.HULL): (HULLS,),

@@ -16,67 +16,159 @@
 
 from __future__ import annotations
 
+from math import floor, inf, sqrt
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
-from obb_collision.geometry.poses import as_poses
+from obb_collision._jit import njit
+from obb_collision.geometry.poses import IDENTITY_POSE, as_poses
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.numerics.vec3 import lengths
-from obb_collision.typing import Floats, Mask, Rows
+from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Box, Cloud
+from obb_collision.typing import Floats, Rows
 
 Points = npt.NDArray[np.floating]
 """(n, 3) float32 or float64, metres, in the frame of the sensor."""
-MOST_CELLS = 2**62
+MOST_CELLS = 2.0**62
 VOXEL_TOO_SMALL = "voxel too small"
 """Reason: points are too far apart for cells of this size."""
+SPREAD = np.uint64(0x9E3779B97F4A7C15)
+"""2^64 by the golden ratio: a product with it spreads keys over its high bits (Knuth)."""
+KEPT, UNKNOWN, OUT_OF_RANGE, OUT_OF_HEIGHTS = range(4)
 
 
-def finite_rows(points: Points) -> Mask:
-    """Return which points (n,) are finite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        sums = points[:, 0] + points[:, 1] + points[:, 2]
-    rows = np.asarray(np.isfinite(sums))
-    if not rows.all():  # large ones may overflow
-        rows = np.isfinite(points).all(axis=1)
-    return np.asarray(rows)
+class Limits(NamedTuple):
+    """What stays: distances from the sensor, and heights, from one number to another (m).
+
+    up: the vertical in the frame of the sensor; sensor: its own height.
+    """
+
+    min_range: float = 0.0
+    max_range: float = inf
+    min_height: float = -inf
+    max_height: float = inf
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    sensor: float = 0.0
+
+    def seen_from(self, sensor: Floats, frame: Floats) -> Limits:
+        """Return the same with the vertical of a frame; poses (7,) of sensor and frame."""
+        (at, zero), (turn, axes) = as_poses(np.stack([sensor, frame]), warn=False)
+        x, y, z = (turn.T @ axes[:, 2]).tolist()
+        return self._replace(up=(x, y, z), sensor=float(axes[:, 2] @ (at - zero)))
 
 
-def in_range(points: Points, low: float, high: float) -> Mask:
-    """Return which finite points (n,) have a distance from the origin between two limits."""
-    with np.errstate(over="ignore"):
-        squares = np.einsum("ij,ij->i", points, points, dtype=np.float64)
-    return np.asarray((squares >= low * low) & (squares <= high * high))
+def select(points: Points, limits: Limits) -> tuple[Rows, list[int]]:
+    """Return the rows (k,) of finite points within limits.
+
+    And how many stay, are not finite, out of range, and out of the heights.
+    """
+    rows = np.empty(len(points), np.int64)
+    counts = select_kernel(np.ascontiguousarray(points), limits, rows)
+    return rows[: counts[KEPT]], list(counts)
 
 
-def heights(points: Points, sensor: Floats, frame: Floats) -> Floats:
-    """Return z (n,) of points in a frame; poses (7,) of the sensor and of the frame."""
-    (at, zero), (turn, axes) = as_poses(np.stack([sensor, frame]), warn=False)
-    up = axes[:, 2]
-    result: Floats = points @ (turn.T @ up) + float(up @ (at - zero))
-    return result
+@njit
+def select_kernel(points: Points, limits: Limits, rows: Rows) -> tuple[int, int, int, int]:
+    """Write the rows of the points (n, 3) that stay; return the four counts of ``select``."""
+    kept, unknown, far, off = 0, 0, 0, 0
+    near_square = limits.min_range * limits.min_range
+    far_square = limits.max_range * limits.max_range
+    a, b, c = limits.up
+    for n in range(len(points)):
+        x, y, z = float(points[n, 0]), float(points[n, 1]), float(points[n, 2])
+        if (x - x) + (y - y) + (z - z) != 0.0:
+            unknown += 1
+            continue
+        square = x * x + y * y + z * z
+        if square < near_square or square > far_square:
+            far += 1
+            continue
+        height = a * x + b * y + c * z + limits.sensor
+        if height < limits.min_height or height > limits.max_height:
+            off += 1
+            continue
+        rows[kept] = n
+        kept += 1
+    return kept, unknown, far, off
 
 
 def thin_out(points: Points, edge: float) -> tuple[Rows, float]:
     """Return the rows (k,) of the points nearest to the centres of cells of a grid, one of each.
 
     And the longest distance (m) from any other point to the one that is kept of its cell.
+    RefusedError ("voxel too small").
     """
     if len(points) == 0:
         return np.empty(0, np.int64), 0.0
-    points = points.astype(np.float64)
-    cells = np.floor(points / edge)
-    low = cells.min(axis=0)
-    sizes = cells.max(axis=0) - low + 1.0
-    if np.prod(sizes) > MOST_CELLS:
+    points = np.ascontiguousarray(points, np.float64)
+    low = np.floor(points.min(axis=0) / edge)
+    sizes = np.floor(points.max(axis=0) / edge) - low + 1.0
+    if not np.prod(sizes) <= MOST_CELLS:
         raise RefusedError(VOXEL_TOO_SMALL, f"{edge} m for points in {sizes * edge} m")
-    x, y, z = (cells - low).T.astype(np.int64)
-    keys = (x * int(sizes[1]) + y) * int(sizes[2]) + z
-    offsets = points - (cells + 0.5) * edge
-    order = np.argsort(keys, kind="stable")
-    keys, squares = keys[order], np.einsum("ij,ij->i", offsets, offsets)[order]
-    starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
-    cell = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(keys))))
-    best = np.flatnonzero(squares == np.minimum.reduceat(squares, starts)[cell])
-    kept = order[best[np.append(True, cell[best[1:]] != cell[best[:-1]])]]
-    moved = lengths(points[order] - points[kept][cell]).max()
-    return np.sort(kept), float(np.nextafter(moved * (1.0 + 1e-12), np.inf)) if moved else 0.0
+    bits = int(2 * len(points)).bit_length()
+    keys, owners = np.full(1 << bits, -1, np.int64), np.empty(1 << bits, np.int64)
+    places = np.empty(len(points), np.int64)
+    moved = thin_kernel(points, edge, low, sizes.astype(np.int64), keys, owners, places)
+    rows = np.sort(owners[keys >= 0])
+    return rows, float(np.nextafter(moved * (1.0 + 1e-12), inf)) if moved > 0.0 else 0.0
+
+
+@njit
+def thin_kernel(
+    points: Floats,
+    edge: float,
+    low: Floats,
+    sizes: np.ndarray,
+    keys: np.ndarray,
+    owners: np.ndarray,
+    places: np.ndarray,
+) -> float:
+    """Write the keys of cells and the rows of their points to a hash table; return the distance.
+
+    keys, owners: the table, of a power of two, keys -1; places (n,): of each point in it.
+    """
+    mask, bits = len(keys) - 1, 0
+    while (1 << bits) < len(keys):
+        bits += 1
+    shift = np.uint64(64 - bits)
+    for n in range(len(points)):
+        i = floor(points[n, 0] / edge)
+        j = floor(points[n, 1] / edge)
+        k = floor(points[n, 2] / edge)
+        key = np.int64(i - low[0]) * sizes[1] + np.int64(j - low[1])
+        key = key * sizes[2] + np.int64(k - low[2])
+        at = np.int64((np.uint64(key) * SPREAD) >> shift)
+        while keys[at] >= 0 and keys[at] != key:
+            at = (at + 1) & mask
+        places[n] = at
+        if keys[at] < 0:
+            keys[at], owners[at] = key, n
+            continue
+        m, here, there = owners[at], 0.0, 0.0
+        for axis in range(3):
+            center = ((i, j, k)[axis] + 0.5) * edge
+            here += (points[n, axis] - center) ** 2
+            there += (points[m, axis] - center) ** 2
+        if here < there:
+            owners[at] = n
+    longest = 0.0
+    for n in range(len(points)):
+        m, square = owners[places[n]], 0.0
+        for axis in range(3):
+            square += (points[n, axis] - points[m, axis]) ** 2
+        longest = max(longest, square)
+    return sqrt(longest)
+
+
+def compile_kernels() -> None:
+    """Compile what sources need: cut points of both types, and check a cloud."""
+    scene = Scene()
+    scene.add("box", Box((1.0, 1.0, 1.0)))
+    for kind in (np.float32, np.float64):
+        points = np.zeros((2, 3), kind)
+        select(points, Limits().seen_from(np.array(IDENTITY_POSE), np.array(IDENTITY_POSE)))
+        thin_out(points, 0.1)
+        scene.add("cloud", Cloud(points, 0.1))
+        scene.check("separations")

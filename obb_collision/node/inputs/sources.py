@@ -36,7 +36,7 @@ from obb_collision.geometry.poses import (
     rotate_vectors,
 )
 from obb_collision.node.inputs.clouds import Obstacles, QueuedCloud
-from obb_collision.node.inputs.cuts import Points, finite_rows, heights, in_range, thin_out
+from obb_collision.node.inputs.cuts import Limits, Points, select, thin_out
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.leave_out import LeftOut, RobotParts
 from obb_collision.node.inputs.newest import NewestInput
@@ -176,24 +176,19 @@ class Source(NewestInput):
     ) -> tuple[Points, float]:
         """Return the points that stay, and their radius (m); count the others."""
         points, times, radius = seen.points, seen.times, seen.radius + settings.radius
-        counts = {"points": len(points) + seen.unknown}
+        counts: dict[str, int] = {"points": len(points) + seen.unknown}
 
         def keep(rows: Mask, what: str) -> None:
-            nonlocal points, times
-            counts[what] = counts.get(what, 0) + len(rows) - int(np.count_nonzero(rows))
-            if not rows.all():
-                points, times = points[rows], None if times is None else times[rows]
+            nonlocal points
+            counts[what] = len(rows) - int(np.count_nonzero(rows))
+            points = points[rows]
 
-        counts["not known"] = seen.unknown
-        keep(finite_rows(points), "not known")
-        if settings.min_range > 0.0 or settings.max_range < FAR:
-            keep(in_range(points, settings.min_range, settings.max_range), "out of range")
         if times is not None:
             points = self._straightened(points, times, cloud, sensor)
-        if settings.min_height > -FAR or settings.max_height < FAR:
-            height = heights(points, sensor, self._height_pose(cloud, settings))
-            rows = (height >= settings.min_height) & (height <= settings.max_height)
-            keep(rows, "out of the heights")
+        rows, found = select(points, self._limits(cloud, sensor, settings))
+        counts |= zip(("not known", "out of range", "out of the heights"), found[1:], strict=True)
+        counts["not known"] += seen.unknown
+        points = points if len(rows) == len(points) else points[rows]
         if settings.leave_out:
             position, rotation = as_poses(sensor[None], warn=False)
             there = points.astype(np.float64) @ rotation[0].T + position[0]
@@ -211,12 +206,19 @@ class Source(NewestInput):
         self._monitor.last_cloud = counts | {"used": len(points)}
         return points, radius
 
-    def _height_pose(self, cloud: QueuedCloud, settings: SourceSettings) -> Floats:
-        """Return the pose (7,) of the frame of heights at the stamp; RefusedError without one."""
-        name = settings.height_frame
-        if self._objects.placement.frame_table.is_fixed(name):
-            return IDENTITY_POSE
-        return self._pose_of(name, cloud.stamp)
+    def _limits(self, cloud: QueuedCloud, sensor: Floats, settings: SourceSettings) -> Limits:
+        """Return the limits of points; RefusedError without a frame of heights at the stamp."""
+        farthest = settings.max_range if settings.max_range < FAR else np.inf
+        limits = Limits(settings.min_range, farthest)
+        low, high, name = settings.min_height, settings.max_height, settings.height_frame
+        if low == -FAR and high == FAR:
+            return limits
+        limits = limits._replace(
+            min_height=low if low > -FAR else -np.inf, max_height=high if high < FAR else np.inf
+        )
+        is_fixed = self._objects.placement.frame_table.is_fixed(name)
+        frame = IDENTITY_POSE if is_fixed else self._pose_of(name, cloud.stamp)
+        return limits.seen_from(sensor, frame)
 
     def _pose_of(self, frame: str, stamp: int) -> Floats:
         pose, _ = self._frames.lookup(frame, stamp)

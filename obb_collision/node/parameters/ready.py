@@ -52,6 +52,8 @@ def allowed_steps(parameters: Parameters) -> list[str]:
     wanted.update(map(steps.accuracy_step, pairs))
     if parameters.robots:
         wanted.add(steps.ROBOTS)
+    if parameters.source_settings:
+        wanted.add(steps.SOURCES)
     if any(source.shadows for source in parameters.source_settings):
         wanted.add(steps.BODY_QUERIES)
     if any(source.leave_out for source in parameters.source_settings):
