@@ -25,6 +25,7 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,9 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 import obb_collision.node as node
 from obb_collision.node.diagnostics.answer import CODES, REMEDIES
 from obb_collision.node.inputs import detections
+from obb_collision.node.inputs.sources import DEPTH, KINDS
 from obb_collision.node.inputs.subscriptions import INPUTS, Input
+from obb_collision.node.parameters import sources
 from obb_collision.node.parameters import table as parameters
 from obb_collision.node.robots import robots, validity
 from obb_collision.node.topics import topics as out
@@ -49,6 +52,10 @@ PAGES = ("parameters.md", "topics.md", "status.md")
 GROUPS = {
     "general": parameters.GENERAL,
     "robots": parameters.ROBOTS,
+    "sources": (
+        *parameters.SOURCES,
+        *(replace(spec, name=f"NAME.{spec.name}") for spec in sources.SPECS),
+    ),
     "regions": parameters.REGION,
     "filters": parameters.FILTERS,
     "accuracy": parameters.ACCURACY,
@@ -192,6 +199,9 @@ def inputs() -> Iterator[tuple[str, Any, Any, str]]:
         Input(object, *detections.QUEUE),
         detections.MEANING,
     )
+    for kind, (message, _) in KINDS.items():
+        text = f"Points of the source NAME, with NAME.type {kind}."
+        yield "NAME.topic", message, Input(object, DEPTH, ReliabilityPolicy.BEST_EFFORT), text
     text = "Transforms of frames, where tf2_ros is installed."
     yield "/tf, /tf_static", "tf2_msgs/TFMessage", Input(object, 100), text
 

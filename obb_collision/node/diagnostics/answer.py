@@ -82,7 +82,8 @@ REMEDIES = {
     "no_objects": "Send objects. If the scene is empty, set expect_empty, call ~/clear, send "
     "DELETEALL or an empty set, delete the last object, or load a scene file without objects.",
     "required_missing": "Send the objects of required_objects.",
-    "input_silent": "Start the sender: no message arrived within required_inputs or input_timeout.",
+    "input_silent": "Start the sender: no message arrived within required_inputs, input_timeout or "
+    "the timeout of a source.",
     "input_unreadable": "The last message of a sender was damaged or of another type. The code "
     "ends "
     "with a readable message of this sender, when sender and objects are gone, or with ~/clear.",
