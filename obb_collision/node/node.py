@@ -263,6 +263,8 @@ class CollisionNode(ManagedNode):
             self.obstacles,
         )
         self.inputs.newest += self.sources.all
+        self._watched = {"points", *(source.topic for source in self.sources.watched)}
+        """Topics whose points are no obstacles."""
         self._stop_robots = self.robots.stop
         self.undo.callback(self.robots.close)
 
@@ -312,7 +314,7 @@ class CollisionNode(ManagedNode):
 
     def _arrived(self, topic: str) -> None:
         """Have a cycle run for a message: not for queries, nor for points that no effect needs."""
-        wanted = topic != "points" or self.effects.is_requested("points")
+        wanted = topic not in self._watched or self.effects.is_requested("points")
         if wanted and not self.topics[topic].is_query:
             self._schedule.arrived()
 
@@ -336,7 +338,7 @@ class CollisionNode(ManagedNode):
         )
         self.undo.callback(jump.unregister)
         for topic in self.topics:
-            if topic != "points":  # which is a matter of parameters
+            if topic not in self._watched:  # which are a matter of parameters
                 self.subscribed.keep(topic, True)
 
     def _read_scene_file(self) -> SceneFile | None:
@@ -399,9 +401,11 @@ class CollisionNode(ManagedNode):
         apply_limits(parameters, self.objects)
         self.evidence.apply()
         wants_points = parameters.mode("points") != OFF
-        self.subscribed.keep("points", wants_points)
+        for topic in self._watched:
+            self.subscribed.keep(topic, wants_points)
         if not wants_points:
             self.obstacles.forget()
+            self.sources.forget_watched()
         ignored = Groups(parameters.groups).all_meant(parameters.ignored_objects)
         self.inputs.unknown.ignored = Overrides([(name, True) for name in ignored])
         for monitor in self.monitors.values():

@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from each import each
 from pages import PAGES, ROOT, code_blocks, page_name, table_rows
 from processes import NEED_ROS, PROGRAMS, function_of, program_of
@@ -101,8 +102,9 @@ def help_text(script: str) -> str:
 def check_parameter(name: str) -> None:
     if find_spec("rclpy") is not None:
         from obb_collision.node.parameters.parameters import SPECS
+        from obb_collision.node.parameters.sources import source_specs
 
-        assert name in {spec.name for spec in SPECS}
+        assert name in {spec.name for spec in (*SPECS, *source_specs("NAME"))}
 
 
 def check_script(words: list[str]) -> None:
@@ -177,7 +179,11 @@ def test_yaml_blocks_are_scenes_motions_or_parameters(tmp_path: Path) -> None:
     for page in PAGES:
         for block in code_blocks(page, "yaml"):
             if block.startswith("/**:"):
-                parameters += re.findall(r"^    ([\w.]+):", block, re.MULTILINE)
+                names = re.findall(r"^    ([\w.]+):", block, re.MULTILINE)
+                given = yaml.safe_load(block)["/**"]["ros__parameters"]
+                sources = given.get("sources", [])
+                parameters += set(names) - set(sources)
+                parameters += (f"NAME.{key}" for source in sources for key in given[source])
                 continue
             path = tmp_path / f"scene_{len(scenes)}.yaml"
             path.write_text(AT_REST if "waypoints" in block else block)

@@ -94,15 +94,15 @@ def select_kernel(points: Points, limits: Limits, rows: Rows) -> tuple[int, int,
     return kept, unknown, far, off
 
 
-def thin_out(points: Points, edge: float) -> tuple[Rows, float]:
+def thin_out(cloud: Points, edge: float) -> tuple[Rows, float]:
     """Return the rows (k,) of the points nearest to the centres of cells of a grid, one of each.
 
     And the longest distance (m) from any other point to the one that is kept of its cell.
     RefusedError ("voxel too small").
     """
-    if len(points) == 0:
+    if len(cloud) == 0:
         return np.empty(0, np.int64), 0.0
-    points = np.ascontiguousarray(points, np.float64)
+    points = np.array(cloud, np.float64, order="C")
     low = np.floor(points.min(axis=0) / edge)
     sizes = np.floor(points.max(axis=0) / edge) - low + 1.0
     if not np.prod(sizes) <= MOST_CELLS:

@@ -331,6 +331,11 @@ class Sources:
         """Use the newest messages of sources that are watched."""
         self._apply(self.watched)
 
+    def forget_watched(self) -> None:
+        """Drop the messages of sources that are watched: nothing needs their points."""
+        for source in self.watched:
+            source.cleared()
+
     def _apply(self, sources: list[Source]) -> None:
         waiting = [source for source in sources if source.waiting.clouds]
         if waiting:

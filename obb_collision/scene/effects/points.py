@@ -27,6 +27,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.points.points import PointsInside, points_in_bodies
+from obb_collision.scene.building.shape_cache import CLOUD
 from obb_collision.scene.effects.base import (
     ACCURACY,
     ACCURACY_OPTION,
@@ -83,6 +84,7 @@ class PointsEffect(Effect):
         slots = cycle.own(
             np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
         )
+        slots = slots[cycle.store.kinds[slots] != CLOUD]
         if cycle.obstacle_points is None or len(cycle.obstacle_points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
         cloud, ignored = cycle.obstacle_points, [0]
