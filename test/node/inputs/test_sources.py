@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import pytest
 from each import each
+from rclpy.serialization import serialize_message
 from rig import A1, A2, B1, FRAME, NAMESPACE, RELIABILITY, FakeFrames, Rig, cube, pose, spy
 from robot_rig import RobotRig
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField, Range
@@ -35,6 +36,8 @@ from obb_collision import node as ros
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.inputs import sources
 from obb_collision.node.inputs.clouds import QueuedCloud
+from obb_collision.node.inputs.cuts import thin_out
+from obb_collision.node.inputs.leave_out import between
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
@@ -528,6 +531,93 @@ def test_a_watched_source_is_in_no_pair() -> None:
         rig.sensors["front"].publish(PointCloud2(header=rig.header(), width=1, height=1))
         rig.until(lambda: rig.refused("front"))
         rig.known()
+
+
+def damaged(data: bytes, count: int) -> Iterator[bytes]:
+    """Yield a message cut short, and with some of its bytes replaced."""
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        yield data[: rng.integers(4, len(data))]
+        changed = bytearray(data)
+        for at in rng.integers(4, len(data), rng.integers(1, 6)):
+            changed[at] = rng.integers(256)
+        yield bytes(changed)
+
+
+@each("kind", KINDS)
+def test_damaged_messages_are_refused_or_used(kind: str) -> None:
+    with SensorRig({"front": {"type": kind, "voxel": 0.1, "leave_out": ["a/*"]}}) as rig:
+        rig.send(cube(A1)).answer()
+        rows = np.random.default_rng(0).uniform(-5, 5, (20, 3))
+        message = {
+            "cloud": cloud_of(rows, rig.header()),
+            "scan": LaserScan(header=rig.header(), ranges=[1.0] * 20, range_max=9.0),
+            "range": Range(header=rig.header(), range=1.0, max_range=9.0),
+        }[kind]
+        take = rig.node.subscribed.open["front"].callback
+        for data in damaged(serialize_message(message), 150):
+            take(data, {})
+            rig.node.sources.apply()
+        assert not rig.node.guard.counts
+        assert not rig.node.objects.broken
+        rig.cycles(2)
+        rig.node.sources.all[0].cleared()
+        message.header = rig.header()
+        rig.sensors["front"].publish(message)
+        rig.until(lambda: not rig.monitor("front").unreadable)
+
+
+def test_two_senders_of_a_source_are_not_one_sensor(front: SensorRig) -> None:
+    other = front.client.create_publisher(PointCloud2, "front", 10)
+    front.until(lambda: front.node.subscribed.open["front"].get_publisher_count() == 2)
+    for x in range(4):
+        publisher = (front.sensors["front"], other)[x % 2]
+        publisher.publish(cloud_of([[5 + x, 0, 0]], front.header()))
+        front.answer()
+    front.says(UNKNOWN, "two_publishers")
+    front.client.destroy_publisher(other)
+    front.see([[5, 0, 0]])
+    front.known()
+
+
+def test_an_older_message_is_not_used(front: SensorRig) -> None:
+    late = cloud_of([[0, 0, 0]], front.header())
+    front.see([[5, 0, 0]])
+    assert front.met() == set()
+    front.sensors["front"].publish(late)
+    front.until(lambda: front.refused("front") == {"older stamp": 1})
+    front.cycles(2)
+    assert front.met() == set()
+
+
+def test_a_pose_lies_between_those_before_and_after() -> None:
+    turned = np.array([0, 0, 0, 0, 0, -np.sin(0.1), -np.cos(0.1)])
+    states = [(10, np.array(pose(1))), (20, np.array(pose(3))), (30, turned)]
+    assert between(states, 5).tolist() == between(states, 10).tolist() == pose(1)
+    assert between(states, 15).tolist() == pose(2)
+    assert between(states, 99) is turned
+    halfway = between(states, 25)
+    assert halfway == pytest.approx([1.5, 0, 0, 0, 0, np.sin(0.05), np.cos(0.05)])
+
+
+@each("kind", [np.float32, np.float64])
+def test_one_point_of_each_cell_is_kept(kind: type) -> None:
+    points = np.random.default_rng(2).uniform(-3, 3, (20_000, 3)).astype(kind)
+    for edge in (0.01, 0.3, 1.0, 100.0):
+        kept, moved = thin_out(points, edge)
+        exact = points.astype(np.float64)
+        cells = np.floor(exact / edge)
+        _, of = np.unique(cells, axis=0, return_inverse=True)
+        of = of.reshape(-1)
+        squares = ((exact - (cells + 0.5) * edge) ** 2).sum(axis=1)
+        best = np.lexsort((np.arange(len(of)), squares, of))
+        first = best[np.unique(of[best], return_index=True)[1]]
+        assert sorted(first.tolist()) == kept.tolist()
+        longest = np.linalg.norm(exact - exact[first][of], axis=1).max()
+        assert longest <= moved <= longest * (1 + 1e-9)
+        assert moved <= edge * 3**0.5 * (1 + 1e-9)
+    with pytest.raises(RefusedError, match="voxel too small"):
+        thin_out(np.array([[0, 0, 0], [1e12, 1e12, 1e12]]), 1e-9)
 
 
 @each(
