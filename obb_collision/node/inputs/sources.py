@@ -30,13 +30,12 @@ from sensor_msgs.msg import LaserScan, PointCloud2, Range
 
 from obb_collision.geometry.poses import (
     IDENTITY_POSE,
-    as_poses,
     compose_poses,
     inverse_poses,
     rotate_vectors,
 )
 from obb_collision.node.inputs.clouds import Obstacles, QueuedCloud
-from obb_collision.node.inputs.cuts import Limits, Points, select, thin_out
+from obb_collision.node.inputs.cuts import Limits, Points, placed_points, select, thin_out
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.leave_out import LeftOut, RobotParts
 from obb_collision.node.inputs.newest import NewestInput
@@ -149,7 +148,7 @@ class Source(NewestInput):
         if self._objects.states.find_late(slot, cloud.stamp, cloud.received).any():
             raise RefusedError(OLDER, "a newer message was used")
 
-    def _take(self, points: Points, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
+    def _take(self, points: Floats, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
         """Give the object points in the frame of a sensor at a pose (7,)."""
         try:
             shape = Cloud(points, radius)
@@ -173,36 +172,29 @@ class Source(NewestInput):
 
     def _cut(
         self, seen: Seen, cloud: QueuedCloud, sensor: Floats, settings: SourceSettings
-    ) -> tuple[Points, float]:
+    ) -> tuple[Floats, float]:
         """Return the points that stay, and their radius (m); count the others."""
-        points, times, radius = seen.points, seen.times, seen.radius + settings.radius
-        counts: dict[str, int] = {"points": len(points) + seen.unknown}
-
-        def keep(rows: Mask, what: str) -> None:
-            nonlocal points
-            counts[what] = len(rows) - int(np.count_nonzero(rows))
-            points = points[rows]
-
-        if times is not None:
-            points = self._straightened(points, times, cloud, sensor)
-        rows, found = select(points, self._limits(cloud, sensor, settings))
+        points, radius = seen.points, seen.radius + settings.radius
+        if seen.times is not None:
+            points = self._straightened(points, seen.times, cloud, sensor)
+        counts = {"points": len(points) + seen.unknown}
+        points, found = select(points, self._limits(cloud, sensor, settings))
         counts |= zip(("not known", "out of range", "out of the heights"), found[1:], strict=True)
         counts["not known"] += seen.unknown
-        points = points if len(rows) == len(points) else points[rows]
         if settings.leave_out:
-            position, rotation = as_poses(sensor[None], warn=False)
-            there = points.astype(np.float64) @ rotation[0].T + position[0]
-            place = cloud.stamp, settings.leave_out_padding
+            there, place = placed_points(points, sensor), (cloud.stamp, settings.leave_out_padding)
             inside = self._left_out.inside(there, settings.leave_out, *place)
-            keep(~inside, "left out")
+            rows = np.flatnonzero(~inside)
+            counts["left out"] = len(points) - len(rows)
             if settings.shadows:
-                there = there[~inside]
-                behind = self._left_out.behind(there, settings.leave_out, *place, position[0])
-                keep(~behind, "in a shadow")
+                parts = there.take(rows, axis=0), settings.leave_out, *place, sensor[:3]
+                rows = rows[~self._left_out.behind(*parts)]
+                counts["in a shadow"] = len(points) - counts["left out"] - len(rows)
+            points = points.take(rows, axis=0)
         if settings.voxel > 0.0:
             kept, moved = thin_out(points, settings.voxel)
             counts["in the cell of another"] = len(points) - len(kept)
-            points, radius = points[kept], radius + moved
+            points, radius = points.take(kept, axis=0), radius + moved
         self._monitor.last_cloud = counts | {"used": len(points)}
         return points, radius
 
@@ -266,10 +258,8 @@ class WatchedSource(Source):
     def _check_order(self, cloud: QueuedCloud) -> None:
         """Accept every message."""
 
-    def _take(self, points: Points, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
-        position, rotation = as_poses(sensor[None], warn=False)
-        there = points.astype(np.float64) @ rotation[0].T + position[0]
-        self._obstacles.watch(self.topic, there, cloud)
+    def _take(self, points: Floats, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
+        self._obstacles.watch(self.topic, placed_points(points, sensor), cloud)
 
     def _doubt(self, reason: str) -> None:
         """Mark nothing: no object depends on it."""
