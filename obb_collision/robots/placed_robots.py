@@ -59,7 +59,6 @@ class PlacedRobots(Changing):
         poses = np.tile(IDENTITY_POSE, (len(members), 1)) if bases is None else bases
         checked = as_array(poses, "bases", (len(members), 7))
         self._scene = Scene() if scene is None else scene
-        self._check_points()
         self._model = Model(members, names, unit_poses(checked, "bases"))
         self._model.warns = self.warns
         self._joint_count = len(self._model.joint_names)
@@ -279,7 +278,7 @@ class PlacedRobots(Changing):
         if points is not None and len(points) and not self.ignores_points:
             raise ValueError(
                 f"scene must have no obstacle_points, got {len(points)}: they are not checked "
-                "against robots; set scene.obstacle_points = None"
+                "against robots; add a Cloud of them, and set scene.obstacle_points = None"
             )
 
     def _states(self, value: ArrayLike, name: str) -> Floats:

@@ -17,13 +17,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.primitives import positive_number
-from obb_collision.geometry.validation import as_array, as_flag, check_kind, is_single
+from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind, is_single
+from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.queries.rays.rays import as_rays, cast_at_bodies
 from obb_collision.robots.checks.arrays import check_turns
 from obb_collision.robots.checks.distances import state_distances
 from obb_collision.robots.checks.motions import check_motions, displacements
@@ -32,8 +37,9 @@ from obb_collision.robots.checks.states import check_states
 from obb_collision.robots.kinematics.kinematics import PLANAR
 from obb_collision.robots.placed_robots import PlacedRobots, with_joints
 from obb_collision.robots.robot import Robot
+from obb_collision.scene.objects import as_padding
 from obb_collision.scene.scene import Scene
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 
 #: Metres within which a motion may stay undecided.
 DEFAULT_RESOLUTION = 1e-4
@@ -52,7 +58,7 @@ class RobotScene(PlacedRobots):
     scene : Scene, optional
         The world, which may change between checks. Its rules about pairs (``allow``,
         ``check_only``, ``allowed_within``) hold for links, too. A scene with ``obstacle_points``
-        raises ValueError: they are not checked against robots.
+        raises ValueError: a ``Cloud`` in it is checked against robots, they are not.
     accuracy : Accuracy or str
         The level of all pairs; levels of objects in the scene do not count.
     padding : float or mapping
@@ -285,6 +291,49 @@ class RobotScene(PlacedRobots):
         moved = as_array(deviations, "deviations", (None, self._joint_count))
         return displacements(self._prepared, self._states(states, "states"), moved)
 
+    def own_points(
+        self,
+        state: ArrayLike,
+        points: ArrayLike,
+        padding: float = 0.0,
+        sensor: ArrayLike | None = None,
+    ) -> Mask:
+        """Return which points of a cloud are on the robots or on what is attached to them.
+
+        Parameters
+        ----------
+        state : (joints,) array_like
+            The state in which a sensor saw the points.
+        points : (n, 3) array_like
+            Metres, in the frame of the scene; points that are not finite are on nothing.
+        padding : float
+            Metres within which a point is still on the hull of a shape.
+        sensor : (3,) array_like, optional
+            Where the sensor is: points behind the robots, seen from there, count, too.
+
+        Returns
+        -------
+        (n,) bool array
+
+        Examples
+        --------
+        With ``checker`` as in the example of ``RobotScene``:
+
+        >>> checker.own_points([0], [[0.5, 0, 0], [0.5, 0, 0.2], [0.5, 0, -3]], sensor=[0.5, 0, 2])
+        array([ True, False,  True])
+        """
+        cloud, metres = as_points(points, "points"), as_padding(padding)
+        states = self._states(np.asarray(state)[None], "state")
+        boxes, bodies = self._prepared.own.placed(states[0], self._model.origin)
+        inside = points_in_bodies(boxes, bodies, cloud, metres, each_point=True)
+        assert inside.boxes is not None
+        own = inside.boxes >= 0
+        if sensor is not None:
+            seen = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
+            where = as_array(sensor, "sensor", (3,))
+            own[seen] = _are_behind(where, cloud[seen], boxes, bodies, metres)
+        return own
+
     def check_path(
         self, states: ArrayLike, *, first: bool = False, resolution: float = DEFAULT_RESOLUTION
     ) -> MotionReport:
@@ -312,3 +361,17 @@ class RobotScene(PlacedRobots):
             raise ValueError("states must not be empty")
         ends = path[1:] if len(path) > 1 else path
         return self.check_motions(path[: len(ends)], ends, first=first, resolution=resolution)
+
+
+def _are_behind(
+    sensor: Floats, points: Floats, boxes: Boxes, bodies: ConvexBodies, padding: float
+) -> Mask:
+    """Return which points (n, 3) padded bodies hide from a sensor (3,)."""
+    ways = points.astype(np.float64) - sensor
+    lengths = np.linalg.norm(ways, axis=1)
+    result, apart = np.zeros(len(points), np.bool_), np.flatnonzero(lengths > 0.0)
+    rays = as_rays(np.broadcast_to(sensor, (len(apart), 3)), ways[apart], lengths[apart])
+    grown = Boxes.trusted(*boxes.arrays._replace(half_extents=boxes.half_extents + padding))
+    thick = replace(bodies, radii=bodies.radii + padding)
+    result[apart] = cast_at_bodies(thick, grown, rays).boxes >= 0
+    return result

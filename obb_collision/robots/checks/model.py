@@ -26,9 +26,12 @@ import numpy as np
 
 from obb_collision._jit import Held, hold
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, rotate_vectors
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.poses import IDENTITY_POSE, as_poses, compose_poses, rotate_vectors
+from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.obb import OBB
+from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.robots.checks.arrays import (
     NO_CHAINS,
     Checked,
@@ -158,6 +161,18 @@ class OwnBodies:
     def meshes(self) -> LinkMeshes:
         """The bodies as meshes."""
         return LinkMeshes(self.parts)
+
+    def placed(self, state: Floats, origin: Floats) -> tuple[Boxes, ConvexBodies]:
+        """Return the boxes and hulls of the bodies in a state (joints,); origin: of bodies (3,)."""
+        bodies, count = self.bodies, len(self.bodies.frames)
+        poses = link_poses(self.tree, np.ascontiguousarray(state[None]))[0]
+        positions, turns = as_poses(poses[bodies.frames], warn=False)
+        positions += origin
+        centers = positions + np.einsum("nij,nj->ni", turns, bodies.centers)
+        boxes = Boxes.trusted(centers, turns @ bodies.rotations, bodies.half_extents)
+        cores = np.full(count, HULL_CORE, np.int8), np.zeros((count, 4)), bodies.rounds
+        hulls = Hulls(bodies.blocks, bodies.starts, bodies.radii), np.arange(count)
+        return boxes, ConvexBodies(*cores, *hulls, positions, turns)
 
     @cached_property
     def links(self) -> tuple[Rows, Rows, Floats, Floats]:

@@ -25,6 +25,7 @@ import pytest
 from small_robots import random_arm, random_states
 
 import obb_collision as oc
+from obb_collision.geometry.poses import compose_poses
 
 RADIUS = 0.02
 POSE = (0.1, -0.2, 0.05, 0.0, 0.0, 0.6, 0.8)
@@ -127,3 +128,30 @@ def test_a_new_cloud_counts_and_the_old_one_is_forgotten() -> None:
     assert sys.getallocatedblocks() < blocks + 500
     cloud.scene.set_shape("cloud", oc.shapes.Cloud(np.zeros((0, 3))))
     assert len(cloud.check(states).valid) == 10
+
+
+def test_own_points_are_in_hulls_or_hidden_by_them() -> None:
+    robot, checker, _ = scenes(8, "hull")
+    rng = np.random.default_rng(11)
+    state, points = random_states(rng, robot, 1)[0], rng.normal(0, 0.3, (2000, 3))
+    points[::100, 1] = np.nan
+    tool, links = oc.shapes.Box([0.2, 0.2, 0.2]), robot.link_poses(state)
+    checker.attach("tool", tool, "arm_3")
+    bodies = oc.Scene(accuracy="hull")
+    bodies.add("tool", tool, links[-1])
+    for link, shapes in enumerate(robot.shapes):
+        for number, (shape, pose) in enumerate(shapes):
+            bodies.add(f"{link}/{number}", shape, compose_poses(links[link], np.asarray(pose)))
+    seen = np.flatnonzero(np.isfinite(points).all(axis=1))[:300]
+    own = checker.own_points(state, points)
+    dot = oc.shapes.Cloud([[0, 0, 0]])
+    want = [bool(bodies.query(dot, [*points[row], 0, 0, 0, 1])) for row in seen]
+    np.testing.assert_array_equal(own[seen], want)
+    assert not own[::100].any()
+    assert checker.own_points(state, points, 0.05).sum() > own.sum() > 20
+    sensor = np.array([0.0, 0.0, 3.0])
+    behind, ways = checker.own_points(state, points, sensor=sensor), points[seen] - sensor
+    reaches = np.linalg.norm(ways, axis=1)
+    hits = bodies.cast_rays(np.tile(sensor, (len(seen), 1)), ways, max_distance=reaches)
+    np.testing.assert_array_equal(behind[seen], (hits.boxes >= 0) | own[seen])
+    assert own[behind].sum() == own.sum() < behind.sum()
