@@ -146,7 +146,7 @@ def raw(rig: Rig, organised: bool, order: str, kind: str) -> PointCloud2:
     """Return a cloud of 6 points with gaps in its rows, one of them NaN, one in the cube."""
     points = np.array([[5, 0, 0], [6, 0, 0], [np.nan] * 3, [7, 0, np.inf], [0, 0, 0], [8, 0, 0]])
     width, height = (3, 2) if organised else (6, 1)
-    layout = {"names": [*"zxy"], "formats": [order + kind] * 3, "offsets": [1, 12, 21]}
+    layout: Any = {"names": [*"zxy"], "formats": [order + kind] * 3, "offsets": [1, 12, 21]}
     dtype = np.dtype({**layout, "itemsize": 32})
     rows = np.zeros((height, width), dtype)
     for column, axis in enumerate("xyz"):
@@ -365,8 +365,8 @@ def test_cuts_are_counted() -> None:
             "used": 1,
         }
         shape = rig.node.objects.scene.objects.shape_of(FRONT)
-        assert shape.points.tolist() == np.float32(dense[:1]).tolist()
-        reach = np.linalg.norm(np.float32(dense[0]) - np.float32(dense[1]).astype(float))
+        assert shape.points.tolist() == np.array(dense[:1], "f4").tolist()
+        reach = np.linalg.norm(np.subtract(*np.array(dense[:2], "f4").astype(float)))
         assert reach <= shape.radius < reach + 1e-6
         values = rig.status("input front")
         assert values["last cloud: out of range"] == "2"
@@ -416,7 +416,7 @@ def test_what_is_behind_what_is_left_out_is_its_shadow() -> None:
         with SensorRig({"front": sensor}, frames=frames, accuracy=level) as rig:
             ball = cube(A2, (0, 3, 0), type=Marker.SPHERE)
             rig.send(cube(A1), ball, cube(B1, (-3, 0, 0), (9, 9, 9))).answer()
-            behind, beside = [[5, 0, 0], [7, 0, 1]], [[-4, 0, 0], [2, 1.3, 0], [5, 0, 3]]
+            behind, beside = [[5.0, 0, 0], [7, 0, 1]], [[-4, 0, 0], [2, 1.3, 0], [5, 0, 3]]
             # seen from the camera the ball of 0.5 m, padded by 0.1 m, is at 45 degrees
             of_ball, by_ball = [3.7, 6.8, 0], [3.0 + 1.1, 6.0 - 1.1, 0]
             points = np.add([*behind, of_ball, *beside, by_ball], (3, 0, 0))
@@ -500,7 +500,7 @@ def test_a_scan_of_a_moving_sensor_is_straightened() -> None:
             return np.array(place), stamp
 
         begun = [0]
-        frames.lookup = lookup  # type: ignore[method-assign]
+        frames.lookup = lookup
         header = rig.header("base")
         begun[0] = rig.stamp
         message = LaserScan(header=header, ranges=[2.0, 2.0, 2.0], range_max=9.0)
@@ -602,7 +602,7 @@ def test_a_pose_lies_between_those_before_and_after() -> None:
 
 @each("kind", [np.float32, np.float64])
 def test_one_point_of_each_cell_is_kept(kind: type) -> None:
-    points = np.random.default_rng(2).uniform(-3, 3, (20_000, 3)).astype(kind)
+    points: Any = np.random.default_rng(2).uniform(-3, 3, (20_000, 3)).astype(kind)
     for edge in (0.01, 0.3, 1.0, 100.0):
         exact, _ = select(points, Limits())
         kept, moved = thin_out(exact, edge)
