@@ -319,8 +319,9 @@ class RobotScene(PlacedRobots):
         --------
         With ``checker`` as in the example of ``RobotScene``:
 
-        >>> checker.own_points([0], [[0.5, 0, 0], [0.5, 0, 0.2], [0.5, 0, -3]], sensor=[0.5, 0, 2])
-        array([ True, False,  True])
+        >>> points = [[0, 0, 0.45], [0, 0, 0.7], [0, 0, 0]]
+        >>> checker.own_points([0.5], points, sensor=[0, 0, 2]).tolist()
+        [True, False, True]
         """
         cloud, metres = as_points(points, "points"), as_padding(padding)
         states = self._states(np.asarray(state)[None], "state")
@@ -331,7 +332,9 @@ class RobotScene(PlacedRobots):
         if sensor is not None:
             seen = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
             where = as_array(sensor, "sensor", (3,))
-            own[seen] = _are_behind(where, cloud[seen], boxes, bodies, metres)
+            own[seen] = _are_behind(
+                where, np.asarray(cloud[seen], np.float64), boxes, bodies, metres
+            )
         return own
 
     def check_path(
@@ -367,7 +370,7 @@ def _are_behind(
     sensor: Floats, points: Floats, boxes: Boxes, bodies: ConvexBodies, padding: float
 ) -> Mask:
     """Return which points (n, 3) padded bodies hide from a sensor (3,)."""
-    ways = points.astype(np.float64) - sensor
+    ways = points - sensor
     lengths = np.linalg.norm(ways, axis=1)
     result, apart = np.zeros(len(points), np.bool_), np.flatnonzero(lengths > 0.0)
     rays = as_rays(np.broadcast_to(sensor, (len(apart), 3)), ways[apart], lengths[apart])

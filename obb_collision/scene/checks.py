@@ -29,9 +29,9 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.bounds_tree import BoundsTree
 from obb_collision.obb import OBB
 from obb_collision.queries.meshes.placed import PlacedMeshes
+from obb_collision.queries.rays.boxes import Rays
 from obb_collision.queries.rays.rays import (
     RayHits,
-    Rays,
     as_rays,
     cast_at,
     cast_at_bodies,

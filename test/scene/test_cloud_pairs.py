@@ -396,7 +396,7 @@ def test_rays_hit_the_first_ball(level: str) -> None:
     first = np.where(square >= 0.0, along - np.sqrt(np.maximum(square, 0.0)), np.inf)
     first = np.where((first < 0.0) & (np.linalg.norm(arms, axis=2) < 0.15), 0.0, first)
     first = np.where(first < 0.0, np.inf, first).min(axis=1)
-    only = scene.index("cloud") == hits.boxes
+    only = hits.boxes == scene.index("cloud")
     assert 5 < only.sum() < 50
     np.testing.assert_allclose(hits.distances[only], first[only], atol=1e-6)
     assert (hits.distances <= first + 1e-9).all()

@@ -50,7 +50,7 @@ def scenes(seed: int, accuracy: str) -> tuple[oc.Robot, oc.RobotScene, oc.RobotS
         else:
             scene.add("cloud", oc.shapes.Cloud(points, RADIUS), POSE)
         checkers.append(oc.RobotScene([robot], scene, accuracy))
-    return robot, *checkers
+    return robot, checkers[0], checkers[1]
 
 
 def named(pairs: object) -> set[tuple[str, ...]]:
@@ -78,6 +78,8 @@ def test_distances_are_those_of_the_nearest_ball(accuracy: str) -> None:
         got = cloud.distances(states, max_distance=limit, jacobian=True)
         want = spheres.distances(states, max_distance=limit, jacobian=True)
         np.testing.assert_allclose(got.distances, want.distances, atol=1e-9)
+        assert got.jacobians is not None
+        assert want.jacobians is not None
         np.testing.assert_allclose(got.jacobians, want.jacobians, atol=1e-6)
         assert [named([pair]) for pair in got.pairs if pair] == [
             named([pair]) for pair in want.pairs if pair
