@@ -52,6 +52,7 @@ from obb_collision.words import shown
 from tools.fuzz.cases import CASES, Stream
 from tools.fuzz.client import STARTING, Client, FoundError
 from tools.fuzz.files import READERS, mutated_scene
+from tools.fuzz.messages import SOURCES
 from tools.fuzz.process import Canary, Child, for_large_messages, last_lines, own_domain
 from tools.fuzz.robot import ARGUMENTS, LATCHED, ROBOT
 from tools.fuzz.session import Result, Session, faults, print_results
@@ -158,6 +159,7 @@ class Attack:
         """Start a node."""
         folders = f"mesh_folders:=[{str(self._folder)!r}]"
         given = ["--ros-args", "-r", f"__ns:={self._namespace}", "-p", folders]
+        given += [word for one in SOURCES for word in ("-p", one)]
         given += [*queues(self._namespace), *arguments, "--ros-args", *self._options.node]
         return Child(given, self._domain, self.log, MODULE)
 

@@ -36,7 +36,7 @@ from geometry_msgs.msg import Point, Pose, PoseWithCovariance, TransformStamped,
 from rcl_interfaces.msg import Parameter, ParameterEvent
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+from sensor_msgs.msg import LaserScan, MultiDOFJointState, PointCloud2, Range
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -55,6 +55,13 @@ from tools.fuzz.files import OBJ, STL, Meshes
 
 TYPE: Any = PointCloud2 if MessageType is None else MessageType
 """The type by which detections are sent."""
+SOURCES = (
+    *("sources:=[camera, laser, sonar]", "laser.type:=scan", "sonar.type:=range"),
+    *("camera.leave_out:=['*/1']", "camera.shadows:=true", "camera.voxel:=0.2"),
+    *("laser.leave_out:=['*/2']", "laser.max_height:=1.0"),
+    *(f"{name}.use:=watch" for name in ("camera", "laser", "sonar")),
+)
+"""Parameters of a node with sensors, which are watched: what is right stays so."""
 LAYOUTS = {"double": "d", "float": "f", "int32": "i", "uint32": "I"}
 
 
@@ -204,6 +211,9 @@ class Messages:
             "object_boxes": (PointCloud2, self.boxes),
             "detections": (TYPE, self.detections),
             "points": (PointCloud2, self.points),
+            "camera": (PointCloud2, self.points),
+            "laser": (LaserScan, self.scan),
+            "sonar": (Range, self.sonar),
             "/tf": tf_maker(self.frame),
             "/tf_static": tf_maker(self.frame),
             "/clock": (Clock, self.clock),
@@ -333,3 +343,21 @@ class Messages:
         for name in "xyz":
             rows[name] = np.random.default_rng(count).uniform(0.0, ROOM, count)
         return cloud_to_ros(rows, self.header())
+
+    def scan(self) -> LaserScan:
+        """Return a scan with rays that hit nothing, or are not known."""
+        random = self.random
+        count = random.choice((0, 1, 100, 5000))
+        hits = (random.uniform(0.0, ROOM), np.inf, -np.inf, np.nan)
+        message = LaserScan(
+            header=self.header(), ranges=random.choices(hits, (9, 1, 1, 1), k=count)
+        )
+        message.range_max, message.angle_increment = ROOM, 0.01
+        message.time_increment = random.choice((0.0, 1e-5, -1e-5, 1.0))
+        return message
+
+    def sonar(self) -> Range:
+        """Return a range of a cone."""
+        distance = self.random.choice((0.0, 1.0, ROOM, np.inf, np.nan))
+        limits = {"min_range": 0.1, "max_range": 0.5 * ROOM}
+        return Range(header=self.header(), range=distance, field_of_view=0.3, **limits)
