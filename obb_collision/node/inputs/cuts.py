@@ -197,5 +197,8 @@ def compile_kernels() -> None:
         here = np.array(IDENTITY_POSE)
         points, _ = select(np.zeros((2, 3), kind), Limits().seen_from(here, here))
         thin_out(placed_points(points, here), 0.1)
-    scene.add("cloud", Cloud(points, 0.1))
+    for number in range(3):  # two clouds are no pair, and a change merges pairs
+        scene.add(str(number % 2), Cloud(points, 0.1 + number))
+        scene.check("separations")
+    scene.move("box", (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
     scene.check("separations")
