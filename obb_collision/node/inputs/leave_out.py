@@ -151,15 +151,18 @@ class LeftOut:
                     result[ahead] |= hits.hits
         return result
 
-    def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, list[str]]:
-        """Return the slots that words mean, those of objects alone, and the robots among them."""
+    def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, dict[str, bool]]:
+        """Return the slots that words mean, those by patterns alone, and robots.
+
+        Of each robot: whether all of it is meant, or links by patterns.
+        """
         objects, parameters = self._objects, self._parameters
         basis = parameters.groups, parameters.robots, objects.table.ranks
         if not self._basis or any(a is not b for a, b in zip(basis, self._basis, strict=True)):
             self._basis, self._matched = basis, {}
         meant = Groups(parameters.groups, parameters.robots).all_meant(words)
-        robots = [name for name in meant if name in parameters.robots]
-        patterns = tuple(name for name in meant if name not in robots)
+        patterns = tuple(name for name in meant if name not in parameters.robots)
+        robots = {name: True for name in meant if name in parameters.robots}
         if patterns not in self._matched:
             keys = list(objects.table.slots)
             rows = np.flatnonzero(matching(patterns, [name_from_key(key) for key in keys]))
@@ -167,9 +170,14 @@ class LeftOut:
             kinds = objects.scene.objects.store.kinds
             self._matched[patterns] = slots[kinds[slots] != CLOUD]
         matched, parts = self._matched[patterns], []
-        for name in robots:
+        links = matched[objects.table.of_robot[matched]]
+        own = {objects.table.key(slot)[0].partition("/")[0] for slot in links.tolist()}
+        for name in parameters.robots:
+            if name in own or any(pattern.startswith(f"{name}/") for pattern in patterns):
+                robots.setdefault(name, False)
+        for name, is_whole in robots.items():
             try:
-                parts.append(self._robots(name)[0])
+                parts += [self._robots(name)[0]] if is_whole else []
             except RefusedError:
                 continue
         return np.concatenate([matched, *parts]), matched, robots
@@ -177,23 +185,24 @@ class LeftOut:
     def _at(self, words: Sequence[str], stamp: int) -> tuple[Rows, Floats]:
         """Return slots (k,) and poses (k, 7) of what words mean, at a stamp."""
         _, matched, robots = self._slots(words)
-        serials, visible = self._objects.table.serial, self._objects.table.visible
-        places: dict[int, Floats] = {}
-        for slot in matched[visible[matched]].tolist():
-            states = self._poses[int(serials[slot])]
-            places[slot] = between(states, stamp) if stamp else states[-1][1]
-        for name in robots:
+        table, visible = self._objects.table, self._objects.table.visible
+        of_robots = np.zeros(len(visible), np.bool_)
+        parts = [matched[visible[matched]]]
+        for name, is_whole in robots.items():
             slots, until = self._robots(name)
             if stamp and until < stamp:
                 raise _unknown(name, stamp, until)
-            for slot in slots.tolist():
-                known = self._poses.get(int(serials[slot]))
-                first, last = (known[0][0], known[-1][0]) if known else (NO_TIME, 0)
-                if not known or (stamp and until != NO_TIME and not first <= stamp <= last):
-                    raise _unknown(name, stamp, last)
-                places[slot] = between(known, stamp) if stamp else known[-1][1]
-        poses = np.array(list(places.values())).reshape(-1, 7)
-        return np.array(list(places), np.int64), poses
+            of_robots[slots] = until != NO_TIME
+            parts += [slots] if is_whole else []
+        there = np.unique(np.concatenate(parts))
+        poses = np.empty((len(there), 7))
+        for row, slot in enumerate(there.tolist()):
+            known = self._poses.get(int(table.serial[slot]))
+            first, last = (known[0][0], known[-1][0]) if known else (NO_TIME, 0)
+            if not known or (stamp and of_robots[slot] and not first <= stamp <= last):
+                raise _unknown(table.name(slot), stamp, last)
+            poses[row] = between(known, stamp) if stamp else known[-1][1]
+        return there, poses
 
     def _bodies(self, slots: Rows, poses: Floats) -> Iterator[tuple[Boxes, ConvexBodies | None]]:
         """Yield the boxes of objects at poses, with None or the convex bodies in them."""
@@ -216,10 +225,10 @@ class LeftOut:
             yield boxes[rows], replace(bodies, centers=centers, rotations=rotations)
 
 
-def _unknown(robot: str, stamp: int, until: int) -> RefusedError:
-    """Return that the state of a robot at a stamp is not known; until: its last one (ns)."""
+def _unknown(name: str, stamp: int, until: int) -> RefusedError:
+    """Return that a state at a stamp is not known; until: the last one (ns)."""
     apart = (stamp - until) / NANOSECONDS
-    return RefusedError(EXTRAPOLATION, f"robot {robot}: {apart:.3f} s from its last state")
+    return RefusedError(EXTRAPOLATION, f"{name}: {apart:.3f} s from its last state")
 
 
 def _grown(bodies: ConvexBodies, rows: Mask, margin: float) -> ConvexBodies:

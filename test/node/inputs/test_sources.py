@@ -439,8 +439,9 @@ def hand(turn: float, height: float = 0.5) -> list[float]:
     return [np.cos(turn), np.sin(turn), height]
 
 
-def test_a_robot_is_left_out_where_it_was_at_the_stamp() -> None:
-    with ArmRig(leave_out=["arm"]) as rig:
+@each("words", [["arm"], ["arm/*"]])
+def test_a_robot_is_left_out_where_it_was_at_the_stamp(words: list[str]) -> None:
+    with ArmRig(leave_out=words) as rig:
         rig.see([[5, 0, 0]])
         rig.says(UNKNOWN, "robot_unknown")
         rig.until(lambda: rig.refused("front") == {"robot not known": 1})
@@ -458,8 +459,9 @@ def test_a_robot_is_left_out_where_it_was_at_the_stamp() -> None:
         assert rig.cut()["used"] == 3
 
 
-def test_points_wait_for_the_state_of_the_robot() -> None:
-    with ArmRig(leave_out=["arm"]) as rig:
+@each("words", [["arm"], ["*hand/*"]])
+def test_points_wait_for_the_state_of_the_robot(words: list[str]) -> None:
+    with ArmRig(leave_out=words) as rig:
         rig.start_robot(turn=0.0)
         rig.see_at(rig.stamp, hand(0.0))
         rig.known()
