@@ -64,11 +64,15 @@ class WaitingClouds:
         self._objects, self._frames, self._monitor = objects, frames, monitor
         self.clouds: list[QueuedCloud] = []
         """The newest one last."""
+        self.is_patient = False
+        """Whether they wait for more than their transforms: those in the fixed frame, too."""
 
     def add(self, cloud: QueuedCloud) -> int:
         """Queue a cloud; returns the number of unused clouds that are dropped."""
         before = len(self.clouds)
-        if not self._is_elsewhere(cloud):
+        if self.is_patient:
+            pass
+        elif not self._is_elsewhere(cloud):
             self.clouds.clear()
         elif not self._frames.waits:
             self.clouds = [queued for queued in self.clouds if not self._is_elsewhere(queued)]
@@ -105,7 +109,8 @@ class WaitingClouds:
             except Exception as error:
                 refusal = self._objects.guard.refusal(f"input {self._monitor.topic}", error)
                 timeout = int(self._objects.placement.timeout * NANOSECONDS)
-                may_wait = self._frames.waits and now - cloud.received <= timeout
+                waits = self._frames.waits or self.is_patient
+                may_wait = waits and now - cloud.received <= timeout
                 if refusal.reason in LATER and may_wait:
                     kept.insert(0, cloud)
                     continue

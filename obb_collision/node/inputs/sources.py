@@ -127,6 +127,7 @@ class Source(NewestInput):
     def _read_message(self, data: bytes, _: int) -> QueuedCloud:
         message: Any = KINDS[self._type][1](data)
         stamp = stamp_from_ros(message.header.stamp)
+        self.waiting.is_patient = bool(self._settings().leave_out)
         return QueuedCloud(message, message.header.frame_id, stamp, len(data))
 
     @property

@@ -110,9 +110,9 @@ class SensorRig(Sensing):
 class ArmRig(Sensing, RobotRig):
     """A node with the robot ``arm`` and the sensor ``front``."""
 
-    def __init__(self, **sensor: Any) -> None:
+    def __init__(self, frames: Any = None, **sensor: Any) -> None:
         given = parameters_of({"front": sensor}) | {"joint_timeout": 100.0}
-        super().__init__(given=given, frames=FakeFrames(), transform_timeout=1.0)
+        super().__init__(given=given, frames=frames, transform_timeout=1.0)
         self.start_sensors({"front": sensor})
 
     def see_at(self, stamp: int, *points: Sequence[float]) -> None:
@@ -459,9 +459,9 @@ def test_a_robot_is_left_out_where_it_was_at_the_stamp(words: list[str]) -> None
         assert rig.cut()["used"] == 3
 
 
-@each("words", [["arm"], ["*hand/*"]])
-def test_points_wait_for_the_state_of_the_robot(words: list[str]) -> None:
-    with ArmRig(leave_out=words) as rig:
+@each("words, frames", [(["arm"], None), (["*hand/*"], FakeFrames())])
+def test_points_wait_for_the_state_of_the_robot(words: list[str], frames: Any) -> None:
+    with ArmRig(frames, leave_out=words) as rig:
         rig.start_robot(turn=0.0)
         rig.see_at(rig.stamp, hand(0.0))
         rig.known()
@@ -479,7 +479,7 @@ def test_points_wait_for_the_state_of_the_robot(words: list[str]) -> None:
 
 
 def test_what_a_robot_carries_is_left_out_with_it() -> None:
-    with ArmRig(leave_out=["arm"]) as rig:
+    with ArmRig(FakeFrames(), leave_out=["arm"]) as rig:
         rig.start_robot(turn=0.0)
         rig.send(cube(A1, (1.3, 0, 0), (0.3, 0.1, 0.1), "arm/hand", frame_locked=True))
         rig.cycles(3)
