@@ -148,7 +148,7 @@ class Attack:
         """Of the output of the node, where something was found."""
 
     def run(self, parts: list[Part]) -> None:
-        """Run parts; FoundError for a wrong reaction."""
+        """Run parts; raise FoundError where the node reacts wrongly."""
         for what, first, last in (part for part in parts if part[0] in READERS):
             self._read_files(what, first, last)
         rest = [part for part in parts if part[0] not in READERS and part[1] < part[2]]
@@ -226,7 +226,10 @@ READY = "ready: "
 
 
 def attack_reader(what: str, folder: Path, seed: int, first: int, last: int) -> tuple[int, float]:
-    """Have files read ("scene" or "robot"); returns how many were refused, the longest time (s)."""
+    """Have a process read mutated files of a kind, "scene" or "robot".
+
+    Returns the number of refused files, and the longest time for a file (s).
+    """
     numbers = [str(number) for number in (seed, first, last)]
     module = "tools.fuzz.files"
     process = subprocess.Popen(
@@ -246,7 +249,7 @@ def attack_reader(what: str, folder: Path, seed: int, first: int, last: int) -> 
 
 
 def attack_node(folder: Path, seed: int, number: int, start: Callable[[list[str]], Child]) -> bool:
-    """Start a node with a scene file; returns whether it took it."""
+    """Start a node with a scene file; return whether the node accepted the file."""
     path = folder / "node_scene.yaml"
     path.write_bytes(mutated_scene(seed, number))
     child = start(["-p", f"scene_file:={path}"])

@@ -67,7 +67,7 @@ class FoundError(RuntimeError):
 
 
 class Answer(NamedTuple):
-    """A message of ``collisions``: when it was published (ns), and as which one."""
+    """A message of ``collisions``: time of publication (ns) and sequence number."""
 
     stamp: int
     number: int
@@ -77,8 +77,8 @@ class Answer(NamedTuple):
 class Client:
     """A client of a node in another process.
 
-    types: of the topics to publish, by topic; latched: those of them that are; robot: whose answers
-    about states are taken.
+    types: message types of the topics to publish; latched: which of these topics are latched;
+    robot: name of the robot whose answers about states are stored.
     """
 
     def __init__(
@@ -150,10 +150,9 @@ class Client:
             self.diagnostics = message
 
     def spin(self, seconds: float = 0.0) -> None:
-        """Take all that has arrived, and wait for something where nothing has.
+        """Take all messages that have arrived; if there are none, wait for one.
 
-        All of it: a client that takes less than comes in, on a busy machine, would lag behind by
-        a whole queue from then on.
+        On a busy machine a client that takes fewer than arrive would lag behind by a whole queue.
         """
         before = self._taken - 1
         while self._taken > before:
@@ -164,9 +163,9 @@ class Client:
     def until(
         self, child: Child, reached: Callable[[], Any], what: str, limit: float = ANSWERING
     ) -> Any:
-        """Wait for something of a node, and return it; FoundError where it does not come.
+        """Wait until ``reached`` returns a true value, and return it; FoundError after the limit.
 
-        limit: seconds, and those for which the node waited for a processor are added.
+        limit: seconds, to which the time is added that the node waited for a processor.
         """
         start, before = time.monotonic(), child.delays()
         while not (found := reached()):
@@ -214,12 +213,12 @@ class Client:
         return () if self.diagnostics is None else self.diagnostics.status
 
     def part(self, name: str) -> DiagnosticStatus:
-        """Return the last diagnostics of a part, empty ones if it has none."""
+        """Return the last diagnostics of a part, an empty status if there are none."""
         found = (status for status in self.parts if status.name.endswith(f": {name}"))
         return next(found, DiagnosticStatus())
 
     def count(self, key: str, part: str = "") -> float:
-        """Return a number of a part by the last diagnostics, or of all parts together."""
+        """Return a count of a part in the last diagnostics, or the sum over all parts."""
         parts = [self.part(part)] if part else self.parts
         values = [pair for status in parts for pair in status.values if pair.key == key]
         return sum(float(pair.value) for pair in values)
@@ -296,7 +295,7 @@ class Services:
         self._given = dict(zip(names, values, strict=True))
 
     def given(self, name: str) -> Any:
-        """Return the value that a parameter had at the start, and has between two attacks."""
+        """Return the value of a parameter at the start, which is restored after each attack."""
         return parameter_value_to_python(self._given[name])
 
     def _call(self, name: str, request: Any) -> Any:
@@ -337,7 +336,7 @@ class Services:
             raise FoundError(f"{name} can't be set back to {self.given(name)!r}: {back.reason}")
 
     def _activate(self) -> None:
-        """Bring a managed node back to where it answers."""
+        """Activate a managed node again."""
         for _ in BACK:
             state = self._call("get_state", GetState.Request()).current_state.id
             if state not in BACK:
@@ -347,7 +346,7 @@ class Services:
                 raise FoundError(f"no way back from state {state}")
 
     def _disturb_clock(self, random: Random) -> None:
-        """Switch to simulated time, and have it jump; then back."""
+        """Switch to simulated time, make it jump, and switch back."""
         parameter = Parameter(name=SIM_TIME, value=ParameterValue(type=1, bool_value=True))
         self._call("set_parameters", SetParameters.Request(parameters=[parameter]))
         clock = self._client.publishers["/clock"]

@@ -210,7 +210,7 @@ def mutated(
     inserted: Sequence[str] = INSERTED,
     change: Callable[[str, Random], str] = _with_other_value,
 ) -> bytes:
-    """Return a description of a robot, or another file, with lines lost, added or changed."""
+    """Return the text of a file with lines removed, added or changed."""
     lines = text.splitlines()
     for _ in range(random.choice((0, 0, 1, 1, 2, 4))):
         row = random.randrange(len(lines))

@@ -14,8 +14,8 @@
 
 """The node's process of an attack, with stand-ins for tf2 and vision_msgs where not installed.
 
-That for tf2 stores what it is given, as tf2 would not: what is no number comes to the node's own
-checks. Detections come as bytes that are said to be of another type.
+The stand-in for tf2 also stores values that are not finite, which tf2 would refuse: they reach the
+node's own checks. Detections come as bytes under the name of another type.
 """
 
 from __future__ import annotations

@@ -67,13 +67,13 @@ Message = tuple[str, bytes]
 
 
 class Probe(NamedTuple):
-    """What to send, and which pairs of ids must be answered.
+    """Messages to send, and the pairs of ids that the answer must have.
 
-    kind: how the boxes come. first: what must have arrived before the messages are sent, if there
-    is anything: topics overtake one another. known, sure: pairs that are only there once the first
-    ones, and once all have been used. poses (n, 7), sizes (n, 3): of the boxes, whose ids begin
-    with that of the sure pair. others: what replaces hostile sets. room: what removes all objects
-    but the set that the boxes are.
+    kind: topic of the boxes. first: messages that must arrive before the others, since topics
+    overtake one another. known, sure: pairs that collide once the node has used the first
+    messages, and once it has used all. poses (n, 7), sizes (n, 3): of the boxes; their ids begin
+    with the first id of ``sure``. others: messages that replace hostile sets. room: messages that
+    remove all objects except the set of boxes of the probe.
     """
 
     kind: str
@@ -99,7 +99,7 @@ class Boxes(NamedTuple):
 
 
 def right_pairs(poses: Floats, sizes: Floats) -> set[Pair]:
-    """Return which boxes collide, rows (i, j): poses (n, 7), sizes (n, 3)."""
+    """Return the pairs (i, j) of colliding boxes with poses (n, 7) and sizes (n, 3)."""
     boxes = oc.Boxes.from_poses(poses, sizes / 2.0)
     pairs = list(combinations(range(len(poses)), 2))
     first, second = (np.array(rows) for rows in zip(*pairs, strict=True))
@@ -282,9 +282,9 @@ class Probes:
     def points(
         self, random: Random, probe: Probe, stamp: int
     ) -> tuple[PointCloud2, dict[int, int]]:
-        """Return points, some of which are no numbers, and how many are in boxes, by their ids.
+        """Return points, some of them not finite, and the number of points in each box by its id.
 
-        Only boxes that are not turned are counted: what is in them is exact.
+        Only boxes that are not turned are counted: for them the count is exact.
         """
         places = np.array([[random.randint(0, 32) / 16 for _ in "xyz"] for _ in range(200)])
         right = {}

@@ -137,7 +137,7 @@ class Child:
         return self._process.poll()
 
     def usage(self) -> Usage | None:
-        """Return its resources, None if the system does not tell."""
+        """Return its resources, None if the system does not report them."""
         folder = Path(f"/proc/{self._process.pid}")
         try:
             memory = status_of(self._process.pid, "VmRSS")
@@ -159,7 +159,7 @@ class Child:
         return found
 
     def waited(self, before: dict[str, float]) -> float:
-        """Return for how long (s) the threads that waited most did so since ``delays``."""
+        """Return how long (s) the WAITING threads that waited most did so since ``delays``."""
         waits = sorted(delay - before.get(name, 0.0) for name, delay in self.delays().items())
         return sum(waits[-WAITING:])
 
@@ -168,7 +168,7 @@ class Child:
         self._process.send_signal(number)
 
     def end(self) -> int:
-        """End it as Ctrl-C would, also one that is frozen, else by force; returns its exit code."""
+        """End it as Ctrl-C would, even if it is frozen, else by force; return its exit code."""
         if self.exit_code is None:
             self.send(signal.SIGCONT)
             self.send(signal.SIGINT)
@@ -237,7 +237,7 @@ class Canary:
         self._rest = b""
 
     def stalls(self) -> list[tuple[float, float]]:
-        """Return since when and until when (s since 1970) it stood still, since the last call."""
+        """Return the begin and end (s since 1970) of each stall since the last call."""
         assert self._process.stdout is not None
         *lines, self._rest = (self._rest + (self._process.stdout.read() or b"")).split(b"\n")
         return [(float(start), float(end)) for start, end in (line.split() for line in lines)]

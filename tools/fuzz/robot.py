@@ -78,9 +78,9 @@ def states_to_ros(robot: Robot, states: Floats, header: Header) -> PointCloud2:
 
 
 class Question(NamedTuple):
-    """Messages that make the robot known, attach a box to it and ask for states.
+    """Messages that describe the robot, attach a box to it and ask for states (n, joints).
 
-    possible, alone: which of the states are valid, and which would be without the box.
+    possible, alone: (n,) which states are valid, and which would be valid without the box.
     """
 
     messages: list[tuple[str, Any]]
@@ -89,7 +89,7 @@ class Question(NamedTuple):
 
 
 class RobotMessages:
-    """Makes messages for one robot, from the random numbers of others; ``folder`` has its mesh.
+    """Makes messages for one robot with the random numbers of ``messages``.
 
     makers: type and maker per topic.
     """
@@ -163,7 +163,7 @@ class RobotMessages:
         return message
 
     def question(self, number: int, header: Header) -> Question:
-        """Return good messages by a number, the last of which asks for states."""
+        """Return the good messages of a number; the last message asks for states."""
         self._messages.random = Random(number)
         states = self._values(STATES)
         joints = JointState(header=header, name=list(self._robot.joint_names))
@@ -183,17 +183,17 @@ class RobotMessages:
 
 
 KNOWN = 20.0
-"""Seconds in which the robot must be known: it may be that a process reads meshes of another."""
+"""Seconds in which the node must know the robot: it may be reading the meshes of another one."""
 CLEARING = 2.0
 """Seconds after which objects are removed again; each time the robot is read anew."""
 
 
 def ask_robot(robot: RobotMessages, random: Random, client: Client, child: Child) -> None:
-    """Remove all objects, send good messages and ask for states, until all that can be are valid.
+    """Remove all objects, send good messages and ask for states, until all free states are valid.
 
-    That they are not may be for a time: hostile objects that waited in a queue come after they were
-    removed, and are removed again, and what is attached comes by another topic. FoundError for
-    others that are valid, and where it lasts.
+    They may be invalid for a time. Hostile objects from a queue can arrive after the removal, and
+    are removed again; attached objects come by another topic. FoundError if colliding states are
+    valid, or if free states stay invalid.
     """
     number, start, before, next_time = random.getrandbits(31), time.monotonic(), child.delays(), 0.0
     seen: object = None
@@ -210,7 +210,7 @@ def ask_robot(robot: RobotMessages, random: Random, client: Client, child: Child
 
 
 def _ask(question: Question, header: Header, client: Client, child: Child) -> object:
-    """Send messages and wait for the answer; returns it where it is not what it shall become."""
+    """Send messages and wait for the answer; return None if it is final, else its rows."""
     for topic, message in question.messages:
         client.publishers[topic].publish(message)
     reached = partial(client.answer_at, header.stamp)

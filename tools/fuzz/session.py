@@ -98,9 +98,9 @@ class Session:
         self._fill(self._services.given("max_objects"))
 
     def _fill(self, most: int) -> None:
-        """Have the node store as many objects as it takes, and none: it keeps the room for them.
+        """Have the node store the maximum number of objects, then none: it keeps their memory.
 
-        Later that would look like growth, as none of the hostile messages need fill it at first.
+        If hostile messages filled it later, that would look like growth.
         """
         for count in (most, 0):
             numbers, sizes = [namespace_number(SETS)] * count, np.ones((count, 3))
@@ -114,7 +114,7 @@ class Session:
             self._client.until(self._child, reached, f"{count} objects")
 
     def batch(self, name: str, sent: list[Sent]) -> None:
-        """Send hostile messages and a probe; FoundError for what should not be."""
+        """Send hostile messages and a probe; raise FoundError where the node reacts wrongly."""
         client, random = self._client, Random(f"{self._seed} batch {name}")
         client.answers = client.answers[-1:]
         began, before = time.monotonic(), self._child.delays()
@@ -176,9 +176,9 @@ class Session:
         self.result.probes[probe.kind] += 1
 
     def _ask(self, number: int, probe: Probe, messages: list[Message], sure: Pair) -> set[Pair]:
-        """Send messages of a probe; returns its pairs in the first answer with the sure one.
+        """Send messages of a probe; return its pairs in the first answer with the pair ``sure``.
 
-        Where hostile objects leave no room for its own, or for their pairs, they are removed again.
+        If hostile objects leave no room for its objects or pairs, they are removed again.
         """
         client, seen, no_room = self._client, len(self._client.answers), self._client.count(FULL)
         for topic, data in messages:
@@ -206,7 +206,7 @@ class Session:
         return found
 
     def _probe_points(self, random: Random, probe: Probe) -> None:
-        """Send points, good ones among those that are no numbers, and compare the counts."""
+        """Send finite and other points, and compare the counts in boxes."""
         message, right = self._probes.points(random, probe, time.time_ns())
         data = serialize_message(message)
         next_time = 0.0
@@ -229,7 +229,7 @@ class Session:
         self.result.probes["points"] += 1
 
     def end(self) -> None:
-        """Read the last diagnostics; FoundError where the node counted internal errors."""
+        """Add up the last diagnostics; FoundError if the node counted internal errors."""
         for key, count in self._client.last_counts(self._child):
             what, _, reason = key.partition(": ")
             if reason:
@@ -241,7 +241,7 @@ class Session:
 def find_answer(answers: list[Answer], first: int, sure: Pair, most: int) -> set[Pair] | None:
     """Return the pairs of a probe in the first whole answer that has its sure pair, else None.
 
-    most: pairs of an answer; one with so many may lack others, until hostile objects are removed.
+    most: limit of the pairs of an answer; an answer at the limit may lack the pairs of the probe.
     """
     for answer in answers:
         rows = collisions_from_ros(answer.message)
@@ -325,7 +325,7 @@ def _print_usages(result: Result) -> None:
 
 
 def faults(result: Result, most: float) -> list[str]:
-    """Return what fell short; most: megabytes by which memory may grow."""
+    """Return the goals that were missed; most: allowed growth of memory (MB)."""
     found = []
     if result.late:
         found.append(

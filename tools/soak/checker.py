@@ -224,12 +224,12 @@ class Checker:
         self._wanted: dict[tuple[tuple[str, int], ...], Wanted] = {}
 
     def begin(self, changes: dict[str, Change]) -> None:
-        """Begin a step, of which later answers may have changes."""
+        """Begin a step: later answers may have any of its changes."""
         self._changes = changes
         self._wanted.clear()
 
     def end(self) -> None:
-        """End a step: from now on answers have all of it."""
+        """End a step: from now on answers have all its changes."""
         for change in self._changes.values():
             new = change.bodies.keys() - self.world.bodies.keys()
             counts = {"came": len(new), "went": len(change.gone)}
@@ -273,7 +273,7 @@ class Checker:
         return bodies
 
     def _truth(self, applied: dict[str, int]) -> Wanted:
-        """Return the pairs after changes: of each topic so many bodies, -1 for all."""
+        """Return the pairs after changes; applied: changed bodies by topic, -1 for all."""
         key = tuple(sorted(applied.items()))
         if key not in self._wanted:
             bodies = self._bodies(applied)
@@ -285,7 +285,7 @@ class Checker:
         return self._wanted[key]
 
     def _report(self, faults: dict[str, list[Pair]], applied: dict[str, int]) -> dict[str, Any]:
-        """Return all about a wrong answer, for a file."""
+        """Return step, changes, wrong pairs and bodies of a wrong answer, for a file."""
         bodies = self._bodies(applied)
         named = {_numbers(key): key for key in bodies}
         wrong = {
@@ -307,7 +307,7 @@ def _numbers(key: Key) -> tuple[int, int]:
 
 
 def pair_of(a: Key, b: Key) -> Pair:
-    """Return a pair as answers have it."""
+    """Return a pair in the order of answers."""
     first, second = sorted((_numbers(a), _numbers(b)))
     return first, second
 

@@ -199,7 +199,7 @@ class World:
         return (*place.tolist(), *(turn / np.linalg.norm(turn)).tolist())
 
     def _moved(self, body: Body, single: bool) -> Body:
-        """Return a body elsewhere: a little, on the grid, or anywhere."""
+        """Return a body at another pose: nearby, on the grid, or anywhere."""
         chance = self._random.random()
         if chance < 0.5:
             pose: Floats = np.array(body.pose)
