@@ -346,7 +346,7 @@ class RobotInput:
         return bool((joints == sender).any()) or self._base_sender == sender
 
     def has_base_of(self, time: int) -> bool:
-        """Return whether its base came by a topic, and not after a time (ns)."""
+        """Return whether the base came by its topic, at a time (ns) or before."""
         return self.base.frame == BY_TOPIC and int(self._bases.received[0]) <= time
 
     def describe(self) -> dict[str, object]:

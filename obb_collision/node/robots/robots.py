@@ -265,14 +265,6 @@ class Robots:
             texts = filter(None, (answers.trajectories.stopped, halt))
             yield from (f"robot {robot.name}: {text}" for text in texts)
 
-    def go_by(self, sender: int) -> bool:
-        """Return whether a joint or a base has the value of a sender."""
-        return any(robot.goes_by(sender) for robot in self.robots)
-
-    def have_bases_of(self, time: int) -> bool:
-        """Return whether a base came by a topic, and not after a time (ns)."""
-        return any(robot.has_base_of(time) for robot in self.robots)
-
     def hold(self, why: str) -> None:
         """Stop and refuse all trajectories: the joints stay where they are."""
         for answers in self.answers:

@@ -233,7 +233,9 @@ class Evidence:
             return missed is not None
         table = self._objects.table
         own = table.live & ~table.of_robot
-        if (table.received[own] <= missed.time).any() or self._robots.have_bases_of(missed.time):
+        if (table.received[own] <= missed.time).any():
+            return True
+        if any(robot.has_base_of(missed.time) for robot in self._robots.robots):
             return True
         self._inputs[topic].missed = None
         return False
@@ -258,7 +260,8 @@ class Evidence:
         """Return whether the state of any object or robot is a sender's, and not stale."""
         table = self._objects.table
         own = table.live & ((table.sender == sender) | (table.maker == sender))
-        return bool((own & ~table.has(STALE)).any()) or self._robots.go_by(sender)
+        robots = self._robots.robots
+        return bool((own & ~table.has(STALE)).any()) or any(r.goes_by(sender) for r in robots)
 
 
 def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[Reason]:
