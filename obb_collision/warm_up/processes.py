@@ -29,6 +29,7 @@ import os
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from queue import SimpleQueue
@@ -143,6 +144,18 @@ class _Worker:
         return self._step is not None
 
 
+class NoteHandler(logging.Handler):
+    """Passes the text of log records to a function."""
+
+    def __init__(self, take: Callable[[str], None]) -> None:
+        super().__init__()
+        self._take = take
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Pass the text of a record on."""
+        self._take(record.getMessage())
+
+
 def work(connection: Connection, private: str) -> None:
     """Run steps in this process. private: a second folder for kernels, or empty."""
     gc.set_threshold(OBJECTS)
@@ -171,14 +184,7 @@ def _read(connection: Connection, queue: SimpleQueue[str]) -> None:
 
 def _listen(tell: Callable[[str, str], None]) -> None:
     """Send log lines of this package, and names of kernels as they are compiled."""
-
-    class NoteHandler(logging.Handler):
-        """Sends log lines."""
-
-        def emit(self, record: logging.LogRecord) -> None:
-            tell("note", record.getMessage())
-
-    logger.handlers = [NoteHandler()]
+    logger.handlers = [NoteHandler(partial(tell, "note"))]
     logger.propagate = False
     count = 0
 

@@ -21,7 +21,6 @@ allow: effects that are not off, with or without subscribers, and the levels the
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable
 from time import perf_counter
 
@@ -36,7 +35,7 @@ from obb_collision.scene.effects.base import ACCURACY
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.warm_up import steps
-from obb_collision.warm_up.processes import CompileProgress, compile_steps
+from obb_collision.warm_up.processes import CompileProgress, NoteHandler, compile_steps
 from obb_collision.words import command_line
 
 FIRST_WORD, NEXT_WORD = 2.0, 4.0
@@ -84,7 +83,7 @@ class Kernels:
         self._info, self._warning = info, warning
         self._report, self._stopped = report, stopped
         self._loaded: set[str] = set()
-        self._handler = _Forward(warning)
+        self._handler = NoteHandler(warning)
         _kernel_cache.logger.addHandler(self._handler)
 
     def prepare(self, parameters: Parameters) -> None:
@@ -179,14 +178,3 @@ class Kernels:
                     f"compiled {len(_kernel_cache.compiled.names) - before} kernels for {step} in "
                     f"{perf_counter() - start:.1f} s"
                 )
-
-
-class _Forward(logging.Handler):
-    """Forwards log records of the library."""
-
-    def __init__(self, take: Callable[[str], None]) -> None:
-        super().__init__()
-        self._take = take
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._take(record.getMessage())
