@@ -237,11 +237,6 @@ class PlacedPairs(NamedTuple):
 Peers = Mapping[str, Callable[[], Floats]]
 
 
-def no_peers(effect: str, query: PlacedPairs) -> Peers:
-    """Return no peers: only developers' tools have some."""
-    return {}
-
-
 Values = dict[tuple[int, int], float]
 """A value of each pair (i, j)."""
 
@@ -252,9 +247,12 @@ def measure_effects(
     seconds: float,
     seed: int,
     show: Show,
-    peers: Callable[[str, PlacedPairs], Peers] = no_peers,
+    peers: Callable[[str, PlacedPairs], Peers] = lambda effect, query: {},
 ) -> list[EffectRow]:
-    """Measure all effects on pairs of a corpus in about ``seconds``, beside peers."""
+    """Measure all effects on pairs of a corpus in about ``seconds``.
+
+    peers: what to compare with; only developers' tools have any.
+    """
     rows: list[EffectRow] = []
     shapes = list(corpus.shapes.values())
     for number, effect in enumerate(CENTER_DISTANCES):

@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -46,11 +46,11 @@ from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import shape_from_ros
+from obb_collision.node.topics.cloud import LATCHED
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: The quality with which sensors send points.
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -34,7 +34,7 @@ from sensor_msgs.msg import JointState, MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.demo.listener import LATCHED, NARRATORS, Listener
+from obb_collision.demo.listener import NARRATORS, Listener
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import DrawnScene, take_snapshot
 from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
@@ -42,6 +42,7 @@ from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros, s
 from obb_collision.node.messages.marker_shapes import shape_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.node import NODE_NAME, CollisionNode
+from obb_collision.node.topics.cloud import LATCHED
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.robots.description.urdf import description_text
 from obb_collision.scene_files.description import SceneRobot

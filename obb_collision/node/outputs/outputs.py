@@ -168,9 +168,6 @@ class Outputs:
                 with self.guard.catching(f"output {name}"):
                     self._publish_cloud(name, topic, results[name], state)
 
-    def _header(self, stamp: int) -> Header:
-        return Header(stamp=stamp_to_ros(stamp), frame_id=self.parameters.fixed_frame)
-
     def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, state: Published) -> None:
         rows = cloud.make_rows(result, state, cloud.dtype)
         stamp = state.cloud_stamp if cloud.of_points else state.stamp
@@ -191,8 +188,9 @@ class Outputs:
                     self._publish_cloud("events", EVENTS, events, state)
         if "text" in state.effects:
             names, limit = state.table.namespaces.names, self.parameters.max_text_pairs
+            header = Header(stamp=stamp_to_ros(state.stamp), frame_id=self.parameters.fixed_frame)
             total = (state.report.total, state.report.truncated)
-            text = text_from_rows(rows, names, self._header(state.stamp), limit, *total)
+            text = text_from_rows(rows, names, header, limit, *total)
             self.publishers["text"].publish(text)
 
     def publish_markers(self, state: Published) -> None:
