@@ -42,6 +42,7 @@ from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION
+from obb_collision.shapes import Cloud
 
 Sensors = Mapping[str, Mapping[str, Any]]
 KINDS = {"cloud": PointCloud2, "scan": LaserScan, "range": Range}
@@ -147,7 +148,8 @@ def raw(rig: Rig, organised: bool, order: str, kind: str) -> PointCloud2:
     points = np.array([[5, 0, 0], [6, 0, 0], [np.nan] * 3, [7, 0, np.inf], [0, 0, 0], [8, 0, 0]])
     width, height = (3, 2) if organised else (6, 1)
     layout: Any = {"names": [*"zxy"], "formats": [order + kind] * 3, "offsets": [1, 12, 21]}
-    dtype = np.dtype({**layout, "itemsize": 32})
+    layout["itemsize"] = 32
+    dtype = np.dtype(layout)
     rows = np.zeros((height, width), dtype)
     for column, axis in enumerate("xyz"):
         rows[axis] = points[:, column].reshape(height, width)
@@ -188,7 +190,7 @@ def test_a_scan_knows_nothing_of_what_is_not_a_range() -> None:
         rig.scan([])
         assert rig.met() == set()
         for wrong in ({"angle_increment": np.nan}, {"time_increment": 1e9}, {"range_max": np.nan}):
-            rig.scan([1.0, 1.0], **wrong)
+            rig.scan([1.0, 1.0], **wrong)  # type: ignore[arg-type]
             rig.says(UNKNOWN, "input_unreadable", who="front (bad scan)")
 
 
@@ -365,6 +367,7 @@ def test_cuts_are_counted() -> None:
             "used": 1,
         }
         shape = rig.node.objects.scene.objects.shape_of(FRONT)
+        assert isinstance(shape, Cloud)
         assert shape.points.tolist() == np.array(dense[:1], "f4").tolist()
         reach = np.linalg.norm(np.subtract(*np.array(dense[:2], "f4").astype(float)))
         assert reach <= shape.radius < reach + 1e-6
@@ -405,6 +408,7 @@ def test_where_an_object_was_at_the_stamp_counts() -> None:
         rig.sensors["front"].publish(message)
         rig.until(lambda: rig.cut().get("left out") == 1)
         shape = rig.node.objects.scene.objects.shape_of(FRONT)
+        assert isinstance(shape, Cloud)
         assert shape.points.tolist() == [[3, 0, 0]]
 
 
@@ -419,7 +423,7 @@ def test_what_is_behind_what_is_left_out_is_its_shadow() -> None:
             behind, beside = [[5.0, 0, 0], [7, 0, 1]], [[-4, 0, 0], [2, 1.3, 0], [5, 0, 3]]
             # seen from the camera the ball of 0.5 m, padded by 0.1 m, is at 45 degrees
             of_ball, by_ball = [3.7, 6.8, 0], [3.0 + 1.1, 6.0 - 1.1, 0]
-            points = np.add([*behind, of_ball, *beside, by_ball], (3, 0, 0))
+            points = np.add(np.array([*behind, of_ball, *beside, by_ball]), (3, 0, 0))
             rig.see(points, frame="camera")
             rig.answer()
             assert rig.cut()["left out"] == 0
@@ -502,7 +506,7 @@ def test_a_scan_of_a_moving_sensor_is_straightened() -> None:
             return np.array(place), stamp
 
         begun = [0]
-        frames.lookup = lookup
+        frames.lookup = lookup  # type: ignore[method-assign]
         header = rig.header("base")
         begun[0] = rig.stamp
         message = LaserScan(header=header, ranges=[2.0, 2.0, 2.0], range_max=9.0)
@@ -510,6 +514,7 @@ def test_a_scan_of_a_moving_sensor_is_straightened() -> None:
         rig.sensors["front"].publish(message)
         rig.answer()
         shape = rig.node.objects.scene.objects.shape_of(FRONT)
+        assert isinstance(shape, Cloud)
         angles = np.arange(3) * 0.25 * np.pi
         expected = np.column_stack([2 * np.cos(angles) + [0, 1, 2], 2 * np.sin(angles), 0 * angles])
         assert shape.points == pytest.approx(expected, abs=1e-6)
