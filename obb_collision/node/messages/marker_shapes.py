@@ -73,9 +73,6 @@ SCALE_AXES = {
 }
 """Number of components of ``scale`` that are used; all three where not named."""
 
-FINEST, MOST_BALLS = 4, 20_000
-"""Balls along the shortest edge of a cube of a list at most, and of all its cubes."""
-
 NO_BODY = "no body"
 """Reason: a marker is an annotation, which can't collide."""
 ANNOTATIONS = (Marker.TEXT_VIEW_FACING, Marker.ARROW_STRIP)
@@ -187,38 +184,9 @@ def _triangles(marker: MarkerShape, scale: Floats) -> ShapePlan:
     return ShapePlan(signature, job=Triangles(points, scale))
 
 
-def _cubes(marker: MarkerShape, scale: Floats) -> ShapePlan:
-    """Several cubes are balls that cover them, one cube is itself."""
+def _bodies(marker: MarkerShape, scale: Floats) -> ShapePlan:
     points, signature = _known_points(marker, scale)
-    if len(points) == 1:
-        return ShapePlan(signature, job=Bodies(points, scale))
-    _check_points(points)
-    offsets, radius = covering_balls(scale, MOST_BALLS // len(points))
-    return ShapePlan(signature, shapes.Cloud(_around(points, offsets), radius))
-
-
-def covering_balls(size: Floats, most: int) -> tuple[Floats, float]:
-    """Return the centres (k, 3) of balls that cover a box about the origin, and their radius (m).
-
-    size (3,): edge lengths; the box is cut into at most ``most`` parts, one ball about each.
-    """
-    edge = float(size.min()) / FINEST
-    while (parts := np.maximum(np.rint(size / edge), 1.0)).prod() > max(most, 1):
-        edge *= 1.25
-    places = [(np.arange(n) + 0.5) / n - 0.5 for n in parts.astype(int).tolist()]
-    grid = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid * size, float(np.linalg.norm(0.5 * size / parts)) * (1.0 + 1e-12)
-
-
-def _around(points: Floats, offsets: Floats) -> Floats:
-    return np.asarray((points[:, None] + offsets).reshape(-1, 3))
-
-
-def _balls(marker: MarkerShape, scale: Floats) -> ShapePlan:
-    points, signature = _known_points(marker, scale)
-    _check_points(points)
-    width = float(scale[: SCALE_AXES.get(marker.kind, 3)].max())
-    return ShapePlan(signature, shapes.Cloud(points, 0.5 * width))
+    return ShapePlan(signature, job=Bodies(points, scale))
 
 
 def _dots(marker: MarkerShape, scale: Floats) -> ShapePlan:
@@ -271,9 +239,9 @@ PLANNERS: dict[int, Callable[[MarkerShape, Floats], ShapePlan]] = {
     Marker.ARROW: _arrow,
     Marker.TRIANGLE_LIST: _triangles,
     Marker.MESH_RESOURCE: _mesh,
-    Marker.CUBE_LIST: _cubes,
-    Marker.SPHERE_LIST: _balls,
-    Marker.POINTS: _balls,
+    Marker.CUBE_LIST: _bodies,
+    Marker.SPHERE_LIST: _bodies,
+    Marker.POINTS: _dots,
     Marker.LINE_LIST: _dots,
     Marker.LINE_STRIP: _dots,
 }

@@ -47,10 +47,12 @@ def allowed_steps(parameters: Parameters) -> list[str]:
     """Return the steps that compile all that parameters allow."""
     pairs = {level for _, level in parameters.accuracy_overrides}
     pairs.add(as_accuracy(parameters.accuracy))
-    wanted = {steps.BOXES, steps.MESSAGES, steps.SOURCES, steps.effect_step("separations")}
+    wanted = {steps.BOXES, steps.MESSAGES, steps.effect_step("separations")}  # of every cycle
     wanted.update(map(steps.accuracy_step, pairs))
     if parameters.robots:
         wanted.add(steps.ROBOTS)
+    if parameters.source_settings:
+        wanted.add(steps.SOURCES)
     if any(source.shadows for source in parameters.source_settings):
         wanted.add(steps.BODY_QUERIES)
     if any(source.leave_out for source in parameters.source_settings):

@@ -30,7 +30,6 @@ from geometry_msgs.msg import Point
 from objects_rig import named
 from rclpy.serialization import deserialize_message
 from rig import A1, A2, B1, Patch, Rig, color, cube, pose, sync
-from scipy.spatial import cKDTree
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -42,7 +41,6 @@ from obb_collision.node.messages.cdr import namespace_bytes
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_NAME_BYTES, FrameTable, NamespaceTable
 from obb_collision.node.outputs import NAMESPACES_RATE
-from obb_collision.shapes import Cloud
 
 POINTS = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.0, 0.0)]
 
@@ -72,6 +70,9 @@ def test_bodies_fill_their_scale(kind: int) -> None:
     "kind, scale, reach",
     [
         (Marker.TRIANGLE_LIST, (2.0, 1.0, 1.0), (0.0, 0.0, 0.0)),
+        (Marker.CUBE_LIST, (0.2, 0.4, 0.6), (0.1, 0.2, 0.3)),
+        (Marker.SPHERE_LIST, (0.2, 0.4, 0.6), (0.1, 0.2, 0.3)),
+        (Marker.POINTS, (0.2, 0.4, 0.0), (0.2, 0.2, 0.2)),
         (Marker.LINE_STRIP, (0.2, 0.0, 0.0), (0.1, 0.1, 0.1)),
         (Marker.LINE_LIST, (0.2, 0.0, 0.0), (0.1, 0.1, 0.1)),
     ],
@@ -86,48 +87,6 @@ def test_lists_are_one_body_around_all_points(
         assert inside(box, corners)
     size = np.ptp(np.array(POINTS) * stretch, axis=0) + 2 * np.array(reach)
     assert np.prod(2 * box.half_extents) <= np.prod(size) * 1.0001 + 1e-9
-
-
-@each(
-    "kind, scale, radius",
-    [
-        (Marker.SPHERE_LIST, (0.2, 0.2, 0.2), 0.1),
-        (Marker.SPHERE_LIST, (0.2, 0.4, 0.6), 0.3),
-        (Marker.POINTS, (0.2, 0.4, 0.0), 0.2),
-    ],
-)
-def test_spheres_and_points_are_balls(
-    kind: int, scale: tuple[float, float, float], radius: float
-) -> None:
-    cloud = marker_shapes.shape_from_ros(marker(kind, scale, POINTS))
-    assert isinstance(cloud, Cloud)
-    assert cloud.radius == radius
-    assert cloud.points.tolist() == [list(point) for point in POINTS]
-
-
-@each(
-    "scale, largest",
-    [
-        ((0.2, 0.2, 0.2), 0.05),
-        ((0.2, 0.4, 0.6), 0.05),
-        ((3.0, 3.0, 0.05), 0.05),
-        ((9.0, 9.0, 0.1), 0.11),
-    ],
-)
-def test_cubes_are_covered_by_balls(scale: tuple[float, float, float], largest: float) -> None:
-    message = marker(Marker.CUBE_LIST, scale, POINTS)
-    cloud = marker_shapes.shape_from_ros(message)
-    assert isinstance(cloud, Cloud)
-    assert len(cloud.points) <= marker_shapes.MOST_BALLS
-    rng, tree = np.random.default_rng(0), cKDTree(cloud.points)
-    within = rng.uniform(-0.5, 0.5, (3000, 3))
-    faces = np.clip(3.0 * within, -0.5, 0.5)
-    for point in POINTS:
-        for part in (within, faces):
-            assert tree.query(part * scale + point)[0].max() <= cloud.radius
-    assert cloud.radius <= largest
-    single = marker_shapes.shape_from_ros(marker(Marker.CUBE_LIST, scale, POINTS[:1]))
-    assert sorted(single.local_box[2]) == pytest.approx(sorted(np.array(scale) / 2))
 
 
 def test_arrows_contain_what_is_drawn() -> None:
