@@ -52,7 +52,9 @@ def allowed_steps(parameters: Parameters) -> list[str]:
     if parameters.robots:
         wanted.add(steps.ROBOTS)
     if parameters.source_settings:
-        wanted.add(steps.SOURCES)
+        wanted.update((steps.SOURCES, steps.CLOUDS))
+        if max(pairs) == Accuracy.MESH:
+            wanted.add(steps.CLOUDS_AT_MESH)
     if any(source.shadows for source in parameters.source_settings):
         wanted.add(steps.BODY_QUERIES)
     if any(source.leave_out for source in parameters.source_settings):
