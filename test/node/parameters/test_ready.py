@@ -41,7 +41,7 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.warm_up import processes, steps
 from obb_collision.warm_up.steps import BOUNDS, BOXES, MESSAGES, STEPS
 
-ON_BOXES = {BOXES, BOUNDS, MESSAGES, steps.SOURCES, *map(steps.effect_step, EFFECTS)}
+ON_BOXES = {BOXES, BOUNDS, MESSAGES, *map(steps.effect_step, EFFECTS)}
 """What the node's defaults allow."""
 
 
