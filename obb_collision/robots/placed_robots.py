@@ -32,7 +32,7 @@ from obb_collision.robots.robot import Robot
 from obb_collision.scene.objects import as_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.allowed import guess
-from obb_collision.shapes import Shape
+from obb_collision.shapes import Cloud, Shape
 from obb_collision.typing import Floats, Mask
 from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
@@ -176,6 +176,11 @@ class PlacedRobots(Changing):
         padding : float
             Metres, added to the padding of the link.
 
+        Raises
+        ------
+        TypeError
+            For another kind of shape, also a cloud: what a sensor sees moves with no link.
+
         Examples
         --------
         >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
@@ -251,6 +256,10 @@ class PlacedRobots(Changing):
     ) -> None:
         if name in self._model.link_names:
             raise ValueError(f"name must not be the name of a link, got {shown(name)}")
+        if isinstance(shape, Cloud):
+            raise TypeError(
+                "shape must not be a Cloud: attach the body that it shows, such as a Hull of points"
+            )
         where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
         check_kind(touch_links, Sequence, "touch_links", Set)
         links = [touch_links] if isinstance(touch_links, str) else touch_links

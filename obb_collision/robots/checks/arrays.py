@@ -37,8 +37,10 @@ from obb_collision.geometry.poses import (
 )
 from obb_collision.geometry.trees.bounds_tree import STACK
 from obb_collision.numerics.constants import MAX_MAGNITUDE, MESH_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.sat import BoxAt, box_at
+from obb_collision.robots.checks.balls import Clouds
 from obb_collision.robots.description.joints import Mechanism
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree, place_links
 from obb_collision.typing import Floats, Integers, Mask, Rows, Vector
@@ -57,7 +59,8 @@ class LinkBodies(NamedTuple):
     """Convex bodies (b,): those of the robots first, then those of the world.
 
     Each is a hull with a ball of radius ``rounds`` around every point; a box, and a sphere around
-    its centre, contain it. All are in the frames of links; the last frame is that of the world.
+    its centre, contain it. All are in the frames of links; the last frame is that of the world. The
+    last bodies are those of clouds, see ``balls``; ``radii`` and ``reaches`` hold for all balls.
     """
 
     frames: Integers  #: (b,) the frame
@@ -79,8 +82,8 @@ class Tests(NamedTuple):
     """Which bodies are tested against each other: pairs of robots' bodies, and all of the world.
 
     allowed (robots' bodies, world's bodies): pairs that do not count; (0, 0) if all count. nodes,
-    levels, order: the tree of the world's bounds, as in ``BoundsTree``. It is searched once for all
-    bodies of a link, with a sphere around them.
+    levels, order: the tree of the world's bounds without clouds, as in ``BoundsTree``. It is
+    searched once for all bodies of a link, with a sphere around them.
     """
 
     links: Integers  #: (l,) the frames of the robots' bodies
@@ -122,6 +125,7 @@ class Checked(NamedTuple):
 
     tree: Tree
     bodies: LinkBodies
+    clouds: Clouds
     tests: Tests
     owners: Integers  #: (b + 1,) the row in names of each body; the last is -1, for no body
     chains: Chains  #: for motions
@@ -147,6 +151,34 @@ class Placed(NamedTuple):
     waiting: Integers  #: (2, STACK) blocks of the tree to visit
     candidates: Integers  #: (c, 2) pairs whose spheres overlap
     grown: Floats  #: (c,) distance within which they count as colliding, metres
+    balls: Integers  #: (q,) balls near a link
+
+
+@njit
+def with_own_clouds(checked: Checked) -> Checked:
+    """Return a copy whose bodies of clouds can be moved, or the same if there are none."""
+    if len(checked.clouds.bodies) == 0:
+        return checked
+    b = checked.bodies
+    bodies = LinkBodies(
+        b.frames, b.centers.copy(), b.rotations, b.half_extents, b.spheres, b.inner, b.boxes,
+        b.rounds, b.radii, b.reaches, b.excess, b.blocks.copy(), b.starts,
+    )  # fmt: skip
+    tree, _, clouds, tests, owners, chains, meshes = checked
+    return Checked(tree, bodies, clouds, tests, owners, chains, meshes)
+
+
+@njit
+def most_pairs(checked: Checked) -> int:
+    """Return the number of pairs that are tested, with balls."""
+    tests = checked.tests
+    return len(tests.pairs) + tests.first * (len(tests.order) + most_balls(checked.clouds))
+
+
+@njit
+def most_balls(clouds: Clouds) -> int:
+    """Return a bound of the number of balls."""
+    return LANES * len(clouds.nodes)
 
 
 @njit
@@ -154,7 +186,7 @@ def new_placed(checked: Checked) -> Placed:
     """Return arrays for one state, with the bodies of the world placed."""
     bodies, tests, links = checked.bodies, checked.tests, len(checked.tree.parents)
     count, first = len(bodies.frames), tests.first
-    most = len(tests.pairs) + first * (count - first)
+    most = most_pairs(checked)
     placed = Placed(
         np.empty((1, links, 7)),
         np.zeros((links + 1, 3)),
@@ -165,6 +197,7 @@ def new_placed(checked: Checked) -> Placed:
         np.empty((2, STACK), np.int64),
         np.empty((most, 2), np.int64),
         np.empty(most),
+        np.empty(most_balls(checked.clouds), np.int64),
     )
     for k in range(3):
         placed.rotations[links, k, k] = 1.0

@@ -39,15 +39,16 @@ from obb_collision.queries.convex.support import core_of
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.robots.checks.arrays import LinkBodies
+from obb_collision.robots.checks.balls import Clouds, centers_at, clouds_of
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses
 from obb_collision.scene.building.shape_cache import BOX, BOXED, CLOUD, ROUND, kind_of
 from obb_collision.scene.objects import local_box
 from obb_collision.scene.refinement.bodies import places_of, trees_of
-from obb_collision.scene.refinement.clouds import placed_balls
+from obb_collision.scene.refinement.clouds import PLACING
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Shape, Sphere
-from obb_collision.typing import Floats, Integers, Mask, Rows
+from obb_collision.shapes import Box, Capsule, Cloud, Cone, Cylinder, Shape, Sphere
+from obb_collision.typing import Floats, Integers, Rows
 
 #: Relative growth of radii: more than their roundings.
 RADIUS_GROWTH = 1.0 + 64 * ROUNDOFF
@@ -118,15 +119,28 @@ def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: 
     return LinkBodies(*boxes, *rest, blocks, np.arange(count + 1))
 
 
-def ball_bodies(centers: Floats, radii: Floats, frame: int) -> LinkBodies:
-    """Return balls (n,) as bodies in a frame."""
-    count, none = len(centers), np.zeros(len(centers))
-    halves, turns = np.repeat(radii[:, None], 3, axis=1), np.tile(np.eye(3), (count, 1, 1))
-    farthest = np.abs(centers).sum(axis=1)
-    boxes = np.full(count, frame), centers, turns, halves, radii * RADIUS_GROWTH, none
-    rest = np.zeros(count, np.bool_), radii, farthest, farthest + radii, none
-    blocks = np.repeat(centers[:, :, None], LANES, axis=2)
-    return LinkBodies(*boxes, *rest, blocks, np.arange(count + 1))
+def ball_bodies(radii: Floats, sizes: Floats, frame: int) -> LinkBodies:
+    """Return bodies (c,) of clouds in a frame: balls that kernels move.
+
+    sizes (c,): the largest sums of the magnitudes of the coordinates of their points.
+    """
+    count = len(radii)
+    nothing, blocks = np.zeros(count), np.zeros((count, 3, LANES))
+    return LinkBodies(
+        frames=np.full(count, frame),
+        centers=np.zeros((count, 3)),
+        rotations=np.tile(np.eye(3), (count, 1, 1)),
+        half_extents=np.repeat(radii[:, None], 3, axis=1),
+        spheres=radii * RADIUS_GROWTH,
+        inner=radii * NARROWER,
+        boxes=np.zeros(count, np.bool_),
+        rounds=radii,
+        radii=sizes,
+        reaches=sizes + radii,
+        excess=nothing,
+        blocks=blocks,
+        starts=np.arange(count + 1),
+    )
 
 
 NO_BODIES = box_bodies(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)), 0)
@@ -283,44 +297,45 @@ Kept = dict[int, tuple[object, LinkBodies]]
 
 
 class World(NamedTuple):
-    """The objects of a scene as bodies (w,), relative to an origin (3,), and their tree.
-
-    An object is one body; a cloud is a body for each of its balls, which come last.
-    """
+    """The objects of a scene, relative to an origin (3,), and the tree of their bounds."""
 
     scene: Scene
     origin: Floats
-    slots: Rows  #: (w,)
-    kinds: Rows  #: (w,) as in ``scene.building.shape_cache``; a ball is round
-    names: list[str]  #: of the objects
-    owners: Rows  #: (w,) the row of ``names`` of each body
-    balls: int  #: the first body that is a ball of a cloud
+    slots: Rows  #: (w,) those of clouds last
+    kinds: Rows  #: (w,) as in ``scene.building.shape_cache``; the balls of clouds are round
+    names: list[str]
     bodies: LinkBodies
-    tree: BoundsTree
+    tree: BoundsTree  #: without clouds
+    clouds: Clouds
 
-    def placed(self, rows: Rows) -> tuple[PlacedMeshes, Floats]:
-        """Return bodies (k,), all of them round or none, as meshes, and their radii."""
+    def placed(self, rows: Rows, balls: Rows) -> tuple[PlacedMeshes, Floats]:
+        """Return objects (k,), all of them round or none, as meshes, and their radii.
+
+        balls (k,): those of objects that are clouds.
+        """
         store, slots = self.scene.objects.store, self.slots[rows]
-        balls = rows >= self.balls
-        if balls.any():
-            return self._placed_round(rows, balls)
+        if (self.kinds[rows] == ROUND).any():
+            return self._round(rows, balls)
         cache = self.scene.objects.cache.at_once()
-        cache.build(store, np.unique(slots[store.kinds[slots] != ROUND]), False, None)
+        cache.build(store, np.unique(slots), False, None)
         trees, numbers, radii = trees_of(store, cache, slots)
         centers, rotations = places_of(store, store.all_boxes(), slots)
         return PlacedMeshes.trusted(trees, numbers, centers - self.origin, rotations), radii
 
-    def _placed_round(self, rows: Rows, balls: Mask) -> tuple[PlacedMeshes, Floats]:
-        """Return round bodies (k,), of which some are balls, as segments, and their radii."""
-        halves, radii = np.zeros(len(rows)), self.bodies.rounds[rows].copy()
-        centers = self.bodies.centers[rows].copy()
-        rotations = np.tile(np.eye(3), (len(rows), 1, 1))
-        others = np.flatnonzero(~balls)
-        store, slots = self.scene.objects.store, self.slots[rows[others]]
-        halves[others] = self.scene.objects.cache.cores(slots)[:, 4]
-        places = places_of(store, store.all_boxes(), slots)
-        centers[others], rotations[others] = places[0] - self.origin, places[1]
-        return PlacedMeshes.trusted(*segment_trees(halves), centers, rotations), radii
+    def _round(self, rows: Rows, balls: Rows) -> tuple[PlacedMeshes, Floats]:
+        """Return spheres, capsules and balls (k,) as segments, and their radii."""
+        store, slots, count = self.scene.objects.store, self.slots[rows], len(rows)
+        halves, radii = np.zeros(count), self.bodies.rounds[rows]
+        centers, rotations = np.empty((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+        solid = store.kinds[slots] == ROUND
+        centers[~solid] = centers_at(self.clouds, balls[~solid])
+        if solid.any():
+            slots = slots[solid]
+            halves[solid] = self.scene.objects.cache.cores(slots)[:, 4]
+            places, rotations[solid] = places_of(store, store.all_boxes(), slots)
+            centers[solid] = places - self.origin
+        trees, numbers = segment_trees(halves)
+        return PlacedMeshes.trusted(trees, numbers, centers, rotations), radii
 
 
 def world_of(
@@ -332,38 +347,46 @@ def world_of(
     """
     store = scene.objects.store
     active = _counted(store, left_out)
-    boxed, balls = np.isin(store.kinds[active], (BOX, BOXED)), store.kinds[active] == CLOUD
-    plain, others, clouds = active[boxed], active[~(boxed | balls)], active[balls]
+    boxed = np.isin(store.kinds[active], (BOX, BOXED))
+    seen = store.kinds[active] == CLOUD
+    plain, others = active[boxed], active[~boxed & ~seen]
     state = store, store.version, store.revision, frame, origin.tobytes()
-    shaped = [*others.tolist(), *clouds.tolist()]
-    keys = {slot: (state, store.poses[slot].tobytes()) for slot in shaped}
+    keys = {slot: (state, store.poses[slot].tobytes()) for slot in others.tolist()}
     new = [slot for slot, key in keys.items() if slot not in kept or kept[slot][0] != key]
-    solid = [slot for slot in new if store.kinds[slot] != CLOUD]
-    made = dict(zip(solid, _made(scene, np.array(solid, np.int64), frame, origin), strict=True))
-    made |= {slot: _balls(scene, slot, frame, origin) for slot in new if slot not in made}
-    bodies = {slot: made[slot] if slot in made else kept[slot][1] for slot in shaped}
+    made = dict(zip(new, _made(scene, np.array(new, np.int64), frame, origin), strict=True))
+    bodies = {slot: made[slot] if slot in made else kept[slot][1] for slot in keys}
     kept.clear()
     kept.update({slot: (keys[slot], body) for slot, body in bodies.items()})
     boxes = store.centers[plain] - origin, store.rotations[plain], store.half_extents[plain]
-    parts = joined([box_bodies(*boxes, frame), *bodies.values()])
-    objects = np.concatenate([plain, others, clouds])
-    counts = np.ones(len(objects), np.int64)
-    counts[len(counts) - len(clouds) :] = [len(bodies[slot].frames) for slot in clouds.tolist()]
-    owners, first = np.repeat(np.arange(len(objects)), counts), len(plain) + len(others)
-    minimum, maximum = meeting_bounds(store.boxes(objects[:first]))
-    reach = (parts.spheres[first:] * RADIUS_GROWTH)[:, None]
-    low = np.concatenate([minimum - origin, parts.centers[first:] - reach])
-    high = np.concatenate([maximum - origin, parts.centers[first:] + reach])
-    kinds = store.kinds[objects][owners]
-    kinds[first:] = ROUND
-    names, tree = [str(store.names[slot]) for slot in objects], BoundsTree.build(low, high)
-    return World(scene, origin, objects[owners], kinds, names, owners, first, parts, tree)
+    solid = np.concatenate([plain, others])
+    minimum, maximum = meeting_bounds(store.boxes(solid))
+    tree = BoundsTree.build(minimum - origin, maximum - origin)
+    balls, clouds, slots = _clouds(scene, active[seen], frame, origin)
+    clouds = clouds._replace(bodies=len(solid) + np.arange(len(slots)))
+    slots = np.concatenate([solid, slots])
+    names, kinds = [str(store.names[slot]) for slot in slots], store.kinds[slots].astype(np.int64)
+    kinds[len(solid) :] = ROUND
+    parts = joined([box_bodies(*boxes, frame), *bodies.values(), balls])
+    return World(scene, origin, slots, kinds, names, parts, tree, clouds)
 
 
-def _balls(scene: Scene, slot: int, frame: int, origin: Floats) -> LinkBodies:
-    """Return the bodies of the balls of a cloud."""
-    balls, _ = placed_balls(scene.objects.store, scene.objects.cache, slot)
-    return ball_bodies(balls.centers - origin, balls.radii, frame)
+def _clouds(
+    scene: Scene, slots: Rows, frame: int, origin: Floats
+) -> tuple[LinkBodies, Clouds, Rows]:
+    """Return the bodies of clouds that have points, their trees, and their slots."""
+    store, shapes = (
+        scene.objects.store,
+        [scene.objects.cache.shape(slot) for slot in slots.tolist()],
+    )
+    clouds = [shape for shape in shapes if isinstance(shape, Cloud) and len(shape.points)]
+    slots = slots[[isinstance(shape, Cloud) and len(shape.points) > 0 for shape in shapes]]
+    centers, rotations = as_poses(store.poses[slots], warn=False)
+    offsets = centers - origin
+    radii = np.array([cloud.radius for cloud in clouds]) + store.paddings[slots]
+    sizes = np.abs(offsets).sum(axis=1) + 3.0 * radii
+    sizes += [sum(np.abs(part).sum() for part in cloud.local_box[::2]) for cloud in clouds]
+    trees = clouds_of(clouds, np.arange(len(slots)), offsets, np.ascontiguousarray(rotations))
+    return ball_bodies(radii + PLACING * sizes, 2.0 * sizes, frame), trees, slots
 
 
 def _made(scene: Scene, slots: Rows, frame: int, origin: Floats) -> list[LinkBodies]:

@@ -40,17 +40,25 @@ from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
     Checked,
     LinkBodies,
-    PairValues,
     Placed,
     Tests,
     new_placed,
     place_state,
     placed_box,
+    slack_of,
+    with_own_clouds,
+)
+from obb_collision.robots.checks.balls import (
+    ball_center,
+    body_at,
+    box_gap,
+    find_balls,
+    nearest_ball,
 )
 from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StateDistances
-from obb_collision.robots.checks.states import all_pairs, gather, square_distance
+from obb_collision.robots.checks.states import all_pairs, square_distance
 from obb_collision.robots.kinematics.kinematics import (
     PLANAR,
     PRISMATIC,
@@ -99,8 +107,7 @@ class DistanceState(NamedTuple):
     cores: Cores
     polytope: DepthRoom
     spheres: Floats  #: (b,) radii of spheres around bodies, or around their boxes
-    lower: Floats  #: (p,) lower bounds of the distances of candidates
-    near: PairValues  #: the limit for all pairs; no rows if there is none
+    lower: Floats  #: (p,) lower bounds of the distances of all pairs
 
 
 @njit
@@ -116,16 +123,16 @@ def distances_kernel(
     question, output: ``DistanceQuestion`` and ``NearestPairs`` as plain tuples, which arrive from
     Python faster.
     """
-    asked, nearest = DistanceQuestion(held.value, *question), NearestPairs(*output)
+    asked = DistanceQuestion(with_own_clouds(held.value), *question)
+    nearest = NearestPairs(*output)
     bodies, placed, boxes = asked.checked.bodies, new_placed(asked.checked), asked.boxes
-    lower, spheres = np.empty(1 if asked.one_pair else len(placed.grown)), bodies.spheres.copy()
+    count = len(asked.checked.tests.pairs)
+    count += asked.checked.tests.first * len(asked.checked.tests.order)
+    lower, spheres = np.empty(1 if asked.one_pair else count), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
         spheres[i] = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
-    tests = asked.checked.tests
-    limits = 1 if asked.limit < np.inf and not boxes else 0
-    near = PairValues(np.empty((limits, tests.first)), np.empty((limits, len(tests.pairs))))
-    near.bodies[:], near.pairs[:] = asked.limit, asked.limit
-    room = DistanceState(placed, _cores(bodies, boxes), room_for_depth(), spheres, lower, near)
+    cores = _cores(asked.checked, boxes)
+    room = DistanceState(placed, cores, room_for_depth(), spheres, lower)
     _fill_distances(asked, nearest, room, start, stop)
 
 
@@ -135,62 +142,105 @@ def _fill_distances(
 ) -> None:
     checked, boxes, one_pair = question.checked, question.boxes, question.one_pair
     bodies, tests, placed = checked.bodies, checked.tests, room.placed
-    cores, lower, candidates = room.cores, room.lower, placed.candidates
-    bounds, pairs, vectors = nearest.bounds, nearest.pairs, nearest.vectors
+    cores, lower, bounds, pairs = room.cores, room.lower, nearest.bounds, nearest.pairs
     for n in range(start, stop):
         place_state(checked, question.states, n, placed)
         for i in range(tests.first):
             _place_core(bodies, placed, i, cores, boxes)
-        best, count, least = question.limit, 1, 0
+        best = question.limit
         if not one_pair:
-            if len(room.near.bodies) > 0:
-                count = gather(checked, placed, room.near, 0, False, True)
-            else:
-                count = _all_candidates(tests, candidates)
-            least = _bound_all(bodies, tests, placed, room.spheres, count, lower)
+            _bound_all(bodies, tests, placed, room.spheres, lower)
             bounds[n, 0] = bounds[n, 1] = np.inf
             pairs[n, 0] = pairs[n, 1] = -1
-        for k in range(-1, 0 if one_pair else count):
+        for k in range(-1, 0 if one_pair else len(lower)):
             if one_pair:
                 i, j = pairs[n, 0], pairs[n, 1]
-            elif count == 0 or (k >= 0 and not lower[k] < best):
+            elif len(lower) == 0 or (k >= 0 and not lower[k] < best):
                 continue
             else:  # the pair with the least bound first
-                m = k if k >= 0 else least
-                i, j = candidates[m, 0], candidates[m, 1]
-            near = body_distance(cores, i, cores, j, ZERO, best, room.polytope)
-            if not (one_pair or near.lower < best):
+                i, j = _pair_at(tests, k if k >= 0 else int(lower.argmin()))
+            best = _closer(question, nearest, room, n, i, j, best)
+        if not one_pair:
+            _ask_clouds(question, nearest, room, n, best)
+
+
+@njit(merge=True)
+def _closer(
+    question: DistanceQuestion,
+    nearest: NearestPairs,
+    room: DistanceState,
+    n: int,
+    i: int,
+    number: int,
+    best: float,
+) -> float:
+    """Write the distance of a pair if it is the least so far in state n; return the least."""
+    bodies, cores, vectors = question.checked.bodies, room.cores, nearest.vectors
+    j = body_at(bodies, question.checked.clouds, number)
+    if j != number and question.boxes:
+        for k in range(3):
+            cores.centers[j, k] = bodies.centers[j, k]
+    near = body_distance(cores, i, cores, j, ZERO, best, room.polytope)
+    if not (question.one_pair or near.lower < best):
+        return best
+    nearest.bounds[n, 0], nearest.bounds[n, 1] = near.lower, near.upper
+    nearest.pairs[n, 0], nearest.pairs[n, 1] = i, number
+    for m in range(3):
+        vectors[n, 0, m], vectors[n, 1, m] = near.a[m], near.b[m]
+        vectors[n, 2, m] = near.normal[m]
+    return near.lower
+
+
+@njit(merge=True)
+def _ask_clouds(
+    question: DistanceQuestion, nearest: NearestPairs, room: DistanceState, n: int, best: float
+) -> None:
+    """Write the least distance from clouds, if it is the least in state n.
+
+    The ball nearest to the box of a body first, then all whose distance from it is less.
+    """
+    checked, placed = question.checked, room.placed
+    bodies, tests, clouds = checked.bodies, checked.tests, checked.clouds
+    count, balls = len(bodies.frames), placed.balls
+    for c in range(len(clouds.bodies)):
+        j = clouds.bodies[c]
+        for k in range(tests.first):
+            i = tests.first - 1 - k
+            if len(tests.allowed) and tests.allowed[i, j - tests.first]:
                 continue
-            best = near.lower
-            bounds[n, 0], bounds[n, 1] = near.lower, near.upper
-            pairs[n, 0], pairs[n, 1] = i, j
-            for m in range(3):
-                vectors[n, 0, m], vectors[n, 1, m] = near.a[m], near.b[m]
-                vectors[n, 2, m] = near.normal[m]
+            box = placed_box(bodies, placed, i)
+            sphere = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
+            slack = bodies.spheres[j] + slack_of(bodies, i, box.center)
+            slack += LINK_PLACING * bodies.reaches[j]
+            ball = nearest_ball(clouds, c, box, best + slack, sphere, placed.waiting)
+            if ball < 0:
+                continue
+            best = _closer(question, nearest, room, n, i, count + ball, best)
+            reach = sphere + max(best, 0.0) + slack
+            found = find_balls(clouds, c, box.center, box.center, reach, placed.waiting, balls)
+            for m in range(found):
+                center = ball_center(clouds, c, balls[m])
+                if balls[m] != ball and box_gap(box, center) < best + slack:
+                    best = _closer(question, nearest, room, n, i, count + balls[m], best)
 
 
 @njit(refcount=False)
-def _all_candidates(tests: Tests, candidates: Integers) -> int:
-    """Write all pairs, those of robots' bodies first; return their number."""
-    own, count = len(tests.pairs), len(tests.order)
-    for m in range(own):
-        candidates[m, 0], candidates[m, 1] = tests.pairs[m, 0], tests.pairs[m, 1]
-    for m in range(tests.first * count):
-        candidates[own + m, 0], candidates[own + m, 1] = m // count, tests.first + m % count
-    return own + tests.first * count
+def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
+    """Return the bodies of pair m: pairs of robots' bodies come before those with the world."""
+    if m < len(tests.pairs):
+        return tests.pairs[m, 0], tests.pairs[m, 1]
+    count = len(tests.order)
+    m -= len(tests.pairs)
+    return m // count, tests.first + m % count
 
 
 @njit(refcount=False)
 def _bound_all(
-    bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, count: int, lower: Floats
-) -> int:
-    """Write lower bounds of the distances of candidates; return the number of the least one.
-
-    They are infinite for pairs that do not count.
-    """
-    least = 0
-    for m in range(count):
-        i, j = placed.candidates[m, 0], placed.candidates[m, 1]
+    bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, lower: Floats
+) -> None:
+    """Write lower bounds of the distances of all pairs, infinite for those that do not count."""
+    for m in range(len(lower)):
+        i, j = _pair_at(tests, m)
         if j >= tests.first and len(tests.allowed) and tests.allowed[i, j - tests.first]:
             lower[m] = np.inf
             continue
@@ -202,16 +252,15 @@ def _bound_all(
             if square > 0.0:
                 lower[m] = max(lower[m], np.sqrt(square) - spheres[i])
         lower[m] -= 1e-9 * (norm(d) + spheres[i] + spheres[j])
-        least = m if lower[m] < lower[least] else least
-    return least
 
 
 @njit
-def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
+def _cores(checked: Checked, boxes: bool) -> Cores:
     """Return bodies, or their boxes, as ``Cores``; those of the world are placed already.
 
-    Boxes are larger by the roundings of kinematics.
+    Boxes are larger by the roundings of kinematics. Balls of clouds stay balls.
     """
+    bodies, balls = checked.bodies, checked.clouds.bodies
     count = len(bodies.frames)
     cores = Cores(
         np.full(count, BOX_CORE if boxes else HULL_CORE, np.int8),
@@ -230,6 +279,10 @@ def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
                 cores.centers[i, k] = bodies.centers[i, k]
                 for m in range(3):
                     cores.rotations[i, k, m] = bodies.rotations[i, k, m]
+    for c in range(len(balls) if boxes else 0):
+        j = balls[c]
+        cores.sizes[j, 0] = cores.sizes[j, 1] = cores.sizes[j, 2] = 0.0
+        cores.radii[j] = bodies.rounds[j] + LINK_PLACING * bodies.reaches[j]
     return cores
 
 
@@ -294,7 +347,8 @@ def state_distances(
         prepared = prepared.without_self_pairs
     checked = prepared.checked
     ask = _all_distances if every else _least_distances
-    rows, (bounds, bodies, vectors) = ask(prepared, accuracy, states, limit)
+    rows, (bounds, numbers, vectors) = ask(prepared, accuracy, states, limit)
+    bodies = prepared.bodies_at(numbers)
     gradients = None
     if jacobian:
         frames = np.append(checked.bodies.frames, 0)[bodies]  # any frame if there is no pair

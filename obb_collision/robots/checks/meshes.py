@@ -126,7 +126,14 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
     """
     if len(pairs) == 0:
         return
-    own, world, (tree, bodies, tests, *_) = prepared.own.meshes, prepared.world, prepared.checked
+    own, world, checked = prepared.own.meshes, prepared.world, prepared.checked
+    tree, bodies, tests, count = (
+        checked.tree,
+        checked.bodies,
+        checked.tests,
+        len(checked.bodies.frames),
+    )
+    numbers, pairs = pairs[:, 1], prepared.bodies_at(pairs)
     i, j = np.ascontiguousarray(pairs.T)
     outside, kinds = j >= tests.first, np.full(len(pairs), TRIANGLES)
     kinds[outside] = world.kinds[j[outside] - tests.first]
@@ -137,7 +144,7 @@ def _placed_pairs(prepared: Prepared, states: Floats, pairs: Integers) -> Iterat
             continue
         a = own.placed(tree, states[rows], i[rows])
         if outside[rows[0]]:
-            b, radii = world.placed(j[rows] - tests.first)
+            b, radii = world.placed(j[rows] - tests.first, numbers[rows] - count)
         else:
             b, radii = own.placed(tree, states[rows], j[rows]), own.radii[j[rows]]
         slack = bodies.reaches[i[rows]] + bodies.reaches[j[rows]]

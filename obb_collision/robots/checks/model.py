@@ -26,12 +26,9 @@ import numpy as np
 
 from obb_collision._jit import Held, hold
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import IDENTITY_POSE, as_poses, compose_poses, rotate_vectors
-from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, rotate_vectors
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.obb import OBB
-from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.robots.checks.arrays import (
     NO_CHAINS,
     Checked,
@@ -47,6 +44,7 @@ from obb_collision.robots.checks.arrays import (
     one_tree,
     rigid_groups,
 )
+from obb_collision.robots.checks.balls import bodies_at
 from obb_collision.robots.checks.bodies import (
     Kept,
     LinkMeshes,
@@ -162,18 +160,6 @@ class OwnBodies:
         """The bodies as meshes."""
         return LinkMeshes(self.parts)
 
-    def placed(self, state: Floats, origin: Floats) -> tuple[Boxes, ConvexBodies]:
-        """Return the boxes and hulls of the bodies in a state (joints,); origin: of bodies (3,)."""
-        bodies, count = self.bodies, len(self.bodies.frames)
-        poses = link_poses(self.tree, np.ascontiguousarray(state[None]))[0]
-        positions, turns = as_poses(poses[bodies.frames], warn=False)
-        positions += origin
-        centers = positions + np.einsum("nij,nj->ni", turns, bodies.centers)
-        boxes = Boxes.trusted(centers, turns @ bodies.rotations, bodies.half_extents)
-        cores = np.full(count, HULL_CORE, np.int8), np.zeros((count, 4)), bodies.rounds
-        hulls = Hulls(bodies.blocks, bodies.starts, bodies.radii), np.arange(count)
-        return boxes, ConvexBodies(*cores, *hulls, positions, turns)
-
     @cached_property
     def links(self) -> tuple[Rows, Rows, Floats, Floats]:
         """``links``, ``starts``, ``centers`` and ``spheres`` of ``Tests``."""
@@ -253,7 +239,7 @@ class Prepared:
     def moving(self, accuracy: Accuracy) -> Held:
         """Return ``checked`` with chains and meshes, as motions need it."""
         if accuracy not in self._moving:
-            tree, bodies, tests, *_ = self.checked
+            tree, bodies, _, tests, *_ = self.checked
             boxes = bool(accuracy < Accuracy.HULL)
             chains = chains_of(tree, bodies, tests.pairs, tests.first, boxes)
             meshes = self.meshes & (accuracy == Accuracy.MESH)
@@ -262,9 +248,13 @@ class Prepared:
 
     def owners_of(self, bodies: Integers) -> Integers:
         """Return the rows of ``names`` of pairs of bodies (m, 2), the smaller first."""
-        pairs = self.checked.owners[bodies]
+        pairs = self.checked.owners[self.bodies_at(bodies)]
         pairs.sort(axis=1)
         return pairs
+
+    def bodies_at(self, numbers: Integers) -> Integers:
+        """Return the bodies of numbers in pairs (m, 2), which may be balls of clouds."""
+        return bodies_at(self.checked.clouds, len(self.checked.bodies.frames), numbers)
 
 
 class Model:
@@ -389,7 +379,7 @@ class Model:
         names = (name for name, attached in self.attached.items() if attached.of_scene)
         return frozenset(chain(names, *self.link_objects.values()))
 
-    def _own_bodies(self, scene: Scene) -> OwnBodies:
+    def own_bodies(self, scene: Scene) -> OwnBodies:
         """Return the bodies of links, with paddings of their objects, and of attached objects."""
         grown = self.paddings.copy()
         for link, names in self.link_objects.items():
@@ -432,7 +422,7 @@ class Model:
         return result
 
     def _made(self, scene: Scene) -> Prepared:
-        own = self._own_bodies(scene)
+        own = self.own_bodies(scene)
         world = world_of(scene, len(self.link_names), self.origin, self.left_out, self._kept)
         links = [*self.link_names, *self.attached]
         names, count, allowed = [*links, *world.names], len(links), own.allowed
@@ -440,12 +430,14 @@ class Model:
         counted = self._counted(scene, links, world.names)
         if counted is not None:
             allowed = allowed | ~counted[:, :count]
-            world_allowed = np.ascontiguousarray(~counted[own.owners, count:][:, world.owners])
+            world_allowed = np.ascontiguousarray(~counted[own.owners, count:])
         pairs, first, tree = body_pairs(own.owners, allowed), len(own.owners), world.tree
         tests = Tests(*own.links, pairs, world_allowed, first, tree.nodes, tree.starts, tree.order)
         bodies = joined([own.bodies, world.bodies])
-        owners = np.concatenate([own.owners, count + world.owners, [-1]])
-        checked = Checked(self.tree, bodies, tests, owners, NO_CHAINS, np.empty(0, np.bool_))
+        owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
+        clouds = world.clouds._replace(bodies=world.clouds.bodies + first)
+        no_meshes = np.empty(0, np.bool_)
+        checked = Checked(self.tree, bodies, clouds, tests, owners, NO_CHAINS, no_meshes)
         return Prepared(checked, own, world, self.limits, names, self.joint_names)
 
     def _counted(self, scene: Scene, links: list[str], objects: list[str]) -> Mask | None:

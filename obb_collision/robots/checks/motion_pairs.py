@@ -60,6 +60,7 @@ from obb_collision.robots.checks.arrays import (
     placed_box,
     slack_of,
 )
+from obb_collision.robots.checks.balls import ball_center, body_at, find_balls
 from obb_collision.robots.checks.motion_room import (
     BOUND_GROWTH,
     MotionQuestion,
@@ -99,7 +100,7 @@ def sweep_candidates(
     In a pair with the world, its body is the first, in whose frame the second one moves.
     """
     checked, bends, times = question.checked, room.bends, room.times
-    bodies, tests, tree = checked.bodies, checked.tests, room.placed
+    bodies, tests, tree, clouds = checked.bodies, checked.tests, room.placed, checked.clouds
     nodes, starts, order = tests.nodes, tests.levels, tests.order
     p, q = slot_of(room.placed, slot_a), slot_of(room.placed, slot_b)
     candidates, directions, limits = tree.candidates, room.directions, tree.grown
@@ -108,7 +109,7 @@ def sweep_candidates(
     world = BoxArrays(bodies.centers, bodies.rotations, bodies.half_extents)
     span = times[slot_b] - times[slot_a]
     count = 0
-    for k in range(len(tests.links) if len(order) else 0):
+    for k in range(len(tests.links) if len(order) or len(clouds.bodies) else 0):
         group = len(tests.links) - 1 - k
         frame, first, last = tests.links[group], tests.starts[group], tests.starts[group + 1]
         radius = 0.0
@@ -163,6 +164,35 @@ def sweep_candidates(
                     if near:
                         candidates[count, 0], candidates[count, 1] = j, i
                         candidates[count, 2] = -1
+                        directions[count, 0], directions[count, 1], directions[count, 2] = n
+                        count += 1
+        for c in range(len(clouds.bodies)):
+            j = clouds.bodies[c]
+            far = radius + bodies.spheres[j]
+            start = plus(
+                vector_at(p.positions, frame), components(rows_at(p.rotations, frame), middle)
+            )
+            end = plus(
+                vector_at(q.positions, frame), components(rows_at(q.rotations, frame), middle)
+            )
+            found = find_balls(clouds, c, start, end, far, tree.waiting, tree.balls)
+            for m in range(found):
+                center = ball_center(clouds, c, tree.balls[m])
+                b = BoxAt(center, box_at(world, j).axes, (0.0, 0.0, 0.0))
+                for i in range(first, last):
+                    if ruled and allowed[i, j - tests.first]:
+                        continue
+                    reach = bodies.spheres[i] + bodies.spheres[j] + limits[i]
+                    reach += LINK_PLACING * bodies.reaches[j]
+                    near, n = _passes(
+                        b,
+                        minus(vector_at(p.centers, i), center),
+                        minus(vector_at(q.centers, i), center),
+                        reach,
+                    )
+                    if near:
+                        candidates[count, 0] = len(bodies.frames) + tree.balls[m]
+                        candidates[count, 1], candidates[count, 2] = i, -1
                         directions[count, 0], directions[count, 1], directions[count, 2] = n
                         count += 1
     pairs, chains = tests.pairs, question.checked.chains
@@ -251,7 +281,10 @@ def collides(question: MotionQuestion, room: MotionRoom, c: int, slot: int, grow
     Tests and order of bodies are those of ``states``, so that answers agree.
     """
     bodies, placed = question.checked.bodies, slot_of(room.placed, slot)
-    i, j = placed.candidates[c, 0], placed.candidates[c, 1]
+    i, j = (
+        body_at(bodies, question.checked.clouds, placed.candidates[c, 0]),
+        placed.candidates[c, 1],
+    )
     if placed.candidates[c, 2] < 0:
         i, j = j, i  # the body of the world has the same place in every state
         placed.ready[j] = True
@@ -277,6 +310,7 @@ def moves_of(
     bodies, bends = question.checked.bodies, room.bends
     p, q = slot_of(room.placed, slot_a), slot_of(room.placed, slot_b)
     i, j, m = p.candidates[c, 0], p.candidates[c, 1], p.candidates[c, 2]
+    i = body_at(bodies, question.checked.clouds, i)
     span = abs(room.times[slot_b] - room.times[slot_a])
     if m < 0:
         bend = bend_of(span, bends.bodies[j, 3], bends.bodies[j, 4], blur)
@@ -314,6 +348,7 @@ def stays_apart(
     bodies, bends = question.checked.bodies, room.bends
     p, q = slot_of(room.placed, slot_a), slot_of(room.placed, slot_b)
     i, j, m = p.candidates[c, 0], p.candidates[c, 1], p.candidates[c, 2]
+    i = body_at(bodies, question.checked.clouds, i)
     span, slack = room.times[slot_b] - room.times[slot_a], _slack_in(bodies, j, p, q)
     if m < 0:
         bend = bend_of(span, bends.bodies[j, 3], bends.bodies[j, 4], blur)

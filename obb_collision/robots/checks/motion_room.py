@@ -27,7 +27,13 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.bounds_tree import STACK
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.robots.checks.arrays import Checked, Placed, place_state
+from obb_collision.robots.checks.arrays import (
+    Checked,
+    Placed,
+    most_balls,
+    most_pairs,
+    place_state,
+)
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
 from obb_collision.typing import Floats, Integers, Mask
 
@@ -244,7 +250,7 @@ def new_room(question: MotionQuestion) -> MotionRoom:
     checked, joints = question.checked, question.starts.shape[1]
     links, first = len(checked.tree.parents), checked.tests.first
     count, pairs = len(checked.bodies.frames), len(question.checked.chains.starts) - 1
-    most = len(checked.tests.pairs) + first * (count - first)
+    most = most_pairs(checked)
     placed = Placed(
         np.empty((SLOTS, links, 7)),
         np.zeros((SLOTS, links + 1, 3)),
@@ -255,6 +261,7 @@ def new_room(question: MotionQuestion) -> MotionRoom:
         np.empty((2, STACK), np.int64),
         np.empty((most, 3), np.int64),
         np.empty(most),
+        np.empty(most_balls(checked.clouds), np.int64),
     )
     for slot in range(SLOTS):
         for k in range(3):
@@ -287,6 +294,7 @@ def slot_of(placed: Placed, slot: int) -> Placed:
         placed.waiting,
         placed.candidates,
         placed.grown,
+        placed.balls,
     )
 
 

@@ -41,6 +41,7 @@ import numpy as np
 from obb_collision._jit import Held, njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
+from obb_collision.robots.checks.arrays import with_own_clouds
 from obb_collision.robots.checks.distances import hull_distances
 from obb_collision.robots.checks.meshes import set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
@@ -104,7 +105,8 @@ def motions_kernel(
     skipped. question, hits, spans: ``MotionQuestion``, ``MotionHits`` and ``OpenSpans`` as plain
     tuples, which arrive from Python faster.
     """
-    asked, open_ = MotionQuestion(held.value, *question), OpenSpans(*spans)
+    asked = MotionQuestion(with_own_clouds(held.value), *question)
+    open_ = OpenSpans(*spans)
     room = new_room(asked)
     for n in range(start, stop):
         if len(open_.pairs) == 0 or open_.counts[n] > 0:
@@ -120,7 +122,7 @@ def moves_kernel(
     stop: int,
 ) -> None:
     """Write bounds of how far pairs move between two times, and how far off the line."""
-    asked = MotionQuestion(held.value, *question)
+    asked = MotionQuestion(with_own_clouds(held.value), *question)
     room = new_room(asked)
     bends, candidates = room.bends, room.placed.candidates
     for k in range(start, stop):
@@ -220,7 +222,8 @@ def _first_colliding(question: MotionQuestion, room: MotionRoom, count: int, las
 def _by_meshes(question: MotionQuestion, room: MotionRoom, c: int) -> bool:
     """Return whether candidate c needs meshes to be decided."""
     meshes, candidates = question.checked.meshes, room.placed.candidates
-    return meshes[candidates[c, 0]] or meshes[candidates[c, 1]]
+    fixed, moving = candidates[c, 0], candidates[c, 1]
+    return (fixed < len(meshes) and meshes[fixed]) or meshes[moving]  # a ball is no mesh
 
 
 @njit(merge=True)

@@ -34,17 +34,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
 from obb_collision.numerics.intrinsics import LANES
-from obb_collision.numerics.vec3 import (
-    absolute,
-    combined,
-    components,
-    dot,
-    minus,
-    negated,
-    plus,
-    rows_at,
-    vector_at,
-)
+from obb_collision.numerics.vec3 import components, dot, minus, negated, plus, rows_at, vector_at
 from obb_collision.queries.meshes.hull_hull import HullCorners, apart
 from obb_collision.queries.meshes.placed import place_at, relative_pose
 from obb_collision.queries.verdict.sat import BoxAt, box_at, pair_of
@@ -59,7 +49,9 @@ from obb_collision.robots.checks.arrays import (
     place_state,
     placed_box,
     slack_of,
+    with_own_clouds,
 )
+from obb_collision.robots.checks.balls import ball_center, body_at, find_balls
 from obb_collision.robots.checks.meshes import mesh_collisions_of
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StatePairs, StateReport
@@ -93,10 +85,6 @@ class CollidingPairs(NamedTuple):
     pairs: Integers
 
 
-CROWD = 1024
-"""Bodies of the world from which on the boxes of a link are looked up, not only its sphere."""
-
-
 @njit(merge=True)
 def gather(
     checked: Checked, placed: Placed, near: PairValues, row: int, stop: bool, boxes: bool
@@ -106,9 +94,9 @@ def gather(
     near: distances within which bodies count as colliding, m; row: that of the state. Pairs with
     the world come first, from the last link on, as tips collide most. stop: whether to end with a
     pair that certainly collides, by balls within bodies; it is then the first candidate, and the
-    number is -1. boxes: whether pairs whose boxes are apart may be left out.
+    number is -1. boxes: whether boxes, too, must overlap the balls of clouds.
     """
-    bodies, tests = checked.bodies, checked.tests
+    bodies, tests, clouds = checked.bodies, checked.tests, checked.clouds
     nodes, starts, order = tests.nodes, tests.levels, tests.order
     centers, spheres, inner = placed.centers, bodies.spheres, bodies.inner
     world = BoxArrays(centers, placed.axes, bodies.half_extents)
@@ -116,7 +104,7 @@ def gather(
     candidates, limits, grown = placed.candidates, placed.grown, near.bodies
     allowed, ruled = tests.allowed, len(tests.allowed) > 0
     count = 0
-    for k in range(len(tests.links) if len(order) else 0):
+    for k in range(len(tests.links) if len(order) or len(clouds.bodies) else 0):
         group = len(tests.links) - 1 - k
         frame, first, last = tests.links[group], tests.starts[group], tests.starts[group + 1]
         middle = components(rows_at(placed.rotations, frame), vector_at(tests.centers, group))
@@ -125,25 +113,20 @@ def gather(
         for i in range(first, last):
             radius = max(radius, grown[row, i] + 2.0 * slack_of(bodies, i, (x, y, z)))
         radius += tests.spheres[group]
-        low, high = (x - radius, y - radius, z - radius), (x + radius, y + radius, z + radius)
-        if boxes and len(order) >= CROWD:
-            least, most = high, low
-            for i in range(first, last):
-                a, reach = placed_box(bodies, placed, i), grown[row, i]
-                reach += 2.0 * slack_of(bodies, i, a.center)
-                sides = absolute(a.axes[0]), absolute(a.axes[1]), absolute(a.axes[2])
-                u, v, w = combined(sides, a.half_extents)
-                side = u + reach, v + reach, w + reach
-                least = minimum(least, minus(a.center, side))
-                most = maximum(most, plus(a.center, side))
-            low, high = maximum(low, least), minimum(high, most)
         levels[0], blocks[0] = len(starts) - 2, 0
         depth = 1
         while depth > 0:
             depth -= 1
             level, block = levels[depth], blocks[depth]
             mask = overlaps(
-                nodes, starts[level] + block, low[0], low[1], low[2], high[0], high[1], high[2]
+                nodes,
+                starts[level] + block,
+                x - radius,
+                y - radius,
+                z - radius,
+                x + radius,
+                y + radius,
+                z + radius,
             )
             while mask != 0:
                 child = LANES * block + lowest(mask)
@@ -169,6 +152,34 @@ def gather(
                     if stop and bodies.boxes[j] and square <= inner[i] * inner[i]:
                         candidates[0, 0], candidates[0, 1] = i, j
                         return -1
+        for c in range(len(clouds.bodies)):
+            j = clouds.bodies[c]
+            reach, place = radius + spheres[j], (x, y, z)
+            found = find_balls(clouds, c, place, place, reach, placed.waiting, placed.balls)
+            for m in range(found):
+                ball = ball_center(clouds, c, placed.balls[m])
+                for i in range(first, last):
+                    if ruled and allowed[i, j - tests.first]:
+                        continue
+                    center = vector_at(centers, i)
+                    d = minus(ball, center)
+                    square = dot(d, d)
+                    near_ball = spheres[j] + grown[row, i] + 2.0 * slack_of(bodies, i, center)
+                    near_ball += 2.0 * LINK_PLACING * bodies.reaches[j]
+                    reach = spheres[i] + near_ball
+                    if square > reach * reach * (1.0 + LINK_PLACING):
+                        continue
+                    if boxes:
+                        gap = square_distance(placed_box(bodies, placed, i), d)
+                        if gap > near_ball * near_ball * (1.0 + LINK_PLACING):
+                            continue
+                    candidates[count, 0] = i
+                    candidates[count, 1] = len(bodies.frames) + placed.balls[m]
+                    limits[count] = grown[row, i]
+                    count += 1
+                    if stop and square <= inner[i] * inner[i]:
+                        candidates[0, 0], candidates[0, 1] = candidates[count - 1]
+                        return -1
     pairs, grown = tests.pairs, near.pairs
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
@@ -179,18 +190,6 @@ def gather(
         limits[count] = grown[row, n]
         count += dot(d, d) <= reach * reach * (1.0 + LINK_PLACING)
     return count
-
-
-@njit
-def minimum(u: Vector, v: Vector) -> Vector:
-    """Return the lesser of each component."""
-    return min(u[0], v[0]), min(u[1], v[1]), min(u[2], v[2])
-
-
-@njit
-def maximum(u: Vector, v: Vector) -> Vector:
-    """Return the greater of each component."""
-    return max(u[0], v[0]), max(u[1], v[1]), max(u[2], v[2])
 
 
 @njit(inline=True, refcount=False)
@@ -270,7 +269,7 @@ def pairs_kernel(
     for pairs, states with count 0 are skipped. question, output: ``StateQuestion`` and
     ``CollidingPairs`` as plain tuples, which arrive from Python in a third of the time.
     """
-    asked = StateQuestion(held.value, *question)
+    asked = StateQuestion(with_own_clouds(held.value), *question)
     _fill_pairs(asked, CollidingPairs(*output), new_placed(asked.checked), start, stop)
 
 
@@ -290,9 +289,15 @@ def _fill_pairs(
         count = gather(checked, placed, near, row, first, level > SPHERE)
         number = 0
         for m in range(abs(count)):
-            i, j = placed.candidates[m, 0], placed.candidates[m, 1]
+            i, other = placed.candidates[m, 0], placed.candidates[m, 1]
+            j = body_at(bodies, checked.clouds, other)
+            if other != j:
+                for k in range(3):
+                    placed.centers[j, k] = bodies.centers[j, k]
             if count < 0 or may_collide(bodies, placed, i, j, placed.grown[m], level):
                 number += 1
+                if not first:
+                    j = other
                 if first:
                     i, j = checked.owners[i], checked.owners[j]
                     i, j = min(i, j), max(i, j)

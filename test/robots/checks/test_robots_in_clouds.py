@@ -77,6 +77,9 @@ def test_distances_are_those_of_the_nearest_ball(accuracy: str) -> None:
     for limit in (np.inf, 0.2):
         got = cloud.distances(states, max_distance=limit, jacobian=True)
         want = spheres.distances(states, max_distance=limit, jacobian=True)
+        if accuracy == "obb":  # there a sphere is a box, a ball of a cloud is not
+            assert (got.distances >= want.distances - 1e-9).all()
+            continue
         np.testing.assert_allclose(got.distances, want.distances, atol=1e-9)
         assert got.jacobians is not None
         assert want.jacobians is not None

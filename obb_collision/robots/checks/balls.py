@@ -1,0 +1,210 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The balls of clouds in the world of robots: searched by trees, tested one at a time.
+
+A cloud may have a million balls, so they are not bodies of their own. The tree over the points of a
+cloud stays in the cloud's frame; its leaves hold the points. A cloud is one body, at the place of
+any of its balls: kernels copy the bodies once, and move that body to a ball before a test. In pairs
+of bodies, ball k stands as number ``count + k``, where count is that of the bodies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.geometry.trees.bounds_tree import LANE_BITS, LEVELS, lowest, overlaps
+from obb_collision.geometry.trees.clouds import Cloud
+from obb_collision.numerics.intrinsics import LANES
+from obb_collision.numerics.vec3 import axes_of, components, minus, plus, rows_at, vector_at
+from obb_collision.queries.verdict.sat import BoxAt
+from obb_collision.typing import Floats, Integers, Rows, Vector
+
+if TYPE_CHECKING:
+    from obb_collision.robots.checks.arrays import LinkBodies
+
+
+class Clouds(NamedTuple):
+    """The clouds of a world (c,), and the trees over their points, one after another.
+
+    A ball is numbered by its leaf and lane: the block in ``nodes`` times LANES, plus the lane.
+    """
+
+    bodies: Integers  #: (c,) the body of each cloud
+    centers: Floats  #: (c, 3) places of their frames, relative to the origin of bodies
+    rotations: Floats  #: (c, 3, 3)
+    nodes: Floats  #: (m, 6, LANES) as in ``BoundsTree``
+    levels: Integers  #: (c + 1, LEVELS) the first block of each level; of row c only the first
+    tops: Integers  #: (c,) the number of the level of the root
+
+
+def clouds_of(
+    clouds: Sequence[Cloud], bodies: Integers, centers: Floats, rotations: Floats
+) -> Clouds:
+    """Return clouds (c,) with points, whose bodies are ``bodies`` (c,), placed."""
+    count = len(clouds)
+    levels, tops = np.zeros((count + 1, LEVELS), np.int64), np.zeros(count, np.int64)
+    nodes = [cloud.tree.nodes for cloud in clouds] or [np.empty((0, 6, LANES))]
+    for n, cloud in enumerate(clouds):
+        starts = cloud.tree.starts
+        levels[n, : len(starts) - 1] += starts[:-1]
+        levels[n + 1 :] += starts[-1]
+        tops[n] = len(starts) - 2
+    joined = nodes[0] if count < 2 else np.concatenate(nodes)
+    return Clouds(bodies, centers, rotations, joined, levels, tops)
+
+
+def bodies_at(clouds: Clouds, count: int, numbers: Integers) -> Integers:
+    """Return the bodies of numbers (...), the cloud's body for a ball; count: of bodies."""
+    if not len(clouds.bodies):
+        return numbers
+    balls, result = numbers >= count, numbers.copy()
+    result[balls] = clouds.bodies[_owners_of(clouds, numbers[balls] - count)]
+    return result
+
+
+def centers_at(clouds: Clouds, balls: Rows) -> Floats:
+    """Return the places (k, 3) of balls (k,), relative to the origin of bodies."""
+    owners = _owners_of(clouds, balls)
+    points = clouds.nodes[balls // LANES, :3, balls % LANES]
+    turned = np.einsum("nij,nj->ni", clouds.rotations[owners], points)
+    return np.asarray(turned + clouds.centers[owners])
+
+
+def _owners_of(clouds: Clouds, balls: Rows) -> Rows:
+    """Return the rows (k,) of the clouds of balls (k,)."""
+    return np.searchsorted(clouds.levels[:-1, 0], balls // LANES, "right") - 1
+
+
+@njit(inline=True, refcount=False)
+def ball_center(clouds: Clouds, c: int, ball: int) -> Vector:
+    """Return the centre of a ball of cloud c, relative to the origin of bodies."""
+    nodes, block, lane = clouds.nodes, ball >> LANE_BITS, ball & (LANES - 1)
+    point = nodes[block, 0, lane], nodes[block, 1, lane], nodes[block, 2, lane]
+    return plus(vector_at(clouds.centers, c), components(rows_at(clouds.rotations, c), point))
+
+
+@njit(inline=True, refcount=False)
+def body_at(bodies: LinkBodies, clouds: Clouds, number: int) -> int:
+    """Return the body of a number in a pair; a ball's is its cloud's, which is moved there."""
+    count = len(bodies.frames)
+    if number < count:
+        return number
+    c = cloud_at(clouds, number - count)
+    j = clouds.bodies[c]
+    x, y, z = ball_center(clouds, c, number - count)
+    bodies.centers[j, 0], bodies.centers[j, 1], bodies.centers[j, 2] = x, y, z
+    block = bodies.starts[j]
+    for lane in range(LANES):
+        bodies.blocks[block, 0, lane] = x
+        bodies.blocks[block, 1, lane] = y
+        bodies.blocks[block, 2, lane] = z
+    return j
+
+
+@njit(inline=True, refcount=False)
+def cloud_at(clouds: Clouds, ball: int) -> int:
+    """Return the cloud of a ball."""
+    c = 0
+    while ball >> LANE_BITS >= clouds.levels[c + 1, 0]:
+        c += 1
+    return c
+
+
+@njit(refcount=False)
+def find_balls(
+    clouds: Clouds, c: int, start: Vector, end: Vector, reach: float, waiting: Integers,
+    out: Integers,
+) -> int:  # fmt: skip
+    """Write the balls of cloud c near two points; return their number.
+
+    Those whose centres are in the bounds of both points, in the frame of the cloud, grown by reach.
+    """
+    nodes, starts = clouds.nodes, clouds.levels
+    blocks, levels = waiting[0], waiting[1]
+    axes, place = axes_of(clouds.rotations, c), vector_at(clouds.centers, c)
+    x, y, z = components(axes, minus(start, place))
+    u, v, w = components(axes, minus(end, place))
+    x, u, y, v, z, w = min(x, u), max(x, u), min(y, v), max(y, v), min(z, w), max(z, w)
+    levels[0], blocks[0] = clouds.tops[c], 0
+    depth, count = 1, 0
+    while depth > 0:
+        depth -= 1
+        level, block = levels[depth], blocks[depth]
+        row = starts[c, level] + block
+        mask = overlaps(
+            nodes, row, x - reach, y - reach, z - reach, u + reach, v + reach, w + reach
+        )
+        while mask != 0:
+            lane = lowest(mask)
+            mask &= mask - 1
+            if level > 0:
+                levels[depth], blocks[depth] = level - 1, LANES * block + lane
+                depth += 1
+            else:
+                out[count] = LANES * row + lane
+                count += 1
+    return count
+
+
+@njit(inline=True, refcount=False)
+def box_gap(box: BoxAt, point: Vector) -> float:
+    """Return the distance of a point from a box, negative inside of it."""
+    u, v, w = components(box.axes, minus(point, box.center))
+    h = box.half_extents
+    u, v, w = abs(u) - h[0], abs(v) - h[1], abs(w) - h[2]
+    inside = max(u, v, w)
+    if inside <= 0.0:
+        return inside
+    u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
+    return math.sqrt(u * u + v * v + w * w)
+
+
+@njit(refcount=False)
+def nearest_ball(
+    clouds: Clouds, c: int, box: BoxAt, limit: float, sphere: float, waiting: Integers
+) -> int:
+    """Return the ball of cloud c whose centre is nearest to a box, up to a limit; -1 for none.
+
+    sphere: the radius of a sphere around the box.
+    """
+    nodes, starts = clouds.nodes, clouds.levels
+    blocks, levels = waiting[0], waiting[1]
+    middle = minus(box.center, vector_at(clouds.centers, c))
+    x, y, z = components(axes_of(clouds.rotations, c), middle)
+    levels[0], blocks[0] = clouds.tops[c], 0
+    depth, result = 1, -1
+    while depth > 0:
+        depth -= 1
+        level, block = levels[depth], blocks[depth]
+        row = starts[c, level] + block
+        reach = sphere + max(limit, 0.0)
+        mask = overlaps(
+            nodes, row, x - reach, y - reach, z - reach, x + reach, y + reach, z + reach
+        )
+        while mask != 0:
+            lane = lowest(mask)
+            mask &= mask - 1
+            if level > 0:
+                levels[depth], blocks[depth] = level - 1, LANES * block + lane
+                depth += 1
+                continue
+            gap = box_gap(box, ball_center(clouds, c, LANES * row + lane))
+            if gap < limit:
+                limit, result = gap, LANES * row + lane
+    return result
