@@ -140,6 +140,7 @@ def test_whatever_is_given_is_answered_or_refused_by_name(step: int) -> None:
 #: A region may be without an end; of a cloud, points that are no numbers are left out.
 TAKEN = (
     *("regions.Region minimum", "points_inside points", "shapes.Cloud points"),
+    "RobotScene.own_points points",
     "Scene.obstacle_points = obstacle_points",
 )
 

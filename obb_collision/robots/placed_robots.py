@@ -59,6 +59,7 @@ class PlacedRobots(Changing):
         poses = np.tile(IDENTITY_POSE, (len(members), 1)) if bases is None else bases
         checked = as_array(poses, "bases", (len(members), 7))
         self._scene = Scene() if scene is None else scene
+        self._check_points()
         self._model = Model(members, names, unit_poses(checked, "bases"))
         self._model.warns = self.warns
         self._joint_count = len(self._model.joint_names)
@@ -176,11 +177,6 @@ class PlacedRobots(Changing):
         padding : float
             Metres, added to the padding of the link.
 
-        Raises
-        ------
-        TypeError
-            For another kind of shape, also a cloud: what a sensor sees moves with no link.
-
         Examples
         --------
         >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
@@ -257,9 +253,7 @@ class PlacedRobots(Changing):
         if name in self._model.link_names:
             raise ValueError(f"name must not be the name of a link, got {shown(name)}")
         if isinstance(shape, Cloud):
-            raise TypeError(
-                "shape must not be a Cloud: attach the body that it shows, such as a Hull of points"
-            )
+            raise ValueError("shape must not be a Cloud: attach the body that it shows, as a Hull")
         where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
         check_kind(touch_links, Sequence, "touch_links", Set)
         links = [touch_links] if isinstance(touch_links, str) else touch_links

@@ -17,17 +17,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind, is_single
+from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.queries.rays.rays import as_rays, cast_at_bodies
 from obb_collision.robots.checks.arrays import check_turns
 from obb_collision.robots.checks.distances import state_distances
 from obb_collision.robots.checks.motions import check_motions, displacements
-from obb_collision.robots.checks.own_points import own_points
 from obb_collision.robots.checks.reports import MotionReport, StateDistances, StateReport
 from obb_collision.robots.checks.states import check_states
 from obb_collision.robots.kinematics.kinematics import PLANAR
@@ -53,8 +57,8 @@ class RobotScene(PlacedRobots):
         ``NAME/LINK``; otherwise as in the URDF, and no two may share a name.
     scene : Scene, optional
         The world, which may change between checks. Its rules about pairs (``allow``,
-        ``check_only``, ``allowed_within``) hold for links, too. A cloud is an obstacle at every
-        accuracy by its balls; a scene with ``obstacle_points`` raises ValueError.
+        ``check_only``, ``allowed_within``) hold for links, too. A scene with ``obstacle_points``
+        raises ValueError: a ``Cloud`` in it is checked against robots, they are not.
     accuracy : Accuracy or str
         The level of all pairs; levels of objects in the scene do not count.
     padding : float or mapping
@@ -294,45 +298,45 @@ class RobotScene(PlacedRobots):
         padding: float = 0.0,
         sensor: ArrayLike | None = None,
     ) -> Mask:
-        """Return which points lie inside the robots: what a sensor sees of them is no obstacle.
-
-        A link is the hulls of its shapes with its padding, at every accuracy; what is attached to
-        it counts. With the place of the sensor also those behind a link, as the sensor sees it;
-        a link that the sensor is in hides nothing.
+        """Return which points of a cloud are on the robots or on what is attached to them.
 
         Parameters
         ----------
         state : (joints,) array_like
+            The state in which a sensor saw the points.
         points : (n, 3) array_like
-            In the scene, metres; those that are not finite lie nowhere.
+            Metres, in the frame of the scene; points that are not finite are on nothing.
         padding : float
-            Metres around all links, beside their own padding.
+            Metres within which a point is still on the hull of a shape.
         sensor : (3,) array_like, optional
-            In the scene, metres.
+            Where the sensor is: points behind the robots, seen from there, count, too. A shape
+            that it is in hides nothing.
 
         Returns
         -------
-        (n,) numpy.ndarray
-            Booleans. A point that is less than the roundings outside counts as inside.
+        (n,) bool array
 
         Examples
         --------
         With ``checker`` as in the example of ``RobotScene``:
 
-        >>> points = [[0, 0, 1], [0.15, 0, 1], [3, 0, 1]]
-        >>> checker.own_points([1], points).tolist()
-        [True, False, False]
-        >>> checker.own_points([1], points, 0.1, sensor=[-2, 0, 1]).tolist()
-        [True, True, True]
+        >>> points = [[0, 0, 0.45], [0, 0, 0.7], [0, 0, 0]]
+        >>> checker.own_points([0.5], points, sensor=[0, 0, 2]).tolist()
+        [True, False, True]
         """
-        rows = self._states(as_array(state, "state", (self._joint_count,)), "state")
-        metres, origin, tree = as_padding(padding), self._model.origin, self._model.tree
-        places = np.asarray(as_points(points, "points"), np.float64) - origin
-        seen = np.empty((0, 3))
+        cloud, metres = as_points(points, "points"), as_padding(padding)
+        states = self._states(as_array(state, "state", (self._joint_count,))[None], "state")
+        boxes, bodies = self._prepared.own.placed(states[0], self._model.origin)
+        inside = points_in_bodies(boxes, bodies, cloud, metres, each_point=True)
+        assert inside.boxes is not None
+        own = inside.boxes >= 0
         if sensor is not None:
-            seen = as_array(sensor, "sensor", (3,))[None] - origin
-        own = self._model.own_bodies(self._scene)
-        return own_points(own, tree, rows, np.ascontiguousarray(places), metres, seen)
+            seen = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
+            where = as_array(sensor, "sensor", (3,))
+            own[seen] = _are_behind(
+                where, np.asarray(cloud[seen], np.float64), boxes, bodies, metres
+            )
+        return own
 
     def check_path(
         self, states: ArrayLike, *, first: bool = False, resolution: float = DEFAULT_RESOLUTION
@@ -361,3 +365,20 @@ class RobotScene(PlacedRobots):
             raise ValueError("states must not be empty")
         ends = path[1:] if len(path) > 1 else path
         return self.check_motions(path[: len(ends)], ends, first=first, resolution=resolution)
+
+
+def _are_behind(
+    sensor: Floats, points: Floats, boxes: Boxes, bodies: ConvexBodies, padding: float
+) -> Mask:
+    """Return which points (n, 3) padded bodies hide from a sensor (3,), but for one it is in."""
+    rows = np.flatnonzero(points_in_bodies(boxes, bodies, sensor[None], padding).counts == 0)
+    columns = {key: value for key, value in vars(bodies).items() if key != "hulls"}
+    boxes, bodies = boxes[rows], replace(bodies, **{k: v[rows] for k, v in columns.items()})
+    ways = points - sensor
+    lengths = np.linalg.norm(ways, axis=1)
+    result, apart = np.zeros(len(points), np.bool_), np.flatnonzero(lengths > 0.0)
+    rays = as_rays(np.broadcast_to(sensor, (len(apart), 3)), ways[apart], lengths[apart])
+    grown = Boxes.trusted(*boxes.arrays._replace(half_extents=boxes.half_extents + padding))
+    thick = replace(bodies, radii=bodies.radii + padding)
+    result[apart] = cast_at_bodies(thick, grown, rays).boxes >= 0
+    return result

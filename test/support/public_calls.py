@@ -147,6 +147,7 @@ MESHES = {"a": PLACED, "b": PLACED, "pairs": [[0, 0]], "radii_a": 0.1, "radii_b"
 #: Those of one call, or of all methods of a class; None: it is not given.
 OTHERS: dict[str, dict[str, Any]] = {
     "OBB": {"half_extents": [1.0] * 3, "other": BOX, "points": [0.0] * 3},
+    "RobotScene.own_points": {"state": np.zeros(0), "sensor": [0.0, 0.0, 1.0]},
     "AABB": {"other": AROUND, "points": [0.0] * 3},
     "AABB.from_points": {"points": np.eye(3)},
     "OBB.from_points": {"points": np.eye(3)},

@@ -92,7 +92,9 @@ class Cloud(Shape):
     @cached_property
     def ordered(self) -> Floats:
         """The points (n, 3) in the order of the tree."""
-        return self.points[self.tree.order]
+        ordered = self.points[self.tree.order]
+        ordered.setflags(write=False)
+        return ordered
 
 
 @njit

@@ -40,7 +40,6 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE, MESH_UNDERFLOW, ROUN
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.sat import BoxAt, box_at
-from obb_collision.robots.checks.balls import Clouds
 from obb_collision.robots.description.joints import Mechanism
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree, place_links
 from obb_collision.typing import Floats, Integers, Mask, Rows, Vector
@@ -76,6 +75,20 @@ class LinkBodies(NamedTuple):
     excess: Floats  #: (b,) how far the hull may reach beyond a curved shape
     blocks: Floats  #: (m, 3, LANES) corners of all hulls, as in ``Hulls``
     starts: Integers  #: (b + 1,)
+
+
+class Clouds(NamedTuple):
+    """The clouds of a world (c,), and the trees over their points; see ``balls``.
+
+    A ball is numbered by its leaf and lane: the block in ``nodes`` times LANES, plus the lane.
+    """
+
+    bodies: Integers  #: (c,) the body of each cloud
+    centers: Floats  #: (c, 3) places of their frames, relative to the origin of bodies
+    rotations: Floats  #: (c, 3, 3)
+    nodes: Floats  #: (m, 6, LANES) as in ``BoundsTree``
+    levels: Integers  #: (c + 1, LEVELS) the first block of each level; of row c only the first
+    tops: Integers  #: (c,) the number of the level of the root
 
 
 class Tests(NamedTuple):
@@ -166,6 +179,17 @@ def with_own_clouds(checked: Checked) -> Checked:
     )  # fmt: skip
     tree, _, clouds, tests, owners, chains, meshes = checked
     return Checked(tree, bodies, clouds, tests, owners, chains, meshes)
+
+
+@njit
+def without_clouds(checked: Checked) -> Checked:
+    """Return robots and the world without clouds."""
+    tree, bodies, clouds, tests, owners, chains, meshes = checked
+    none = Clouds(
+        clouds.bodies[:0], clouds.centers, clouds.rotations, clouds.nodes, clouds.levels,
+        clouds.tops,
+    )  # fmt: skip
+    return Checked(tree, bodies, none, tests, owners, chains, meshes)
 
 
 @njit

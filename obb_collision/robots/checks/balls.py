@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The balls of clouds in the world of robots: searched by trees, tested one at a time.
 
 A cloud may have a million balls, so they are not bodies of their own. The tree over the points of a
@@ -23,7 +24,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,24 +33,8 @@ from obb_collision.geometry.trees.clouds import Cloud
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import axes_of, components, minus, plus, rows_at, vector_at
 from obb_collision.queries.verdict.sat import BoxAt
+from obb_collision.robots.checks.arrays import Clouds, LinkBodies
 from obb_collision.typing import Floats, Integers, Rows, Vector
-
-if TYPE_CHECKING:
-    from obb_collision.robots.checks.arrays import LinkBodies
-
-
-class Clouds(NamedTuple):
-    """The clouds of a world (c,), and the trees over their points, one after another.
-
-    A ball is numbered by its leaf and lane: the block in ``nodes`` times LANES, plus the lane.
-    """
-
-    bodies: Integers  #: (c,) the body of each cloud
-    centers: Floats  #: (c, 3) places of their frames, relative to the origin of bodies
-    rotations: Floats  #: (c, 3, 3)
-    nodes: Floats  #: (m, 6, LANES) as in ``BoundsTree``
-    levels: Integers  #: (c + 1, LEVELS) the first block of each level; of row c only the first
-    tops: Integers  #: (c,) the number of the level of the root
 
 
 def clouds_of(

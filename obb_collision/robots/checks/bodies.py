@@ -38,13 +38,12 @@ from obb_collision.obb import OBB
 from obb_collision.queries.convex.support import core_of
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import meeting_bounds
-from obb_collision.robots.checks.arrays import LinkBodies
-from obb_collision.robots.checks.balls import Clouds, centers_at, clouds_of
+from obb_collision.robots.checks.arrays import Clouds, LinkBodies
+from obb_collision.robots.checks.balls import centers_at, clouds_of
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses
 from obb_collision.scene.building.shape_cache import BOX, BOXED, CLOUD, ROUND, kind_of
 from obb_collision.scene.objects import local_box
-from obb_collision.scene.refinement.bodies import places_of, trees_of
-from obb_collision.scene.refinement.clouds import PLACING
+from obb_collision.scene.refinement.bodies import PLACING, places_of, trees_of
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Box, Capsule, Cloud, Cone, Cylinder, Shape, Sphere
@@ -297,7 +296,10 @@ Kept = dict[int, tuple[object, LinkBodies]]
 
 
 class World(NamedTuple):
-    """The objects of a scene, relative to an origin (3,), and the tree of their bounds."""
+    """The objects of a scene as bodies (w,), relative to an origin (3,), and their tree.
+
+    A cloud is one body, see ``balls``; clouds come last.
+    """
 
     scene: Scene
     origin: Floats
@@ -350,8 +352,11 @@ def world_of(
     boxed = np.isin(store.kinds[active], (BOX, BOXED))
     seen = store.kinds[active] == CLOUD
     plain, others = active[boxed], active[~boxed & ~seen]
-    state = store, store.version, store.revision, frame, origin.tobytes()
-    keys = {slot: (state, store.poses[slot].tobytes()) for slot in others.tolist()}
+    place, shape = (store, frame, origin.tobytes()), scene.objects.cache.shape
+    keys = {
+        slot: (place, shape(slot), float(store.paddings[slot]), store.poses[slot].tobytes())
+        for slot in others.tolist()
+    }
     new = [slot for slot, key in keys.items() if slot not in kept or kept[slot][0] != key]
     made = dict(zip(new, _made(scene, np.array(new, np.int64), frame, origin), strict=True))
     bodies = {slot: made[slot] if slot in made else kept[slot][1] for slot in keys}
@@ -374,12 +379,10 @@ def _clouds(
     scene: Scene, slots: Rows, frame: int, origin: Floats
 ) -> tuple[LinkBodies, Clouds, Rows]:
     """Return the bodies of clouds that have points, their trees, and their slots."""
-    store, shapes = (
-        scene.objects.store,
-        [scene.objects.cache.shape(slot) for slot in slots.tolist()],
-    )
-    clouds = [shape for shape in shapes if isinstance(shape, Cloud) and len(shape.points)]
-    slots = slots[[isinstance(shape, Cloud) and len(shape.points) > 0 for shape in shapes]]
+    store, shape = scene.objects.store, scene.objects.cache.shape
+    shapes = {slot: seen for slot in slots.tolist() if isinstance(seen := shape(slot), Cloud)}
+    clouds = [cloud for cloud in shapes.values() if len(cloud.points)]
+    slots = np.array([slot for slot, cloud in shapes.items() if len(cloud.points)], np.int64)
     centers, rotations = as_poses(store.poses[slots], warn=False)
     offsets = centers - origin
     radii = np.array([cloud.radius for cloud in clouds]) + store.paddings[slots]

@@ -40,6 +40,7 @@ from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
     Checked,
     LinkBodies,
+    PairValues,
     Placed,
     Tests,
     new_placed,
@@ -47,6 +48,7 @@ from obb_collision.robots.checks.arrays import (
     placed_box,
     slack_of,
     with_own_clouds,
+    without_clouds,
 )
 from obb_collision.robots.checks.balls import (
     ball_center,
@@ -58,7 +60,7 @@ from obb_collision.robots.checks.balls import (
 from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StateDistances
-from obb_collision.robots.checks.states import all_pairs, square_distance
+from obb_collision.robots.checks.states import all_pairs, gather, square_distance
 from obb_collision.robots.kinematics.kinematics import (
     PLANAR,
     PRISMATIC,
@@ -107,7 +109,9 @@ class DistanceState(NamedTuple):
     cores: Cores
     polytope: DepthRoom
     spheres: Floats  #: (b,) radii of spheres around bodies, or around their boxes
-    lower: Floats  #: (p,) lower bounds of the distances of all pairs
+    lower: Floats  #: (p,) lower bounds of the distances of candidates
+    near: PairValues  #: the limit for all pairs; no rows if there is none
+    objects: Checked  #: without the clouds, which are asked after them
 
 
 @njit
@@ -126,13 +130,16 @@ def distances_kernel(
     asked = DistanceQuestion(with_own_clouds(held.value), *question)
     nearest = NearestPairs(*output)
     bodies, placed, boxes = asked.checked.bodies, new_placed(asked.checked), asked.boxes
-    count = len(asked.checked.tests.pairs)
-    count += asked.checked.tests.first * len(asked.checked.tests.order)
+    objects, tests = without_clouds(asked.checked), asked.checked.tests
+    count = len(tests.pairs) + tests.first * len(tests.order)
     lower, spheres = np.empty(1 if asked.one_pair else count), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
         spheres[i] = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
     cores = _cores(asked.checked, boxes)
-    room = DistanceState(placed, cores, room_for_depth(), spheres, lower)
+    limits = 1 if asked.limit < np.inf and not boxes else 0
+    near = PairValues(np.empty((limits, tests.first)), np.empty((limits, len(tests.pairs))))
+    near.bodies[:], near.pairs[:] = asked.limit, asked.limit
+    room = DistanceState(placed, cores, room_for_depth(), spheres, lower, near, objects)
     _fill_distances(asked, nearest, room, start, stop)
 
 
@@ -142,23 +149,29 @@ def _fill_distances(
 ) -> None:
     checked, boxes, one_pair = question.checked, question.boxes, question.one_pair
     bodies, tests, placed = checked.bodies, checked.tests, room.placed
-    cores, lower, bounds, pairs = room.cores, room.lower, nearest.bounds, nearest.pairs
+    cores, lower, candidates = room.cores, room.lower, placed.candidates
+    bounds, pairs = nearest.bounds, nearest.pairs
     for n in range(start, stop):
         place_state(checked, question.states, n, placed)
         for i in range(tests.first):
             _place_core(bodies, placed, i, cores, boxes)
-        best = question.limit
+        best, count, least = question.limit, 1, 0
         if not one_pair:
-            _bound_all(bodies, tests, placed, room.spheres, lower)
+            if len(room.near.bodies) > 0:
+                count = gather(room.objects, placed, room.near, 0, False, True)
+            else:
+                count = _all_candidates(tests, candidates)
+            least = _bound_all(bodies, tests, placed, room.spheres, count, lower)
             bounds[n, 0] = bounds[n, 1] = np.inf
             pairs[n, 0] = pairs[n, 1] = -1
-        for k in range(-1, 0 if one_pair else len(lower)):
+        for k in range(-1, 0 if one_pair else count):
             if one_pair:
                 i, j = pairs[n, 0], pairs[n, 1]
-            elif len(lower) == 0 or (k >= 0 and not lower[k] < best):
+            elif count == 0 or (k >= 0 and not lower[k] < best):
                 continue
             else:  # the pair with the least bound first
-                i, j = _pair_at(tests, k if k >= 0 else int(lower.argmin()))
+                m = k if k >= 0 else least
+                i, j = candidates[m, 0], candidates[m, 1]
             best = _closer(question, nearest, room, n, i, j, best)
         if not one_pair:
             _ask_clouds(question, nearest, room, n, best)
@@ -225,22 +238,27 @@ def _ask_clouds(
 
 
 @njit(refcount=False)
-def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
-    """Return the bodies of pair m: pairs of robots' bodies come before those with the world."""
-    if m < len(tests.pairs):
-        return tests.pairs[m, 0], tests.pairs[m, 1]
-    count = len(tests.order)
-    m -= len(tests.pairs)
-    return m // count, tests.first + m % count
+def _all_candidates(tests: Tests, candidates: Integers) -> int:
+    """Write all pairs, those of robots' bodies first; return their number."""
+    own, count = len(tests.pairs), len(tests.order)
+    for m in range(own):
+        candidates[m, 0], candidates[m, 1] = tests.pairs[m, 0], tests.pairs[m, 1]
+    for m in range(tests.first * count):
+        candidates[own + m, 0], candidates[own + m, 1] = m // count, tests.first + m % count
+    return own + tests.first * count
 
 
 @njit(refcount=False)
 def _bound_all(
-    bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, lower: Floats
-) -> None:
-    """Write lower bounds of the distances of all pairs, infinite for those that do not count."""
-    for m in range(len(lower)):
-        i, j = _pair_at(tests, m)
+    bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, count: int, lower: Floats
+) -> int:
+    """Write lower bounds of the distances of candidates; return the number of the least one.
+
+    They are infinite for pairs that do not count.
+    """
+    least = 0
+    for m in range(count):
+        i, j = placed.candidates[m, 0], placed.candidates[m, 1]
         if j >= tests.first and len(tests.allowed) and tests.allowed[i, j - tests.first]:
             lower[m] = np.inf
             continue
@@ -252,6 +270,8 @@ def _bound_all(
             if square > 0.0:
                 lower[m] = max(lower[m], np.sqrt(square) - spheres[i])
         lower[m] -= 1e-9 * (norm(d) + spheres[i] + spheres[j])
+        least = m if lower[m] < lower[least] else least
+    return least
 
 
 @njit

@@ -26,9 +26,12 @@ import numpy as np
 
 from obb_collision._jit import Held, hold
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, rotate_vectors
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.poses import IDENTITY_POSE, as_poses, compose_poses, rotate_vectors
+from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.obb import OBB
+from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.robots.checks.arrays import (
     NO_CHAINS,
     Checked,
@@ -159,6 +162,18 @@ class OwnBodies:
     def meshes(self) -> LinkMeshes:
         """The bodies as meshes."""
         return LinkMeshes(self.parts)
+
+    def placed(self, state: Floats, origin: Floats) -> tuple[Boxes, ConvexBodies]:
+        """Return the boxes and hulls of the bodies in a state (joints,); origin: of bodies (3,)."""
+        bodies, count = self.bodies, len(self.bodies.frames)
+        poses = link_poses(self.tree, np.ascontiguousarray(state[None]))[0]
+        positions, turns = as_poses(poses[bodies.frames], warn=False)
+        positions += origin
+        centers = positions + np.einsum("nij,nj->ni", turns, bodies.centers)
+        boxes = Boxes.trusted(centers, turns @ bodies.rotations, bodies.half_extents)
+        cores = np.full(count, HULL_CORE, np.int8), np.zeros((count, 4)), bodies.rounds
+        hulls = Hulls(bodies.blocks, bodies.starts, bodies.radii), np.arange(count)
+        return boxes, ConvexBodies(*cores, *hulls, positions, turns)
 
     @cached_property
     def links(self) -> tuple[Rows, Rows, Floats, Floats]:
@@ -379,7 +394,7 @@ class Model:
         names = (name for name, attached in self.attached.items() if attached.of_scene)
         return frozenset(chain(names, *self.link_objects.values()))
 
-    def own_bodies(self, scene: Scene) -> OwnBodies:
+    def _own_bodies(self, scene: Scene) -> OwnBodies:
         """Return the bodies of links, with paddings of their objects, and of attached objects."""
         grown = self.paddings.copy()
         for link, names in self.link_objects.items():
@@ -422,7 +437,7 @@ class Model:
         return result
 
     def _made(self, scene: Scene) -> Prepared:
-        own = self.own_bodies(scene)
+        own = self._own_bodies(scene)
         world = world_of(scene, len(self.link_names), self.origin, self.left_out, self._kept)
         links = [*self.link_names, *self.attached]
         names, count, allowed = [*links, *world.names], len(links), own.allowed

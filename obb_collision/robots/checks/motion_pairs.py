@@ -123,12 +123,13 @@ def sweep_candidates(
             radius = max(radius, limits[i])
         radius += tests.spheres[group]
         middle = vector_at(tests.centers, group)
-        x, y, z = plus(
+        place_a = plus(
             vector_at(p.positions, frame), components(rows_at(p.rotations, frame), middle)
         )
-        u, v, w = plus(
+        place_b = plus(
             vector_at(q.positions, frame), components(rows_at(q.rotations, frame), middle)
         )
+        (x, y, z), (u, v, w) = place_a, place_b
         x, u, y, v, z, w = min(x, u), max(x, u), min(y, v), max(y, v), min(z, w), max(z, w)
         levels[0], blocks[0] = len(starts) - 2, 0
         depth = 1
@@ -169,13 +170,7 @@ def sweep_candidates(
         for c in range(len(clouds.bodies)):
             j = clouds.bodies[c]
             far = radius + bodies.spheres[j]
-            start = plus(
-                vector_at(p.positions, frame), components(rows_at(p.rotations, frame), middle)
-            )
-            end = plus(
-                vector_at(q.positions, frame), components(rows_at(q.rotations, frame), middle)
-            )
-            found = find_balls(clouds, c, start, end, far, tree.waiting, tree.balls)
+            found = find_balls(clouds, c, place_a, place_b, far, tree.waiting, tree.balls)
             for m in range(found):
                 center = ball_center(clouds, c, tree.balls[m])
                 b = BoxAt(center, box_at(world, j).axes, (0.0, 0.0, 0.0))

@@ -34,7 +34,17 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
 from obb_collision.numerics.intrinsics import LANES
-from obb_collision.numerics.vec3 import components, dot, minus, negated, plus, rows_at, vector_at
+from obb_collision.numerics.vec3 import (
+    absolute,
+    combined,
+    components,
+    dot,
+    minus,
+    negated,
+    plus,
+    rows_at,
+    vector_at,
+)
 from obb_collision.queries.meshes.hull_hull import HullCorners, apart
 from obb_collision.queries.meshes.placed import place_at, relative_pose
 from obb_collision.queries.verdict.sat import BoxAt, box_at, pair_of
@@ -85,6 +95,10 @@ class CollidingPairs(NamedTuple):
     pairs: Integers
 
 
+CROWD = 1024
+"""Bodies of the world from which on the boxes of a link are looked up, not only its sphere."""
+
+
 @njit(merge=True)
 def gather(
     checked: Checked, placed: Placed, near: PairValues, row: int, stop: bool, boxes: bool
@@ -113,20 +127,25 @@ def gather(
         for i in range(first, last):
             radius = max(radius, grown[row, i] + 2.0 * slack_of(bodies, i, (x, y, z)))
         radius += tests.spheres[group]
+        low, high = (x - radius, y - radius, z - radius), (x + radius, y + radius, z + radius)
+        if boxes and len(order) >= CROWD:
+            least, most = high, low
+            for i in range(first, last):
+                a, reach = placed_box(bodies, placed, i), grown[row, i]
+                reach += 2.0 * slack_of(bodies, i, a.center)
+                sides = absolute(a.axes[0]), absolute(a.axes[1]), absolute(a.axes[2])
+                u, v, w = combined(sides, a.half_extents)
+                side = u + reach, v + reach, w + reach
+                least = minimum(least, minus(a.center, side))
+                most = maximum(most, plus(a.center, side))
+            low, high = maximum(low, least), minimum(high, most)
         levels[0], blocks[0] = len(starts) - 2, 0
         depth = 1
         while depth > 0:
             depth -= 1
             level, block = levels[depth], blocks[depth]
             mask = overlaps(
-                nodes,
-                starts[level] + block,
-                x - radius,
-                y - radius,
-                z - radius,
-                x + radius,
-                y + radius,
-                z + radius,
+                nodes, starts[level] + block, low[0], low[1], low[2], high[0], high[1], high[2]
             )
             while mask != 0:
                 child = LANES * block + lowest(mask)
@@ -190,6 +209,18 @@ def gather(
         limits[count] = grown[row, n]
         count += dot(d, d) <= reach * reach * (1.0 + LINK_PLACING)
     return count
+
+
+@njit
+def minimum(u: Vector, v: Vector) -> Vector:
+    """Return the lesser of each component."""
+    return min(u[0], v[0]), min(u[1], v[1]), min(u[2], v[2])
+
+
+@njit
+def maximum(u: Vector, v: Vector) -> Vector:
+    """Return the greater of each component."""
+    return max(u[0], v[0]), max(u[1], v[1]), max(u[2], v[2])
 
 
 @njit(inline=True, refcount=False)
@@ -296,13 +327,11 @@ def _fill_pairs(
                     placed.centers[j, k] = bodies.centers[j, k]
             if count < 0 or may_collide(bodies, placed, i, j, placed.grown[m], level):
                 number += 1
-                if not first:
-                    j = other
                 if first:
-                    i, j = checked.owners[i], checked.owners[j]
-                    i, j = min(i, j), max(i, j)
+                    i, other = checked.owners[i], checked.owners[j]
+                    i, other = min(i, other), max(i, other)
                 if len(pairs):
-                    pairs[ends[n] - number, 0], pairs[ends[n] - number, 1] = i, j
+                    pairs[ends[n] - number, 0], pairs[ends[n] - number, 1] = i, other
                 if first:
                     break
         if len(pairs) == 0:

@@ -304,12 +304,17 @@ def write_rows(table: R, rows: Rows, new: R) -> None:
 
 
 def refined(
-    table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R], of_clouds: OfClouds[R]
+    table: R,
+    cycle: Cycle,
+    setting: Setting,
+    by_level: ByLevel[R] | None,
+    of_clouds: OfClouds[R] | None,
 ) -> R:
     """Compute rows of a table of boxes anew, above OBB and of clouds; return the table."""
-    pairs, shapes = vars(table)["pairs"], cycle.shapes
-    if shapes is None:
+    shapes = cycle.shapes
+    if shapes is None or by_level is None or of_clouds is None:
         return table
+    pairs = vars(table)["pairs"]
     levels = cycle.levels(pairs, setting, max(by_level))
     clouds = is_cloud_pair(shapes.kinds, pairs)
     if levels is not None:
@@ -333,8 +338,8 @@ def pair_rows(
     setting: Setting,
     compute: Callable[[Boxes, Pairs], R],
     blank: R,
-    by_level: ByLevel[R],
-    of_clouds: OfClouds[R],
+    by_level: ByLevel[R] | None = None,
+    of_clouds: OfClouds[R] | None = None,
 ) -> Outcome:
     """Compute an effect's rows for the colliding pairs that it is selected for.
 
@@ -345,7 +350,7 @@ def pair_rows(
     rows = setting.select(cycle.pairs)
     if len(rows) == 0:
         return Outcome(blank, 0, (), rows, setting.values)
-    highest = max(by_level)
+    highest = max(by_level) if by_level else Accuracy.OBB
     pairs = cycle.pairs.copy() if len(rows) == len(cycle.pairs) else cycle.pairs[rows]
 
     def compute_all(selected: Pairs) -> R:

@@ -22,11 +22,16 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import segment_trees
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.support import BOX_CORE, NO_HULLS, ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.scene.building.shape_cache import BOX, ROUND, ShapeCache
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows
+
+#: Error of placing and padding a capsule or a ball, relative to its coordinates: 128 roundoffs,
+#: half of them from rotations that are orthonormal to 64.
+PLACING = 128 * ROUNDOFF
 
 
 def places_of(store: ObjectStore, boxes: Boxes, slots: Rows) -> tuple[Floats, Floats]:

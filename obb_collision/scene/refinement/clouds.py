@@ -34,7 +34,6 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.clouds import Cloud
-from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import (
     ConvexDistances,
     convex_distances,
@@ -54,13 +53,15 @@ from obb_collision.queries.verdict.verdict import (
 )
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import CLOUD, ShapeCache
-from obb_collision.scene.refinement.bodies import box_bodies, convex_bodies, placed_meshes
+from obb_collision.scene.refinement.bodies import (
+    PLACING,
+    box_bodies,
+    convex_bodies,
+    placed_meshes,
+)
 from obb_collision.scene.refinement.budget import Levels
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
-
-#: Error of a place in the frame of a cloud, or of a ball in the world, relative to coordinates.
-PLACING = 128 * ROUNDOFF
 
 
 class Balls(NamedTuple):

@@ -31,7 +31,6 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.trees.pool import segment_trees
-from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide, mesh_body_distances
 from obb_collision.queries.convex.support import BOX_CORE, CURVED_CORES, HULL_CORE, ConvexBodies
 from obb_collision.queries.meshes.hull_hull import PlacedHulls, hulls_may_collide
@@ -48,15 +47,11 @@ from obb_collision.scene.building.shape_cache import (
     TRIANGLES,
     ShapeCache,
 )
-from obb_collision.scene.refinement.bodies import convex_bodies
+from obb_collision.scene.refinement.bodies import PLACING, convex_bodies
 from obb_collision.scene.refinement.budget import ABOVE, Budget
 from obb_collision.scene.refinement.clouds import CloudPairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
-
-#: Error of placing and padding a capsule, relative to its coordinates: 128 roundoffs, half of them
-#: from rotations that are orthonormal to 64.
-PLACING = 128 * ROUNDOFF
 
 #: Pairs of nodes searched for an overlap once triangles touch: 0.3 ms face to face.
 EFFORT = 256

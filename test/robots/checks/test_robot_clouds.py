@@ -160,8 +160,8 @@ def test_rules_left_out_objects_and_attached_ones_hold_for_clouds() -> None:
     checker.link_objects = {}
     scene.set_padding("cloud", 0.5)
     assert checker.check([[0.55]]).pairs == [("body", "cloud")]
-    with pytest.raises(TypeError, match="shape must not be a Cloud"):
-        checker.attach("seen", oc.shapes.Cloud([[0, 0, 0]]), "body")
+    seen = oc.shapes.Cloud([[0, 0, 0]])
+    refused("shape must not be a Cloud", checker.attach, "seen", seen, "body")
 
 
 def test_a_replaced_or_moved_cloud_is_seen_at_once() -> None:
