@@ -41,7 +41,7 @@ class ArrayValue:
 
 
 def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view of an array; kernels take the writable array itself."""
+    """Return a read-only view of an array: what a kernel takes in one type, whoever made it."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -17,18 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind, is_single
-from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.points.points import points_in_bodies
-from obb_collision.queries.rays.rays import as_rays, cast_at_bodies
+from obb_collision.queries.rays.rays import hidden_points
 from obb_collision.robots.checks.arrays import check_turns
 from obb_collision.robots.checks.distances import state_distances
 from obb_collision.robots.checks.motions import check_motions, displacements
@@ -310,7 +307,7 @@ class RobotScene(PlacedRobots):
             Metres within which a point is still on the hull of a shape.
         sensor : (3,) array_like, optional
             Where the sensor is: points behind the robots, seen from there, count, too. A shape
-            that it is in hides nothing.
+            that it is in hides nothing; where it is in the padding alone, the shape hides without.
 
         Returns
         -------
@@ -333,9 +330,8 @@ class RobotScene(PlacedRobots):
         if sensor is not None:
             seen = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
             where = as_array(sensor, "sensor", (3,))
-            own[seen] = _are_behind(
-                where, np.asarray(cloud[seen], np.float64), boxes, bodies, metres
-            )
+            there = np.asarray(cloud[seen], np.float64)
+            own[seen] = hidden_points(where, there, boxes, bodies, metres)
         return own
 
     def check_path(
@@ -365,20 +361,3 @@ class RobotScene(PlacedRobots):
             raise ValueError("states must not be empty")
         ends = path[1:] if len(path) > 1 else path
         return self.check_motions(path[: len(ends)], ends, first=first, resolution=resolution)
-
-
-def _are_behind(
-    sensor: Floats, points: Floats, boxes: Boxes, bodies: ConvexBodies, padding: float
-) -> Mask:
-    """Return which points (n, 3) padded bodies hide from a sensor (3,), but for one it is in."""
-    rows = np.flatnonzero(points_in_bodies(boxes, bodies, sensor[None], padding).counts == 0)
-    columns = {key: value for key, value in vars(bodies).items() if key != "hulls"}
-    boxes, bodies = boxes[rows], replace(bodies, **{k: v[rows] for k, v in columns.items()})
-    ways = points - sensor
-    lengths = np.linalg.norm(ways, axis=1)
-    result, apart = np.zeros(len(points), np.bool_), np.flatnonzero(lengths > 0.0)
-    rays = as_rays(np.broadcast_to(sensor, (len(apart), 3)), ways[apart], lengths[apart])
-    grown = Boxes.trusted(*boxes.arrays._replace(half_extents=boxes.half_extents + padding))
-    thick = replace(bodies, radii=bodies.radii + padding)
-    result[apart] = cast_at_bodies(thick, grown, rays).boxes >= 0
-    return result

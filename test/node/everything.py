@@ -14,7 +14,7 @@
 
 """Everything that can be asked of a robot, and of a node, each in a process of its own.
 
-``python everything.py FOLDER`` prints two lines of JSON: which kernels the process compiled or
+``python everything.py FOLDER`` prints three lines of JSON: which kernels the process compiled or
 loaded after "ready" without a step of warming up, and of the node what each thing asked for took.
 """
 
@@ -32,6 +32,8 @@ from geometry_msgs.msg import Point
 from node_process import kernels_of_steps
 from rig import Rig, cube, pose
 from robot_rig import URDF, AskingRig
+from sensor_msgs.msg import Range
+from sensor_rig import Sensing, parameters_of
 from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
 
@@ -154,6 +156,14 @@ SHAPES = (
 MESH = "v 0 0 0\nv 0.2 0 0\nv 0 0.2 0\nv 0 0 0.2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
+def urdf_of(folder: Path) -> str:
+    """Return a robot with shapes of all kinds; the mesh is in a folder."""
+    shapes = "".join(
+        f"<collision><geometry>{shape.format(folder)}</geometry></collision>" for shape in SHAPES
+    )
+    return URDF.replace('<link name="column">', f'<link name="column">{shapes}', 1)
+
+
 def ask(rig: AskingRig) -> None:
     """Ask everything of a robot once."""
     rig.move()
@@ -179,15 +189,10 @@ def ask(rig: AskingRig) -> None:
 
 def all_of_a_robot(folder: Path) -> dict[str, Any]:
     """Ask for all that can be asked of a robot; returns the kernels that no step has loaded."""
-    (folder / "finger.obj").write_text(MESH)
-    shapes = "".join(
-        f"<collision><geometry>{shape.format(folder)}</geometry></collision>" for shape in SHAPES
-    )
-    urdf = URDF.replace('<link name="column">', f'<link name="column">{shapes}', 1)
     loaded = kernels_of_steps()
     with AskingRig({"mesh_folders": [str(folder)]}) as rig:
         before = _jit.loaded_kernels()
-        rig.describe(urdf)
+        rig.describe(urdf_of(folder))
         rig.until(lambda: rig.robot.links is not None, rig.robot.fault)
         ask(rig)
         return {"new": sorted(_jit.loaded_kernels() - before - loaded)}
@@ -203,9 +208,53 @@ def all_of_a_node() -> dict[str, Any]:
     return {"new": new, "compiled": _kernel_cache.compiled.names[compiled:]}
 
 
+SENSORS: dict[str, dict[str, Any]] = {
+    "front": {"leave_out": ["arm", "held/*"], "shadows": True, "voxel": 0.01, "max_height": 5.0},
+    "laser": {"type": "scan"},
+    "sonar": {"type": "range"},
+    "watched": {"use": "watch", "voxel": 0.01},
+}
+
+
+class Watching(Sensing, AskingRig):
+    """A node with a robot and sensors."""
+
+
+def all_of_sensors(folder: Path) -> dict[str, Any]:
+    """Use each kind of sensor; returns the kernels that no step has loaded."""
+    loaded = kernels_of_steps()
+    given = parameters_of(SENSORS) | {"mesh_folders": [str(folder)]}
+    with Watching(given, trigger="timer", rate=RATE) as rig:
+        rig.start_sensors(SENSORS)
+        before, compiled = _jit.loaded_kernels(), len(_kernel_cache.compiled.names)
+        rig.read(urdf_of(folder))
+        rig.move()
+        rig.send(*objects(), cube(("held", 1), (0.2, 0.1, 0.0), (0.1, 0.1, 0.1)))
+        for kind in BUILT:
+            rig.built(*((str(kind), number) for number in range(3)))
+        points = np.random.default_rng(1).uniform(-1.0, 3.0, (500, 3))
+        for number in range(3):
+            for name in ("front", "watched"):
+                for kind in ("<f4", "<f8"):
+                    rig.see(points + 0.01 * number, name, kind=kind)
+                    rig.cycles(2)
+            rig.scan([1.0, 1.5, 0.2, np.inf], name="laser")
+            message = Range(header=rig.header(), range=1.0, max_range=2.0, field_of_view=0.3)
+            rig.sensors["sonar"].publish(message)
+            rig.cycles(2)
+            for effect in ("contacts", "clearance", "sweep", "points")[number:]:
+                rig.listen(EFFECTS[effect])
+            ask(rig)
+            rig.set(accuracy=("hull", "mesh", "obb")[number])
+        new = sorted(_jit.loaded_kernels() - before - loaded)
+    return {"new": new, "compiled": _kernel_cache.compiled.names[compiled:]}
+
+
 def main(folder: str) -> None:
     """Run each part in a process of its own, which begins with what all of them import."""
-    for part in (partial(all_of_a_robot, Path(folder)), all_of_a_node):
+    (Path(folder) / "finger.obj").write_text(MESH)
+    of_folder = partial(all_of_a_robot, Path(folder)), partial(all_of_sensors, Path(folder))
+    for part in (*of_folder, all_of_a_node):
         number = os.fork()
         if not number:
             sys.stdout.write(json.dumps(part()) + "\n")

@@ -27,6 +27,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.shapes.primitives import NO_SCALE, LocalBox, Shape, Triple, read_only
 from obb_collision.geometry.trees.bounds_tree import BoundsTree
 from obb_collision.geometry.validation import as_array, as_points, check_magnitude
+from obb_collision.geometry.values import read_only_view
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
 
@@ -65,7 +66,7 @@ class Cloud(Shape):
         if reach < 0.0:
             raise ValueError(f"radius must not be negative, got {reach!r}")
         kept, bounds = np.empty((len(rows), 3)), np.empty((2, 3))
-        count = _take_finite(np.ascontiguousarray(rows), kept, bounds)
+        count = _take_finite(read_only_view(np.ascontiguousarray(rows)), kept, bounds)
         if np.abs(bounds).max() > MAX_MAGNITUDE:
             check_magnitude(kept[:count], "points", by_row=True)
         points = kept if count == len(rows) else kept[:count].copy()

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from math import floor, inf, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from obb_collision._jit import njit
 from obb_collision.geometry.poses import IDENTITY_POSE, as_poses
+from obb_collision.geometry.values import read_only_view
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Box, Cloud
@@ -65,7 +66,8 @@ def select(points: Points, limits: Limits) -> tuple[Floats, list[int]]:
     And how many stay, are not finite, out of range, and out of the heights.
     """
     kept = np.empty((len(points), 3))
-    counts = select_kernel(np.ascontiguousarray(points), limits, kept)
+    whole = np.require(points, requirements=["C", "ALIGNED"])
+    counts = select_kernel(read_only_view(whole), limits, kept)
     return kept[: counts[KEPT]], list(counts)
 
 
@@ -128,7 +130,7 @@ def thin_out(points: Floats, edge: float) -> tuple[Rows, float]:
     bits = int(2 * len(points)).bit_length()
     keys, owners = np.full(1 << bits, -1, np.int64), np.empty(1 << bits, np.int64)
     places = np.empty(len(points), np.int64)
-    moved = thin_kernel(points, edge, low, sizes.astype(np.int64), keys, owners, places)
+    moved = thin_kernel(points, edge, low, sizes, keys, owners, places)
     rows = np.sort(owners[keys >= 0])
     return rows, float(np.nextafter(moved * (1.0 + 1e-12), inf)) if moved > 0.0 else 0.0
 
@@ -147,7 +149,7 @@ def thin_kernel(
     points: Floats,
     edge: float,
     low: Floats,
-    sizes: np.ndarray,
+    sizes: Floats,
     keys: np.ndarray,
     owners: np.ndarray,
     places: np.ndarray,
@@ -161,11 +163,11 @@ def thin_kernel(
         bits += 1
     shift = np.uint64(64 - bits)
     for n in range(len(points)):
-        i = floor(points[n, 0] / edge)
-        j = floor(points[n, 1] / edge)
-        k = floor(points[n, 2] / edge)
-        key = np.int64(i - low[0]) * sizes[1] + np.int64(j - low[1])
-        key = key * sizes[2] + np.int64(k - low[2])
+        i = np.floor(points[n, 0] / edge)  # no integers, which end at 2^63
+        j = np.floor(points[n, 1] / edge)
+        k = np.floor(points[n, 2] / edge)
+        key = np.int64(i - low[0]) * np.int64(sizes[1]) + np.int64(j - low[1])
+        key = key * np.int64(sizes[2]) + np.int64(k - low[2])
         at = np.int64((np.uint64(key) * SPREAD) >> shift)
         while keys[at] >= 0 and keys[at] != key:
             at = (at + 1) & mask

@@ -40,11 +40,9 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import NO_TIME
 from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.numerics.vec3 import lengths
 from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.queries.points.points import points_in_bodies
-from obb_collision.queries.rays.boxes import Rays
-from obb_collision.queries.rays.rays import cast_at_bodies
+from obb_collision.queries.rays.rays import hidden_points
 from obb_collision.scene.building.shape_cache import BOX, CLOUD
 from obb_collision.scene.refinement.bodies import box_bodies, convex_bodies
 from obb_collision.scene.store.patterns import matching
@@ -126,29 +124,13 @@ class LeftOut:
         return result
 
     def behind(
-        self, points: Points, words: Sequence[str], stamp: int, padding: float, sensor: Floats
+        self, points: Floats, words: Sequence[str], stamp: int, padding: float, sensor: Floats
     ) -> Mask:
-        """Return which points (n, 3) are behind what was there, seen from a sensor at (3,).
-
-        What holds the sensor hides nothing; what holds it in its padding alone hides without that.
-        """
-        ways = points - sensor
-        far = lengths(ways)
-        result, ahead = np.zeros(len(points), np.bool_), np.flatnonzero(far > 0.0)
-        units = ways[ahead] / far[ahead, None]
-        origins = np.broadcast_to(sensor, units.shape).copy()
+        """Return which points (n, 3) are behind what was there, seen from a sensor at (3,)."""
+        result = np.zeros(len(points), np.bool_)
         for boxes, shapes in self._bodies(*self._at(words, stamp)):
             bodies = box_bodies(boxes, np.arange(len(boxes))) if shapes is None else shapes
-            near, within = (
-                points_in_bodies(boxes, shapes, sensor[None], margin).counts > 0
-                for margin in (padding, 0.0)
-            )
-            for rows, margin in ((~near, padding), (near & ~within, 0.0)):
-                if rows.any():
-                    some, rays = boxes[np.flatnonzero(rows)], Rays(origins, units, far[ahead])
-                    grown = Boxes.trusted(some.centers, some.rotations, some.half_extents + margin)
-                    hits = cast_at_bodies(_grown(bodies, rows, margin), grown, rays)
-                    result[ahead] |= hits.hits
+            result |= hidden_points(sensor, points, boxes, bodies, padding)
         return result
 
     def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, dict[str, bool]]:
@@ -229,14 +211,6 @@ def _unknown(name: str, stamp: int, until: int) -> RefusedError:
     """Return that a state at a stamp is not known; until: the last one (ns)."""
     apart = (stamp - until) / NANOSECONDS
     return RefusedError(EXTRAPOLATION, f"{name}: {apart:.3f} s from its last state")
-
-
-def _grown(bodies: ConvexBodies, rows: Mask, margin: float) -> ConvexBodies:
-    """Return some of the bodies, grown by a margin (m)."""
-    columns = {
-        name: value if name == "hulls" else value[rows] for name, value in vars(bodies).items()
-    }
-    return ConvexBodies(**{**columns, "radii": columns["radii"] + margin})
 
 
 def between(states: Sequence[tuple[int, Floats]], time: int) -> Floats:

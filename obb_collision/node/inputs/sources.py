@@ -35,7 +35,7 @@ from obb_collision.geometry.poses import (
     rotate_vectors,
 )
 from obb_collision.node.inputs.clouds import Obstacles, QueuedCloud
-from obb_collision.node.inputs.cuts import Limits, Points, placed_points, select, thin_out
+from obb_collision.node.inputs.cuts import UNKNOWN, Limits, Points, placed_points, select, thin_out
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.leave_out import LeftOut, RobotParts
 from obb_collision.node.inputs.newest import NewestInput
@@ -45,6 +45,7 @@ from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.scans import (
+    NOTHING_KNOWN,
     RangeMessage,
     ScanMessage,
     points_of_range,
@@ -182,6 +183,8 @@ class Source(NewestInput):
         points, found = select(points, self._limits(cloud, sensor, settings))
         counts |= zip(("not known", "out of range", "out of the heights"), found[1:], strict=True)
         counts["not known"] += seen.unknown
+        if 0 < len(seen.points) == found[UNKNOWN] and seen.unknown == 0:
+            raise RefusedError(NOTHING_KNOWN, f"none of {len(seen.points)} points is finite")
         if settings.leave_out:
             there, place = placed_points(points, sensor), (cloud.stamp, settings.leave_out_padding)
             inside = self._left_out.inside(there, settings.leave_out, *place)

@@ -34,6 +34,7 @@ from sensor_msgs.msg import MultiDOFJointState
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import UNIT_TOLERANCE
+from obb_collision.geometry.values import read_only_view
 from obb_collision.node.messages.cdr import Stamp, namespace_bytes
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
@@ -168,7 +169,7 @@ def pose_kinds(poses: Floats) -> Kinds:
     unit length; it is normalised, but doubtful. GOOD: none of these.
     """
     kinds = np.empty(len(poses), np.int8)
-    _fill_kinds(np.ascontiguousarray(poses), kinds)
+    _fill_kinds(read_only_view(np.ascontiguousarray(poses)), kinds)
     return kinds
 
 

@@ -32,8 +32,8 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats, Mask
 
 BAD_SCAN, BAD_RANGE = "bad scan", "bad range"
-RANGE_NOT_KNOWN = "range not known"
-"""Reason: the one range of a message says nothing of what is there."""
+NOTHING_KNOWN = "nothing known"
+"""Reason: no ray or point of a message says what is there, as of a sensor that is covered."""
 LONGEST_SCAN = 60.0
 """Seconds from the first ray of a scan to the last, at most."""
 HEAD, ECHO, KIND = Struct("<7f"), Struct("<4f"), Struct("<B")
@@ -96,12 +96,14 @@ def range_from_bytes(data: bytes) -> RangeMessage:
 def points_of_scan(scan: ScanMessage, most: int) -> tuple[Floats, Mask, int]:
     """Return the points (k, 3) of a scan, which rays (n,) they are of, and how many are not known.
 
-    RefusedError ("too many points") for more rays than ``most``.
+    RefusedError ("too many points") for more rays than ``most``, ("nothing known") if no ray is.
     """
     ranges = scan.ranges.astype(np.float64)
     if len(ranges) > most:
         raise RefusedError(TOO_MANY_POINTS, f"{len(ranges)}, {most} is the limit")
     unknown = ~(ranges >= scan.range_min)
+    if unknown.all():
+        raise RefusedError(NOTHING_KNOWN, f"none of {len(ranges)} rays")
     hit = ~unknown & (ranges <= scan.range_max) & np.isfinite(ranges)
     angles = scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
     points = np.zeros((len(angles), 3))
@@ -112,11 +114,11 @@ def points_of_scan(scan: ScanMessage, most: int) -> tuple[Floats, Mask, int]:
 def points_of_range(message: RangeMessage) -> tuple[Floats, float]:
     """Return points (k, 3) on the cap of a cone about x, and a radius by which balls cover it (m).
 
-    Without points where nothing is within range. RefusedError ("range not known").
+    Without points where nothing is within range. RefusedError ("nothing known").
     """
     distance = message.range
     if not distance >= message.min_range:
-        raise RefusedError(RANGE_NOT_KNOWN, f"{distance}, at least {message.min_range} is known")
+        raise RefusedError(NOTHING_KNOWN, f"{distance}, at least {message.min_range} is known")
     if distance > message.max_range or np.isinf(distance):
         return np.empty((0, 3)), 0.0
     step = 0.5 * message.field_of_view / RINGS

@@ -24,7 +24,7 @@ Shapes with a formula are cores exactly (``core_of``), the others by their hulls
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -45,7 +45,7 @@ from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.intrinsics import farthest
 from obb_collision.numerics.vec3 import fast_norm, sum_abs, vector_at
 from obb_collision.queries.meshes.placed import Meshes, Place, PlacedMeshes, place_at
-from obb_collision.typing import Floats, Rows, Vector
+from obb_collision.typing import Floats, Mask, Rows, Vector
 
 #: Kinds of cores; sizes are (x, y, z, half).
 HULL_CORE = 0  #: corners of a hull; no sizes
@@ -109,6 +109,11 @@ class ConvexBodies:
     def arrays(self) -> Cores:
         """The fields, for kernels."""
         return Cores(*vars(self).values())
+
+    def take(self, rows: Rows | Mask, margin: float = 0.0) -> ConvexBodies:
+        """Return some of the bodies, grown by a margin (m)."""
+        some = {name: value[rows] for name, value in vars(self).items() if name != "hulls"}
+        return replace(self, **{**some, "radii": some["radii"] + margin})
 
 
 class Solids(NamedTuple):

@@ -68,7 +68,6 @@ class Balls(NamedTuple):
     """Balls of clouds near the other objects of pairs, ascending by pair."""
 
     rows: Rows  #: (q,) row of the pair
-    numbers: Rows  #: (q,) row of the point in its cloud
     centers: Floats  #: (q, 3) metres
     radii: Floats  #: (q,) with padding and error
     gaps: Floats  #: (q,) metres from the box of the other object, negative where they overlap
@@ -98,6 +97,8 @@ class BallDistances(NamedTuple):
 
 def is_cloud_pair(kinds: NDArray[np.int8], pairs: Pairs) -> Mask:
     """Return which pairs (m, 2) of slots have a cloud; kinds: of all slots."""
+    if not (kinds == CLOUD).any():
+        return np.zeros(len(pairs), np.bool_)
     return np.asarray((kinds[pairs] == CLOUD).any(axis=1))
 
 
@@ -168,8 +169,8 @@ class CloudPairs:
             )
             errors = errors[near.boxes]
             places = cloud.points[near.points] @ turn.T + position
-            of_pair = rows[near.boxes], near.points
-            parts.append(Balls(*of_pair, places, radius + errors, near.distances - radius, errors))
+            numbers = rows[near.boxes], places, radius + errors, near.distances - radius, errors
+            parts.append(Balls(*numbers))
         if len(parts) == 1:
             return parts[0]
         joined = Balls._make(map(np.concatenate, zip(*parts, strict=True)))
@@ -296,7 +297,7 @@ def placed_balls(store: ObjectStore, cache: ShapeCache, slot: int) -> tuple[Conv
     errors = PLACING * (np.abs(position).sum() + np.abs(cloud.points).sum(axis=1))
     radii, none = cloud.radius + store.paddings[slot] + errors, np.zeros(len(centers))
     rows = none.astype(np.int64)
-    bodies = Balls(rows, rows, centers, radii, none, errors).bodies
+    bodies = Balls(rows, centers, radii, none, errors).bodies
     halves = np.repeat(radii[:, None], 3, axis=1)
     return bodies, Boxes.trusted(centers, bodies.rotations, halves)
 

@@ -140,7 +140,8 @@ def decide_pairs(
     below its level.
     """
     boxes = store.all_boxes()
-    if (store.kinds[candidates] == CLOUD).any():
+    has_clouds = bool((store.kinds == CLOUD).any())
+    if has_clouds:
         candidates = pairs_that_count(store, cache, candidates)
     first, second = columns(candidates)
     wanted = pair_levels(store, first, second)
@@ -148,11 +149,12 @@ def decide_pairs(
         kept = (wanted == Accuracy.SPHERE) | bounds_may_collide(boxes, first, second)
         first, second, wanted = first[kept], second[kept], wanted[kept]
     verdicts = _box_verdicts(boxes, first, second, wanted, exact)
-    clouds = np.maximum(store.kinds[first], store.kinds[second]) == CLOUD
-    rows = np.flatnonzero(clouds & (wanted >= Accuracy.OBB) & (verdicts != SEPARATE))
-    if len(rows):
-        seen = np.column_stack([first[rows], second[rows]])
-        verdicts[rows] = CloudPairs(store, cache, boxes, seen).box_verdicts()
+    if has_clouds:
+        clouds = np.maximum(store.kinds[first], store.kinds[second]) == CLOUD
+        rows = np.flatnonzero(clouds & (wanted >= Accuracy.OBB) & (verdicts != SEPARATE))
+        if len(rows):
+            seen = np.column_stack([first[rows], second[rows]])
+            verdicts[rows] = CloudPairs(store, cache, boxes, seen).box_verdicts()
     met = np.flatnonzero(verdicts != SEPARATE)
     pairs = np.column_stack([first[met], second[met]])
     verdicts, wanted = verdicts[met], wanted[met]

@@ -18,17 +18,17 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 from each import each
 from rclpy.serialization import serialize_message
-from rig import A1, A2, B1, FRAME, NAMESPACE, RELIABILITY, FakeFrames, Rig, cube, pose, spy
+from rig import A1, A2, B1, FRAME, FakeFrames, Rig, cube, pose, spy
 from robot_rig import RobotRig
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField, Range
-from std_msgs.msg import Header
+from sensor_rig import FRONT, KINDS, Sensing, SensorRig, cloud_of, parameters_of
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
@@ -38,74 +38,12 @@ from obb_collision.node.inputs import sources
 from obb_collision.node.inputs.clouds import QueuedCloud
 from obb_collision.node.inputs.cuts import Limits, select, thin_out
 from obb_collision.node.inputs.leave_out import between
-from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION
 from obb_collision.shapes import Cloud
 
-Sensors = Mapping[str, Mapping[str, Any]]
-KINDS = {"cloud": PointCloud2, "scan": LaserScan, "range": Range}
-FRONT = "sources/front/0"
 NOTHING = {"not known": 0, "out of range": 0, "out of the heights": 0}
-
-
-def cloud_of(points: Any, header: Header, kind: str = "<f4") -> PointCloud2:
-    """Return a cloud of points (n, 3)."""
-    rows = np.zeros(len(points), [(axis, kind) for axis in "xyz"])
-    for column, axis in enumerate("xyz"):
-        rows[axis] = np.asarray(points, np.float64).reshape(-1, 3)[:, column]
-    return cloud_to_ros(rows, header)
-
-
-def parameters_of(sensors: Sensors) -> dict[str, Any]:
-    """Return the parameters of sensors; they arrive surely, and are never stale."""
-    given: dict[str, Any] = {"sources": list(sensors)}
-    for name, parameters in sensors.items():
-        given |= {f"{name}.timeout": 0.0}
-        given |= {f"{name}.{key}": value for key, value in parameters.items()}
-        topic = parameters.get("topic", name)
-        given[f"qos_overrides.{NAMESPACE}/{topic}.{RELIABILITY}"] = "reliable"
-    return given
-
-
-class Sensing(Rig):
-    """A rig with sensors."""
-
-    has_true_stamps = True
-
-    def start_sensors(self, sensors: Sensors) -> None:
-        self.sensors = {}
-        for name, parameters in sensors.items():
-            kind, topic = KINDS[parameters.get("type", "cloud")], parameters.get("topic", name)
-            self.sensors[name] = self.client.create_publisher(kind, topic, 10)
-        self.until(lambda: all(p.get_subscription_count() for p in self.sensors.values()))
-
-    def see(self, points: Any, name: str = "front", frame: str = FRAME, kind: str = "<f4") -> None:
-        """Publish a cloud."""
-        self.sensors[name].publish(cloud_of(points, self.header(frame), kind))
-
-    def scan(self, ranges: Any, frame: str = FRAME, **fields: Any) -> None:
-        """Publish a scan of a quarter turn."""
-        values = {"range_min": 0.1, "range_max": 10.0, "angle_increment": 0.5 * np.pi} | fields
-        message = LaserScan(header=self.header(frame), ranges=list(map(float, ranges)), **values)
-        self.sensors["front"].publish(message)
-
-    def met(self) -> set[str]:
-        """Return the names of what collides with the source, by the last state sent."""
-        return {name for pair in self.pairs() if FRONT in pair for name in pair if name != FRONT}
-
-    def cut(self, name: str = "front") -> dict[str, int]:
-        """Return what was left out of the last cloud."""
-        return dict(self.monitor(name).last_cloud)
-
-
-class SensorRig(Sensing):
-    """A node with sensors, by name their parameters."""
-
-    def __init__(self, sensors: Sensors, **options: Any) -> None:
-        super().__init__(given=parameters_of(sensors), **options)
-        self.start_sensors(sensors)
 
 
 class ArmRig(Sensing, RobotRig):
@@ -141,6 +79,9 @@ def test_a_cloud_collides_by_name_and_is_replaced(front: SensorRig) -> None:
     front.see([])
     assert front.met() == set(), "nothing seen is an answer, too"
     front.known()
+    front.see([[np.nan] * 3] * 2)
+    front.known("refused", FRONT)
+    assert front.refused("front") == {"nothing known": 1}, "a lens that is covered"
 
 
 def raw(rig: Rig, organised: bool, order: str, kind: str) -> PointCloud2:
@@ -187,8 +128,12 @@ def test_a_scan_knows_nothing_of_what_is_not_a_range() -> None:
         assert rig.met() == set()
         assert rig.cut() == {**NOTHING, "points": 2, "not known": 1, "used": 1}
         rig.known()
-        rig.scan([])
-        assert rig.met() == set()
+        for covered in ([], [0.05, np.nan, -np.inf]):
+            rig.scan(covered)
+            rig.known("refused", FRONT)
+            rig.scan([9.0])
+            rig.known()
+        assert rig.refused("front") == {"nothing known": 2}
         for wrong in ({"angle_increment": np.nan}, {"time_increment": 1e9}, {"range_max": np.nan}):
             rig.scan([1.0, 1.0], **wrong)  # type: ignore[arg-type]
             rig.says(UNKNOWN, "input_unreadable", who="front (bad scan)")
@@ -217,7 +162,7 @@ def test_a_range_is_the_cap_of_its_cone() -> None:
             message = Range(header=rig.header(), range=unknown, min_range=0.2, max_range=4.0)
             rig.sensors["front"].publish(message)
             rig.known("refused", FRONT)
-        assert rig.refused("front") == {"range not known": 3}
+        assert rig.refused("front") == {"nothing known": 3}
 
 
 def test_several_sources_at_once() -> None:
@@ -623,6 +568,8 @@ def test_one_point_of_each_cell_is_kept(kind: type) -> None:
         longest = np.linalg.norm(exact - exact[first][of], axis=1).max()
         assert longest <= moved <= longest * (1 + 1e-9)
         assert moved <= edge * 3**0.5 * (1 + 1e-9)
+    far = np.array([[1e18, 0.0, 0.0], [1e18, 0.5, 0.0], [1e18, 0.6, 0.0]])
+    assert thin_out(far, 0.3)[0].tolist() == [0, 1, 2], "cells beyond 2^63"
     with pytest.raises(RefusedError, match="voxel too small"):
         thin_out(np.array([[0.0] * 3, [1e12] * 3]), 1e-9)
 

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -176,6 +178,17 @@ def test_a_replaced_or_moved_cloud_is_seen_at_once() -> None:
         scene.move("cloud", [0.5, 0, 0, 0, 0, 0, 1])
         assert checker.check([[at], [at + 0.5]]).pairs == [None, ("body", "cloud")]
         scene.move("cloud", [0, 0, 0, 0, 0, 0, 1])
+    blocks = 0
+    for number in range(60):
+        if number == 30:
+            gc.collect()
+            blocks = sys.getallocatedblocks()
+        scene.set_shape("cloud", oc.shapes.Cloud(np.full((50, 3), 50.0 + number)))
+        assert checker.check([[3.0]]).valid.all()
+    gc.collect()
+    assert sys.getallocatedblocks() < blocks + 500, "old clouds are forgotten"
+    scene.set_shape("cloud", oc.shapes.Cloud(np.zeros((0, 3))))
+    assert checker.check([[3.0]]).valid.all()
     scene.remove("cloud")
     assert checker.check([[3.0]]).valid.all()
 
@@ -242,7 +255,8 @@ def test_own_points_are_in_links_or_behind_them(seed: int, padding: float) -> No
             gaps_to(checker, state, sensor[None], sensor[None]),
         )
         rays = gaps_to(checker, state, eyes, points)
-        rays[:, in_it - padding < 0] = np.inf
+        rays[:, in_it < padding] += padding  # in the padding alone: hidden by the shape itself
+        rays[:, in_it < 0] = np.inf
         truth = np.minimum(own, rays).min(axis=1) - padding
         clear = np.abs(truth) > 1e-6
         found = checker.own_points(state, points, padding, sensor)
