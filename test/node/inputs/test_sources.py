@@ -257,7 +257,7 @@ def test_a_thousand_clouds_leave_nothing_behind(front: SensorRig) -> None:
 
     tracemalloc.start()
     try:
-        first, last = replace(100), replace(900)
+        first, last = replace(800), replace(1000)  # at first numpy's caches of small arrays grow
     finally:
         tracemalloc.stop()
     assert last - first < 100_000, "one cloud has 48,000 bytes"
