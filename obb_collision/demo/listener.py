@@ -20,7 +20,7 @@ message and yields lines, ``summary`` yields those at the end. ``rows`` are the 
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -177,20 +177,28 @@ class PointsInsideNarrator(Narrator):
 
     def update(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the counts; yield a line for each zone that points enter or leave."""
-        before = {row.name for row in self.rows}
-        self.rows = [row for row in rows if row.points > 0]
-        for row in self.rows:
-            self.max_inside[row.name] = max(self.max_inside.get(row.name, 0), row.points)
-            if row.name not in before:
-                yield f"entered {row.name}  {row.points} points inside"
-        for name in sorted(before - {row.name for row in self.rows}):
+        before = self._counts()
+        self.rows = rows
+        now = self._counts()
+        for name, count in now.items():
+            self.max_inside[name] = max(self.max_inside.get(name, 0), count)
+            if name not in before:
+                yield f"entered {name}  {count} points inside"
+        for name in sorted(before.keys() - now.keys()):
             yield f"left    {name}"
 
     def summary(self) -> Iterator[str]:
         """Yield the numbers of points by zone."""
-        now = {row.name: row.points for row in self.rows}
+        now = self._counts()
         for name, most in sorted(self.max_inside.items()):
             yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
+
+    def _counts(self) -> Counter[str]:
+        """Return the points of all clouds in each zone that has any."""
+        counts = Counter[str]()
+        for row in self.rows:
+            counts[row.name] += row.points
+        return +counts
 
 
 def _all_predictions(message: Any, namespaces: Any) -> list[node.NamedPrediction]:

@@ -40,8 +40,6 @@ from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 class PlacedRobots(Changing):
     """Robots in a scene: what a ``RobotScene`` checks, with the same parameters."""
 
-    ignores_points = False
-    """Whether checks ignore obstacle points of the scene; otherwise they raise ValueError."""
     standing: Mask | None = None
     """(slots,) objects at rest, None for all: see ``Prepared.without_still_pairs``."""
     warns = True
@@ -59,7 +57,6 @@ class PlacedRobots(Changing):
         poses = np.tile(IDENTITY_POSE, (len(members), 1)) if bases is None else bases
         checked = as_array(poses, "bases", (len(members), 7))
         self._scene = Scene() if scene is None else scene
-        self._check_points()
         self._model = Model(members, names, unit_poses(checked, "bases"))
         self._model.warns = self.warns
         self._joint_count = len(self._model.joint_names)
@@ -276,17 +273,8 @@ class PlacedRobots(Changing):
             raise KeyError(f"name must be the name of an attached object, got {shown(name)}")
         self._model.detach(name)
 
-    def _check_points(self) -> None:
-        points = self._scene.obstacle_points
-        if points is not None and len(points) and not self.ignores_points:
-            raise ValueError(
-                f"scene must have no obstacle_points, got {len(points)}: they are not checked "
-                "against robots; add a Cloud of them, and set scene.obstacle_points = None"
-            )
-
     def _states(self, value: ArrayLike, name: str) -> Floats:
         """Return checked states (n, joints)."""
-        self._check_points()
         rows: ArrayLike = value[None] if type(value) is np.ndarray and value.ndim == 1 else value
         if self._model.limits.hold(rows):
             return np.asarray(rows)

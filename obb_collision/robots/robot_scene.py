@@ -54,8 +54,7 @@ class RobotScene(PlacedRobots):
         ``NAME/LINK``; otherwise as in the URDF, and no two may share a name.
     scene : Scene, optional
         The world, which may change between checks. Its rules about pairs (``allow``,
-        ``check_only``, ``allowed_within``) hold for links, too. A scene with ``obstacle_points``
-        raises ValueError: a ``Cloud`` in it is checked against robots, they are not.
+        ``check_only``, ``allowed_within``) hold for links, too.
     accuracy : Accuracy or str
         The level of all pairs; levels of objects in the scene do not count.
     padding : float or mapping

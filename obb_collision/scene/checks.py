@@ -73,7 +73,7 @@ class Checks:
         self._objects, self._rules = objects, rules
         self.exact = exact
         self.effects = EffectSettings(EFFECTS)
-        self.obstacle_points: NDArray[Any] | None = None
+        self.watched: dict[str, NDArray[Any]] = {}
         self.budget: Budget | None = None
         self.max_pairs: int | None = None
         self.region: Region | None = None
@@ -158,7 +158,7 @@ class Checks:
             pair_filter=self.checker.pair_filter,
             old=findings.old,
             last=findings.before,
-            obstacle_points=self.obstacle_points,
+            watched=self.watched,
             store=store,
             before=self._before,
             enabled=active if self.region is None else store.enabled.copy(),

@@ -284,7 +284,7 @@ class Report(SetOnce):
 
     @property
     def points_inside(self) -> PointsInside:
-        """The ``Scene.obstacle_points`` inside of objects."""
+        """How many points of each cloud, or of ``Scene.watched``, are inside which objects."""
         return self.result("points")
 
     @property

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Any
 
@@ -47,11 +47,13 @@ from obb_collision.scene.store.patterns import as_patterns, as_tuples, matching
 from obb_collision.scene.store.region import Region
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Shape
-from obb_collision.words import shown
+from obb_collision.words import check_names, shown
 
 #: Attributes of the rules, and of a scene, that are pickled.
 RULES = "allowed", "matrix", "check_only", "allowed_within", "warns"
-PROPERTIES = ("time_budget", "max_pairs", "region", "obstacle_points")
+PROPERTIES = ("time_budget", "max_pairs", "region", "watched")
+#: The name of the points without a name, among those that are watched.
+UNNAMED = "obstacle_points"
 #: The largest limit of pairs: more than there can be, and kernels can take multiples of it.
 MOST_PAIRS = 2**53
 #: Seconds for a check above which the user probably means milliseconds.
@@ -169,7 +171,7 @@ class Scene(NamedObjects):
         Scenes with the same objects, and regions that together fill space, find each pair and each
         row of effects once. A pair belongs to the region of a point: on each axis the larger of the
         lower ends of both bounds. For pairs that are near or will collide, these are the bounds in
-        which the effect searches; the points of an object belong to the lower corner of its bounds.
+        which the effect searches; watched points belong to the lower corner of an object's bounds.
         Objects farther from the region than its halo take no part and cost little. The halo must be
         as large as the distances at which effects that are not off look from objects.
         """
@@ -313,18 +315,31 @@ class Scene(NamedObjects):
         self._checks.effects = new
 
     @property
-    def obstacle_points(self) -> NDArray[Any] | None:
-        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; can be set.
+    def watched(self) -> dict[str, NDArray[Any]]:
+        """Points (k, 3) in metres by name, in no pair, for the effect ``points``; can be set.
 
-        The array is not copied. Rows that are not finite are ignored and counted.
+        float32 or float64, not copied. Rows that are not finite are ignored and counted.
         """
-        return self._checks.obstacle_points
+        return dict(self._checks.watched)
+
+    @watched.setter
+    def watched(self, clouds: Mapping[str, ArrayLike]) -> None:
+        check_kind(clouds, Mapping, "watched")
+        check_names([*clouds], "watched")
+        watched = {name: as_points(value, f"watched {name}") for name, value in clouds.items()}
+        self._checks.invalidate()
+        self._checks.watched = watched
+
+    @property
+    def obstacle_points(self) -> NDArray[Any] | None:
+        """The points ``watched["obstacle_points"]``, None without; can be set."""
+        return self._checks.watched.get(UNNAMED)
 
     @obstacle_points.setter
     def obstacle_points(self, value: ArrayLike | None) -> None:
-        points = None if value is None else as_points(value, "obstacle_points")
-        self._checks.invalidate()
-        self._checks.obstacle_points = points
+        points = {} if value is None else {UNNAMED: as_points(value, UNNAMED)}
+        rest = {name: row for name, row in self._checks.watched.items() if name != UNNAMED}
+        self.watched = {**rest, **points}
 
     def check(self, effects: Iterable[str] | str = ()) -> Report:
         """Return all colliding pairs, with the effects requested by name.

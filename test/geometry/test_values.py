@@ -35,7 +35,7 @@ import obb_collision as oc
 
 #: Kernels', what the node sets, and how a URDF was read.
 INSIDE = INTERNAL | {
-    "arrays", "cache", "cycle", "element", "ignores_points", "standing", "store", "tree", "warns",
+    "arrays", "cache", "cycle", "element", "standing", "store", "tree", "warns",
 }  # fmt: skip
 DATA = Path(__file__).parents[1] / "data"
 MADE = {

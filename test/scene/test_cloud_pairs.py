@@ -207,6 +207,82 @@ def test_contacts_are_the_deepest_balls(level: str) -> None:
             np.testing.assert_allclose(depths, -gaps[:count], atol=1e-9)
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+@pytest.mark.parametrize("level", ["obb", "hull", "mesh"])
+def test_the_points_in_each_object_are_counted_for_each_cloud(level: str, margin: float) -> None:
+    scene, poses, points = room(level, 5)
+    scene.check_only([])
+    far, pose = made_points(9, 5000).astype(np.float32), made_poses(3, 1)[0]
+    scene.add("other", oc.shapes.Cloud(far), pose, padding=0.02)
+    watched = made_points(2, 5000)
+    watched[::7] = np.nan
+    scene.watched = {"lidar": watched}
+    scene.set_effect("points", margin=margin)
+    inside = scene.check().points_inside
+    assert inside.clouds is not None
+    assert inside.positions is not None
+    assert inside.ignored == len(watched[::7])
+    clouds = {
+        -1: (watched, margin),
+        scene.index("cloud"): (points, margin + RADIUS),
+        scene.index("other"): (placed(far.astype(float), pose), margin + 0.02),
+    }
+    assert inside.clouds.tolist() == [cloud for cloud in clouds for _ in poses]
+    assert inside.indices.tolist() == 3 * [scene.index(name) for name in poses]
+    for row, (cloud, index) in enumerate(zip(inside.clouds, inside.indices, strict=True)):
+        (places, reach), name = clouds[cloud], scene.name(index)
+        box = scene.boxes[index]
+        gaps = distances(name.split("/")[0], poses[name], places)
+        if level == "obb":
+            gaps = _box_distances(np.abs((places - box.center) @ box.rotation) - box.half_extents)
+        held = np.flatnonzero(gaps <= reach)
+        assert inside.counts[row] == len(held)
+        assert inside.first[row] == (held[0] if len(held) else -1)
+        if len(held):
+            off = np.linalg.norm(places[held] - box.center, axis=1)
+            assert inside.nearest[row] == held[off.argmin()]
+            assert inside.distances[row] == pytest.approx(off.min())
+            assert inside.positions[row] == pytest.approx(places[inside.nearest[row]])
+        else:
+            assert np.isnan(inside.positions[row]).all()
+    assert all(np.count_nonzero(inside.counts[inside.clouds == cloud]) > 1 for cloud in clouds)
+
+
+def test_rows_of_points_are_of_pairs_that_count_as_they_were_at_the_check() -> None:
+    scene = oc.Scene()
+    for name in ("front", "rear", "off"):
+        scene.add(name, oc.shapes.Cloud([[0, 0, 0]]))
+    for name in ("zone/1", "zone/2", "gone"):
+        scene.add(name, oc.shapes.Box([1, 1, 1]))
+    scene.set_enabled("off", False)
+    scene.set_enabled("gone", False)
+    scene.allow("zone/1", "front")
+    scene.watched = {"lidar": [[0, 0, 0]]}
+
+    def rows(report: oc.Report) -> list[tuple[str, str, int]]:
+        inside = report.points_inside
+        assert inside.clouds is not None
+        names = ["lidar" if cloud < 0 else scene.name(cloud) for cloud in inside.clouds]
+        objects = [scene.name(index) for index in inside.indices]
+        return [*zip(names, objects, inside.counts.tolist(), strict=True)]
+
+    of_lidar = [("lidar", "zone/1", 1), ("lidar", "zone/2", 1)]
+    seen = [*of_lidar, ("front", "zone/2", 1), ("rear", "zone/1", 1), ("rear", "zone/2", 1)]
+    report = scene.check()
+    scene.set_shape("front", oc.shapes.Cloud([[9, 9, 9]]))
+    scene.move("rear", [5, 0, 0, 0, 0, 0, 1])
+    scene.watched = {}
+    assert rows(report) == seen
+    after = [("front", "zone/2", 0), ("rear", "zone/1", 0), ("rear", "zone/2", 0)]
+    assert rows(scene.check()) == after
+    scene.set_effect("points", objects="zone/1")
+    assert rows(scene.check()) == after[1:2]
+    scene.set_effect("points", objects="front")
+    assert rows(scene.check()) == after[:1]
+    scene.set_effect("points", "off")
+    assert scene.check().costs == {}
+
+
 @pytest.mark.parametrize("moves", ["object", "cloud", "both"])
 @pytest.mark.parametrize("level", ["obb", "hull", "mesh"])
 def test_a_sweep_is_never_late(level: str, moves: str) -> None:

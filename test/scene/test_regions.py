@@ -115,6 +115,8 @@ def test_regions_find_all_together(given_boxes: Any, parts: Any, steps: Any, pad
     regions = split_regions([-1.5] * 3, [1.5] * 3, parts, FAR)
     whole = scene_of(given_boxes, None, **options)
     scenes = [scene_of(given_boxes, region, **options) for region in regions]
+    for scene in (whole, *scenes):
+        scene.add("cloud", oc.shapes.Cloud(POINTS, 0.1))
     check_union(whole, scenes)
     for step in steps:
         for scene in (whole, *scenes):
@@ -136,6 +138,7 @@ def test_many_objects_that_come_move_and_go(seed: int, accuracy: str) -> None:
     for scene in scenes:
         for n, name in enumerate(names):
             scene.add(name, shapes[n % 3], start[n])
+        scene.add("cloud", oc.shapes.Cloud(POINTS + MIDDLE[:3], 0.1))
         scene.allow("a/1*", "a/2*")
     for step in range(6):
         share = (160, 4, 40, 0, 1, 80)[step]
@@ -326,6 +329,16 @@ def test_several_rows_of_a_pair_stay_but_two_regions_that_report_it_are_counted(
     run.take("west", 2, pair_rows((1, 2), passed=[1.0]))
     assert run.take("east", 2, pair_rows((1, 2), passed=[0.0])) == [(1, 2), (1, 2)]
     assert run.merger.repeated == 1  # passed and to come are two things
+
+
+def test_an_object_has_a_row_for_each_cloud_though_regions_share_them(run: Run) -> None:
+    rows = np.zeros(2, [(name, "<i4") for name in ("ns", "id", "cloud_ns", "cloud_id")])
+    rows["cloud_id"] = [4, 3]
+    assert run.merger.take("west", SECOND, rows[:1], run.now) is None
+    joined = run.merger.take("east", SECOND, rows[1:], run.now)
+    assert joined is not None
+    assert joined["cloud_id"].tolist() == [3, 4]
+    assert run.merger.repeated == 0
 
 
 def test_a_silent_region_is_missing_after_the_timeout_and_back_after_another(run: Run) -> None:

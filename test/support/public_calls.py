@@ -191,6 +191,7 @@ SPECIAL = {"effort", "duration", "capacity", "region"}
 #: Properties of a scene, and of its parts.
 PROPERTIES: dict[str, Any] = {
     "padding": 0.1, "accuracy": "obb", "time_budget": 0.1, "obstacle_points": POINTS,
+    "watched": {"a": POINTS},
     "max_pairs": 9, "region": REGION, "rules.allowed": [("a", "b", True)],
     "rules.check_only": [("a", "b")], "rules.allowed_within": ["a"],
     "objects.padding_overrides": [("a", 0.1)],

@@ -219,6 +219,7 @@ class Session:
             for found in self._client.points:
                 if found.header.stamp == message.header.stamp:
                     rows = points_inside_from_ros(found)
+                    rows = rows[rows["cloud_ns"] == namespace_number("sources/points")]
                     counts = zip(rows["id"].tolist(), rows["count"].tolist(), strict=True)
                     return ({ident: count for ident, count in counts if ident in right},)
             return None

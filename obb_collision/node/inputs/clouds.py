@@ -28,11 +28,18 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import points_from_ros
-from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
+from obb_collision.node.messages.conversions import (
+    NANOSECONDS,
+    name_from_key,
+    stamp_from_ros,
+    unusable_poses,
+)
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.objects.frames import LATER, FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import AHEAD
+from obb_collision.node.parameters.sources import POINTS, source_key
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.scene.report import Report
 from obb_collision.typing import Floats
@@ -142,15 +149,13 @@ class WaitingClouds:
 
 
 class Obstacles:
-    """Keeps the points of the scene up to date with the topic ``points``."""
+    """Keeps the watched points of the scene up to date: of the topic ``points``, and of sources."""
 
     def __init__(self, objects: Objects, frames: FrameSource) -> None:
         self._objects, self._monitor = objects, objects.monitors["points"]
         self.waiting = WaitingClouds(objects, frames, self._monitor)
         self.stamp = 0
-        """Of the points in the scene (ns), 0 for none."""
-        self._own: Floats | None = None
-        self._watched: dict[str, Floats] = {}
+        """Of the newest points in the scene (ns), 0 for none."""
 
     def queue(self, data: bytes, now: int) -> None:
         """Keep a serialised cloud."""
@@ -177,20 +182,16 @@ class Obstacles:
             position, rotation = as_poses(frame[None], warn=False)
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is ignored
                 points = points.astype(np.float64) @ rotation[0].T + position[0]
-        self._own = points
-        self._set(cloud)
+        self.watch(POINTS, points, cloud)
 
-    def watch(self, topic: str, points: Floats, cloud: QueuedCloud) -> None:
-        """Use the points (n, 3) of another topic, too, in the fixed frame."""
-        self._watched[topic] = points
-        self._set(cloud)
-
-    def _set(self, cloud: QueuedCloud) -> None:
-        """Give the scene the points of all topics; cloud: the one that is new."""
-        parts = [] if self._own is None else [self._own]
-        parts += self._watched.values()
-        points = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        self._objects.scene.obstacle_points = points
+    def watch(self, source: str, points: Floats, cloud: QueuedCloud) -> None:
+        """Give the scene the points (n, 3) of a source, in the fixed frame."""
+        key = source_key(source)
+        scene, namespaces = self._objects.scene, self._objects.table.namespaces
+        watched, name = scene.watched, name_from_key(key)
+        if name not in watched:
+            namespaces.use(namespaces.admit(key[0]))
+        scene.watched = {**watched, name: points}
         believed = cloud.stamp <= cloud.received + self._objects.states.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
 
@@ -202,8 +203,9 @@ class Obstacles:
 
     def forget(self) -> None:
         """Remove all points from the scene."""
-        self._objects.scene.obstacle_points = self._own = None
-        self._watched.clear()
+        for name in self._objects.scene.watched:
+            self._objects.table.namespaces.leave(namespace_number(name.rpartition("/")[0]))
+        self._objects.scene.watched = {}
         self.waiting.clouds.clear()
         self.stamp = 0
 

@@ -263,7 +263,7 @@ class WatchedSource(Source):
         """Accept every message."""
 
     def _take(self, points: Floats, radius: float, cloud: QueuedCloud, sensor: Floats) -> None:
-        self._obstacles.watch(self.topic, placed_points(points, sensor), cloud)
+        self._obstacles.watch(self._settings().name, placed_points(points, sensor), cloud)
 
     def _doubt(self, reason: str) -> None:
         """Mark nothing: no object depends on it."""

@@ -89,7 +89,7 @@ INPUTS = {
         PointCloud2,
         1,
         ReliabilityPolicy.BEST_EFFORT,
-        meaning="Obstacle points for points_inside: x y z (m). The newest cloud counts.",
+        meaning="Watched points for points_inside: x y z (m). The newest cloud counts.",
     ),
 }
 

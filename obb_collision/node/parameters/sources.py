@@ -34,10 +34,17 @@ MAX_SOURCES = 100
 """Most sources of a node."""
 NAMESPACE = "sources"
 """Before the name of a source: the object of ``front`` is ``sources/front/0``."""
+POINTS = "points"
+"""The topic and the name of the source that every node has, which is watched."""
 TYPES = CLOUD, SCAN, RANGE = ("cloud", "scan", "range")
 USES = OBSTACLE, WATCH = ("obstacle", "watch")
 FAR = 1.0e6
 """Metres: a limit of this size leaves nothing out."""
+
+
+def source_key(name: str) -> tuple[str, int]:
+    """Return the key of the object of a source."""
+    return f"{NAMESPACE}/{name}", 0
 
 
 class SourceSettings(NamedTuple):
@@ -63,7 +70,7 @@ class SourceSettings(NamedTuple):
     @property
     def key(self) -> tuple[str, int]:
         """The key of its object."""
-        return f"{NAMESPACE}/{self.name}", 0
+        return source_key(self.name)
 
 
 SPECS = (
@@ -134,8 +141,8 @@ def check_names(names: list[str], others: set[str]) -> None:
     for row, name in enumerate(names):
         if name in names[:row]:
             raise ValueError(f"sources: {name!r} occurs twice")
-        if name in others:
-            raise ValueError(f"sources: {name!r} is the name of other parameters")
+        if name in others or name == POINTS:
+            raise ValueError(f"sources: {name!r} is the name of another input or parameter")
 
 
 def check_sources(values: Mapping[str, Any]) -> None:

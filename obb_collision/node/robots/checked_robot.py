@@ -57,9 +57,9 @@ class Attachment(NamedTuple):
 
 
 class NodeRobotScene(RobotScene):
-    """Robots in the node's scene, whose points are no obstacles for them; doubts are published."""
+    """Robots in the node's scene; doubts are published."""
 
-    ignores_points, warns = True, False
+    warns = False
 
 
 def portions(count: int, quick: float) -> Iterator[slice]:

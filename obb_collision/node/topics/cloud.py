@@ -31,6 +31,7 @@ from std_msgs.msg import Header
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros, field_bytes
 from obb_collision.node.messages.conversions import name_from_key, namespace_table
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import stand_in
 from obb_collision.node.topics.rows import CheckedState, StructuredRows
 from obb_collision.scene.effects.base import Option
 
@@ -49,7 +50,7 @@ MEANINGS = {
     "ns_a id_a ns_b id_b": "The objects: number of the namespace and id, a before b.",
 }
 """Of the fields that most clouds have."""
-OPTIONAL_FIELDS = ("accuracy", "undecided")
+OPTIONAL_FIELDS = ("accuracy", "undecided", "cloud_ns", "cloud_id")
 """Fields that messages recorded with an earlier version don't have."""
 
 
@@ -84,7 +85,7 @@ class Cloud(Topic, Generic[Record]):
     fields: groups of names with their kind, in order; every field stands at a multiple of its
     size, and a row at a multiple of 8 bytes. RViz draws x y z only as float32; whatever is measured
     is float64. make_rows: fills rows from the result of the effect (of ``collisions``, from the
-    report). record: makes a named row, of the names of its one or two objects and the ``values``:
+    report). record: makes a named row, of the names of its two objects and the ``values``:
     a field, or a vector of several, each. of_points: whether the stamp is that of the points.
     meanings: of the fields that not all clouds have, for docs/topics.md.
     """
@@ -136,7 +137,7 @@ class Cloud(Topic, Generic[Record]):
 
     def name_rows(self, rows: StructuredRows, namespaces: Namespaces) -> list[Record]:
         """Return rows as records with the names of their objects."""
-        ends = (("ns", "id"),) if "ns" in (self.dtype.names or ()) else _PAIR_ENDS
+        ends = _POINTS_ENDS if "ns" in (self.dtype.names or ()) else _PAIR_ENDS
         names = [_names(rows, *end, namespaces) for end in ends]
         groups = [rows[group if isinstance(group, str) else [*group]] for group in self.values]
         columns = [group.tolist() for group in groups]
@@ -144,10 +145,15 @@ class Cloud(Topic, Generic[Record]):
 
 
 _PAIR_ENDS = (("ns_a", "id_a"), ("ns_b", "id_b"))
+_POINTS_ENDS = (("ns", "id"), ("cloud_ns", "cloud_id"))
 
 
 def _names(rows: npt.NDArray[Any], ns: str, number: str, namespaces: Namespaces) -> list[str]:
     table = namespace_table(namespaces)
+    if ns in OPTIONAL_FIELDS:
+        if ns not in (rows.dtype.names or ()):
+            return [""] * len(rows)
+        table = {**{index: stand_in(index) for index in rows[ns].tolist()}, **table}
     try:
         return [name_from_key((table[index], key)) for index, key in rows[[ns, number]].tolist()]
     except KeyError as error:

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
@@ -54,7 +55,7 @@ class CheckedState:
     """One check to publish.
 
     stamp: of the state (ns). step: seconds between it and that of the check before. cloud_stamp:
-    of the obstacle points. now: time of the check (ns).
+    of the newest points that are watched. now: time of the check (ns).
     """
 
     report: Report
@@ -180,15 +181,21 @@ def event_rows(events: StructuredRows, state: CheckedState, dtype: np.dtype[Any]
 
 
 def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
-    """Return rows (k,) of the objects with points inside."""
-    table, points = state.table, state.report.cycle.obstacle_points
+    """Return rows (k,) of the pairs of a cloud and an object with points inside."""
+    assert result.clouds is not None
+    assert result.positions is not None
+    table = state.table
     hit = np.flatnonzero(result.counts)
-    hit = hit[np.argsort(table.order_keys(result.indices[hit]))]
-    slots = result.indices[hit]
+    slots, clouds = result.indices[hit], result.clouds[hit]
+    seen = np.maximum(clouds, 0)
     rows = np.zeros(len(slots), dtype)
     rows["ns"], rows["id"] = table.ns[slots], table.id[slots]
     rows["count"], rows["first"] = result.counts[hit], result.first[hit]
     rows["nearest"], rows["distance"] = result.nearest[hit], result.distances[hit]
-    if points is not None and len(hit):
-        _put(rows, POSITION_FIELDS, points[result.nearest[hit]])
-    return rows
+    _put(rows, POSITION_FIELDS, result.positions[hit])
+    rows["cloud_ns"], rows["cloud_id"] = table.ns[seen], table.id[seen]
+    for number, name in enumerate(state.report.cycle.watched):
+        namespace, _, ident = name.rpartition("/")
+        own = clouds == -1 - number
+        rows["cloud_ns"][own], rows["cloud_id"][own] = namespace_number(namespace), int(ident)
+    return rows[np.lexsort([rows[name] for name in ("cloud_id", "cloud_ns", "id", "ns")])]

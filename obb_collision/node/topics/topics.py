@@ -125,7 +125,7 @@ class NamedEvent(NamedTuple):
 class NamedPoints(NamedTuple):
     """One object with points inside: how many, indices in the cloud of the first and the nearest.
 
-    distance: from the box centre to the nearest one (m).
+    distance: from the box centre to the nearest one (m). cloud: whose points these are.
     """
 
     name: str
@@ -133,6 +133,7 @@ class NamedPoints(NamedTuple):
     first: int
     nearest: int
     distance: float
+    cloud: str = ""
 
 
 DEADLINE = 0.5
@@ -265,15 +266,18 @@ POINTS_INSIDE = Cloud(
     fields=(
         ("<f4", POSITION_FIELDS),
         ("<f8", ("distance",)),
-        ("<i4", ("ns", "id", "count", "first", "nearest")),
+        ("<i4", ("ns", "id", "count", "first", "nearest", "cloud_ns", "cloud_id")),
     ),
     meanings={
         "distance": "From the box centre to the nearest point (m), which is x y z.",
         "ns id": "The object: number of the namespace and id.",
         "count first nearest": "Points inside; indices in the cloud of the first and the nearest.",
+        "cloud_ns cloud_id": "The cloud: sources/NAME/0, or sources/points/0 of the topic points.",
     },
     make_rows=inside_rows,
-    record=NamedPoints,
+    record=lambda name, cloud, count, first, nearest, distance: NamedPoints(
+        name, count, first, nearest, distance, cloud
+    ),
     values=("count", "first", "nearest", "distance"),
     of_points=True,
 )

@@ -75,13 +75,17 @@ POINT_REACH = 8192 * ROUNDOFF
 class PointsInside:
     """The points of a cloud in each box or mesh; the centre of a mesh is that of its box.
 
-    indices (n,): rows of the boxes; in a report, indices of objects.
+    indices (n,): rows of the boxes.
 
     counts (n,): points inside. first (n,): the lowest index of those, -1 without any. nearest
     (n,): the index of the one nearest to the box centre (of equally near ones the lowest), -1
     without any. distances (n,) metres: its distance from the centre, infinite without any.
     ignored: points with a coordinate that is not finite. boxes (p,), with ``each_point``: the
     lowest box that holds each point, -1 for none.
+
+    In a report there is a row per pair of a cloud and an object, by cloud. indices: of objects.
+    clouds (n,): of the cloud's objects, or -1 - k for cloud k of ``Scene.watched``, counted from 0.
+    positions (n, 3) metres: of the nearest points, NaN without any.
     """
 
     indices: Integers
@@ -91,6 +95,8 @@ class PointsInside:
     distances: Floats
     ignored: int
     boxes: NDArray[np.int32] | None = None
+    clouds: Integers | None = None
+    positions: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.indices)

@@ -159,7 +159,7 @@ class Cycle:
     pair_filter: PairFilter | None
     old: Rows | None
     last: Mapping[str, Outcome]
-    obstacle_points: NDArray[Any] | None
+    watched: Mapping[str, NDArray[Any]]
     store: ObjectStore
     before: PreviousCheck | None
     enabled: Mask

@@ -288,16 +288,26 @@ class CloudPairs:
         found.positions_b[deep] = table.positions + half
 
 
-def placed_balls(store: ObjectStore, cache: ShapeCache, slot: int) -> tuple[ConvexBodies, Boxes]:
-    """Return all balls of a cloud, padded, and the boxes about them."""
+def placed_points(store: ObjectStore, cache: ShapeCache, slot: int) -> tuple[Cloud, Floats, float]:
+    """Return a cloud, its points (n, 3) where it is, and their radius, padded (m)."""
     cloud = cache.shape(slot)
     assert isinstance(cloud, Cloud)
     (position,), (turn,) = as_poses(store.poses[slot][None], warn=False)
-    centers = cloud.points @ turn.T + position
-    errors = PLACING * (np.abs(position).sum() + np.abs(cloud.points).sum(axis=1))
-    radii, none = cloud.radius + store.paddings[slot] + errors, np.zeros(len(centers))
+    middle, _, extent = cloud.local_box
+    size = np.abs(position).sum() + np.abs(middle).sum() + extent.sum()
+    radius = cloud.radius + store.paddings[slot] + PLACING * size
+    (x, y, z), points = cloud.points.T, np.empty_like(cloud.points)
+    for k in range(3):  # a product of matrices waits for other threads
+        points[:, k] = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z + position[k]
+    return cloud, points, float(radius)
+
+
+def placed_balls(store: ObjectStore, cache: ShapeCache, slot: int) -> tuple[ConvexBodies, Boxes]:
+    """Return all balls of a cloud, padded, and the boxes about them."""
+    _, centers, radius = placed_points(store, cache, slot)
+    radii, none = np.full(len(centers), radius), np.zeros(len(centers))
     rows = none.astype(np.int64)
-    bodies = Balls(rows, centers, radii, none, errors).bodies
+    bodies = Balls(rows, centers, radii, none, none).bodies
     halves = np.repeat(radii[:, None], 3, axis=1)
     return bodies, Boxes.trusted(centers, bodies.rotations, halves)
 

@@ -37,7 +37,7 @@ from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import BOX, BOXED, CLOUD, ROUND, TRIANGLES, ShapeCache
 from obb_collision.scene.refinement.bodies import convex_bodies, placed_meshes
 from obb_collision.scene.refinement.budget import Budget, Levels
-from obb_collision.scene.refinement.clouds import CloudPairs
+from obb_collision.scene.refinement.clouds import CloudPairs, placed_points
 from obb_collision.scene.refinement.ladder import decide_pairs, nearest_first, pair_levels
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
@@ -246,6 +246,11 @@ class PlacedShapes:
     def cloud_pairs(self, boxes: Boxes, pairs: Pairs) -> CloudPairs:
         """Return pairs (m, 2) of a cloud and another object; boxes: of all slots, padded."""
         return CloudPairs(self._store, self._current_cache(), boxes, pairs)
+
+    def points(self, slot: int) -> tuple[Floats, int, float]:
+        """Return the points (n, 3) of a cloud, how many it ignores, and the radius of all (m)."""
+        cloud, points, radius = placed_points(self._store, self._current_cache(), slot)
+        return points, cloud.ignored, radius
 
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
         """Return the placed trees of slots (k,), and radii (k,) with padding; see ``trees_of``."""

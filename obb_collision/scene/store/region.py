@@ -205,6 +205,7 @@ def balls_near(region: Region, centers: Floats, radii: Floats) -> Mask:
 
 PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
 OBJECT_FIELDS = ("ns", "id")
+CLOUD_FIELDS = (*OBJECT_FIELDS, "cloud_ns", "cloud_id")
 #: Stamps that wait for the rows of other regions: a second at 100 Hz.
 MOST_WAITING = 100
 
@@ -410,7 +411,7 @@ def _with_passed(rows: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any
 def _fields_of(rows: NDArray[Any]) -> tuple[str, ...]:
     """Return the fields that name the pair or object of a row; ValueError without them."""
     names = rows.dtype.names if isinstance(rows, np.ndarray) and rows.ndim == 1 else None
-    for fields in (PAIR_FIELDS, OBJECT_FIELDS):
+    for fields in (PAIR_FIELDS, CLOUD_FIELDS, OBJECT_FIELDS):
         if names is not None and set(fields) <= set(names):
             return fields
     raise ValueError(f"rows must be a structured array with {' '.join(PAIR_FIELDS)}, or ns id")

@@ -485,6 +485,32 @@ def test_a_watched_source_is_in_no_pair() -> None:
         rig.known()
 
 
+def test_points_inside_has_a_row_per_cloud_and_object() -> None:
+    with SensorRig({"front": {"radius": 0.25}, "side": {"use": "watch"}}) as rig:
+        rig.listen("points_inside", "namespaces")
+        rig.send(cube(A1), cube(A2, (1.5, 0, 0)), cube(("a", 3), (9, 9, 9))).answer()
+        rng, want = np.random.default_rng(4), []
+        clouds = {name: rng.uniform(-2, 2, (300, 3)) for name in ("front", "side", "points")}
+        for n, x in ((1, 0.0), (2, 1.5)):
+            for name, radius in (("points", 0.0), ("side", 0.0), ("front", 0.25)):
+                beyond = np.maximum(np.abs(clouds[name] - [x, 0, 0]) - 0.5, 0.0)
+                count = int((np.linalg.norm(beyond, axis=1) <= radius).sum())
+                want.append((f"a/{n}", f"sources/{name}/0", count))
+        rig.see(clouds["front"])
+        rig.see(clouds["side"], "side")
+        rig.send_points(clouds["points"])
+
+        def counts() -> list[tuple[str, str, int]]:
+            table = rig.namespaces("a", *(f"sources/{name}" for name in clouds))
+            rows = ros.named_points_inside(rig.next("points_inside"), table)
+            return [(row.name, row.cloud, row.points) for row in rows]
+
+        rig.until(lambda: sorted(counts()) == sorted(want))
+        rig.set(**{"effects.points": "off"})
+        assert rig.node.objects.scene.watched == {}
+        rig.until(lambda: rig.pubs["points"].get_subscription_count() == 0)
+
+
 def damaged(data: bytes, count: int) -> Iterator[bytes]:
     """Yield a message cut short, and with some of its bytes replaced."""
     rng = np.random.default_rng(1)
@@ -578,8 +604,9 @@ def test_one_point_of_each_cell_is_kept(kind: type) -> None:
     "given, reason",
     [
         ({"sources": ["front", "front"]}, "'front' occurs twice"),
-        ({"sources": ["rate"]}, "name of other parameters"),
-        ({"sources": ["effects"]}, "name of other parameters"),
+        ({"sources": ["rate"]}, "name of another input or parameter"),
+        ({"sources": ["effects"]}, "name of another input or parameter"),
+        ({"sources": ["points"], "points.topic": "front"}, "name of another input or parameter"),
         ({"sources": ["a b"]}, "letters"),
         ({"sources": ["front"], "front.type": "lidar"}, "front.type must be one of cloud"),
         ({"sources": ["front"], "front.topic": "objects"}, "another input has 'objects'"),

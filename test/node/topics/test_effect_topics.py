@@ -187,10 +187,13 @@ def test_points_inside_are_counted_by_object(rig: Rig) -> None:
     rig.send_points(inside)
     message = rig.answer("points_inside")
     assert ros.named_points_inside(message, rig.namespaces("a", "b")) == [
-        ("a/1", 3, 2, 4, 0.125),
-        ("a/2", 1, 1, 1, pytest.approx(0.4)),
+        ("a/1", 3, 2, 4, 0.125, "sources/points/0"),
+        ("a/2", 1, 1, 1, pytest.approx(0.4), "sources/points/0"),
     ]
     rows = ros.points_inside_from_ros(message)
+    old = cloud_to_ros(rfn.drop_fields(rows, ["cloud_ns", "cloud_id"]))
+    (first, _) = ros.named_points_inside(old, ["a"])
+    assert first == ("a/1", 3, 2, 4, 0.125, ""), "recorded with an earlier version"
     assert rows["x"].tolist() == [0.125, pytest.approx(2.4)]
     assert FIRST_STAMP < stamp_from_ros(message.header.stamp) == rig.stamp, "that of the cloud"
 

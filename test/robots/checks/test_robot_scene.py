@@ -427,20 +427,13 @@ def test_a_world_of_which_parts_change_is_as_a_new_one() -> None:
     assert len(seen) > 10
 
 
-def test_a_scene_with_obstacle_points_raises_until_they_are_none() -> None:
-    scene = oc.Scene()
+def test_points_are_obstacles_for_robots_as_a_cloud_and_not_where_they_are_watched() -> None:
+    scene, states, points = oc.Scene(), [[0.0, 0.0]], [[0.5, 0.0, 0.0]]
+    scene.obstacle_points = points
     checker = lift(scene)
-    states = [[0.0, 0.0]]
-    scene.obstacle_points = np.zeros((0, 3))
     assert checker.check(states).valid.all()
-    scene.obstacle_points = [[0.5, 0.0, 0.0]]
-    for ask, *given_ in (
-        (lift, scene), (checker.check, states), (checker.distances, states),
-        (checker.check_motions, states, states), (checker.check_path, states),
-    ):  # fmt: skip
-        refused(r"set scene\.obstacle_points = None", ask, *given_)
-    scene.obstacle_points = None
-    assert checker.check(states).valid.all()
+    scene.add("cloud", oc.shapes.Cloud(points))
+    assert not checker.check(states).valid.any()
 
 
 def robot_answers(checker: oc.RobotScene, states: np.ndarray) -> list[Any]:

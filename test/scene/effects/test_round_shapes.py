@@ -210,7 +210,7 @@ def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.Mon
     scene = oc.Scene()
     scene.add("zone", Sphere(0.5))
     scene.set_effect("points", "on")
-    assert scene.check().points_inside.counts.tolist() == [0]
+    assert len(scene.check().points_inside) == 0
     for count in (0, 4, 2):
         scene.obstacle_points = np.zeros((count, 3))
         assert scene.check().points_inside.counts.tolist() == [count]
