@@ -207,7 +207,7 @@ def is_single(points: ArrayLike) -> bool:
 
 
 def as_points(value: ArrayLike, name: str) -> NDArray[np.floating]:
-    """Return points (n, 3) as they are if native float32 or float64, else as float64.
+    """Return points (n, 3), uncopied if native, aligned float32 or float64, else as float64.
 
     They need not be finite. Raises ValueError naming the argument for another shape or kind.
     """

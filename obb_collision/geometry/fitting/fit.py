@@ -187,7 +187,7 @@ def _fitted(array: Floats, fit: str) -> tuple[Floats, Floats, Floats]:
 
 
 def check_fit(fit: str) -> str:
-    """Return a valid name of a fit; else ValueError with the choices."""
+    """Return the name of a fit; ValueError with the choices for any other text."""
     if not isinstance(fit, str) or fit not in FITS:
         choices = ", ".join(repr(name) for name in FITS)
         raise ValueError(f"fit must be one of {choices}, got {shown(fit)}")

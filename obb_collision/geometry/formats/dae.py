@@ -119,7 +119,7 @@ class _Document:
         self._references: dict[tuple[Any, ...], Any] = {}
 
     def _named(self, node: Any, key: str, *tags: str, within: Any = None) -> Any:
-        """Return the element that an attribute refers to; of equal ids the one within another."""
+        """Return the element that an attribute refers to; where ids repeat, the one ``within``."""
         reference = node.get(key), tags, within
         if reference not in self._references:
             self._references[reference] = self._search(node, key, *tags, within=within)
@@ -258,7 +258,7 @@ class _Document:
             columns = [column for column, name in enumerate(names) if name][:3] or [0, 1, 2]
         step, start = _whole(accessor, "stride", 1), _whole(accessor, "offset", 0)
         if len(columns) != 3 or max(columns) >= step:
-            raise MeshError(f"its {_label(source)} has not three numbers a position")
+            raise MeshError(f"its {_label(source)} does not have three numbers per position")
         count = _whole(accessor, "count", 0)
         self._parts.check_room(0, count)
         if count and start + (count - 1) * step + max(columns) >= len(numbers):
@@ -278,7 +278,7 @@ def _whole(node: Any, key: str, default: int) -> int:
 
 
 def _corners(node: Any, offset: int, step: int) -> Triangles:
-    """Return the vertices (n,) in the numbers of an element."""
+    """Return the indices (n,) of vertices: every ``step``-th number, from ``offset`` on."""
     numbers = integers_of(_words(node))
     if len(numbers) % step:
         raise MeshError(f"{len(numbers)} numbers cannot be divided into corners of {step} numbers")
@@ -302,7 +302,7 @@ def _polylist(primitive: Any, points: Floats, offset: int, step: int) -> Triangl
     counts = integers_of([word for node in _children(primitive, "vcount") for word in _words(node)])
     check_complete(_whole(primitive, "count", len(counts)), len(counts), "polygons")
     if (counts < 0).any():
-        raise MeshError("a polygon has fewer than no corners")
+        raise MeshError("a polygon has a negative number of corners")
     check_complete(int(counts.sum()), len(corners), "corners of polygons")
     return triangulated(points, corners, counts)
 
@@ -338,7 +338,7 @@ READERS = {
 
 
 def _matrix(node: Any) -> Floats:
-    """Return the matrix (4, 4) from a node to its parent: its transforms in their order."""
+    """Return the matrix (4, 4) from a node to its parent: the product of its transforms."""
     matrix = np.eye(4)
     for child in node:
         kind = _tag(child)
@@ -347,7 +347,7 @@ def _matrix(node: Any) -> Floats:
         size, make = TRANSFORMS[kind]
         numbers = floats_of(_words(child))
         if len(numbers) != size:
-            raise MeshError(f"the {kind} of its {_label(node)} has not {size} numbers")
+            raise MeshError(f"the {kind} of its {_label(node)} does not have {size} numbers")
         if make is not None:
             matrix = matrix @ make(numbers)
         elif any(_tag(inner) in PLACING for inner in node.iter()):
@@ -362,7 +362,7 @@ def _moved(numbers: Floats) -> Floats:
 
 
 def _turned(numbers: Floats) -> Floats:
-    """Return the rotation about an axis, by degrees (Rodrigues)."""
+    """Return the matrix (4, 4) of a rotation: its axis, and an angle in degrees (Rodrigues)."""
     matrix, axis, length = np.eye(4), numbers[:3], float(np.linalg.norm(numbers[:3]))
     if length > 0.0:
         x, y, z = axis / length

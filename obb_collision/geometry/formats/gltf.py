@@ -256,7 +256,7 @@ def _matrix(node: Object) -> Floats:
     if "matrix" in node:
         numbers = np.array(node["matrix"], np.float64)
         if numbers.shape != (16,):
-            raise MeshError("the matrix of a node has not 16 numbers")
+            raise MeshError("the matrix of a node does not have 16 numbers")
         return numbers.reshape(4, 4).T
     matrix = np.eye(4)
     turn = np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), np.float64)

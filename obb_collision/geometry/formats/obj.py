@@ -109,7 +109,7 @@ def _positions(lines: list[bytes]) -> Floats:
 
 
 def _corners(faces: list[bytes], lines: list[bytes]) -> tuple[Triangles, Triangles]:
-    """Return rows of vertices, face after face, and how many each face has."""
+    """Return the indices of vertices, face after face, and how many each face has."""
     joined = REST.sub(b"", b" ".join(faces))
     numbers = integers_in(joined.replace(b"f", b"0"))  # no vertex is 0
     if numbers is None:

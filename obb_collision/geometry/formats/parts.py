@@ -178,7 +178,7 @@ class Parts:
             raise TooManyError(f"it has {self._count + vertices} vertices, {limit} is the limit")
 
     def add(self, vertices: Floats, faces: Triangles, matrix: Floats | None = None) -> None:
-        """Add a part: vertices (n, 3), and faces (m, 3) as rows of these vertices.
+        """Add a part: vertices (n, 3), and faces (m, 3) as indices of these vertices.
 
         A matrix (4, 4) moves the vertices. If it mirrors them, faces are reversed: their outer
         sides stay outside.

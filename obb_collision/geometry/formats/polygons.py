@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Polygons to triangles that cover them, no more and no less.
+"""Triangulates polygons: the triangles cover a polygon exactly.
 
-A polygon is seen along the axis that its normal (Newell's) is nearest to: the coordinates stay as
-they are. Most are a fan about a corner; of the others ears are cut off (Meisters 1975). Corners may
-coincide, as where a hole is joined to the outline by two edges along one line. A polygon that
-crosses itself gets the fan about its first corner: the fan covers it, and perhaps more. Polygons
-that are not flat are cut as seen along the axis.
+A polygon is projected along the coordinate axis nearest to its normal (Newell's), which changes no
+coordinate. Most polygons become a fan about a corner; the others are triangulated by ear clipping
+(Meisters 1975). Corners may coincide, as where two edges along one line join a hole to the outline.
+A polygon that crosses itself becomes the fan about its first corner, which covers it and perhaps
+more. A polygon that is not flat is triangulated in its projection.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ MOST_PAIRS, MOST_TRIES = 10_000_000, 1000
 
 
 def triangulated(points: Floats, corners: Triangles, counts: Triangles) -> Triangles:
-    """Return triangles (m, 3) of polygons, in no order.
+    """Return triangles (m, 3) of polygons, in no special order.
 
-    points: (n, 3); corners: (sum of counts,) rows of points, polygon after polygon; counts: of the
-    corners of each. Polygons of fewer than three are left out. ValueError for other rows, and
-    where cutting would take too long.
+    points: (n, 3); corners: (sum of counts,) indices of points, polygon after polygon; counts: how
+    many corners each has. Polygons of fewer than three are left out. ValueError for an index out
+    of range, and where triangulation would take too long.
     """
     check_corners(corners, len(points))
     firsts = np.cumsum(counts) - counts
@@ -75,16 +75,16 @@ def with_holes(points: Floats, loops: list[Triangles]) -> Triangles:
     for hole in loops[1:]:
         if _area(flat[hole]) > 0.0:  # holes run round the other way
             hole = hole[::-1]
-        at, of = _bridge(flat[outline], flat[hole], starts, ends)
-        there = np.r_[of : len(hole), 0 : of + 1]
-        outline = np.concatenate([outline[: at + 1], hole[there], outline[at:]])
-        bridge = flat[hole[of]][None], flat[outline[at]][None]
+        corner, first = _bridge(flat[outline], flat[hole], starts, ends)
+        order = np.r_[first : len(hole), 0 : first + 1]
+        outline = np.concatenate([outline[: corner + 1], hole[order], outline[corner:]])
+        bridge = flat[hole[first]][None], flat[outline[corner]][None]
         starts, ends = (np.concatenate(pair) for pair in zip((starts, ends), bridge, strict=True))
     return outline
 
 
 class _Cutter:
-    """Cuts polygons of equal counts of corners, many at once; counts the work of all."""
+    """Triangulates many polygons with equal numbers of corners at once; limits the total work."""
 
     def __init__(self) -> None:
         self._looks = 0
@@ -106,7 +106,7 @@ class _Cutter:
         return rings[np.arange(len(rings))[:, None, None], local].reshape(-1, 3)
 
     def _ears(self, flat: Floats, fan: Triangles) -> Triangles:
-        """Return rows of corners (k, n - 2, 3); ``fan`` for polygons (k, n, 2) without ears."""
+        """Return triangles (k, n - 2, 3) of polygons (k, n, 2); ``fan`` for one without ears."""
         polygons, count, _ = flat.shape
         made = np.tile(fan, (polygons, 1, 1))
         rows, left = np.arange(polygons), np.tile(np.arange(count), (polygons, 1))
@@ -166,7 +166,7 @@ def _fan(count: int, first: int) -> Triangles:
 
 
 def _is_fan(flat: Floats, first: int) -> Mask:
-    """Return whether the fan about a corner covers polygons (k, n, 2) once everywhere."""
+    """Return (k,) whether the fan about a corner triangulates polygons (k, n, 2) exactly."""
     around = np.roll(flat, -first, axis=1)
     root, rest = around[:, :1], around[:, 1:]
     turns = _turn(root, rest[:, :-1], rest[:, 1:])
@@ -198,7 +198,7 @@ def _normals(around: Floats) -> Floats:
 
 
 def _axes(around: Floats) -> Triangles:
-    """Return the two axes (k, 2) of coordinates in which polygons look anticlockwise."""
+    """Return the two coordinate axes (k, 2) in whose plane each polygon runs anticlockwise."""
     normals = _normals(around)
     along = np.abs(normals).argmax(axis=1)
     back = normals[np.arange(len(along)), along] < 0.0
@@ -207,7 +207,7 @@ def _axes(around: Floats) -> Triangles:
 
 
 def _flat(around: Floats) -> Floats:
-    """Return polygons (k, n, 2), anticlockwise, as seen along an axis of coordinates."""
+    """Return polygons (k, n, 2), anticlockwise, projected along a coordinate axis."""
     return np.take_along_axis(around, _axes(around)[:, None, :], axis=2)
 
 
@@ -218,7 +218,7 @@ def _area(flat: Floats) -> Any:
 
 
 def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tuple[int, int]:
-    """Return the nearest corners of two loops (n, 2) whose line crosses no wall and is inside.
+    """Return the nearest corners of two loops (n, 2) that an inner line joins, crossing no wall.
 
     starts, ends (k, 2): ends of the walls, which include the edges of both loops.
     """
@@ -227,10 +227,10 @@ def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tupl
     away = np.square(outline[:, None] - hole).sum(axis=-1)
     before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
     for pair in np.argsort(away, axis=None, kind="stable")[:MOST_TRIES].tolist():
-        at, of = divmod(pair, len(hole))
-        p, q = outline[at], hole[of]
-        lefts = _turn(before[at], p, q) > 0.0, _turn(p, after[at], q) > 0.0
-        bulges = _turn(before[at], p, after[at]) >= 0.0
+        corner, first = divmod(pair, len(hole))
+        p, q = outline[corner], hole[first]
+        lefts = _turn(before[corner], p, q) > 0.0, _turn(p, after[corner], q) > 0.0
+        bulges = _turn(before[corner], p, after[corner]) >= 0.0
         if not (all(lefts) if bulges else any(lefts)):
             continue
         meets = (_turn(p, q, starts) * _turn(p, q, ends) <= 0.0) & (
@@ -239,5 +239,5 @@ def _bridge(outline: Floats, hole: Floats, starts: Floats, ends: Floats) -> tupl
         for end in (p, q):
             meets &= (starts != end).any(axis=1) & (ends != end).any(axis=1)
         if not meets.any():
-            return at, of
+            return corner, first
     raise MeshError("a hole of a face crosses its outline: export it as triangles")

@@ -113,7 +113,7 @@ def _package_share(package: str) -> Path:
 
 
 def file_version(path: Path) -> Version:
-    """Return the version of a regular file; ValueError for anything else."""
+    """Return the time of modification and size of a regular file; ValueError for anything else."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:

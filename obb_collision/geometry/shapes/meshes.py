@@ -162,21 +162,22 @@ class Triangulation(Protocol):
 
     @property
     def faces(self) -> ArrayLike:
-        """(m, 3) rows of vertices."""
+        """(m, 3) indices of vertices."""
 
 
 @dataclass(frozen=True, init=False, eq=False)
 class Mesh(_PointsShape):
-    """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
+    """Triangles: vertices (n, 3), metres, and faces (m, 3), the indices of their vertices.
 
-    The local box is that of the triangles; unused vertices are ignored.
+    The local box is that of the triangles; unused vertices are ignored. Without faces it is the box
+    of all vertices.
 
     Parameters
     ----------
     vertices : (n, 3) array_like or mesh
         Metres, at least one; or a ``trimesh.Trimesh``, or anything with ``vertices`` and ``faces``.
     faces : (m, 3) array_like of int, optional
-        Rows of vertices; left out with a mesh.
+        Indices of vertices; left out with a mesh.
     scale : (3,) array_like
     fit : str
         As in ``OBB.from_points``.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shapes made of balls: what a sensor sees, a point of each thing that it hit."""
+"""Clouds: shapes made of balls of one radius, about the points that a sensor measured."""
 
 from __future__ import annotations
 
@@ -36,14 +36,15 @@ from obb_collision.typing import Floats
 class Cloud(Shape):
     """The closed balls of one radius about points: a cloud of a depth camera or a lidar.
 
-    It has no inside, and collides with no other cloud. Below the level "obb" its bounds stand for
-    it, from there on its balls, against the box, hull or triangles of the other object.
+    A cloud has no inside, and collides with no other cloud. Below the level "obb" its bounds stand
+    for it. From "obb" on its balls are tested against the box, hull or triangles of the other
+    object.
 
     Parameters
     ----------
     points : (n, 3) array_like
         Metres, float32 or float64; rows that are not finite are left out, and counted in
-        ``ignored``. Without any row left it collides with nothing.
+        ``ignored``. A cloud without points collides with nothing.
     radius : float
         Metres, not negative.
 

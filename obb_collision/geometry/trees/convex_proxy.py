@@ -14,11 +14,11 @@
 
 """Closed convex meshes that certainly contain a shape: its hull, or a simpler polytope.
 
-The hull of the shape's points, larger by HULL_MARGIN. Hulls of more than MAX_HULL_CORNERS corners
-are replaced by a polytope of as many at most. It begins as the box of the points. Where it is
-farthest from them it is cut by a plane that touches them, again and again: so corners that would be
-far out, as those of needles and wedges, are cut first, and smooth parts get planes as their
-curvature needs them. Points that are flat, on a line or all one are made thicker first.
+The hull is that of the shape's points, grown by HULL_MARGIN. A hull of more than MAX_HULL_CORNERS
+corners is replaced by a polytope of as many at most. The polytope begins as the box of the points.
+Again and again, a plane that touches the points cuts it where it is farthest from them. So the far
+corners of needles and wedges are cut first, and smooth parts get as many planes as their curvature
+needs. Points in one plane, on one line or in one place are thickened first.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ def _corners(normals: Floats, reach: Floats, half: Floats) -> Floats | None:
 def _middle_and_normals(corners: Floats, faces: Integers, half: Floats) -> tuple[Floats, Floats]:
     """Return the centroid (3,) of a hull and directions (n, 3) of cuts.
 
-    First those of its box, then directions all around, normals of faces, and means of the normals
-    around corners.
+    They are first those of its box, then directions all around, normals of faces, and means of the
+    normals around corners.
     """
     start = corners.mean(axis=0)
     triangles = (corners - start)[faces]
@@ -261,7 +261,7 @@ def _bounded_hull(points: Floats, margin: Floats, limit: float) -> Polytope | No
 def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
     """Return the ``_bounded_hull`` of points that may be flat, on a line, or equal.
 
-    In the frame of their box, made thicker where that is thin, and stretched to a cube.
+    It is computed in the frame of their box, thickened where the box is thin, and scaled to a cube.
     """
     center, rotation, half_extents = fit_points(points)
     step = SNAP * margin
@@ -278,9 +278,9 @@ def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
 
 
 def _outer_points(points: Floats) -> Floats:
-    """Return points (k, 3) without those inside the hull of some, which are not corners.
+    """Return the points (k, 3) that may be corners of the hull: not inside that of extreme points.
 
-    About MAX_HULL_POINTS at most: of more the extreme points, and as many of the others.
+    If more than MAX_HULL_POINTS are left: the extreme points, and about as many of the others.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     stretched = geodesic_sphere(EXTREMES) / np.maximum(high - low, THINNEST * (high - low).max())
@@ -388,9 +388,9 @@ def outer_points(shape: Shape) -> Floats:
 
 
 def excess(shape: object, corners: Floats) -> float:
-    """Return a bound on how far the hull of corners (k, 3) reaches beyond a curved shape, else 0.
+    """Return a bound on how far the hull of corners (k, 3) reaches beyond a shape, in metres.
 
-    Each corner is compared with a point of the shape.
+    Each corner is compared with a point of the shape; shapes that are not curved have 0.
     """
     if not isinstance(shape, (Sphere, Ellipsoid, Capsule, Cylinder, Cone)):
         return 0.0
@@ -417,7 +417,7 @@ def excess(shape: object, corners: Floats) -> float:
 def geodesic_sphere(rounds: int) -> Floats:
     """Return points (n, 3) on the unit sphere: an icosahedron, its edges halved in each round.
 
-    After 0, 1, 2, ... rounds 12, 42, 162, ... points.
+    There are 12, 42, 162, ... points after 0, 1, 2, ... rounds.
     """
     a, b = 1.0, 0.5 * (1.0 + math.sqrt(5.0))
     signs = [(p, q) for p in (-1.0, 1.0) for q in (-1.0, 1.0)]

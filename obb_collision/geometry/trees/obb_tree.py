@@ -201,7 +201,7 @@ class MeshTrees(ForKernels):
         vertices : (n, 3) array_like
             Metres.
         faces : (m, 3) array_like of int
-            Rows of vertices, at least one.
+            Indices of vertices; at least one face.
         solid : bool, optional
             Whether it is a body, which must be watertight; by default whether it is watertight.
         leaf : int

@@ -132,7 +132,7 @@ class Pool(Generic[Item]):
 
     @classmethod
     def arrays(cls, item: Item) -> Arrays:
-        """Return the arrays of an item."""
+        """Return the arrays of an item by name."""
         return {name: getattr(item, name) for name in cls.names}
 
     @classmethod
