@@ -38,6 +38,7 @@ from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.scene_files import find_scene
 from tools import latency, robots
 from tools.cases.placement import rotations_of
+from tools.clouds import __main__ as clouds
 from tools.fuzz.process import Usage
 from tools.peers import effects
 from tools.peers.robots import PEERS, Case
@@ -152,6 +153,19 @@ def test_it_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert kinematics["this library"] > 0
     assert ("pinocchio" in kinematics) == (find_spec("pinocchio") is not None)
     assert all(line in page.read_text() for line in printed.splitlines())
+
+
+def test_clouds_are_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tools.clouds.figures.FRAME", ((24, 32), 26.0))
+    monkeypatch.setattr("shutil.which", lambda name: None)  # no peer is compiled
+    page = tmp_path / "page.md"
+    assert clouds.main(["--points", "3000", "--states", "20", "--markdown", str(page)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.strip() in page.read_text()
+    assert "| 3,000 points to a cloud in a scene |" in printed
+    assert "| frame of 768 points, " in printed
 
 
 @pytest.mark.parametrize("name", PEERS)

@@ -37,18 +37,23 @@ from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.typing import Floats
 from tools.pages import as_markdown, write_into
 
-SOURCE = Path(__file__).parent / "parry"
+SOURCES = Path(__file__).parent
 FORM, SEED = "uniform", 1
 
 
-def build(folder: Path) -> Path:
-    """Compile the program for this processor, and return its path."""
+def build(folder: Path, name: str) -> Path:
+    """Compile the program of a peer for this processor, and return its path."""
     if shutil.which("cargo") is None:
         raise SystemExit("cargo is not installed: see rustup.rs")
-    flags = {**os.environ, "RUSTFLAGS": "-C target-cpu=native"}
-    where = ["--manifest-path", str(SOURCE / "Cargo.toml"), "--target-dir", str(folder)]
+    # capt needs std::simd, which a stable compiler has for crates that are named
+    flags = {
+        **os.environ,
+        "RUSTFLAGS": "-C target-cpu=native",
+        "RUSTC_BOOTSTRAP": "capt,capt_spheres",
+    }
+    where = ["--manifest-path", str(SOURCES / name / "Cargo.toml"), "--target-dir", str(folder)]
     subprocess.run(["cargo", "build", "--release", "--quiet", *where], env=flags, check=True)
-    return folder / "release" / "parry_pairs"
+    return next(path for path in (folder / "release").glob(f"{name}_*") if not path.suffix)
 
 
 def write_frames(path: Path, half_extents: Floats, frames: list[Frame]) -> None:
@@ -102,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
     option(parser, "--markdown", new_file(".md"), text="page whose table is written anew")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        program = build(Path(folder))
+        program = build(Path(folder), "parry")
         found = {boxes: measure(program, boxes, options.rounds) for boxes in options.boxes}
     lines = [["ms per step", *(f"{boxes:,}" for boxes in found)]]
     for name in next(iter(found.values())):
