@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Directions that show a larger gap of two convex bodies: by feet, and by curvature.
+"""Directions along which two convex bodies have a larger gap: by feet, and by curvature.
 
-Feet: the point of a box, a cylinder or a cone that is nearest to a foremost point of another.
+A foot is the point of a box, a cylinder or a cone that is nearest to the other body's foremost
+point. Where that foremost point is a corner, the line to its foot is the shortest one. A simplex of
+foremost points approaches this line only slowly: a face, a side or an end has no foremost points
+inside.
 
-Where that point is a corner, the line to its foot is the shortest one. Corners of the difference
-approach it only slowly: a face, a side or an end has no foremost points inside.
+For curved bodies there is Newton's step, by their curvature. With the foremost points of both
+fixed, the largest gap is along the line that joins them. Foremost points of curved cores move with
+the direction, by the second derivatives of their reach.
 
-Of curved bodies: Newton's step, by their curvature.
-
-With the foremost points of both fixed, the largest gap is along the line that joins them. Those of
-curved cores move with the direction, by the second derivatives of their reach. What a direction
-shows is proved by it alone, however it was found.
+A direction proves its gap by itself, however it was found.
 """
 
 from __future__ import annotations

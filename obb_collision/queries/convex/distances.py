@@ -251,8 +251,8 @@ def mesh_body_distances(
 ) -> tuple[ConvexDistances, Mask]:
     """Return the distances of mesh ``i[n]``, with its radius, and body ``j[n]``; 0 if they collide.
 
-    And (m,) which are within a limit; rows of the others are not written. Bodies have no corners:
-    hulls have trees.
+    Also return (m,) which are within a limit; rows of others are not written. Bodies must not be
+    hulls, which have trees.
     """
     near, bounds, vectors = out = distance_arrays(len(i))
     i, j = np.ascontiguousarray(i), np.ascontiguousarray(j)

@@ -111,13 +111,13 @@ class ConvexBodies:
         return Cores(*vars(self).values())
 
     def take(self, rows: Rows | Mask, margin: float = 0.0) -> ConvexBodies:
-        """Return some of the bodies, grown by a margin (m)."""
-        some = {name: value[rows] for name, value in vars(self).items() if name != "hulls"}
-        return replace(self, **{**some, "radii": some["radii"] + margin})
+        """Return the bodies of some rows, grown by a margin (m)."""
+        fields = {name: value[rows] for name, value in vars(self).items() if name != "hulls"}
+        return replace(self, **{**fields, "radii": fields["radii"] + margin})
 
 
 class Solids(NamedTuple):
-    """Either placed meshes, with radii (n,) about them, or convex bodies; the other set is empty.
+    """Either placed meshes, grown by radii (n,), or convex bodies; the other set is empty.
 
     One kernel takes both: a kernel for each kind takes twice as long to compile.
     """

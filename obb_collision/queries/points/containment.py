@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Points inside of one box, placed mesh or convex body, or within a margin of the last two.
+"""Points inside one box, placed mesh or convex body, or within a margin of a mesh or convex body.
 
-The surface belongs to them. What doubles cannot tell from it counts as inside, so no point of a
-body is ever reported as outside. Of meshes: points within 2^-41 of the reach of the mesh and the
-offset from its origin, and those of which every ray passes too near to an edge (``inside``), as
-some beside slivers do. A surface that is not a solid has only the former. Of convex bodies: cores
-with a formula are decided by it, up to rounding; radii, margins and hulls by the distance of a
-point, up to 1e-9 of S, the offset of the point and the reach of the body.
+The surface counts as inside, and so does a point that doubles cannot tell from it. So no point of a
+body is ever reported as outside. For a mesh these are points within 2^-41 of the reach of the mesh
+and the offset from its origin. For a solid they are also points of which every ray passes too near
+to an edge (``inside``), as happens beside slivers. For a convex body a core with a formula decides
+by it, up to rounding. Radii, margins and hulls decide by the distance of the point, up to 1e-9 of
+S, the offset of the point and the reach of the body.
 """
 
 from __future__ import annotations

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The points of a cloud near boxes: all within a reach of each box, or the nearest one.
+"""The points of a cloud near boxes: all within a reach of each box, the nearest one, or any.
 
-The boxes are given in the frame of the cloud, and the tree over its points is searched with their
-bounds. What is given back are distances from the boxes; how exact they are is said by whoever
-computes the places of the boxes.
+The boxes are in the frame of the cloud, and the tree over its points is searched with their bounds.
+Distances are from the boxes as given: the caller bounds the errors of their places.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ def near_points(
     """Return the points of a tree that are at most ``reaches`` (n,) metres from boxes (n,).
 
     ordered: the points (p, 3) in the order of the tree, so that neighbours are near in memory.
-    only: "all", of each box the "nearest" one, or "any" one.
+    only: for each box "all" such points, the "nearest" one, or "any" one.
     """
     if len(tree.order) == 0:
         return NearPoints(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
@@ -69,8 +68,8 @@ def near_points(
 
 ALL, NEAREST, ANY = 0, 1, 2
 FIRST_STEP, STEP, SMALLEST = 0.02, 4.0, 1e-300
-"""The first reach in which the nearest point is looked for, relative to the distance of any one,
-and how much larger the next ones are, metres at least."""
+"""The search for the nearest point begins within FIRST_STEP times the distance of some point. Each
+further reach is STEP times the one before, and at least SMALLEST metres."""
 
 
 @njit

@@ -12,17 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Points of a cloud inside of boxes, meshes or convex bodies, or within a margin of them.
+"""Points of a cloud inside boxes, meshes or convex bodies, or within a margin of them.
 
-Closed boxes, as in ``containment``: without a margin the answers are those of ``contains`` point
-by point; undecided points count as inside. With a margin a point
-counts if its Euclidean distance to the box is at most the margin, or exceeds it by less than
-2^-44 of the point's distance from the centre, the half extents and the margin.
-Of meshes, hulls among them, see ``containment``.
+Boxes are closed, as in ``containment``. Without a margin the answer for each point is that of
+``contains``, and undecided points count as inside. With a margin a point counts if its Euclidean
+distance to the box is at most the margin, or exceeds it by less than 2^-44 of the point's distance
+from the centre, the half extents and the margin. ``containment`` says the same of meshes and hulls.
 
 Clouds are taken as they are: float32 or float64, of any strides, NaN and infinite points among
-them. Parts of the cloud are tested in threads; sums and minima don't depend on how it is
-parted, so the result is the same bit for bit for any number of threads.
+them. Threads test parts of the cloud. Sums and minima do not depend on the parts, so the result is
+the same bit for bit for any number of threads.
 """
 
 from __future__ import annotations
@@ -152,7 +151,8 @@ def points_in_bodies(
 ) -> PointsInside:
     """Return which points are in boxes, or in the bodies in them; arguments are not checked.
 
-    reach: the margin; radii (n,): about meshes. Convex bodies have their own.
+    bodies: body i is within box i. reach: the margin (m). radii (n,): of meshes (m); convex bodies
+    have radii of their own.
     """
     radii = np.zeros(len(boxes)) if radii is None else radii
     inner = None if bodies is None else solids_of(bodies, radii)
@@ -210,7 +210,7 @@ def _merged(
     ignored: int,
     labels: NDArray[np.int32] | None,
 ) -> PointsInside:
-    """Return the result of all parts of the cloud: (parts, 3, n) and (parts, n)."""
+    """Merge the results of the parts of a cloud: tallies (parts, 3, n) and squares (parts, n)."""
     counts = tallies[:, 0].sum(axis=0)
     first, nearest = np.full((2, len(boxes)), -1)
     distances = np.full(len(boxes), np.inf)

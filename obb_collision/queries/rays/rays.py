@@ -162,8 +162,8 @@ def hidden_points(
 ) -> Mask:
     """Return which points (n, 3) bodies in boxes hide from a sensor at (3,); not checked.
 
-    A body hides with its padding (m), but without it where the sensor is in the padding alone; a
-    body that the sensor is in hides nothing.
+    A body hides the points behind it and its padding (m). If the sensor is in the padding, only
+    those behind the body itself; if the sensor is in the body, none.
     """
     ways = points - sensor
     far = lengths(ways)
@@ -176,8 +176,8 @@ def hidden_points(
     )
     for which, margin in ((~near, padding), (near & ~within, 0.0)):
         if which.any():
-            some = boxes[np.flatnonzero(which)].arrays
-            around = Boxes.trusted(*some._replace(half_extents=some.half_extents + margin))
+            arrays = boxes[np.flatnonzero(which)].arrays
+            around = Boxes.trusted(*arrays._replace(half_extents=arrays.half_extents + margin))
             result[ahead] |= cast_at_bodies(bodies.take(which, margin), around, rays).hits
     return result
 

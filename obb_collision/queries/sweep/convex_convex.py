@@ -205,9 +205,10 @@ def convex_sweeps(
 ) -> Sweeps:
     """Return when pairs (m, 2) of moving bodies first touch; times from 0 to 1.
 
-    motion: of the bodies, whose own poses are ignored; begin (m,): until when each pair is
-    certainly apart. Bodies that turn come as near as ``sweeps`` promises of boxes; others nearer
-    than 1e-8 of both radii and 1e-9 of S (``queries.convex.distance``), if that is less.
+    motion: of the bodies; it replaces their poses. begin (m,): times until which each pair is
+    certainly apart. At the time of a hit, bodies that turn are as near as ``sweeps`` promises for
+    boxes; others are nearer than 1e-8 of both radii and 1e-9 of S (``queries.convex.distance``), if
+    that is less.
     """
     out = sweep_arrays(len(pairs))
     arguments = bodies.arrays, motion, pairs, begin, tolerance, out

@@ -134,7 +134,7 @@ def _twisting(
 
 
 class SweptBodies(NamedTuple):
-    """Meshes, and in the same rows other meshes or convex bodies without corners."""
+    """Meshes, and in the same rows other meshes, or convex bodies that are not hulls."""
 
     a: Meshes
     radii: Floats
@@ -152,9 +152,9 @@ def swept_meshes(
 ) -> Sweeps:
     """Return when meshes of a first touch the bodies of b in the same rows (m,).
 
-    Times are from 0 to 1. radii_a, radii_b (m,): about meshes; convex bodies have their own, and no
-    corners. motion: of a followed by b, whose own poses are ignored; begin (m,): until when each
-    pair is certainly apart.
+    Times are from 0 to 1. radii_a, radii_b (m,): of meshes, metres; convex bodies have radii of
+    their own, and must not be hulls. motion: rows of a, then those of b; it replaces the poses.
+    begin (m,): times until which each pair is certainly apart. tolerance: as of ``sweeps``.
     """
     out, rows = sweep_arrays(len(a)), np.arange(len(a))
     others = solids_of(b, np.empty(0) if radii_b is None else radii_b)

@@ -229,7 +229,7 @@ def box_sweeps(
     tolerance: float = TOLERANCE,
     contacts: bool = True,
 ) -> Sweeps:
-    """Return when moving boxes first touch; contacts: whether to find where, too."""
+    """Return when moving boxes first touch, as ``questions.sweeps``; arguments are checked."""
     near = as_tolerance(tolerance)
     row_pairs = as_pairs(a, b, pairs)
     motion, duration, rows = join_motions(a, b, row_pairs)
