@@ -91,7 +91,7 @@ class Findings:
     the next check may get further.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
-    total: at least how many pairs collide, where a limit has left some out, else None.
+    total: a lower bound of how many pairs collide, where a limit has left some out, else None.
     before: the outcomes of effects for the findings before.
     """
 

@@ -193,14 +193,14 @@ def colliding_with(
     level: Accuracy, exact: bool,
 ) -> Rows:  # fmt: skip
     """Return the slots, ascending, of objects that a body at a pose (7,) would collide with."""
-    there, slot = store.with_body(local_boxes(shape), pose, padding, kind_of(shape), level)
+    larger, slot = store.with_body(local_boxes(shape), pose, padding, kind_of(shape), level)
     own = cache.at_once()
     own.put(own.shape_for(slot, shape))
     try:
-        active = np.flatnonzero(there.active)
-        bounds = bounds_of(there.boxes(active), needs_spheres(there))
+        active = np.flatnonzero(larger.active)
+        bounds = bounds_of(larger.boxes(active), needs_spheres(larger))
         candidates = find_candidates_of(*bounds, int(np.searchsorted(active, slot)))
-        pairs = _colliding(there, own, active[candidates], exact)
+        pairs = _colliding(larger, own, active[candidates], exact)
         return np.sort(pairs.sum(axis=1) - slot)
     finally:
         cache.retain(slot)

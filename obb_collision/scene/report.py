@@ -205,7 +205,7 @@ class Report(SetOnce):
     def compute(self, effect: str, budget: Budget | None = None) -> None:
         """Compute an effect; note its cost and its failures.
 
-        budget: that of the check, while it lasts; unused by an effect with its own accuracy.
+        budget: of the check, None after it; an effect with its own accuracy does not use it.
         """
         start = perf_counter()
         earlier = self._findings.outcomes.get(effect)

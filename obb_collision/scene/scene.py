@@ -452,8 +452,8 @@ class Scene(NamedObjects):
         """
         level = None if accuracy is None else as_accuracy(accuracy)
         store, patterns = self._objects.store, as_patterns(objects, "objects")
-        there = store.active if "*" in patterns else store.active & matching(patterns, store.names)
-        rows, cache = np.flatnonzero(there), self._objects.cache
+        mask = store.active if "*" in patterns else store.active & matching(patterns, store.names)
+        rows, cache = np.flatnonzero(mask), self._objects.cache
         return cast_at_objects(store, cache, rows, level, origins, directions, max_distance)
 
 

@@ -97,9 +97,9 @@ def find_candidates_of(minimum: Floats, maximum: Floats, row: int) -> Pairs:
 
 
 def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | None:
-    """Return (m, 2) all row pairs i < j that overlap, with i or j in ``rows``, in no order.
+    """Return (m, 2) all row pairs i < j whose bounds overlap, with i or j in ``rows``.
 
-    None for more than ``most`` pairs.
+    They are in no special order. None above ``most`` pairs.
     """
     wanted = np.zeros(len(tree.order), np.bool_)
     wanted[rows] = True
@@ -400,11 +400,11 @@ Bounds = tuple[Floats, Floats]
 def ordered_candidates(
     tree: BoundsTree, room: int, own: Bounds | None = None, first: int | None = None
 ) -> Iterator[tuple[Pairs, int]]:
-    """Yield all row pairs i < j that overlap, in lexicographic order, and the first row not done.
+    """Yield pieces of all row pairs i < j that overlap, each with the first row that is not done.
 
-    Each piece has all pairs of its rows i, at most max(room, n). own: bounds (m, 3), (m, 3) of
-    another set, to which i then belongs. first: pairs that are enough for the first piece; each
-    later piece has GROWTH times as many.
+    The pairs are in lexicographic order. A piece has all pairs of its rows i, at most max(room, n).
+    own: minima and maxima (m, 3) of another set, to which i then belongs. first: how many pairs are
+    enough for the first piece; each later piece has GROWTH times as many.
     """
     count, bounds = len(tree.order), own or (tree.minimum, tree.maximum)
     pairs = np.empty((max(room, count), 2), np.int64)
@@ -450,7 +450,7 @@ LIFETIME = 0.5
 
 
 class KeptTree:
-    """A tree kept while few boxes move: only their blocks and those above change.
+    """A bounds tree that is kept while few boxes move: only their blocks and those above change.
 
     The caller changes its arrays minimum and maximum (n, 3); bounds may be empty.
     """

@@ -170,7 +170,7 @@ def _decided(boxes: Boxes, candidates: Pairs, exact: bool, level: Accuracy) -> P
 
 
 def columns(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the two sides of pairs (m, 2), each in one run of memory, as kernels like it."""
+    """Return the two columns of pairs (m, 2) as contiguous arrays, for kernels."""
     return np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1])
 
 

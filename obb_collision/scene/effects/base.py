@@ -326,9 +326,9 @@ def refined(
         levels = shapes.reached(pairs, levels)
     rows = np.flatnonzero(clouds)
     if len(rows):
-        seen = shapes.cloud_pairs(cycle.boxes, pairs[rows])
+        cloud_pairs = shapes.cloud_pairs(cycle.boxes, pairs[rows])
         reached = np.full(len(rows), OBB) if levels is None else levels[rows]
-        write_rows(table, rows, of_clouds(seen, shapes, reached, setting))
+        write_rows(table, rows, of_clouds(cloud_pairs, shapes, reached, setting))
     return table
 
 

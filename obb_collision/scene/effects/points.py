@@ -60,7 +60,7 @@ class _PointRows:
 
 
 class _Question(NamedTuple):
-    """A cloud, and the objects whose insides are looked at."""
+    """A cloud, and the objects in which its points are counted."""
 
     cloud: int  #: index of its object, -1 - k for cloud k of ``Scene.watched``
     points: NDArray[Any]  #: (p, 3) metres, in the frame of the scene
@@ -85,9 +85,9 @@ NO_ROWS = _Question(0, np.empty((0, 3)), 0, 0.0, np.empty(0, np.int64)).blank()
 class PointsEffect(Effect):
     """The ``PointsInside`` of clouds in objects, or within ``margin`` of them.
 
-    A row per pair of a cloud and another object that counts, and per pair of points that are
-    watched and an object. A point of a cloud with a radius counts where its ball reaches into the
-    object. Above OBB an object is its shape, else its box.
+    Each row is a pair: a cloud and another object, if their pair counts, or watched points and an
+    object. A point of a cloud with a radius counts where its ball reaches into the object. Above
+    OBB an object is its shape, else its box.
     """
 
     name = "points"

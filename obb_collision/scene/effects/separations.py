@@ -106,9 +106,9 @@ def triangle_contacts(
     table = triangle_separations(boxes, shapes, pairs, setting)
     result = Contacts.blank(pairs.copy(), max_points)  # a copy: shapes keep ``pairs`` as a key
     for sides in shapes.mesh_sides(boxes, pairs):
-        seen = _rows_of(table, sides)
-        rows = np.ascontiguousarray(seen.pairs[:, 0])
-        patches = patches_of(seen, sides.a, sides.b, rows, rows, max_points)
+        separations = _rows_of(table, sides)
+        rows = np.ascontiguousarray(separations.pairs[:, 0])
+        patches = patches_of(separations, sides.a, sides.b, rows, rows, max_points)
         write_rows(result, sides.rows, patches)
     result.pairs[:], result.normals[:], result.axes[:] = pairs, table.normals, NO_AXIS
     return result

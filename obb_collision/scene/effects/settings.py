@@ -63,7 +63,7 @@ class EffectSettings(SetOnce):
         return self._settings[self.check_name(name)]
 
     def check_name(self, name: str) -> str:
-        """Return a valid name of an effect; else ValueError with the choices."""
+        """Return the name of an effect; ValueError with the choices for any other text."""
         if not isinstance(name, str) or name not in self._settings:
             choices = ", ".join(self._settings)
             raise ValueError(f"effect must be one of {choices}, got {shown(name)}")

@@ -128,9 +128,9 @@ def refined_sweeps(
             rows = part[(levels[part] >= level) & (sweeps.hits[part] | sweeps.undecided[part])]
             if len(rows):
                 compute_rows(rows, compute)
-    seen = touching[clouds[touching]]
-    for level, of_level in by_level(shapes.reached(pairs, levels)[seen]):
-        compute_rows(seen[of_level], partial(cloud_sweeps, level))
+    of_clouds = touching[clouds[touching]]
+    for level, of_level in by_level(shapes.reached(pairs, levels)[of_clouds]):
+        compute_rows(of_clouds[of_level], partial(cloud_sweeps, level))
     return sweeps
 
 

@@ -14,11 +14,11 @@
 
 """Pairs of a cloud and another object: verdicts, distances and sweeps by the balls near the object.
 
-A ball is a point with a radius, so that what is known of spheres holds of it. The balls that are
-near the box of the other object are compared with that box (on OBB), its hull, or its triangles.
-Of a pair the nearest ball counts, or the deepest ones.
+A ball is a point with a radius, so what holds for spheres holds for it. The balls near the box of
+the other object are compared with that box (on OBB), its hull, or its triangles. The nearest ball
+of a pair counts, or the deepest ones.
 
-Radii are grown by what rounding may have moved a ball, so that nothing is missed.
+Radii are grown by as much as rounding may have moved a ball, so that nothing is missed.
 """
 
 from __future__ import annotations
@@ -160,12 +160,12 @@ class CloudPairs:
             (position,), (turn,) = as_poses(self.store.poses[slot][None], warn=False)
             centers, rotations, halves = (column[rows] for column in around)
             frames = np.ascontiguousarray(turn.T @ rotations)
-            there = BoxArrays((centers - position) @ turn, frames, halves)
+            local = BoxArrays((centers - position) @ turn, frames, halves)
             middle, _, extent = cloud.local_box
             size = np.abs(position).sum() + np.abs(middle).sum() + extent.sum() + 3.0 * radius
             errors = PLACING * (size + np.abs(centers).sum(axis=1) + halves.sum(axis=1))
             near = near_points(
-                cloud.tree, cloud.ordered, there, reaches[rows] + radius + errors, only
+                cloud.tree, cloud.ordered, local, reaches[rows] + radius + errors, only
             )
             errors = errors[near.boxes]
             places = cloud.points[near.points] @ turn.T + position
@@ -228,8 +228,8 @@ class CloudPairs:
     def closest(self, levels: Levels, limit: float, most: int = 1) -> BallDistances:
         """Return the ``most`` closest balls of each pair within a limit, the closest first.
 
-        levels (m,): of the other objects. If more than one, only those that collide, and the
-        closest.
+        levels (m,): of the other objects. If ``most`` is more than one, only balls that collide,
+        and the closest.
         """
         parts = [self._closest(level, rows, limit, most) for level, rows in by_level(levels)]
         rows, lower, near, far, normals = map(np.concatenate, zip(*parts, strict=True))
@@ -247,34 +247,36 @@ class CloudPairs:
         """Return rows, distances, points of the other object and of the ball, and normals."""
         pairs = self.take(rows)
         balls = pairs.balls(limit, "nearest")
-        found = pairs._distances(balls, level, limit)
+        distances = pairs._distances(balls, level, limit)
         if level > Accuracy.OBB or most > 1:
             reaches = np.full(len(rows), limit)
-            reaches[balls.rows] = np.minimum(limit, np.maximum(found.upper, balls.gaps))
+            reaches[balls.rows] = np.minimum(limit, np.maximum(distances.upper, balls.gaps))
             balls = pairs.balls(reaches)
-            found = pairs._distances(balls, level, limit)
-        ends = found.positions_a, found.positions_b
-        return rows[balls.rows], found.lower, *ends, found.normals
+            distances = pairs._distances(balls, level, limit)
+        ends = distances.positions_a, distances.positions_b
+        return rows[balls.rows], distances.lower, *ends, distances.normals
 
     def _distances(self, balls: Balls, level: Accuracy, limit: float) -> ConvexDistances:
         """Return the distances of balls (q,) from the other objects, infinite beyond the limit."""
         slots, i = np.unique(self.others[balls.rows], return_inverse=True)
         bodies, j = balls.bodies, np.arange(len(i))
-        found, near = convex_distances(self._convex(slots, level), bodies, i, j, limit)
+        distances, near = convex_distances(self._convex(slots, level), bodies, i, j, limit)
         if level < Accuracy.MESH:
-            found.lower[~near] = np.inf
-            return found
+            distances.lower[~near] = np.inf
+            return distances
         meshes, radii = self.meshes(slots[i])
         exact, near = mesh_body_distances(meshes, radii, bodies, j, j, limit)
-        for old, new in zip(vars(found).values(), vars(exact).values(), strict=True):
+        for old, new in zip(vars(distances).values(), vars(exact).values(), strict=True):
             old[near] = new[near]
-        found.lower[~near] = np.inf
+        distances.lower[~near] = np.inf
         deep = np.flatnonzero(near & (exact.lower == 0.0))
         if len(deep):
-            self._set_depths(found, balls.take(deep), slots[i[deep]], deep)
-        return found
+            self._set_depths(distances, balls.take(deep), slots[i[deep]], deep)
+        return distances
 
-    def _set_depths(self, found: ConvexDistances, balls: Balls, slots: Rows, deep: Rows) -> None:
+    def _set_depths(
+        self, distances: ConvexDistances, balls: Balls, slots: Rows, deep: Rows
+    ) -> None:
         """Write the depths of balls (k,) in the meshes of slots (k,), at rows ``deep``."""
         k, bodies = np.arange(len(deep)), balls.bodies
         hulls, _ = convex_distances(self._convex(slots, Accuracy.HULL), bodies, k, k)
@@ -283,9 +285,9 @@ class CloudPairs:
         outer = Separations(np.column_stack([k, k]), lower, hulls.normals.copy(), middles)
         table = within_bodies(outer, *self.meshes(slots), bodies)
         half = 0.5 * table.separations[:, None] * table.normals
-        found.lower[deep], found.normals[deep] = table.separations, table.normals
-        found.positions_a[deep] = table.positions - half
-        found.positions_b[deep] = table.positions + half
+        distances.lower[deep], distances.normals[deep] = table.separations, table.normals
+        distances.positions_a[deep] = table.positions - half
+        distances.positions_b[deep] = table.positions + half
 
 
 def placed_points(store: ObjectStore, cache: ShapeCache, slot: int) -> tuple[Cloud, Floats, float]:

@@ -153,8 +153,8 @@ def decide_pairs(
         clouds = np.maximum(store.kinds[first], store.kinds[second]) == CLOUD
         rows = np.flatnonzero(clouds & (wanted >= Accuracy.OBB) & (verdicts != SEPARATE))
         if len(rows):
-            seen = np.column_stack([first[rows], second[rows]])
-            verdicts[rows] = CloudPairs(store, cache, boxes, seen).box_verdicts()
+            slots = np.column_stack([first[rows], second[rows]])
+            verdicts[rows] = CloudPairs(store, cache, boxes, slots).box_verdicts()
     met = np.flatnonzero(verdicts != SEPARATE)
     pairs = np.column_stack([first[met], second[met]])
     verdicts, wanted = verdicts[met], wanted[met]

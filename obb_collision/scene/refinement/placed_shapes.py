@@ -259,8 +259,8 @@ class PlacedShapes:
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
         """Clip distances (m,) to the verdicts of pairs (m, 2).
 
-        At most zero where they collide on a level or above, more than zero where they are apart:
-        both are certified, but rounding could let them contradict.
+        They become at most zero where pairs collide on a level or above, and positive where pairs
+        are apart. Both are certified, but rounding could let them contradict each other.
         """
         collide, rows = self._rows(pairs)
         least = np.where(collide | (not self._complete), -np.inf, np.finfo(float).tiny)
@@ -272,10 +272,10 @@ class PlacedShapes:
 
         boxes, poses: of slots at that time, when sizes were those of now. Only during the check.
         """
-        there = copy(self._store)
-        there.centers, there.rotations, there.half_extents = boxes.arrays
-        there.poses = poses
-        return decide_pairs(there, self._cache, pairs, self._exact)[0].pairs
+        earlier = copy(self._store)
+        earlier.centers, earlier.rotations, earlier.half_extents = boxes.arrays
+        earlier.poses = poses
+        return decide_pairs(earlier, self._cache, pairs, self._exact)[0].pairs
 
     def _rows(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and their rows in the pairs of the check."""

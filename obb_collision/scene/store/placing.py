@@ -117,7 +117,7 @@ def about_origins(half_extents: Floats) -> LocalBoxes:
 
 
 def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[str, Floats]:
-    """Return the columns of n slots for their places, from local boxes and poses (n, 7)."""
+    """Return the store's columns of n local boxes at poses (n, 7): local and world, by name."""
     positions, matrices = as_poses(poses, name)
     local_centers, local_rotations, _ = local_boxes
     centers, rotations = np.empty_like(positions), np.empty_like(matrices)
@@ -133,7 +133,7 @@ def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[
 
 
 def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -> dict[str, Floats]:
-    """Return the columns of n slots for their sizes."""
+    """Return the store's columns of n boxes that depend on sizes and paddings (m), by name."""
     paddings = add_outwards(own_paddings, growths)
     return {
         "local_half_extents": local_half_extents,
@@ -145,7 +145,7 @@ def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -
 
 
 def doubled(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return arrays of twice as many rows, zeros at their ends."""
+    """Return the arrays with twice as many rows; the new rows are zero."""
     return {name: np.concatenate((rows, np.zeros_like(rows))) for name, rows in columns.items()}
 
 
