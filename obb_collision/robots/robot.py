@@ -88,7 +88,8 @@ class Robot(SetOnce):
         ``disable_collisions``, and those with a link of ``disable_default_collisions`` that no
         ``enable_collisions`` names.
     adjacent_pairs : frozenset of (str, str)
-        Pairs of links with shapes that a joint connects, or joints and links without shapes.
+        Pairs of links with shapes that one joint connects, or several joints through links without
+        shapes.
     default_disabled : tuple of str
         The links of ``disable_default_collisions``.
     groups : dict of Group

@@ -305,8 +305,8 @@ class RobotScene(PlacedRobots):
         padding : float
             Metres within which a point is still on the hull of a shape.
         sensor : (3,) array_like, optional
-            Where the sensor is: points behind the robots, seen from there, count, too. A shape
-            that it is in hides nothing; where it is in the padding alone, the shape hides without.
+            Where the sensor is: points behind the robots, seen from there, count, too. A shape that
+            contains the sensor hides nothing; if only its padding does, it hides without padding.
 
         Returns
         -------
@@ -327,10 +327,10 @@ class RobotScene(PlacedRobots):
         assert inside.boxes is not None
         own = inside.boxes >= 0
         if sensor is not None:
-            seen = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
-            where = as_array(sensor, "sensor", (3,))
-            there = np.asarray(cloud[seen], np.float64)
-            own[seen] = hidden_points(where, there, boxes, bodies, metres)
+            others = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
+            origin = as_array(sensor, "sensor", (3,))
+            rest = np.asarray(cloud[others], np.float64)
+            own[others] = hidden_points(origin, rest, boxes, bodies, metres)
         return own
 
     def check_path(

@@ -475,7 +475,11 @@ def _split(vectors: Floats, axes: Floats) -> Floats:
 
 
 def _path(tree: Tree, links: Floats, a: int, b: int) -> list[tuple[float, float, int]]:
-    """Return the segments from link a to link b: along, across, and the joint behind each."""
+    """Return the segments of the chain from link a to link b.
+
+    Each is its length along the axis of the joint before it, its length across that axis (m), and
+    the row of the joint behind it, -1 for none.
+    """
     up, down = [a], [b]
     while up[-1] != down[-1]:  # parents stand before children
         chain = up if up[-1] > down[-1] else down

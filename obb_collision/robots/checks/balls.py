@@ -14,10 +14,10 @@
 
 """The balls of clouds in the world of robots: searched by trees, tested one at a time.
 
-A cloud may have a million balls, so they are not bodies of their own. The tree over the points of a
-cloud stays in the cloud's frame; its leaves hold the points. A cloud is one body, at the place of
-any of its balls: kernels copy the bodies once, and move that body to a ball before a test. In pairs
-of bodies, ball k stands as number ``count + k``, where count is that of the bodies.
+A cloud may have a million balls, so it is one body, not a body per ball: kernels copy the bodies
+once, and move that body to a ball before each test. The tree over the points of a cloud stays in
+the cloud's frame; its leaves hold the points. In a pair of bodies the number ``count + k`` means
+ball k, where ``count`` is the number of bodies.
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ from obb_collision.typing import Floats, Integers, Rows, Vector
 def clouds_of(
     clouds: Sequence[Cloud], bodies: Integers, centers: Floats, rotations: Floats
 ) -> Clouds:
-    """Return clouds (c,) with points, whose bodies are ``bodies`` (c,), placed."""
+    """Return clouds (c,) that have points, for kernels.
+
+    bodies (c,): rows of their bodies. centers (c, 3), rotations (c, 3, 3): their places.
+    """
     count = len(clouds)
     levels, tops = np.zeros((count + 1, LEVELS), np.int64), np.zeros(count, np.int64)
     nodes = [cloud.tree.nodes for cloud in clouds] or [np.empty((0, 6, LANES))]
@@ -54,7 +57,7 @@ def clouds_of(
 
 
 def bodies_at(clouds: Clouds, count: int, numbers: Integers) -> Integers:
-    """Return the bodies of numbers (...), the cloud's body for a ball; count: of bodies."""
+    """Return the body of each number in pairs (...), of a ball its cloud's; count: of bodies."""
     if not len(clouds.bodies):
         return numbers
     balls, result = numbers >= count, numbers.copy()
@@ -63,7 +66,7 @@ def bodies_at(clouds: Clouds, count: int, numbers: Integers) -> Integers:
 
 
 def centers_at(clouds: Clouds, balls: Rows) -> Floats:
-    """Return the places (k, 3) of balls (k,), relative to the origin of bodies."""
+    """Return the centres (k, 3) of balls (k,), metres, relative to the origin of bodies."""
     owners = _owners_of(clouds, balls)
     points = clouds.nodes[balls // LANES, :3, balls % LANES]
     turned = np.einsum("nij,nj->ni", clouds.rotations[owners], points)
@@ -71,7 +74,7 @@ def centers_at(clouds: Clouds, balls: Rows) -> Floats:
 
 
 def _owners_of(clouds: Clouds, balls: Rows) -> Rows:
-    """Return the rows (k,) of the clouds of balls (k,)."""
+    """Return the row (k,) of the cloud of each ball (k,)."""
     return np.searchsorted(clouds.levels[:-1, 0], balls // LANES, "right") - 1
 
 

@@ -350,8 +350,8 @@ def world_of(
     store = scene.objects.store
     active = _counted(store, left_out)
     boxed = np.isin(store.kinds[active], (BOX, BOXED))
-    seen = store.kinds[active] == CLOUD
-    plain, others = active[boxed], active[~boxed & ~seen]
+    are_clouds = store.kinds[active] == CLOUD
+    plain, others = active[boxed], active[~boxed & ~are_clouds]
     place, shape = (store, frame, origin.tobytes()), scene.objects.cache.shape
     keys = {
         slot: (place, shape(slot), float(store.paddings[slot]), store.poses[slot].tobytes())
@@ -366,7 +366,7 @@ def world_of(
     solid = np.concatenate([plain, others])
     minimum, maximum = meeting_bounds(store.boxes(solid))
     tree = BoundsTree.build(minimum - origin, maximum - origin)
-    balls, clouds, slots = _clouds(scene, active[seen], frame, origin)
+    balls, clouds, slots = _clouds(scene, active[are_clouds], frame, origin)
     clouds = clouds._replace(bodies=len(solid) + np.arange(len(slots)))
     slots = np.concatenate([solid, slots])
     names, kinds = [str(store.names[slot]) for slot in slots], store.kinds[slots].astype(np.int64)
@@ -380,7 +380,7 @@ def _clouds(
 ) -> tuple[LinkBodies, Clouds, Rows]:
     """Return the bodies of clouds that have points, their trees, and their slots."""
     store, shape = scene.objects.store, scene.objects.cache.shape
-    shapes = {slot: seen for slot in slots.tolist() if isinstance(seen := shape(slot), Cloud)}
+    shapes = {slot: cloud for slot in slots.tolist() if isinstance(cloud := shape(slot), Cloud)}
     clouds = [cloud for cloud in shapes.values() if len(cloud.points)]
     slots = np.array([slot for slot, cloud in shapes.items() if len(cloud.points)], np.int64)
     centers, rotations = as_poses(store.poses[slots], warn=False)

@@ -59,19 +59,19 @@ def virtual_joint_of(virtual: VirtualJoint | None, description: Description) -> 
 
 
 def adjacent_pairs(joints: list[Joint], shapes: dict[str, tuple[PlacedShape, ...]]) -> Pairs:
-    """Return the pairs of links with shapes that a joint, or links without shapes, connect."""
+    """Return the pairs of links with shapes that joints connect, through links without shapes."""
     neighbours: dict[str, list[str]] = {link: [] for link in shapes}
     for joint in joints:
         neighbours[joint.parent].append(joint.child)
         neighbours[joint.child].append(joint.parent)
     pairs = set()
     for link in shapes:
-        seen, waiting = {link}, neighbours[link][:] if shapes[link] else []
+        visited, waiting = {link}, neighbours[link][:] if shapes[link] else []
         while waiting:
             other = waiting.pop()
-            if other in seen:
+            if other in visited:
                 continue
-            seen.add(other)
+            visited.add(other)
             if shapes[other]:
                 pairs.add(sorted_pair(link, other))
             else:

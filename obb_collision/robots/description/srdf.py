@@ -161,15 +161,15 @@ class _Reader:
         members: dict[str, tuple[set[str], list[str]]],
     ) -> Group:
         """Return a group, including the members of its subgroups."""
-        seen, waiting = {name}, [name]
+        visited, waiting = {name}, [name]
         links: set[str] = set()
         while waiting:
             own, below = members[waiting.pop()]
             links |= own
             if name in below:
                 raise elements[name].refuse("it is a part of itself")
-            new = [other for other in below if other in members and other not in seen]
-            seen.update(new)
+            new = [other for other in below if other in members and other not in visited]
+            visited.update(new)
             waiting += new
         return Group(
             tuple(joint.name for joint in self._joints if joint.child in links),

@@ -163,7 +163,7 @@ class MeshSource:
         return Mesh(mesh.vertices * signs, faces, mesh.scale, mesh.fit)
 
     def _path(self, name: str) -> tuple[Path, list[Path]]:
-        """Return the path of a mesh, and the description's own folders."""
+        """Return the path of a mesh, and the folders of the URDF that it may be in."""
         folder = self._folder
         own = [] if folder is None else [source_folder(folder / "urdf") or folder]
         if name.startswith(PACKAGE):
@@ -189,7 +189,7 @@ class MeshSource:
 
 
 def _mesh_folders(package_dirs: Any) -> MeshFolders:
-    """Return the argument ``package_dirs`` as folders: by package, and containing packages."""
+    """Return the argument ``package_dirs`` as folders by package, and folders of packages."""
     if isinstance(package_dirs, MeshFolders):
         return package_dirs
     named = dict(package_dirs) if isinstance(package_dirs, Mapping) else {}
@@ -318,7 +318,7 @@ def _read_origin(element: Element) -> Pose:
 
 
 def _read_axis(element: Element, kind: JointKind) -> Triple | None:
-    """Return the unit axis of a joint, None if it has none; files often have zeros then."""
+    """Return the unit axis of a joint, None without one: a fixed joint's is ignored, often zero."""
     axis = None if kind in (JointKind.FIXED, JointKind.FLOATING) else element.child("axis")
     if axis is None or axis.get("xyz") is None:
         return None
