@@ -36,7 +36,7 @@ from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
-from obb_collision.scene.broad_phase.find_pairs import any_collision, find_pairs, nms
+from obb_collision.scene.broad_phase.find_pairs import any_collision, find_pairs, iou_matrix, nms
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.scene_files import SceneDescription, load_scene
@@ -64,6 +64,7 @@ __all__ = [
     "contacts",
     "find_pairs",
     "iou",
+    "iou_matrix",
     "load_scene",
     "nms",
     "overlap_volumes",

@@ -35,7 +35,9 @@ from obb_collision.geometry.validation import (
     is_single,
 )
 from obb_collision.geometry.values import ArrayValue, read_only_view
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.points.containment import contains
+from obb_collision.queries.questions import clearances
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, box_separations, box_verdicts
 from obb_collision.typing import Floats
@@ -187,8 +189,8 @@ class OBB(ArrayValue):
         points : (n, 3) array_like
             Metres, at least one.
         fit : str
-            "aabb", "covariance", "hull_covariance", "min_volume", or "best", the smallest of
-            several.
+            "aabb", "covariance", "hull_covariance", "min_volume", "upright", whose third axis is
+            z, or "best", the smallest of several.
 
         References
         ----------
@@ -363,6 +365,56 @@ class OBB(ArrayValue):
         rows = box_separations(*self._with(other))
         verdict = Verdict(int(rows.verdicts[0]))
         return Separation(float(rows.separations[0]), rows.normals[0], verdict)
+
+    def distance(self, other: OBB) -> float:
+        """Return the distance to another box, metres; 0 where they have a common point.
+
+        Parameters
+        ----------
+        other : OBB
+
+        Examples
+        --------
+        >>> oc.OBB().distance(oc.OBB([3, 0, 0], np.eye(3), [1, 1, 1]))
+        2.0
+        """
+        return max(0.0, float(clearances(*self._with(other)).distances[0]))
+
+    def closest_point(self, point: ArrayLike) -> Floats:
+        """Return the point (3,) of the box that is nearest to a point, itself if it is inside.
+
+        Parameters
+        ----------
+        point : (3,) array_like
+            Metres.
+
+        Examples
+        --------
+        >>> oc.OBB(half_extents=[1, 1, 1]).closest_point([5, 0, 0.5]).tolist()
+        [1.0, 0.0, 0.5]
+        """
+        where = as_array(point, "point", (3,))
+        local = (where - self._center) @ self._rotation
+        beyond = local - np.clip(local, -self._half_extents, self._half_extents)
+        return where - self._rotation @ beyond
+
+    def merge(self, other: OBB) -> OBB:
+        """Return a box that certainly contains this one and another, fitted to their corners.
+
+        Parameters
+        ----------
+        other : OBB
+
+        Examples
+        --------
+        >>> box = oc.OBB(half_extents=[1, 1, 1])
+        >>> box.merge(oc.OBB([2, 0, 0], np.eye(3), [1, 1, 1])).half_extents.round(9).tolist()
+        [2.0, 1.0, 1.0]
+        """
+        boxes = self._with(other)
+        corners = np.concatenate([box.corners()[0] for box in boxes])
+        error = 16.0 * ROUNDOFF * (np.abs(corners).max() + max(b.half_extents.sum() for b in boxes))
+        return OBB.from_points(corners).padded(error)
 
     def overlap_volume(self, other: OBB) -> float:
         """Return the volume that two boxes share, cubic metres; see ``overlap_volumes``.

@@ -308,7 +308,7 @@ LIMITS: Figures = {
     "lines of tools/": 10_000,
     "lines of tests": 39_000,
     "tests collected": 4_000,
-    "public names": 34,
+    "public names": 35,
     "arrows among the rooms of node": 60,
     "circles of imports at run time": 0,
     "circles by names of types only": 3,

@@ -35,6 +35,7 @@ from obb_collision.geometry.validation import (
     as_half_extents,
     as_rotations,
     check_kind,
+    check_last_rows,
     check_lengths,
     is_single,
     refuse_where,
@@ -240,6 +241,58 @@ class Boxes(ArrayValue, ForKernels):
         check_lengths(poses=centers, half_extents=h)
         return cls.trusted(centers, rotations, h)
 
+    @classmethod
+    def from_matrices(cls: type[Kind], matrices: ArrayLike, half_extents: ArrayLike) -> Kind:
+        """Return boxes placed by rigid transforms.
+
+        Parameters
+        ----------
+        matrices : (n, 4, 4) array_like
+            They act on columns: rotation, position (metres) in the last column, last row 0 0 0 1.
+        half_extents : (n, 3) array_like
+            Metres.
+
+        Examples
+        --------
+        >>> oc.Boxes.from_matrices([np.eye(4)], [[0.5, 0.5, 0.5]]).volumes.tolist()
+        [1.0]
+        """
+        moves = as_array(matrices, "matrices", (None, 4, 4))
+        check_last_rows(moves, "matrices")
+        rotations = as_rotations(moves[:, :3, :3], "matrices", (None, 3, 3))
+        h = as_half_extents(half_extents, "half_extents", (None, 3))
+        check_lengths(matrices=moves, half_extents=h)
+        return cls.trusted(moves[:, :3, 3].copy(), rotations.copy(), h)
+
+    @classmethod
+    def from_yaw(cls: type[Kind], centers: ArrayLike, sizes: ArrayLike, yaw: ArrayLike) -> Kind:
+        """Return upright boxes, as detectors of vehicles and people have them.
+
+        Parameters
+        ----------
+        centers : (n, 3) array_like
+            Metres.
+        sizes : (n, 3) array_like
+            Full edge lengths along the box's own x, y and z (length, width, height), metres.
+        yaw : (n,) array_like
+            Rotation about z, radians, from x towards y.
+
+        Examples
+        --------
+        >>> car = oc.Boxes.from_yaw([[0, 0, 1]], [[4, 2, 2]], [np.pi / 2])
+        >>> car.aabb().maximum.round(9).tolist()
+        [1.0, 2.0, 2.0]
+        """
+        c = as_array(centers, "centers", (None, 3))
+        h = 0.5 * as_half_extents(sizes, "sizes", (None, 3))
+        angles = as_array(yaw, "yaw", (None,))
+        check_lengths(centers=c, sizes=h, yaw=angles)
+        rotations = np.zeros((len(c), 3, 3))
+        rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(angles)
+        rotations[:, 1, 0] = np.sin(angles)
+        rotations[:, 0, 1], rotations[:, 2, 2] = -rotations[:, 1, 0], 1.0
+        return cls.trusted(c.copy(), rotations, h)
+
     def __len__(self) -> int:
         return len(self.arrays.centers)
 
@@ -313,6 +366,32 @@ class Boxes(ArrayValue, ForKernels):
             return self
         c, r, h = self.arrays
         return type(self).trusted(c, r, add_outwards(h, pad[:, None] if by_box else pad))
+
+    def footprints(self: Kind) -> Kind:
+        """Return upright boxes as seen from above: of height 1 about z = 0.
+
+        Their ``iou``, ``iou_matrix`` and ``nms`` are those of the bird's-eye view. ValueError for a
+        box of which no axis is vertical, to 1e-6.
+
+        Examples
+        --------
+        >>> boxes = oc.Boxes.from_yaw([[0, 0, 0], [1, 0, 5]], [[2, 2, 2]] * 2, [0, 0])
+        >>> oc.iou(boxes[:1].footprints(), boxes[1:].footprints()).round(6).tolist()
+        [0.333333]
+        """
+        c, r, h = self.arrays
+        rows, up = np.arange(len(c)), np.abs(r[:, 2]).argmax(axis=1)
+        tilted = np.abs(r[:, 2]).max(axis=1, initial=0.0) < 1.0 - 1e-12
+        refuse_where(tilted, "boxes must have a vertical axis")
+        first, second = (up + 1) % 3, (up + 2) % 3
+        x, y = r[rows, 0, first], r[rows, 1, first]
+        length = np.hypot(x, y)
+        rotations = np.zeros_like(r)
+        rotations[:, 0, 0] = rotations[:, 1, 1] = x / length
+        rotations[:, 1, 0] = y / length
+        rotations[:, 0, 1], rotations[:, 2, 2] = -rotations[:, 1, 0], 1.0
+        halves = np.column_stack([h[rows, first], h[rows, second], np.full(len(c), 0.5)])
+        return type(self).trusted(c * (1.0, 1.0, 0.0), rotations, halves)
 
     def world_bounds(self) -> tuple[Floats, Floats]:
         """Return the axis-aligned bounds of each box, metres: minima and maxima (n, 3).

@@ -359,6 +359,14 @@ def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
     return stack.reshape(array.shape)
 
 
+def check_last_rows(matrices: Floats, name: str) -> None:
+    """Raise ValueError for matrices (n, 4, 4) whose last row is not 0 0 0 1, with the first one."""
+    last = np.array([0.0, 0.0, 0.0, 1.0])
+    for matrix in matrices[(matrices[:, 3] != last).any(axis=1)][:1]:
+        hint = "; transpose it: its last column is" if (matrix[:, 3] == last).all() else ""
+        raise ValueError(f"{name} must have the last row 0 0 0 1, got {matrix[3].tolist()}{hint}")
+
+
 @njit
 def orthonormal_defect(stack: Floats) -> Floats:
     """Return (n,) the largest entry of abs(R^T R - I) of each matrix of (n, 3, 3).

@@ -251,6 +251,108 @@ def test_rows_give_boxes_and_a_row_a_box(seed: int, count: int, data: st.DataObj
     assert boxes[mask] == boxes[::2]
 
 
+def test_boxes_by_yaw_and_by_matrices_are_those_of_poses() -> None:
+    rng = np.random.default_rng(3)
+    centers, sizes = rng.normal(size=(20, 3)), rng.uniform(0, 3, (20, 3))
+    yaw = rng.uniform(-4, 4, 20)
+    turns = Rotation.from_euler("z", yaw[:, None])
+    poses = np.column_stack([centers, turns.as_quat()])
+    wanted = oc.Boxes.from_poses(poses, 0.5 * sizes)
+    boxes = oc.Boxes.from_yaw(centers, sizes, yaw)
+    moves = np.tile(np.eye(4), (20, 1, 1))
+    moves[:, :3, :3], moves[:, :3, 3] = turns.as_matrix(), centers
+    for made in (boxes, oc.Boxes.from_matrices(moves, 0.5 * sizes)):
+        assert np.array_equal(made.half_extents, wanted.half_extents)
+        assert np.array_equal(made.centers, centers)
+        np.testing.assert_allclose(made.rotations, wanted.rotations, atol=1e-15)
+    refused("matrices must have the last row .*; transpose it", oc.Boxes.from_matrices,
+            moves.transpose(0, 2, 1), sizes)  # fmt: skip
+    refused("matrices must be orthonormal .* in row 1", oc.Boxes.from_matrices,
+            [np.eye(4), np.diag([2, 2, 2, 1])], sizes[:2])  # fmt: skip
+    refused("transpose it", boxes[0].transformed, moves[0].T)
+    refused("sizes must not be negative", oc.Boxes.from_yaw, centers[:1], [[1, -1, 1]], [0])
+    refused("the same length", oc.Boxes.from_yaw, centers, sizes, yaw[:3])
+
+
+def area(polygon: Floats) -> float:
+    """Return the area of corners (n, 2), counter-clockwise (the shoelace formula)."""
+    x, y = polygon.reshape(-1, 2).T
+    return float(0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+
+
+def clipped(polygon: Floats, by: Floats) -> Floats:
+    """Return the common part of two convex polygons (Sutherland, Hodgman 1974)."""
+    for start, end in zip(by, np.roll(by, -1, axis=0), strict=True):
+        normal = np.array([start[1] - end[1], end[0] - start[0]])
+        heights, kept = (polygon - start) @ normal, []
+        for k in range(len(polygon)):
+            here, there = heights[k - 1], heights[k]
+            if here * there < 0.0:
+                kept.append(polygon[k - 1] + here / (here - there) * (polygon[k] - polygon[k - 1]))
+            if there >= 0.0:
+                kept.append(polygon[k])
+        polygon = np.array(kept).reshape(-1, 2)
+    return polygon
+
+
+def test_footprints_are_boxes_seen_from_above() -> None:
+    rng = np.random.default_rng(4)
+    boxes = oc.Boxes.from_yaw(
+        rng.normal(0, 1, (30, 3)), rng.uniform(0.2, 3, (30, 3)), rng.normal(size=30)
+    )
+    order = rng.permuted(np.tile(np.arange(3), (30, 1)), axis=1)  # any axis may be the vertical one
+    rows = np.arange(30)[:, None]
+    axes = np.moveaxis(boxes.rotations, 2, 1)[rows, order].transpose(0, 2, 1)
+    mixed = oc.Boxes(boxes.centers, axes, boxes.half_extents[rows, order])
+    flat = mixed.footprints()
+    assert (flat.half_extents[:, 2] == 0.5).all()
+    assert (flat.centers[:, 2] == 0.0).all()
+    polygons = [corners[[3, 0, 1, 2], :2] for corners in boxes.corners()]
+    for i, j in np.argwhere(oc.iou_matrix(flat, flat) >= 0.0):
+        shared = area(clipped(polygons[i], polygons[j]))
+        truth = shared / (area(polygons[i]) + area(polygons[j]) - shared)
+        assert flat[i].iou(flat[j]) == pytest.approx(truth, abs=1e-9)
+    tilted = oc.Boxes.from_poses([[0, 0, 0, 0.6, 0, 0, 0.8]], [[1, 1, 1]])
+    refused("boxes must have a vertical axis", tilted.footprints)
+
+
+def test_the_closest_point_the_distance_and_the_merged_box() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        centers = rng.normal(0, 2, (2, 3))
+        turns = random_rotations(rng, 2)
+        a, b = (oc.OBB(*where, rng.uniform(0, 1, 3)) for where in zip(centers, turns, strict=True))
+        point = rng.normal(0, 3, 3)
+        near = a.closest_point(point)
+        local = a.rotation.T @ (near - a.center)
+        assert (np.abs(local) <= a.half_extents + 1e-12).all()
+        grid = (point - a.center) @ a.rotation - local  # outwards at each face that it is on
+        on = np.abs(local) >= a.half_extents - 1e-12
+        assert (np.abs(grid[~on]) < 1e-12).all()
+        assert (grid * local >= -1e-12).all()
+        gap = a.separation(b).gap
+        distance = a.distance(b)
+        assert distance == b.distance(a)
+        assert (distance == 0) == a.intersects(b)
+        assert distance >= gap - 1e-12
+        assert distance == pytest.approx(by_projections(a, b), abs=1e-6)
+        both = a.merge(b)
+        for part in (a, b):
+            assert np.all(both.contains(part.corners(), exact=True))
+    assert a.closest_point(a.center).tolist() == a.center.tolist()
+
+
+def by_projections(a: oc.OBB, b: oc.OBB) -> float:
+    """Return the distance of two boxes by projecting on each in turn."""
+    point = a.center
+    for _ in range(20_000):
+        other = b.closest_point(point)
+        last, point = point, a.closest_point(other)
+        if np.linalg.norm(point - last) < 1e-13:
+            break
+    return float(np.linalg.norm(point - other))
+
+
 def test_a_box_taken_from_many_is_a_copy() -> None:
     boxes = some_boxes(0, 3)
     box, before = boxes[1], boxes.centers.copy()

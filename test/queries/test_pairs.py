@@ -31,6 +31,7 @@ from support import family, joined, refused
 
 import obb_collision as oc
 from obb_collision.typing import Floats
+from tools.cases.placement import random_rotations
 
 A, B = family("ordinary scene", 24)
 BOTH, ROWS = joined(A, B)
@@ -219,3 +220,32 @@ def test_flat_boxes_have_no_volume_and_one_only_with_themselves() -> None:
         assert flat.iou(flat) == 1.0
     assert plate.iou(wider) == 0.0
     assert point.iou(oc.OBB([0, 0, 0], EXACTLY[1])) == 1.0
+
+
+def test_generalized_iou_is_that_of_aligned_boxes_and_moves_with_them() -> None:
+    rng = np.random.default_rng(6)
+    centers, halves = rng.normal(0, 1.5, (2, 200, 3)), rng.uniform(0, 1.5, (2, 200, 3))
+    a, b = (oc.Boxes(c, [np.eye(3)] * 200, h) for c, h in zip(centers, halves, strict=True))
+    low = np.minimum(centers[0] - halves[0], centers[1] - halves[1])
+    high = np.maximum(centers[0] + halves[0], centers[1] + halves[1])
+    sides = np.minimum(centers[0] + halves[0], centers[1] + halves[1])
+    sides -= np.maximum(centers[0] - halves[0], centers[1] - halves[1])
+    shared = np.clip(sides, 0, None).prod(axis=1)
+    union, around = a.volumes + b.volumes - shared, (high - low).prod(axis=1)
+    truth = shared / union - (around - union) / around  # Rezatofighi et al. 2019
+    found = oc.iou(a, b, generalized=True)
+    np.testing.assert_allclose(found, truth, atol=1e-12)
+    np.testing.assert_array_equal(found, oc.iou(b, a, generalized=True))
+    move = np.eye(4)
+    move[:3, :3], move[:3, 3] = random_rotations(rng, 1)[0], (3.0, -2.0, 1.0)
+    moved = oc.iou(a.transformed(move), b.transformed(move), generalized=True)
+    np.testing.assert_allclose(moved, truth, atol=1e-9)
+    matrix = oc.iou_matrix(a[:20], b[:30], generalized=True)
+    assert matrix[7, 7] == found[7]
+    assert matrix.shape == (20, 30)
+    pairs = np.argwhere(np.ones((200, 200)))
+    plain = oc.iou(a, b, pairs).reshape(200, 200)
+    np.testing.assert_array_equal(oc.iou_matrix(a, b), plain)
+    point = oc.Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.zeros((2, 3)))
+    assert oc.iou(point, point, generalized=True).tolist() == [1.0, 1.0]
+    assert oc.iou_matrix(a[:0], b).shape == (0, 200)

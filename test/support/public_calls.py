@@ -131,7 +131,8 @@ ARGUMENTS: dict[str, Any] = {
     "accuracies": ["obb"] * 2, "padding": 0.1, "margin": 0.1, "halo": 1.0, "time_budget": 0.01,
     "max_pairs": 9, "max_points": 4, "max_distance": 1.0, "tolerance": 1e-4, "contacts": True,
     "duration": 1.0, "twist": [0.0] * 6, "twists": np.zeros((2, 6)), "each_point": True,
-    "scores": [0.5, 0.5], "threshold": 0.5, "number": 2, "name": "a", "names": ["p", "q"],
+    "scores": [0.5, 0.5], "classes": [1, "b"], "generalized": True, "threshold": 0.5,
+    "number": 2, "name": "a", "names": ["p", "q"],
     "first": "a", "second": "b", "allowed": True, "enabled": True, "objects": ["a"],
     "sides": [("a", "*")],
     "mode": "on", "effects": ["contacts"], "effect": "contacts", "ignore": ["a"],
@@ -146,12 +147,14 @@ ARGUMENTS: dict[str, Any] = {
 MESHES = {"a": PLACED, "b": PLACED, "pairs": [[0, 0]], "radii_a": 0.1, "radii_b": 0.1}
 #: Those of one call, or of all methods of a class; None: it is not given.
 OTHERS: dict[str, dict[str, Any]] = {
-    "OBB": {"half_extents": [1.0] * 3, "other": BOX, "points": [0.0] * 3},
+    "OBB": {"half_extents": [1.0] * 3, "other": BOX, "points": [0.0] * 3, "point": [0.0] * 3},
     "RobotScene.own_points": {"state": np.zeros(0), "sensor": [0.0, 0.0, 1.0]},
     "AABB": {"other": AROUND, "points": [0.0] * 3},
     "AABB.from_points": {"points": np.eye(3)},
     "OBB.from_points": {"points": np.eye(3)},
     "Boxes.from_poses": {"half_extents": [[1.0] * 3] * 2},
+    "Boxes.from_matrices": {"matrices": [np.eye(4)] * 2},
+    "Boxes.from_yaw": {"yaw": [0.0] * 2},
     "Boxes.contains": {"points": [0.0] * 3},
     "MeshTrees.join": {"trees": [TREES]},
     "PlacedMeshes": {"centers": [[0.0] * 3], "rotations": [np.eye(3)], "poses": [POSE]},

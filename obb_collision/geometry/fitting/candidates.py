@@ -139,6 +139,16 @@ def flat_frames(points: Floats, frame: Floats) -> tuple[Floats, Floats]:
     return complete_frame(frame @ inner[:, 0], frame @ inner[:, 1]), turned
 
 
+def upright_frame(points: Floats) -> Floats:
+    """Return axes with z up, and those of the smallest rectangle of points (n, 3) from above."""
+    polygon = hull_polygon(points[:, :2])
+    if polygon is None:  # on a line
+        x, y, _ = covariance_frame(points * (1.0, 1.0, 0.0))[:, 0]
+    else:
+        x, y = minimum_rectangle_direction(polygon)
+    return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+
+
 @cache
 def spread_frames() -> Floats:
     """Return (n, 3, 3) orientations spread over all rotations, always the same ones.

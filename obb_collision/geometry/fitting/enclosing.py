@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.fitting.candidates import complete_frame
-from obb_collision.geometry.validation import as_array, orthonormal_defect
+from obb_collision.geometry.validation import as_array, check_last_rows, orthonormal_defect
 from obb_collision.numerics.constants import (
     FLAT,
     MAX_MAGNITUDE,
@@ -186,8 +186,7 @@ def transform_box(
     results beyond 1e300.
     """
     moves = as_array(matrix, "matrix", (4, 4))
-    if moves[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise ValueError(f"matrix must have the last row 0 0 0 1, got {moves[3].tolist()}")
+    check_last_rows(moves[None], "matrix")
     columns, _ = exact_axes(moves[:3, :3])
     if exact_dot(exact_cross(columns[0], columns[1]), columns[2]) == 0:
         raise ValueError("matrix must be invertible, its determinant is zero")

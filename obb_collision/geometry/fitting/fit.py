@@ -40,6 +40,7 @@ from obb_collision.geometry.fitting.candidates import (
     keep_flat,
     refined_frames,
     spread_frames,
+    upright_frame,
 )
 from obb_collision.geometry.fitting.convex_hull import convex_hull
 from obb_collision.geometry.fitting.enclosing import enclose_points
@@ -123,7 +124,7 @@ REFINED_SPREAD = 8
 REFINED_FACES = 8
 
 
-FITS = ("aabb", "covariance", "hull_covariance", "min_volume", "best")
+FITS = ("aabb", "covariance", "hull_covariance", "min_volume", "best", "upright")
 
 
 def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Floats]:
@@ -132,7 +133,7 @@ def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Fl
     fit: how the axes are chosen: "aabb" (the coordinate axes), "covariance" (principal axes of the
     points), "hull_covariance" (of the surface of their hull), "min_volume" (the smallest box with a
     side on a face of the hull, refined), "best" (the smallest of all; of flat sets by area, of
-    lines by length).
+    lines by length), "upright" (z up, and the smallest rectangle seen from above).
 
     Any set has a box: one point, duplicates, lines, planes. Columns of the rotation are the
     axes, determinant +1. Raises ValueError for an unknown fit, an empty set, wrong shapes or
@@ -205,6 +206,8 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     magnitude = max(np.abs(low).max(), np.abs(high).max())
     noise = FLAT_ROUNDOFFS * float(np.ldexp(np.spacing(magnitude), -exponent))
     scaled -= scaled.mean(axis=0)
+    if fit == "upright":
+        return upright_frame(scaled)
     frame = covariance_frame(scaled)
     widths = np.ptp(scaled @ frame, axis=0)
     floor = FLAT * float(widths.max()) + noise

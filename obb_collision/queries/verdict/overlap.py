@@ -35,10 +35,10 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays, Boxes, box_volumes
-from obb_collision.geometry.validation import check_kind
+from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, vector_at, write_at
-from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
+from obb_collision.queries.verdict.pair_rows import as_pairs, as_sides, one_set
 from obb_collision.queries.verdict.sat import BoxPair, box_at, enter_frame
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, pair_verdicts
 from obb_collision.typing import Floats, Integers, Vector
@@ -73,7 +73,7 @@ def overlap_volumes(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Float
     return _overlaps(a, b, pairs)[0]
 
 
-def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
+def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, generalized: bool = False) -> Floats:
     """Return intersection over union: the volume that boxes share by the volume that they cover.
 
     Parameters
@@ -81,6 +81,9 @@ def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
     a, b : Boxes
     pairs : (m, 2) array_like of int, optional
         Rows of a and of b; without, each row of a against the same row of b.
+    generalized : bool
+        Subtract the share of the smallest box about both, along the axes of one of them, that they
+        do not cover: boxes that are apart get -1 to 0, by how far.
 
     Returns
     -------
@@ -93,8 +96,29 @@ def iou(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Floats:
     >>> boxes = oc.Boxes([[0, 0, 0], [1, 0, 0], [9, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
     >>> oc.iou(boxes, boxes, [[0, 0], [0, 1], [0, 2]]).round(6).tolist()
     [1.0, 0.333333, 0.0]
+    >>> oc.iou(boxes, boxes, [[0, 0], [0, 1], [0, 2]], generalized=True).round(6).tolist()
+    [1.0, 0.333333, -0.636364]
     """
-    return _overlaps(a, b, pairs)[1]
+    shared, ratios = _overlaps(a, b, pairs)
+    if not as_flag(generalized, "generalized"):
+        return ratios
+    first, second = as_sides(a, b, pairs)
+    sides = [boxes[rows].arrays for boxes, rows in ((a, first), (b, second))]
+    union = box_volumes(sides[0].half_extents) + box_volumes(sides[1].half_extents) - shared
+    around = np.minimum(_volume_about(*sides), _volume_about(*sides[::-1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uncovered = np.nan_to_num(1.0 - union / around, posinf=0.0, neginf=0.0)
+    return np.where(ratios == 1.0, 1.0, ratios - np.clip(uncovered, 0.0, 1.0))
+
+
+def _volume_about(a: BoxArrays, b: BoxArrays) -> Floats:
+    """Return the volumes (m,) of the boxes along the axes of a about a and b, row by row."""
+    turns = np.einsum("nki,nkj->nij", a.rotations, b.rotations)
+    middle = np.einsum("nki,nk->ni", a.rotations, b.centers - a.centers)
+    reach = np.einsum("nij,nj->ni", np.abs(turns), b.half_extents)
+    high = np.maximum(a.half_extents, middle + reach)
+    low = np.minimum(-a.half_extents, middle - reach)
+    return box_volumes(0.5 * (high - low))
 
 
 def _overlaps(a: Boxes, b: Boxes, pairs: ArrayLike | None) -> tuple[Floats, Floats]:

@@ -19,6 +19,9 @@ The broad phase finds candidates, the certified test decides.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -265,7 +268,39 @@ def _bucket_kernel(
         _split_keys(bits, part, pairs[start:stop], verdicts[start:stop])
 
 
-def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
+def iou_matrix(a: Boxes, b: Boxes, *, generalized: bool = False) -> Floats:
+    """Return the ``iou`` of each box of a with each box of b.
+
+    Parameters
+    ----------
+    a, b : Boxes
+    generalized : bool
+        As in ``iou``; without, only boxes that overlap are compared.
+
+    Returns
+    -------
+    (n, m) array
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[0, 0, 0], [1, 0, 0], [9, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
+    >>> oc.iou_matrix(boxes[:1], boxes).round(6).tolist()
+    [[1.0, 0.333333, 0.0]]
+    """
+    check_kind(a, Boxes, "a")
+    check_kind(b, Boxes, "b")
+    if as_flag(generalized, "generalized"):
+        pairs = np.indices((len(a), len(b))).reshape(2, -1).T
+    else:
+        pairs = find_pairs(a, b)
+    result = np.zeros((len(a), len(b)))
+    result[tuple(pairs.T)] = iou(a, b, pairs, generalized=generalized)
+    return result
+
+
+def nms(
+    boxes: Boxes, scores: ArrayLike, threshold: float, classes: Iterable[Any] | None = None
+) -> Rows:
     """Return the rows of the boxes that greedy non-maximum suppression keeps, best first.
 
     From the best score down, a box is kept unless its ``iou`` with one that is kept exceeds the
@@ -278,6 +313,8 @@ def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
         Of equal scores the first row is the better one.
     threshold : float
         From 0, which keeps no two boxes that share volume, to 1, which keeps all.
+    classes : n numbers or strings, optional
+        Only boxes of equal classes suppress each other.
 
     Returns
     -------
@@ -300,6 +337,14 @@ def nms(boxes: Boxes, scores: ArrayLike, threshold: float) -> Rows:
     ranks = np.empty_like(order)
     ranks[order] = np.arange(len(order))
     pairs = find_pairs(boxes)
+    if classes is not None:
+        numbers: dict[Any, int] = {}
+        try:
+            labels = np.array([numbers.setdefault(k, len(numbers)) for k in classes], np.int64)
+        except TypeError:
+            raise ValueError("classes must be a number or a string for each box") from None
+        check_lengths(boxes=boxes, classes=labels)
+        pairs = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
     better, worse = np.sort(ranks[pairs[iou(boxes, boxes, pairs) > most]], axis=1).T
     worse = worse[np.argsort(better)]
     counts = np.bincount(better, minlength=len(order))

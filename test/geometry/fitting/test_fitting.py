@@ -208,6 +208,26 @@ def test_best_is_no_larger_than_any_other_fit_and_close_to_trimesh() -> None:
     assert np.mean(ratios) < 0.95
 
 
+@each("count", [1, 2, 3, 40])
+def test_upright_boxes_are_the_smallest_with_z_up(count: int) -> None:
+    rng = np.random.default_rng(count)
+    for _ in range(20):
+        points = rng.normal(size=(count, 3)) @ rng.normal(size=(3, 3)) + rng.normal(0, 10, 3)
+        box = oc.OBB.from_points(points, fit="upright")
+        assert box.rotation[:, 2].tolist() == [0.0, 0.0, 1.0]
+        assert np.all(box.contains(points, exact=True))
+        angles = np.linspace(0, 0.5 * np.pi, 2000)
+        sides = [
+            np.ptp(points[:, :2] @ axis, axis=0)
+            for axis in (
+                np.array([np.cos(angles), np.sin(angles)]),
+                np.array([-np.sin(angles), np.cos(angles)]),
+            )
+        ]
+        assert 4 * box.half_extents[0] * box.half_extents[1] <= (sides[0] * sides[1]).min() + 1e-12
+        assert 2 * box.half_extents[2] == pytest.approx(np.ptp(points[:, 2]), abs=1e-12)
+
+
 def test_hull_covariance_ignores_how_densely_sides_are_sampled() -> None:
     rng = np.random.default_rng(7)
     box = CUBE * [3.0, 2.0, 1.0]

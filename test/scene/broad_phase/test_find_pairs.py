@@ -344,6 +344,13 @@ def test_what_is_kept_is_what_the_definition_keeps_and_nonsense_is_refused(seed:
         kept = oc.nms(boxes, scores, threshold)
         assert kept.tolist() == greedy(boxes, scores.tolist(), threshold)
         assert kept.dtype == np.int64
+    labels = [["car", 2, None][k] for k in rng.integers(0, 3, count)]
+    by_class = [[n for n in range(count) if labels[n] == label] for label in ("car", 2, None)]
+    kept_rows = {rows[k] for rows in by_class for k in oc.nms(boxes[rows], scores[rows], 0.2)}
+    found = oc.nms(boxes, scores, 0.2, classes=labels).tolist()
+    assert found == sorted(kept_rows, key=lambda row: (-scores[row], row))
+    refused("classes", oc.nms, boxes, scores, 0.2, [*labels, 1])
+    refused("classes must be a number or a string", oc.nms, boxes, scores, 0.2, 3)
     for threshold in (-0.1, 1.1, np.nan):
         refused("threshold must be", oc.nms, boxes, scores, threshold)
     for wrong in ([*scores[1:], np.nan], np.zeros(count + 1)):
