@@ -14,7 +14,7 @@
 
 """Makes the pictures of programs at work anew: all, or those that are named.
 
-    python docs/make_pictures.py [demo] [arm_cell] [safety_stop] [planner]
+    python docs/make_pictures.py [demo] [arm_cell] [camera] [safety_stop] [planner]
 
 ``demo`` makes ``view.png``, ``view.gif`` and ``demo.png``, the others are those of the tutorials.
 They need the extras ``ros`` and ``bench``, ``demo`` the extra ``view`` and Chromium or Chrome, too.
@@ -31,6 +31,7 @@ from base64 import b64decode
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -59,8 +60,8 @@ from obb_collision.scene_files.description import View
 
 #: When vehicles collide in the scene, seconds.
 TIME = 28.0
-#: When the arm grazes a board in its cell, seconds.
-ARM_TIME = 10.0
+#: When the arm grazes a board in its cell, and when it is near a hand, seconds.
+ARM_TIME, HAND_TIME = 10.0, 10.0
 #: The film: when it begins and how long it takes, s; pictures per second, pixels, colours.
 FILM, FRAMES, FILM_SIZE, COLORS = (27.0, 3.0), 10, (984, 444), 255
 #: Seconds until the page is there, and until it shows a state that was sent.
@@ -160,11 +161,11 @@ def draw_demo() -> None:
         demo.save_picture(FOLDER / "demo.png")
 
 
-def draw_arm_cell() -> None:
-    """Run the demo of the arm up to where it collides, and draw that state."""
-    with running_demo("arm_cell") as demo:
-        demo.settle(ARM_TIME)
-        demo.save_picture(FOLDER / "tutorials" / "arm_cell.png")
+def draw_scene(name: str, time: float) -> None:
+    """Run the demo of a scene up to a time (s), and draw that state."""
+    with running_demo(name) as demo:
+        demo.settle(time)
+        demo.save_picture(FOLDER / "tutorials" / f"{name}.png")
 
 
 def draw_safety_stop() -> None:
@@ -250,7 +251,8 @@ def draw_planner() -> None:
 
 PICTURES = {
     "demo": draw_demo,
-    "arm_cell": draw_arm_cell,
+    "arm_cell": partial(draw_scene, "arm_cell", ARM_TIME),
+    "camera": partial(draw_scene, "camera", HAND_TIME),
     "safety_stop": draw_safety_stop,
     "planner": draw_planner,
 }

@@ -55,7 +55,7 @@ def generate_launch_description() -> LaunchDescription:
                 "scene_file",
                 default_value="",
                 description="Initial scene file: a path, or tabletop, warehouse, lidar_zone, "
-                "arm_cell. " + as_in_file,
+                "arm_cell, camera. " + as_in_file,
             ),
             DeclareLaunchArgument(
                 "robots",

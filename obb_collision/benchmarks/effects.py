@@ -48,7 +48,7 @@ from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
 
 #: Of the scenes of the package those whose objects are all in the file: links come by topics.
-COST_SCENES = tuple(name for name in READY if name != "arm_cell")
+COST_SCENES = tuple(name for name in READY if name not in ("arm_cell", "camera"))
 #: Poses are published at this rate (Hz) and a step is one of them.
 FRAME_RATE = 30.0
 #: States that every turn goes through, ten seconds, and as many to warm up with.

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from obb_collision.scene_files.description import View as Viewpoint
 
 
-SCENES = "tabletop, warehouse, lidar_zone, arm_cell"
+SCENES = "tabletop, warehouse, lidar_zone, arm_cell, camera"
 """The scene files of the package."""
 DEFAULT_SCENE = "warehouse"
 DEFAULT_SECONDS = 10.0

@@ -237,6 +237,14 @@ class MarkerBoxes(NamedTuple):
     frame: str
     stamp: int
 
+    def without(self, prefix: str) -> MarkerBoxes:
+        """Return the boxes but those of names that begin so."""
+        kept = [row for row, name in enumerate(self.names) if not name.startswith(prefix)]
+        arrays = {
+            key: getattr(self, key)[kept] for key in ("poses", "sizes", "colliding", "doubtful")
+        }
+        return self._replace(names=[self.names[row] for row in kept], **arrays)
+
 
 NONE = np.empty(0, np.bool_)
 NO_BOXES = MarkerBoxes([], np.empty((0, 7)), np.empty((0, 3)), NONE, NONE, [], "", -1)

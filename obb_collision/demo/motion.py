@@ -14,6 +14,8 @@
 
 """How the objects and robots of a scene file move in the demo: ``NAME.motion.yaml`` beside it.
 
+It also has the simulated sensors, and strangers: objects that only these see.
+
 ``docs/install.md`` describes the file.
 """
 
@@ -29,6 +31,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from obb_collision.demo.sensors import Sensor, read_sensor
 from obb_collision.geometry.poses import (
     compose_poses,
     inverse_poses,
@@ -38,9 +41,10 @@ from obb_collision.geometry.poses import (
 )
 from obb_collision.scene_files.description import SceneDescription, SceneRobot
 from obb_collision.scene_files.load import parse, read_text
+from obb_collision.scene_files.mesh_files import MeshFiles, MeshReading
 from obb_collision.scene_files.native import read_state
-from obb_collision.scene_files.objects import check_angles
-from obb_collision.scene_files.yaml_values import SceneFileError, Value
+from obb_collision.scene_files.objects import check_angles, read_objects
+from obb_collision.scene_files.yaml_values import SceneFileError, Value, items_of
 from obb_collision.typing import Floats
 
 #: Fastest motion of an object, m/s and rad/s, and shortest round, s: far from where sums overflow.
@@ -101,7 +105,8 @@ class Motions:
     """The objects and robots of a description in motion, by their tracks.
 
     objects, robots: tracks by name, those of leaders first; the others are at rest. moving: rows of
-    the objects with tracks.
+    the objects with tracks. strangers: objects that no input names. delays: by robot, the time (s)
+    that it has stood still.
     """
 
     def __init__(
@@ -109,8 +114,12 @@ class Motions:
         description: SceneDescription,
         objects: Mapping[str, Track] | None = None,
         robots: Mapping[str, Track] | None = None,
+        strangers: Motions | None = None,
+        sensors: Sequence[Sensor] = (),
     ) -> None:
         self.description, self.robots = description, robots or {}
+        self.strangers, self.sensors = strangers, sensors
+        self.delays = dict.fromkeys(self.robots, 0.0)
         self._starts = np.array([obj.pose for obj in description.objects]).reshape(-1, 7)
         rows = {name: row for row, name in enumerate(description.names)}
         self._tracks = list((objects or {}).values())
@@ -148,6 +157,7 @@ class Motions:
         """Return values and velocities of the joints of a robot at a time (s)."""
         if robot.name not in self.robots:
             return np.array(robot.state), np.zeros(len(robot.state))
+        time = max(0.0, time - self.delays[robot.name])
         state, velocities, passed = self.robots[robot.name].leg(time)
         return state + passed * velocities, velocities
 
@@ -158,26 +168,39 @@ def read_motions(description: SceneDescription, file: Path) -> Motions:
     if not beside.is_file():
         return Motions(description)
     top = parse(str(beside), read_text(beside))
-    fields, problems = top.fields(("objects", "robots")), top.problems
+    fields, problems = top.fields(("objects", "robots", "strangers", "sensors")), top.problems
     poses = {obj.name: np.array(obj.pose) for obj in description.objects}
+    files = MeshFiles(beside, MeshReading())
+    strangers, _ = read_objects(items_of(fields, "strangers"), files, problems)
+    unknown = {obj.name: np.array(obj.pose) for obj in strangers}
+    for name in poses.keys() & unknown.keys():
+        with problems.kept():
+            fields["strangers"].refuse(f"the scene file has an object {name}, too")
     described = {robot.name: robot for robot in description.robots}
     objects: dict[str, Track] = {}
     robots: dict[str, Track] = {}
     entries = fields["objects"].entries() if "objects" in fields else {}
     below = set(entries)
     for name, value in entries.items():
+        there = unknown if name in unknown else poses
         with problems.kept():
-            _check_name(value, name, poses, "object")
-            objects[name] = _read_object(value, name, poses, below)
+            _check_name(value, name, there, "object")
+            objects[name] = _read_object(value, name, there, below)
         below.discard(name)
     entries = fields["robots"].entries() if "robots" in fields else {}
     for name, value in entries.items():
         with problems.kept():
             _check_name(value, name, described, "robot")
             robots[name] = _read_robot(value, described[name])
+    sensors = []
+    for name, value in fields["sensors"].entries().items() if "sensors" in fields else ():
+        with problems.kept():
+            sensors.append(read_sensor(value, name, poses))
     if problems.found:
         raise SceneFileError(str(beside), problems.found)
-    return Motions(description, objects, robots)
+    tracks = {name: objects.pop(name) for name in [*objects] if name in unknown}
+    others = Motions(SceneDescription("strangers", tuple(strangers)), tracks)
+    return Motions(description, objects, robots, others if strangers else None, sensors)
 
 
 def _check_name(value: Value, name: str, names: Mapping[str, object], what: str) -> None:

@@ -14,12 +14,15 @@
 
 """Runs the demo: a node, a publisher and a listener in one process, with topics between them.
 
-The publisher plays the robot: it sends the objects of the scene, their motion and lidar points.
+The publisher plays the robots: it sends the objects of the scene, their motion, and what sensors
+see. A robot slows down by its ``speed_scale``, if the scene has sensors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -31,11 +34,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState, MultiDOFJointState, PointCloud2
-from std_msgs.msg import Header, String
+from std_msgs.msg import Float64, Header, String
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.demo.listener import NARRATORS, Listener
 from obb_collision.demo.scene import DemoScene
+from obb_collision.demo.sensing import POINT_DTYPE, SensorFrames, SensorPublishers
 from obb_collision.demo.snapshot import DrawnScene, take_snapshot
 from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros, states_to_ros
@@ -50,8 +54,6 @@ from obb_collision.scene_files.description import SceneRobot
 FRAME = "map"
 #: Scans of the lidar per second, Hz.
 SCAN_RATE = 10.0
-#: A point of ``points``.
-POINT_DTYPE = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 DESCRIPTIONS = ("robot_description", "robot_description_semantic")
 
 
@@ -63,7 +65,7 @@ class ScenePublisher(Node):
     node_options go to ``rclpy.node.Node`` (context, namespace...).
     """
 
-    def __init__(self, scene: DemoScene, **node_options: Any) -> None:
+    def __init__(self, scene: DemoScene, frames: SensorFrames, **node_options: Any) -> None:
         super().__init__("scene", **node_options)
         self.scene = scene
         self._objects: Any = None
@@ -86,6 +88,14 @@ class ScenePublisher(Node):
         }
         if scene.description.lidar is not None:
             self._points = self.create_publisher(PointCloud2, "points", QoSProfile(depth=2))
+        self.sensors = SensorPublishers(self, scene.motions, frames)
+        self._time, self.scales = 0.0, dict.fromkeys(scene.motions.robots, 1.0)
+        for name in scene.motions.robots if scene.motions.sensors else ():
+            take = partial(self._take_scale, name)
+            self.create_subscription(Float64, f"{name}/speed_scale", take, 1)
+
+    def _take_scale(self, robot: str, scale: Float64) -> None:
+        self.scales[robot] = scale.data
 
     @property
     def matched(self) -> bool:
@@ -111,11 +121,11 @@ class ScenePublisher(Node):
         """Publish the robots' joints at a time; returns the stamp (ns), None without robots."""
         stamp, header = self._header()
         for robot in self.scene.robots:
-            values, velocities = (part.tolist() for part in self.scene.motions.joints(robot, time))
+            values, velocities = self.scene.motions.joints(robot, time)
+            velocities = velocities * self.scales.get(robot.name, 1.0)
+            state = {"position": values.tolist(), "velocity": velocities.tolist()}
             names = list(robot.robot.joint_names)
-            self._joints[robot.name].publish(
-                JointState(header=header, name=names, position=values, velocity=velocities)
-            )
+            self._joints[robot.name].publish(JointState(header=header, name=names, **state))
         return stamp if self.scene.robots else None
 
     def publish_objects(self, time: float) -> int | None:
@@ -126,12 +136,20 @@ class ScenePublisher(Node):
         return self._publish_states(rows, time) if self.scene.file else self._publish_poses(time)
 
     def publish_step(self, time: float) -> None:
-        """Publish moving objects and joints, and lidar points when a scan is due."""
+        """Publish moving objects and joints, and what sensors see when it is due."""
+        passed, self._time = time - self._time, time
+        for robot, scale in self.scales.items():
+            self.scene.motions.delays[robot] += (1.0 - scale) * passed
         self.publish_objects(time)
-        self.publish_joints(time)
+        self.sense(time)
         if time >= self._next_scan:
             self._next_scan = time + 1.0 / SCAN_RATE
             self.publish_points(time)
+
+    def sense(self, time: float, all_of_them: bool = False) -> None:
+        """Publish joints, and what the sensors that are due, or all, see at a time."""
+        stamp = self.publish_joints(time) or self._header()[0]
+        self.sensors.publish(time, stamp, all_of_them)
 
     def publish_points(self, time: float) -> None:
         """Publish the points of the lidar at a time, if the scene has one."""
@@ -179,8 +197,8 @@ NAMESPACE = "/obb_collision_demo"
 PATIENCE = 300.0
 #: Seconds between two checks whether it is time to stop.
 GLANCE = 0.05
-#: Seconds from one message of joints to the next while the node reads a description.
-JOINTS_AGAIN = 0.2
+#: Seconds from one message to the next while the node is awaited.
+AGAIN = 0.2
 #: Epoch (ns) with which all times are 0 s: the demo's clock starts with the motion.
 NOT_YET = 2**63 - 1
 
@@ -245,20 +263,24 @@ class Demo:
         topics = [
             *inputs,
             *(f"{robot.name}/joint_states" for robot in scene.robots),
+            *(sensor.name for sensor in scene.motions.sensors),
             "collisions",
             *(TOPICS[name].name for name in effects),
             f"{NODE_NAME}/markers",
         ]
         report("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))
         report("starting; the first start compiles kernels and reports its progress")
+        frames = SensorFrames()
+        files = [] if scene.parameters is None else ["--params-file", str(scene.parameters)]
         self._checker = CollisionNode(
+            frames=frames if scene.motions.sensors else None,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
-            cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],
+            cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics", *files],
             ending=stopped,
             **where,
         )
         where["start_parameter_services"] = False  # six services less to discover
-        self.publisher = ScenePublisher(scene, **where)
+        self.publisher = ScenePublisher(scene, frames, **where)
         self.listener = Listener(report, effects, **where)
         if live or scene.robots:
             self.listener.watch_boxes(f"{NODE_NAME}/markers")
@@ -289,6 +311,7 @@ class Demo:
         self.listener.epoch = NOT_YET
         self.spin_until(lambda: self.listener.cycles > 0)
         self._begin_robots()
+        self._sense(0.0)
         self.publisher.publish_points(0.0)
         stamps = self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
@@ -298,9 +321,7 @@ class Demo:
         if not self.scene.robots:
             return
         self.publisher.publish_descriptions()
-        timer = self.publisher.create_timer(
-            JOINTS_AGAIN, lambda: self.publisher.publish_joints(0.0)
-        )
+        timer = self.publisher.create_timer(AGAIN, lambda: self.publisher.publish_joints(0.0))
 
         def all_placed() -> bool:
             boxes = self.listener.boxes
@@ -315,9 +336,25 @@ class Demo:
         for publish in (self.publisher.publish_objects, self.publisher.publish_joints):
             stamp = publish(time) or 0
             self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
+        self._sense(time)
         self.publisher.publish_points(time)
         last, stamps = self.listener.stamp, self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=last) >= last)
+
+    def _sense(self, time: float) -> None:
+        """Publish what sensors see at a time, until the node has a cycle with all of it."""
+        names = {sensor.name for sensor in self.scene.motions.sensors}
+        monitors = [self._checker.monitors[name] for name in names & self._checker.monitors.keys()]
+        if not monitors:
+            return
+        for monitor in monitors:
+            monitor.last_cloud = {}
+        self.publisher.sense(time, True)
+        timer = self.publisher.create_timer(AGAIN, lambda: self.publisher.sense(time, True))
+        self.spin_until(lambda: all(monitor.last_cloud for monitor in monitors))
+        self.publisher.destroy_timer(timer)
+        stamp = self.publisher.publish_joints(time) or self.publisher.publish_objects(time) or 0
+        self.spin_until(lambda: self.listener.stamp >= stamp)
 
     def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
         """Spin the nodes until a condition holds; TimeoutError after ``patience`` seconds."""
@@ -332,6 +369,8 @@ class Demo:
     def _step(self, time: float) -> None:
         self.time = min(time, self._seconds)
         self.publisher.publish_step(self.time)
+        if self.scene.motions.sensors:  # what the view draws
+            self.listener.points = np.concatenate(self.publisher.sensors.seen())
 
     def summary(self) -> list[str]:
         """Return the lines to print at the end."""
@@ -343,6 +382,11 @@ class Demo:
         if listener.latencies:
             median, p95 = 1e3 * np.percentile(listener.latencies, (50, 95))
             lines.append(f"publish to collisions: median {median:.1f} ms, p95 {p95:.1f} ms")
+        lines += [
+            f"{robot}: its speed_scale delayed it by {delay:.1f} s"
+            for robot, delay in self.scene.motions.delays.items()
+            if self.scene.motions.sensors
+        ]
         narrators = (listener.pairs, *listener.effects.values())
         return lines + [line for narrator in narrators for line in narrator.summary()]
 
@@ -355,14 +399,15 @@ class Demo:
         def is_latest() -> bool:
             cycle = listener.cycle
             is_current = cycle is not None and cycle.boxes.stamp >= listener.stamp
-            return is_current and len(cycle.boxes.names) == len(names)  # type: ignore[union-attr]
+            return is_current and names.keys() <= {*cycle.boxes.names}  # type: ignore[union-attr]
 
         self.spin_until(is_latest)
         cycle, points = listener.cycle, self.scene.points(self.time)
         assert cycle is not None
-        if points is not None:
-            cycle = cycle._replace(points=points.astype(np.float64))
-        return take_snapshot(cycle, self.scene.shapes, self.scene.zones)
+        seen, strange = self.publisher.sensors.seen()
+        seen = seen if points is None else points.astype(np.float64)
+        drawn = take_snapshot(cycle._replace(points=seen), self.scene.shapes, self.scene.zones)
+        return replace(drawn, strangers=strange)
 
     def save_picture(self, file: Path) -> None:
         """Draw the latest state. ImportError without matplotlib, OSError for the file."""

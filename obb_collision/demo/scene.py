@@ -34,6 +34,7 @@ class DemoScene:
     """A scene in motion, as it is on the topics.
 
     file: the scene file, which the node reads too; None where its objects are to be published.
+    parameters: the file of the node's parameters beside it, if there is one.
     keys and names are those on the topics, shapes by name. robots: those of the file, whose links
     are among the shapes. zones: colour of each region, that is of each object with an opacity
     below 1.
@@ -41,6 +42,8 @@ class DemoScene:
 
     def __init__(self, motions: Motions, file: Path | None = None) -> None:
         self.motions, self.file = motions, file
+        parameters = None if file is None else file.with_suffix(".params.yaml")
+        self.parameters = parameters if parameters is not None and parameters.is_file() else None
         self.description = description = motions.description
         self.keys = keys_from_names(description.names)
         self.names = [name_from_key(key) for key in self.keys]

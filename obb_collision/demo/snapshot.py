@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from obb_collision.boxes import Boxes
 from obb_collision.demo.listener import Color, Cycle, is_touching, pair_of
 from obb_collision.geometry.shapes.primitives import Primitive
 from obb_collision.node import NamedPair
+from obb_collision.node.parameters.sources import NAMESPACE
 from obb_collision.scene_files.description import View
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats, Integers
@@ -133,6 +134,8 @@ NEAR_COLOR, PREDICTED_COLOR = (0.00, 0.45, 0.47), (0.45, 0.28, 0.10)
 OUTSIDE_COLOR, INSIDE_COLOR = (0.55, 0.62, 0.70), (0.05, 0.12, 0.45)
 #: Collisions less deep than this share of the scene's diagonal are too small to be seen.
 SMALL = 0.02
+#: Begin of the names of sensors, which are drawn as their points.
+SOURCES = f"{NAMESPACE}/"
 #: The viewpoint of a scene without its own: direction, and distance relative to the diagonal.
 DIRECTION, DISTANCE = np.array((0.38, -0.78, 0.50)), 1.5
 
@@ -191,6 +194,9 @@ def pieces(ends: Floats, length: float) -> tuple[Floats, Integers, Integers]:
     return start + share[..., None] * step, row, k
 
 
+NOTHING: Floats = np.empty((0, 3))
+
+
 @dataclass(frozen=True)
 class DrawnScene:
     """The output of a node to draw.
@@ -198,7 +204,8 @@ class DrawnScene:
     names, boxes, states: of n objects. boxed: names of objects in pairs that boxes decided. shapes:
     known shapes by name; zones: colours of regions by name. contacts (k, 3) and predicted contacts
     (p, 3); near: closest points (c, 2, 3); cloud (m, 3); inside (m,): whether a point is in a zone
-    or an object that counts points. notes: the most important first.
+    or an object that counts points. notes: the most important first. strangers (s, 3): points of
+    what only sensors see.
     """
 
     names: list[str]
@@ -213,15 +220,15 @@ class DrawnScene:
     inside: npt.NDArray[np.bool_]
     notes: list[Label]
     boxed: frozenset[str] = frozenset()
+    strangers: Floats = field(default_factory=lambda: NOTHING)
 
     def unknown(self) -> DrawnScene:
         """Return a copy in which collisions are unknown."""
-        none: Floats = np.empty((0, 3))
         return replace(
             self,
             states=np.full(len(self.names), DOUBTFUL),
-            contacts=none,
-            predicted=none,
+            contacts=NOTHING,
+            predicted=NOTHING,
             near=np.empty((0, 2, 3)),
             notes=[],
             boxed=frozenset(),
@@ -238,9 +245,13 @@ class DrawnScene:
                 yield body._replace(triangles=cube, position=box.center, rotation=box.rotation)
 
     def small(self) -> list[int]:
-        """Return the rows of notes about overlaps that are too small to be seen."""
+        """Return the rows of notes about overlaps of bodies that are too small to be seen."""
         limit = SMALL * diagonal_of(self.boxes)
-        return [row for row, note in enumerate(self.notes) if note.depth < limit]
+        return [
+            row
+            for row, note in enumerate(self.notes)
+            if note.depth < limit and not any(name.startswith(SOURCES) for name in note.names)
+        ]
 
     def bodies(self) -> Iterator[Body]:
         """Yield the objects that are not zones, as boxes if their shapes are unknown."""
@@ -274,6 +285,7 @@ class DrawnScene:
         return [
             Mark("other point", OUTSIDE_COLOR, "speck", self.cloud[~self.inside]),
             Mark("point in a zone", INSIDE_COLOR, "speck", self.cloud[self.inside]),
+            Mark("point of a stranger", INSIDE_COLOR, "speck", self.strangers),
             Mark("closest points", NEAR_COLOR, "line", self.near),
             Mark("predicted contact", PREDICTED_COLOR, "dot", self.predicted),
             Mark("contact", CONTACT_COLOR, "dot", self.contacts),
@@ -284,9 +296,10 @@ def take_snapshot(
     cycle: Cycle, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
 ) -> DrawnScene:
     """Return the drawing of a cycle; ValueError without boxes."""
-    boxes, names = cycle.boxes, cycle.boxes.names
-    if not names:
+    if not cycle.boxes.names:
         raise ValueError("no boxes received")
+    boxes = cycle.boxes.without(SOURCES)  # boxes around the points of sensors
+    names = boxes.names
     placed = Boxes.from_poses(boxes.poses, 0.5 * boxes.sizes)
     states = {name: ROBOT for name in names if name.partition("/")[0] in cycle.robots}
     states |= {names[row]: DOUBTFUL for row in np.flatnonzero(boxes.doubtful)}

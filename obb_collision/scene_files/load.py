@@ -217,7 +217,7 @@ def read_text(path: Path) -> str:
 
 PACKAGE = "obb_collision"
 #: Names of the scenes of the package, in its folder ``config``.
-READY = ("tabletop", "warehouse", "lidar_zone", "arm_cell")
+READY = ("tabletop", "warehouse", "lidar_zone", "arm_cell", "camera")
 
 
 def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> SceneDescription:
@@ -229,8 +229,8 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
     Parameters
     ----------
     path : str or path
-        A file, or the name of a scene of the package: "tabletop", "warehouse", "lidar_zone" or
-        "arm_cell".
+        A file, or the name of a scene of the package: "tabletop", "warehouse", "lidar_zone",
+        "arm_cell" or "camera".
     mesh_folders : sequence of paths
         Folders from which meshes may be read, besides the file's own folder, its package and the
         share folders of installed packages. Packages are searched in them first.

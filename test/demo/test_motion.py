@@ -223,6 +223,15 @@ def arm(fields: str) -> str:
     return f"robots:\n  arm: {{{fields}}}"
 
 
+def sensor(kind: str, changed: str) -> str:
+    """Return a sensor with one field changed or added."""
+    key = changed.partition(":")[0]
+    fields = {"width": 4, "angle": 1, "range": 9, "rate": 10, "position": "[0, 0, 1]"}
+    fields |= {"target": "[1, 0, 1]"}
+    rest = [f"{name}: {value}" for name, value in fields.items() if name != key]
+    return f"sensors: {{eye: {{{', '.join([f'type: {kind}', *rest, changed])}}}}}"
+
+
 @each("text, reason", [
     ("things: {}", ":1: things: unknown key"),
     ("objects: {c: {follow: a}}", "objects.c: the scene file has no object of this name; there"),
@@ -239,6 +248,15 @@ def arm(fields: str) -> str:
     (a("period: 9, waypoints: [[2, 0, 0, 0], [1, 0, 0, 0]]"), "period 9, got [2.0, 1.0]"),
     (a("period: 9, waypoints: [[10, 0, 0, 0]]"), "up to the period 9, got [10.0]"),
     (a("period: 9, waypoints: [[1, 1e300, 0, 0]]"), "it moves at more than 1e+09 m/s or rad/s"),
+    ("strangers: [{name: b, shape: sphere, radius: 1}]", "the scene file has an object b, too"),
+    ("strangers: [{name: c, shape: sphere}]", "strangers[0]: needs radius"),
+    ("strangers: [{name: c, shape: sphere, radius: 1}]\nobjects: {c: {follow: a}}",
+     "objects.c.follow: the scene file has no object of this name; there are c"),
+    (sensor("laser", "width: 0"), "sensors.eye.width: must be a whole number from 1 to 4096"),
+    (sensor("laser", "height: 2"), "sensors.eye: a laser has one row of rays"),
+    (sensor("camera", "angle: 3"), "sensors.eye: the angle of a camera is at most 2.8 rad"),
+    (sensor("camera", "target: [0, 0, 0]"), "must not stand above each other"),
+    (sensor("laser", "follow: c"), "eye.follow: "), ("sensors: {eye: {}}", "sensors.eye: needs "),
     (arm("period: 2"), "robots.arm: needs waypoints"),
     (arm("period: 2, waypoints: [{time: 3, joints: {}}]"), "up to the period 2, got [3.0]"),
     (arm("period: 2, waypoints: [{time: 1, joints: {turn: 9}}]"), "within the joint's limits"),

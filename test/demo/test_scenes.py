@@ -65,7 +65,7 @@ def test_ready_scenes_keep_their_names(name: str) -> None:
     scene = scene_of(find_scene(name))
     assert scene.names == scene.description.names
     assert (scene.points(4.2) is None) == (name != "lidar_zone")
-    assert len(scene.zones) == (3 if name == "lidar_zone" else 0)
+    assert len(scene.zones) == {"lidar_zone": 3, "camera": 1}.get(name, 0)
 
 
 def test_what_begins_and_ends_is_printed_once() -> None:
@@ -177,7 +177,8 @@ def test_moveit_scenes_run(start: Start, name: str) -> None:
 
 @each("scene, reason", [
     ("objects: [{name: a, shape: box, size: [1, -1, 1]}]", "scene.yaml:1: objects[0].size: "),
-    ("objects: []", "it has no objects"), ("kitchen", "tabletop, warehouse, lidar_zone, arm_cell"),
+    ("objects: []", "it has no objects"),
+    ("kitchen", "tabletop, warehouse, lidar_zone, arm_cell, camera"),
 ])  # fmt: skip
 def test_scenes_of_the_package_are_found_by_name_and_bad_files_refused_with_line_and_key(
     scene: str, reason: str, write: Any, capsys: pytest.CaptureFixture[str]

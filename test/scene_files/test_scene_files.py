@@ -235,7 +235,8 @@ def ready(request: pytest.FixtureRequest) -> SceneDescription:
 def test_ready_scenes_are_those_of_the_folder_and_of_the_page() -> None:
     found = (ROOT / "config").glob("*.yaml")
     motions = {f"{name}.motion" for name in READY}
-    assert {path.stem for path in found} == {*READY, *motions, "obb_collision"}
+    others = {"obb_collision", "camera.params"}
+    assert {path.stem for path in found} == {*READY, *motions, *others}
     rows = re.findall(r"^\| `(\w+)\.yaml` \|", DOCS, re.MULTILINE)
     assert tuple(rows) == READY
 
