@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What of the points of a sensor is left out: by range, by height, by cells of a grid."""
+"""Which points of a sensor are left out: by range, by height, and by the cells of a grid."""
 
 from __future__ import annotations
 
@@ -37,13 +37,14 @@ VOXEL_TOO_SMALL = "voxel too small"
 """Reason: points are too far apart for cells of this size."""
 SPREAD = np.uint64(0x9E3779B97F4A7C15)
 """2^64 by the golden ratio: a product with it spreads keys over its high bits (Knuth)."""
-KEPT, UNKNOWN, OUT_OF_RANGE, OUT_OF_HEIGHTS = range(4)
+KEPT, INVALID, OUT_OF_RANGE, OUT_OF_HEIGHTS = range(4)
+"""Counts of ``select``: points that stay, are not finite, and are beyond a limit."""
 
 
 class Limits(NamedTuple):
-    """What stays: distances from the sensor, and heights, from one number to another (m).
+    """Limits of distances from the sensor, and of heights (m): points within them stay.
 
-    up: the vertical in the frame of the sensor; sensor: its own height.
+    up: unit vector upwards in the frame of the sensor; sensor: the height of the sensor (m).
     """
 
     min_range: float = 0.0
@@ -54,16 +55,16 @@ class Limits(NamedTuple):
     sensor: float = 0.0
 
     def seen_from(self, sensor: Floats, frame: Floats) -> Limits:
-        """Return the same with the vertical of a frame; poses (7,) of sensor and frame."""
+        """Return these limits with heights along z of a frame; poses (7,) of sensor and frame."""
         (at, zero), (turn, axes) = as_poses(np.stack([sensor, frame]), warn=False)
         x, y, z = (turn.T @ axes[:, 2]).tolist()
         return self._replace(up=(x, y, z), sensor=float(axes[:, 2] @ (at - zero)))
 
 
 def select(points: Points, limits: Limits) -> tuple[Floats, list[int]]:
-    """Return the finite points (k, 3) within limits.
+    """Return the finite points (k, 3) within limits, and four counts of points.
 
-    And how many stay, are not finite, out of range, and out of the heights.
+    They count what stays, what is not finite, what is out of range, and what is out of height.
     """
     kept = np.empty((len(points), 3))
     whole = np.require(points, requirements=["C", "ALIGNED"])
@@ -97,7 +98,7 @@ def select_kernel(points: Points, limits: Limits, out: Floats) -> tuple[int, int
 
 
 def placed_points(points: Floats, pose: Floats) -> Floats:
-    """Return points (n, 3) in the fixed frame; pose (7,): of their own frame."""
+    """Return points (n, 3) in the fixed frame; pose (7,): of the frame that they are in."""
     position, rotation = as_poses(pose[None], warn=False)
     out = np.empty_like(points)
     place_kernel(points, position[0], rotation[0], out)
@@ -114,10 +115,10 @@ def place_kernel(points: Floats, at: Floats, turn: Floats, out: Floats) -> None:
 
 
 def thin_out(points: Floats, edge: float) -> tuple[Rows, float]:
-    """Return the rows (k,) of the points nearest to the centres of cells of a grid, one of each.
+    """Return the row (k,) of one point of each cell of a grid: the nearest to the cell's centre.
 
-    And the longest distance (m) from any other point to the one that is kept of its cell.
-    RefusedError ("voxel too small").
+    Also return the longest distance (m) from a point to the one that its cell keeps. RefusedError
+    ("voxel too small").
     """
     if len(points) == 0:
         return np.empty(0, np.int64), 0.0
@@ -126,7 +127,8 @@ def thin_out(points: Floats, edge: float) -> tuple[Rows, float]:
     low = np.floor(least / edge)
     sizes = np.floor(most / edge) - low + 1.0
     if not np.prod(sizes) <= MOST_CELLS:
-        raise RefusedError(VOXEL_TOO_SMALL, f"{edge} m for points in {sizes * edge} m")
+        spans = " x ".join(f"{span:g}" for span in (sizes * edge).tolist())
+        raise RefusedError(VOXEL_TOO_SMALL, f"{edge:g} m for points that span {spans} m")
     bits = int(2 * len(points)).bit_length()
     keys, owners = np.full(1 << bits, -1, np.int64), np.empty(1 << bits, np.int64)
     places = np.empty(len(points), np.int64)
@@ -192,7 +194,7 @@ def thin_kernel(
 
 
 def compile_kernels() -> None:
-    """Compile what sources need: cut points of both types, and check a cloud."""
+    """Compile the kernels of sources: cut points of both types, and check a cloud."""
     scene = Scene()
     scene.add("box", Box((1.0, 1.0, 1.0)))
     for kind in (np.float32, np.float64):

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The self-filter of sensors: points inside robots and objects, where these were at a stamp.
+"""The self-filter of sensors: finds points inside robots and objects, as these were at a stamp.
 
-Links of robots are objects too, so that one way serves both: their latest poses are remembered, and
-those at the stamp lie between two of them. An object is its box or, above ``obb``, its hull, with
-its padding.
+Links of robots are objects, too, so one method serves both. The latest poses of an object are
+stored, and its pose at the stamp is interpolated between two of them. An object is its box or,
+above ``obb``, its hull, with its padding.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ from obb_collision.scene.store.placing import placed
 from obb_collision.typing import Floats, Mask, Rows
 
 REMEMBERED = 2 * NANOSECONDS
-"""For how long (ns) poses are remembered."""
+"""For how long (ns) poses are stored."""
 MOST_REMEMBERED = 1000
-"""Poses of an object, at most."""
+"""Stored poses of an object, at most."""
 
 
 class RobotParts(Protocol):
-    """Finds what a robot consists of."""
+    """Finds the objects that are parts of a robot."""
 
     def __call__(self, name: str) -> tuple[Rows, int]:
         """Return the slots of links and attached objects, and up to when (ns) they are known.
@@ -67,7 +67,10 @@ class RobotParts(Protocol):
 
 
 class LeftOut:
-    """What sources leave out, and the poses it had of late; words: the lists of all sources."""
+    """Finds points in what sources leave out, by its latest poses.
+
+    words: returns the parameter ``leave_out`` of each source.
+    """
 
     def __init__(
         self,
@@ -83,20 +86,20 @@ class LeftOut:
         self._basis: tuple[object, ...] = ()
 
     def place(self, now: int) -> None:
-        """Place what is to be left out by the newest states: points wait for it."""
+        """Place the objects that are left out by their newest states: points wait for these."""
         if any(self._words()):
             self._objects.placement.place(now)
             self.record()
 
     def record(self) -> None:
-        """Remember where everything is that is to be left out."""
+        """Store the present poses of all objects that are left out."""
         lists = self._words()
         if not any(lists):
             self._poses.clear()
             return
         objects, table = self._objects, self._objects.table
-        found = [self._slots(words)[0] for words in lists if words]
-        slots = np.unique(np.concatenate(found))
+        parts = [self._slots(words)[0] for words in lists if words]
+        slots = np.unique(np.concatenate(parts))
         slots = slots[table.visible[slots]]
         times, serials = objects.staleness.known_since[slots], table.serial[slots].tolist()
         poses, kept = objects.scene.objects.poses_of(slots), {}
@@ -111,7 +114,7 @@ class LeftOut:
         self._poses = kept
 
     def inside(self, points: Points, words: Sequence[str], stamp: int, padding: float) -> Mask:
-        """Return which points (n, 3), in the fixed frame, are inside what was there at a stamp.
+        """Return which points (n, 3), in the fixed frame, were inside what words mean at a stamp.
 
         stamp: ns, 0 for now. padding: metres. RefusedError ("extrapolation") where a robot's state
         at the stamp is not known.
@@ -126,7 +129,7 @@ class LeftOut:
     def behind(
         self, points: Floats, words: Sequence[str], stamp: int, padding: float, sensor: Floats
     ) -> Mask:
-        """Return which points (n, 3) are behind what was there, seen from a sensor at (3,)."""
+        """Return which points (n, 3) what words mean hid from a sensor at (3,); see ``inside``."""
         result = np.zeros(len(points), np.bool_)
         for boxes, shapes in self._bodies(*self._at(words, stamp)):
             bodies = box_bodies(boxes, np.arange(len(boxes))) if shapes is None else shapes
@@ -134,9 +137,9 @@ class LeftOut:
         return result
 
     def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, dict[str, bool]]:
-        """Return the slots that words mean, those by patterns alone, and robots.
+        """Return all slots that words mean, those that patterns match, and the robots.
 
-        Of each robot: whether all of it is meant, or links by patterns.
+        Of each robot by name: whether all of it is meant, or only links that patterns match.
         """
         objects, parameters = self._objects, self._parameters
         basis = parameters.groups, parameters.robots, objects.table.ranks
@@ -176,24 +179,24 @@ class LeftOut:
                 raise _unknown(name, stamp, until)
             of_robots[slots] = until != NO_TIME
             parts += [slots] if is_whole else []
-        there = np.unique(np.concatenate(parts))
-        poses = np.empty((len(there), 7))
-        for row, slot in enumerate(there.tolist()):
+        meant = np.unique(np.concatenate(parts))
+        poses = np.empty((len(meant), 7))
+        for row, slot in enumerate(meant.tolist()):
             known = self._poses.get(int(table.serial[slot]))
             first, last = (known[0][0], known[-1][0]) if known else (NO_TIME, 0)
             if not known or (stamp and of_robots[slot] and not first <= stamp <= last):
                 raise _unknown(table.name(slot), stamp, last)
             poses[row] = between(known, stamp) if stamp else known[-1][1]
-        return there, poses
+        return meant, poses
 
     def _bodies(self, slots: Rows, poses: Floats) -> Iterator[tuple[Boxes, ConvexBodies | None]]:
-        """Yield the boxes of objects at poses, with None or the convex bodies in them."""
+        """Yield boxes of objects at poses, with the convex bodies in them, None for mere boxes."""
         if len(slots) == 0:
             return
         store, cache = self._objects.scene.objects.store, self._objects.scene.objects.cache
         local = store.local_centers[slots], store.local_rotations[slots], store.half_extents[slots]
-        there = placed(local, poses)
-        boxes = Boxes.trusted(there["centers"], there["rotations"], store.half_extents[slots])
+        columns = placed(local, poses)
+        boxes = Boxes.trusted(columns["centers"], columns["rotations"], store.half_extents[slots])
         shaped = (store.accuracies[slots] > Accuracy.OBB) & (store.kinds[slots] > BOX)
         rows = np.flatnonzero(shaped)
         cornered = rows[cache.cores(slots[rows])[:, 0] == HULL_CORE]
@@ -208,13 +211,19 @@ class LeftOut:
 
 
 def _unknown(name: str, stamp: int, until: int) -> RefusedError:
-    """Return that a state at a stamp is not known; until: the last one (ns)."""
+    """Return the error for a stamp without a known state; until: the last state's (ns), or 0."""
+    if until == 0:
+        return RefusedError(EXTRAPOLATION, f"{name}: no state is known")
     apart = (stamp - until) / NANOSECONDS
-    return RefusedError(EXTRAPOLATION, f"{name}: {apart:.3f} s from its last state")
+    side = "after" if apart >= 0.0 else "before"
+    return RefusedError(EXTRAPOLATION, f"{name}: {abs(apart):.3f} s {side} its last state")
 
 
 def between(states: Sequence[tuple[int, Floats]], time: int) -> Floats:
-    """Return the pose (7,) at a time (ns) by states of rising times; before and after: the ends."""
+    """Return the pose (7,) at a time (ns), interpolated between states of rising times.
+
+    Before the first and after the last state it is that of this state.
+    """
     after = bisect_left(states, time, key=lambda state: state[0])
     if after == len(states) or after == 0:
         return states[max(0, after - 1)][1]

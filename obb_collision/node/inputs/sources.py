@@ -14,9 +14,9 @@
 
 """Sensors as objects: each message gives the object of its source a new cloud.
 
-A message waits until the next cycle and for its transform; the newest one that can be used replaces
-those before it, which are never built. The points stay in the frame of the sensor, which is where
-the object is placed.
+A message waits for the next cycle and for its transform. The newest one that can be used replaces
+those before it, whose clouds are never built. Points stay in the frame of the sensor: the object is
+placed where the sensor is.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from obb_collision.geometry.poses import (
     rotate_vectors,
 )
 from obb_collision.node.inputs.clouds import Obstacles, QueuedCloud
-from obb_collision.node.inputs.cuts import UNKNOWN, Limits, Points, placed_points, select, thin_out
+from obb_collision.node.inputs.cuts import INVALID, Limits, Points, placed_points, select, thin_out
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.leave_out import LeftOut, RobotParts
 from obb_collision.node.inputs.newest import NewestInput
@@ -45,7 +45,7 @@ from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.scans import (
-    NOTHING_KNOWN,
+    NOTHING_VALID,
     RangeMessage,
     ScanMessage,
     points_of_range,
@@ -80,15 +80,16 @@ KINDS = {
 """By type: the message, and how its bytes are read."""
 
 
-class Seen(NamedTuple):
-    """Points (k, 3) in the frame of a sensor, the radius that covers it (m), unknown points.
+class Measurement(NamedTuple):
+    """Points (k, 3) in the frame of a sensor, and their radius (m).
 
-    times (k,): of a scan, from 0 at the first ray to 1 at the last.
+    invalid: number of rays that are not among the points. times (k,): of the points of a scan, from
+    0 at the first ray to 1 at the last.
     """
 
     points: Points
     radius: float = 0.0
-    unknown: int = 0
+    invalid: int = 0
     times: Floats | None = None
 
 
@@ -121,7 +122,7 @@ class Source(NewestInput):
         self._type, self.key = first.type, first.key
 
     def add(self) -> None:
-        """Add the object, which is not placed until the first message is."""
+        """Add the object; it has no place until the first message."""
         slot = self._objects.shapes.put(self.key, Cloud(np.empty((0, 3))))
         self._table.of_set[slot] = OF_SOURCE
 
@@ -142,7 +143,7 @@ class Source(NewestInput):
         settings = self._settings()
         self._check_order(cloud)
         sensor = IDENTITY_POSE if frame is None else frame
-        points, radius = self._cut(self._see(cloud), cloud, sensor, settings)
+        points, radius = self._cut(self._measure(cloud), cloud, sensor, settings)
         self._take(points, radius, cloud, sensor)
 
     def _check_order(self, cloud: QueuedCloud) -> None:
@@ -161,49 +162,51 @@ class Source(NewestInput):
         of_cloud = cloud.stamp, cloud.received, self.topic, cloud.carried, cloud.sender
         self._objects.states.store(np.array([slot]), sensor[None], State("", *of_cloud))
 
-    def _see(self, cloud: QueuedCloud) -> Seen:
+    def _measure(self, cloud: QueuedCloud) -> Measurement:
         """Return the points of a message."""
         message, most = cloud.content, self._objects.max_points
         if isinstance(message, CloudMessage):
-            return Seen(points_from_ros(message, most))
+            return Measurement(points_from_ros(message, most))
         if isinstance(message, RangeMessage):
-            return Seen(*points_of_range(message))
+            return Measurement(*points_of_range(message))
         assert isinstance(message, ScanMessage)
-        points, hit, unknown = points_of_scan(message, most)
-        return Seen(points, 0.0, unknown, np.flatnonzero(hit) / max(len(hit) - 1, 1))
+        points, hit, invalid = points_of_scan(message, most)
+        return Measurement(points, 0.0, invalid, np.flatnonzero(hit) / max(len(hit) - 1, 1))
 
     def _cut(
-        self, seen: Seen, cloud: QueuedCloud, sensor: Floats, settings: SourceSettings
+        self, measured: Measurement, cloud: QueuedCloud, sensor: Floats, settings: SourceSettings
     ) -> tuple[Floats, float]:
         """Return the points that stay, and their radius (m); count the others."""
-        points, radius = seen.points, seen.radius + settings.radius
-        if seen.times is not None:
-            points = self._straightened(points, seen.times, cloud, sensor)
-        counts = {"points": len(points) + seen.unknown}
-        points, found = select(points, self._limits(cloud, sensor, settings))
-        counts |= zip(("not known", "out of range", "out of the heights"), found[1:], strict=True)
-        counts["not known"] += seen.unknown
-        if 0 < len(seen.points) == found[UNKNOWN] and seen.unknown == 0:
-            raise RefusedError(NOTHING_KNOWN, f"none of {len(seen.points)} points is finite")
+        points, radius = measured.points, measured.radius + settings.radius
+        if measured.times is not None:
+            points = self._deskewed(points, measured.times, cloud, sensor)
+        counts = {"points": len(points) + measured.invalid}
+        points, cut = select(points, self._limits(cloud, sensor, settings))
+        counts |= zip(("invalid", "out of range", "out of height"), cut[1:], strict=True)
+        counts["invalid"] += measured.invalid
+        if 0 < len(measured.points) == cut[INVALID] and measured.invalid == 0:
+            raise RefusedError(NOTHING_VALID, f"none of {len(measured.points)} points is finite")
         if settings.leave_out:
-            there, place = placed_points(points, sensor), (cloud.stamp, settings.leave_out_padding)
-            inside = self._left_out.inside(there, settings.leave_out, *place)
+            words, padding = settings.leave_out, settings.leave_out_padding
+            placed = placed_points(points, sensor)
+            inside = self._left_out.inside(placed, words, cloud.stamp, padding)
             rows = np.flatnonzero(~inside)
             counts["left out"] = len(points) - len(rows)
             if settings.shadows:
-                parts = there.take(rows, axis=0), settings.leave_out, *place, sensor[:3]
-                rows = rows[~self._left_out.behind(*parts)]
+                rest = placed.take(rows, axis=0)
+                hidden = self._left_out.behind(rest, words, cloud.stamp, padding, sensor[:3])
+                rows = rows[~hidden]
                 counts["in a shadow"] = len(points) - counts["left out"] - len(rows)
             points = points.take(rows, axis=0)
         if settings.voxel > 0.0:
             kept, moved = thin_out(points, settings.voxel)
-            counts["in the cell of another"] = len(points) - len(kept)
+            counts["thinned out"] = len(points) - len(kept)
             points, radius = points.take(kept, axis=0), radius + moved
         self._monitor.last_cloud = counts | {"used": len(points)}
         return points, radius
 
     def _limits(self, cloud: QueuedCloud, sensor: Floats, settings: SourceSettings) -> Limits:
-        """Return the limits of points; RefusedError without a frame of heights at the stamp."""
+        """Return the limits of points; RefusedError if the frame of heights is not known."""
         farthest = settings.max_range if settings.max_range < FAR else np.inf
         limits = Limits(settings.min_range, farthest)
         low, high, name = settings.min_height, settings.max_height, settings.height_frame
@@ -222,10 +225,10 @@ class Source(NewestInput):
             raise RefusedError("bad transform", f"{frame!r}: {pose.tolist()}")
         return pose
 
-    def _straightened(
+    def _deskewed(
         self, points: Points, times: Floats, cloud: QueuedCloud, sensor: Floats
     ) -> Points:
-        """Return the points of a scan in the frame of its first ray, the sensor having moved."""
+        """Return the points of a scan of a moving sensor, in its frame at the first ray."""
         scan: ScanMessage = cloud.content
         last = int(scan.time_increment * (len(scan.ranges) - 1) * NANOSECONDS)
         is_fixed = self._objects.placement.frame_table.is_fixed(cloud.frame)
@@ -250,7 +253,7 @@ class Source(NewestInput):
 
 
 class WatchedSource(Source):
-    """A sensor whose points are in no pair, but counted by ``points_inside``."""
+    """A sensor whose points cannot collide; ``points_inside`` counts them."""
 
     def __init__(self, obstacles: Obstacles, *parts: Any) -> None:
         super().__init__(*parts)
@@ -297,7 +300,7 @@ class Sources:
         return lambda: self._parameters.source_settings[row]
 
     def _words(self) -> list[list[str]]:
-        """Return what each source leaves out."""
+        """Return the parameter ``leave_out`` of each source."""
         return [source.leave_out for source in self._parameters.source_settings]
 
     def callbacks(self, inputs: Inputs) -> Mapping[str, Callable[[bytes], None]]:
@@ -311,22 +314,22 @@ class Sources:
         }
 
     def add(self) -> None:
-        """Add the objects of all sources, again if all objects were removed."""
+        """Add the objects of all sources: at the start, and after all objects were removed."""
         for source in self.obstacles:
             source.add()
 
     def apply(self) -> None:
-        """Give objects the newest messages."""
+        """Give the objects of sources the points of their newest messages."""
         if self.all:
             self._left_out.record()
             self._apply(self.obstacles)
 
     def apply_watched(self) -> None:
-        """Use the newest messages of sources that are watched."""
+        """Use the newest messages of watched sources."""
         self._apply(self.watched)
 
     def forget_watched(self) -> None:
-        """Drop the messages of sources that are watched: nothing needs their points."""
+        """Drop the messages of watched sources, whose points nothing needs."""
         for source in self.watched:
             source.cleared()
 

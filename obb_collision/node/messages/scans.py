@@ -14,8 +14,8 @@
 
 """LaserScan and Range -> points in the frame of the sensor, by REP 117.
 
-Infinite, and beyond ``range_max``: nothing within range. Not a number, or below ``range_min``: what
-is there is not known.
+A range that is infinite or beyond ``range_max`` means that nothing is within range. One that is not
+a number or below ``range_min`` is invalid: it says nothing.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats, Mask
 
 BAD_SCAN, BAD_RANGE = "bad scan", "bad range"
-NOTHING_KNOWN = "nothing known"
-"""Reason: no ray or point of a message says what is there, as of a sensor that is covered."""
+NOTHING_VALID = "no valid measurement"
+"""Reason: all ranges or points of a message are invalid, as those of a covered sensor."""
 LONGEST_SCAN = 60.0
 """Seconds from the first ray of a scan to the last, at most."""
 HEAD, ECHO, KIND = Struct("<7f"), Struct("<4f"), Struct("<B")
@@ -42,7 +42,7 @@ RINGS = 4
 
 
 class ScanMessage(NamedTuple):
-    """A sensor_msgs/LaserScan: angles (rad), increments and limits as numbers, ranges (n,) (m)."""
+    """A sensor_msgs/LaserScan: angles (rad), time_increment (s), limits and ranges (n,) (m)."""
 
     header: Header
     angle_min: float
@@ -72,9 +72,11 @@ def scan_from_bytes(data: bytes) -> ScanMessage:
     reader.end()
     scan = ScanMessage(header, first, step, delay, least, most, ranges)
     if not np.isfinite(scan[1:4]).all() or np.isnan(scan[4:6]).any():
-        raise RefusedError(BAD_SCAN, f"angles, increments or limits {scan[1:6]}")
-    if abs(scan.time_increment) * len(ranges) > LONGEST_SCAN:
-        raise RefusedError(BAD_SCAN, f"time_increment {scan.time_increment:g}")
+        names = ", ".join(scan._fields[1:6])
+        raise RefusedError(BAD_SCAN, f"not finite: {names} = {scan[1:6]}")
+    duration = abs(scan.time_increment) * len(ranges)
+    if duration > LONGEST_SCAN:
+        raise RefusedError(BAD_SCAN, f"it takes {duration:g} s, {LONGEST_SCAN:g} is the limit")
     return scan
 
 
@@ -89,36 +91,38 @@ def range_from_bytes(data: bytes) -> RangeMessage:
     angle, least, most, distance = reader.numbers(ECHO)
     reader.end()
     if not 0.0 <= angle <= 2.0 * np.pi or np.isnan((least, most)).any():
-        raise RefusedError(BAD_RANGE, f"field_of_view {angle}, from {least} to {most}")
+        limits = f"min_range {least}, max_range {most}"
+        raise RefusedError(BAD_RANGE, f"field_of_view {angle}, {limits}")
     return RangeMessage(header, angle, least, most, distance)
 
 
 def points_of_scan(scan: ScanMessage, most: int) -> tuple[Floats, Mask, int]:
-    """Return the points (k, 3) of a scan, which rays (n,) they are of, and how many are not known.
+    """Return the points (k, 3) of a scan, which rays (n,) hit them, and how many rays are invalid.
 
-    RefusedError ("too many points") for more rays than ``most``, ("nothing known") if no ray is.
+    RefusedError ("too many points") for more rays than ``most``, ("no valid measurement") if all
+    are invalid.
     """
     ranges = scan.ranges.astype(np.float64)
     if len(ranges) > most:
         raise RefusedError(TOO_MANY_POINTS, f"{len(ranges)}, {most} is the limit")
-    unknown = ~(ranges >= scan.range_min)
-    if unknown.all():
-        raise RefusedError(NOTHING_KNOWN, f"none of {len(ranges)} rays")
-    hit = ~unknown & (ranges <= scan.range_max) & np.isfinite(ranges)
+    invalid = ~(ranges >= scan.range_min)
+    if invalid.all():
+        raise RefusedError(NOTHING_VALID, f"none of {len(ranges)} ranges is valid")
+    hit = ~invalid & (ranges <= scan.range_max) & np.isfinite(ranges)
     angles = scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
     points = np.zeros((len(angles), 3))
     points[:, 0], points[:, 1] = ranges[hit] * np.cos(angles), ranges[hit] * np.sin(angles)
-    return points, hit, int(np.count_nonzero(unknown))
+    return points, hit, int(np.count_nonzero(invalid))
 
 
 def points_of_range(message: RangeMessage) -> tuple[Floats, float]:
-    """Return points (k, 3) on the cap of a cone about x, and a radius by which balls cover it (m).
+    """Return points (k, 3) on the cap of a cone about x, and the radius (m) of balls that cover it.
 
-    Without points where nothing is within range. RefusedError ("nothing known").
+    There are no points if nothing is within range. RefusedError ("no valid measurement").
     """
     distance = message.range
     if not distance >= message.min_range:
-        raise RefusedError(NOTHING_KNOWN, f"{distance}, at least {message.min_range} is known")
+        raise RefusedError(NOTHING_VALID, f"range {distance}, min_range {message.min_range}")
     if distance > message.max_range or np.isinf(distance):
         return np.empty((0, 3)), 0.0
     step = 0.5 * message.field_of_view / RINGS

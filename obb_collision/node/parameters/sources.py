@@ -75,40 +75,40 @@ class SourceSettings(NamedTuple):
 
 SPECS = (
     Spec("type", CLOUD, choices=TYPES, fixed=True).means(
-        "Type of the messages. cloud: sensor_msgs/PointCloud2. scan: LaserScan. range: Range, "
-        "whose object is the cap of its cone at the distance measured."
+        "Type of the messages. cloud: sensor_msgs/PointCloud2. scan: sensor_msgs/LaserScan. range: "
+        "sensor_msgs/Range; its object is the cap of the cone at the measured distance."
     ),
     Spec("topic", "", fixed=True, optional=True).means("Topic, by default the name of the source."),
     Spec("use", OBSTACLE, choices=USES, fixed=True).means(
-        "obstacle: an object that collides. watch: in no pair; points_inside counts its points."
+        "obstacle: the points can collide. watch: they cannot; points_inside counts them."
     ),
-    Spec("radius", 0.01, (0.0, 1000.0)).means("Radius of the ball about each point (m)."),
+    Spec("radius", 0.01, (0.0, 1000.0)).means("Radius of the ball around each point (m)."),
     Spec("voxel", 0.0, (0.0, 1000.0)).means(
-        "Edge of the cells of which one point each is kept (m), the nearest to the centre. The "
-        "radius grows by the distance from it to the points left out. 0: all points are kept."
+        "Edge length of the cells of a grid (m). Each cell keeps the point nearest to its centre. "
+        "The radius grows so that the balls cover the points left out. 0: all points are kept."
     ),
     Spec("min_range", 0.0, (0.0, FAR)).means("Points nearer to the sensor are left out (m)."),
     Spec("max_range", FAR, (0.0, FAR)).means("Points farther from the sensor are left out (m)."),
-    Spec("min_height", -FAR, (-FAR, FAR)).means("Points below are left out (m)."),
-    Spec("max_height", FAR, (-FAR, FAR)).means("Points above are left out (m)."),
+    Spec("min_height", -FAR, (-FAR, FAR)).means("Points below this height are left out (m)."),
+    Spec("max_height", FAR, (-FAR, FAR)).means("Points above this height are left out (m)."),
     Spec("height_frame", "", optional=True).means(
-        "Frame in which heights are z; by default the fixed frame."
+        "Frame whose z is the height; by default the fixed frame."
     ),
     Spec("leave_out", [""], entry=pattern_from_text).means(
-        "Robots, and objects by name, pattern or group: points inside are left out. Of a robot "
-        "these are all links and what is attached. The places at the stamp of the message count."
+        "Robots, and objects by name, pattern or group. Points that were inside them at the stamp "
+        "of the message are left out. A robot includes all its links and what is attached to it."
     ),
     Spec("leave_out_padding", 0.05, (0.0, 1000.0)).means(
-        "Distance from what is left out within which points are left out, too (m)."
+        "Points nearer than this to what leave_out names are left out, too (m)."
     ),
     Spec("shadows", False).means(
-        "Whether points behind what is left out, seen from the sensor, are left out, too."
+        "Whether points that are hidden from the sensor by what leave_out names are left out, too."
     ),
     Spec("timeout", 0.5, (0.0, FAR)).means(
-        "Age limit of the object, and of the wait for the first message (s). 0: no limit."
+        "Age limit of the object, and longest wait for the first message (s). 0: no limit."
     ),
     Spec("stale_policy", POLICIES[0], choices=POLICIES).means(
-        "How the object is treated when it is stale, as the parameter stale_policy."
+        "How the object is treated when it is stale; see the parameter stale_policy."
     ),
 )
 """The parameters of a source, each named after the source and a dot."""
@@ -132,12 +132,12 @@ def sources_of(values: Mapping[str, Any]) -> list[SourceSettings]:
 
 
 def _settings(values: Mapping[str, Any], name: str) -> SourceSettings:
-    found = SourceSettings(name, *(values[f"{name}.{spec.name}"] for spec in SPECS))
-    return found if found.topic else found._replace(topic=name)
+    settings = SourceSettings(name, *(values[f"{name}.{spec.name}"] for spec in SPECS))
+    return settings if settings.topic else settings._replace(topic=name)
 
 
 def check_names(names: list[str], others: set[str]) -> None:
-    """Raise ValueError for a name that occurs twice, or is that of other parameters."""
+    """Raise ValueError for a name that occurs twice, or that an input or parameter has."""
     for row, name in enumerate(names):
         if name in names[:row]:
             raise ValueError(f"sources: {name!r} occurs twice")
@@ -146,14 +146,14 @@ def check_names(names: list[str], others: set[str]) -> None:
 
 
 def check_sources(values: Mapping[str, Any]) -> None:
-    """Raise ValueError for parameters of sources that do not fit each other."""
+    """Raise ValueError for parameters of sources that contradict each other."""
     if not values["sources"]:
         return
     groups, taken = Groups(values["groups"], values["robots"]), set(INPUTS)
     for source in sources_of(values):
         name = source.name
         if source.topic in taken or source.topic.partition("/")[0] in values["robots"]:
-            raise ValueError(f"{name}.topic: another input has {source.topic!r}")
+            raise ValueError(f"{name}.topic: another input has the topic {source.topic!r}")
         taken.add(source.topic)
         for what in ("range", "height"):
             low, high = (getattr(source, f"{end}_{what}") for end in ("min", "max"))

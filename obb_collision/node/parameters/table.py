@@ -260,8 +260,8 @@ ROBOTS = (
 
 SOURCES = (
     Spec("sources", [""], fixed=True, entry=source_from_text, most=MAX_SOURCES).means(
-        "Names of sensors. Each is the object sources/NAME/0, by the parameters NAME.type, "
-        "NAME.topic, ..."
+        "Names of sensors. Each sensor is the object sources/NAME/0, and has the parameters "
+        "NAME.type, NAME.topic, ..."
     ),
 )
 

@@ -43,7 +43,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION
 from obb_collision.shapes import Cloud
 
-NOTHING = {"not known": 0, "out of range": 0, "out of the heights": 0}
+NOTHING = {"invalid": 0, "out of range": 0, "out of height": 0}
 
 
 class ArmRig(Sensing, RobotRig):
@@ -81,7 +81,7 @@ def test_a_cloud_collides_by_name_and_is_replaced(front: SensorRig) -> None:
     front.known()
     front.see([[np.nan] * 3] * 2)
     front.known("refused", FRONT)
-    assert front.refused("front") == {"nothing known": 1}, "a lens that is covered"
+    assert front.refused("front") == {"no valid measurement": 1}, "a lens that is covered"
 
 
 def raw(rig: Rig, organised: bool, order: str, kind: str) -> PointCloud2:
@@ -115,7 +115,7 @@ def test_clouds_of_every_layout(front: SensorRig, organised: bool, order: str, k
     front.send(cube(A1)).answer()
     front.sensors["front"].publish(raw(front, organised, order, kind))
     assert front.met() == {"a/1"}
-    assert front.cut() == {**NOTHING, "points": 6, "not known": 2, "used": 4}
+    assert front.cut() == {**NOTHING, "points": 6, "invalid": 2, "used": 4}
 
 
 def test_a_scan_knows_nothing_of_what_is_not_a_range() -> None:
@@ -123,17 +123,17 @@ def test_a_scan_knows_nothing_of_what_is_not_a_range() -> None:
         rig.send(cube(A1, (0, 1, 0)), cube(A2, (-0.05, 0, 0), (0.02, 0.5, 1))).answer()
         rig.scan([9.0, 1.0, 0.05, np.nan])
         assert rig.met() == {"a/1"}
-        assert rig.cut() == {**NOTHING, "points": 4, "not known": 2, "used": 2}
+        assert rig.cut() == {**NOTHING, "points": 4, "invalid": 2, "used": 2}
         rig.scan([np.inf, np.inf, 11.0, 0.1, -np.inf], range_min=0.0)
         assert rig.met() == set()
-        assert rig.cut() == {**NOTHING, "points": 2, "not known": 1, "used": 1}
+        assert rig.cut() == {**NOTHING, "points": 2, "invalid": 1, "used": 1}
         rig.known()
         for covered in ([], [0.05, np.nan, -np.inf]):
             rig.scan(covered)
             rig.known("refused", FRONT)
             rig.scan([9.0])
             rig.known()
-        assert rig.refused("front") == {"nothing known": 2}
+        assert rig.refused("front") == {"no valid measurement": 2}
         for wrong in ({"angle_increment": np.nan}, {"time_increment": 1e9}, {"range_max": np.nan}):
             rig.scan([1.0, 1.0], **wrong)  # type: ignore[arg-type]
             rig.says(UNKNOWN, "input_unreadable", who="front (bad scan)")
@@ -162,7 +162,7 @@ def test_a_range_is_the_cap_of_its_cone() -> None:
             message = Range(header=rig.header(), range=unknown, min_range=0.2, max_range=4.0)
             rig.sensors["front"].publish(message)
             rig.known("refused", FRONT)
-        assert rig.refused("front") == {"nothing known": 3}
+        assert rig.refused("front") == {"no valid measurement": 3}
 
 
 def test_several_sources_at_once() -> None:
@@ -305,10 +305,10 @@ def test_cuts_are_counted() -> None:
         assert rig.met() == {"a/1"}
         assert rig.cut() == {
             "points": 8,
-            "not known": 1,
+            "invalid": 1,
             "out of range": 2,
-            "out of the heights": 2,
-            "in the cell of another": 2,
+            "out of height": 2,
+            "thinned out": 2,
             "used": 1,
         }
         shape = rig.node.objects.scene.objects.shape_of(FRONT)
@@ -322,7 +322,7 @@ def test_cuts_are_counted() -> None:
         rig.set(**{"front.voxel": 0.0, "front.max_height": 1.0e6, "front.height_frame": "tilted"})
         rig.see([[3, 0, 0], [-3, 0, 0]])
         rig.met()
-        assert rig.cut()["out of the heights"] == 1
+        assert rig.cut()["out of height"] == 1
 
 
 def test_what_is_left_out_is_no_obstacle() -> None:
@@ -437,7 +437,7 @@ def test_what_a_robot_carries_is_left_out_with_it() -> None:
         rig.until(lambda: rig.cut().get("left out") == 1)
 
 
-def test_a_scan_of_a_moving_sensor_is_straightened() -> None:
+def test_a_scan_of_a_moving_sensor_is_deskewed() -> None:
     frames = FakeFrames()
     with SensorRig({"front": {"type": "scan"}}, frames=frames) as rig:
         rig.send(cube(A1, (5, 0, 0))).answer()
@@ -609,8 +609,8 @@ def test_one_point_of_each_cell_is_kept(kind: type) -> None:
         ({"sources": ["points"], "points.topic": "front"}, "name of another input or parameter"),
         ({"sources": ["a b"]}, "letters"),
         ({"sources": ["front"], "front.type": "lidar"}, "front.type must be one of cloud"),
-        ({"sources": ["front"], "front.topic": "objects"}, "another input has 'objects'"),
-        ({"sources": ["one", "two"], "two.topic": "one"}, "another input has 'one'"),
+        ({"sources": ["front"], "front.topic": "objects"}, "another input has the topic 'objects'"),
+        ({"sources": ["one", "two"], "two.topic": "one"}, "another input has the topic 'one'"),
         ({"sources": ["front"], "front.leave_out": ["arm"]}, "front.leave_out: 'arm' is not a"),
         ({"sources": ["front"], "front.max_range": 1.0, "front.min_range": 2.0}, "front.max_range"),
     ],
