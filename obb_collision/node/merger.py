@@ -215,8 +215,8 @@ class MergerNode(Node):
         """Combine the answers of the regions: a reason of one is a reason of all."""
         now = monotonic()
         missing = self._merger.missing(now)
-        there = [r for r in self._regions if r in self._statuses and r not in missing]
-        values_of_regions = {region: values_of(self._statuses[region]) for region in there}
+        present = [r for r in self._regions if r in self._statuses and r not in missing]
+        values_of_regions = {region: values_of(self._statuses[region]) for region in present}
         whose: dict[str, list[str]] = {}
         for region, values in values_of_regions.items():
             codes = [code for code in values.get("reasons", "").split() if code in CODES]

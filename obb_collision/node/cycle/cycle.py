@@ -216,11 +216,14 @@ class CycleRunner:
         return "inactive" if not self.active else "" if self.enabled else "disabled"
 
     def pairs_left(self) -> tuple[int, bool]:
-        """Return how many pairs of present objects collided at the last check, and if more did."""
-        pairs, were, more = self._last
+        """Return how many pairs of objects that still exist collided at the last check.
+
+        Also return whether more pairs did.
+        """
+        pairs, serials, more = self._last
         if len(pairs) == 0:
             return 0, False
-        left = self._objects.table.are(pairs, were).all(axis=1)
+        left = self._objects.table.have_serials(pairs, serials).all(axis=1)
         if self.report is not None and left.all():  # and so are those beyond what it lists
             return self.report.total, more
         return int(np.count_nonzero(left)), more

@@ -189,7 +189,7 @@ def _check(profile: QoSProfile) -> SetParametersResult:
         reason = f"depth must be 1 to {LARGEST_DEPTH}, not {profile.depth}"
     for policy in (profile.durability, profile.reliability):
         if policy.name == "UNKNOWN":
-            reason = f"unknown is no {type(policy).__name__}"
+            reason = f"unknown is not a {type(policy).__name__}"
     return SetParametersResult(successful=not reason, reason=reason)
 
 

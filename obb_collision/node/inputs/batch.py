@@ -14,9 +14,9 @@
 
 """The markers of several messages as arrays, and which of them take effect.
 
-Actions are applied in order, but of the states of an object only the last one that can be used is
-worth the time: a backlog is worked off at once, however many messages it has. DELETEALL cancels
-what came before it; nothing else is left out that the order would not have undone.
+Actions take effect in order, but only the last usable state of an object is applied. So one cycle
+works off a backlog of any number of messages. DELETEALL cancels the markers before it. Nothing else
+is left out but what later markers undo.
 """
 
 from __future__ import annotations

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topic ``object_boxes``, and others alike: each message is its complete set of boxes.
+"""The topic ``object_boxes``, and others like it: each message is its complete set of boxes.
 
-Sets wait until the next cycle, and the newest one that can be placed is applied: it would undo
-those before it anyway.
+Sets wait until the next cycle. Only the newest one that can be placed is applied: it replaces those
+before it anyway.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NO_TIME, are_nu
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
-class Source(NamedTuple):
+class SetInput(NamedTuple):
     """An input of complete sets: its topic, the namespace of boxes without one, its number."""
 
     topic: str
@@ -59,7 +59,7 @@ class Source(NamedTuple):
     number: int
 
 
-BOXES = Source("object_boxes", "boxes", 1)
+BOXES = SetInput("object_boxes", "boxes", 1)
 REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason, OLDER)
@@ -103,7 +103,7 @@ def read_boxes(data: bytes, most: int) -> QueuedCloud:
 class BoxInput(NewestInput):
     """Takes messages that are complete sets of boxes, and applies the newest message.
 
-    read: makes boxes of the bytes of a message, and of the most rows that it may have.
+    read: returns the boxes in the bytes of a message, given how many rows are allowed.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class BoxInput(NewestInput):
         objects: Objects,
         frames: FrameSource,
         clock: Callable[[], int],
-        source: Source = BOXES,
+        source: SetInput = BOXES,
         read: Callable[[bytes, int], QueuedCloud] = read_boxes,
     ) -> None:
         super().__init__(objects, frames, clock, source.topic, read)
@@ -249,7 +249,7 @@ class BoxInput(NewestInput):
 
 
 def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:
-    """Return which rows (n,) name an object that a later one names, too; others name none."""
+    """Return which rows (n,) have the key of a later row; rows that are not legal have no key."""
     rows = np.flatnonzero(legal)
     keys = (numbers[rows] << ID_BITS) + ids[rows]
     repeated = np.zeros(len(legal), np.bool_)

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clouds queued for use: the newest one that can be placed is used; obstacle points are such.
+"""Clouds that wait: the newest one that can be placed is used, such as that of watched points.
 
-Those that wait for their transforms are few and bounded, and converted only when they are used.
+The clouds that wait for transforms are limited in number and size, and converted only when used.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from zlib import crc32
 import numpy as np
 from rclpy.qos import ReliabilityPolicy
 
-from obb_collision.node.inputs.boxes import BoxRows, Source
+from obb_collision.node.inputs.boxes import BoxRows, SetInput
 from obb_collision.node.inputs.clouds import QueuedCloud
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.cdr import PAIRS, STRING, TIME, Header, Layout, Reader
@@ -50,7 +50,7 @@ DETECTION = Layout(
 MessageType: Any = optional("vision_msgs.msg", "Detection3DArray")
 """None where vision_msgs cannot be used."""
 
-DETECTIONS = Source("detections", "detections", 2)
+DETECTIONS = SetInput("detections", "detections", 2)
 QUEUE = 10, ReliabilityPolicy.BEST_EFFORT
 """Depth and reliability: as detectors send that follow sensors."""
 MEANING = "Complete set of boxes of a detector, where vision_msgs is installed."
@@ -102,8 +102,8 @@ def read_detections(data: bytes, most: int) -> QueuedCloud:
 def numbers_of(texts: list[str]) -> Rows:
     """Return distinct numbers (n,), the ids of objects, for the ids of detections.
 
-    Whole numbers are taken as they are, other texts by their CRC-32; what has no id, or that of one
-    before it, gets one that is free, from 0 on.
+    An id that is a whole number stays, another text becomes its CRC-32. A detection without an id,
+    with one beyond int32, or with that of one before it gets the lowest free number.
     """
     numbers = np.full(len(texts), -1, np.int64)
     taken: set[int] = set()

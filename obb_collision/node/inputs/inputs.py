@@ -100,9 +100,10 @@ class Inputs:
     ) -> Callable[[bytes], None]:
         """Return a callback that counts messages, and those that ``take`` refuses or fails on.
 
-        take: a message and the time (ns) of its receipt, RefusedError for a whole message.
-        in_order: whether the markers and boxes that came before are applied first; changes: whether
-        it changes objects, which after an unforeseen error may differ from the messages.
+        take: stores a message, given the time (ns) of its receipt; its RefusedError refuses the
+        whole message. in_order: whether the markers and boxes that came before are applied first.
+        changes: whether it changes objects, which after an unforeseen error may differ from the
+        messages.
         """
         monitor = self._monitors[topic]
 

@@ -184,10 +184,10 @@ class MarkerUpdate:
         self._kinds = faults.kinds
         outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance, self._newest())
         mine = self._without_owned(outcome)
-        slots, there = self._remove(mine), np.flatnonzero(mine.winner >= 0)
-        there = there[np.argsort(mine.winner[there])]
+        slots, added = self._remove(mine), np.flatnonzero(mine.winner >= 0)
+        added = added[np.argsort(mine.winner[added])]
         self._again, self._orders = outcome.previous >= 0, outcome.newest
-        self._add(mine.winner[there], slots[there], outcome.previous)
+        self._add(mine.winner[added], slots[added], outcome.previous)
         self._mark_bad(mine.bad[mine.bad >= 0], faults)
         slots = self._find_slots(mine.overtaken[mine.overtaken >= 0])
         self._table.mark(slots[slots >= 0], POSE_OVERTAKEN)

@@ -36,9 +36,9 @@ MOST_SENDERS = 100
 
 
 class NewestInput:
-    """Takes messages of a topic, and applies the newest one; classes below say what that means.
+    """Takes messages of a topic, and applies the newest one; subclasses define what that means.
 
-    read: makes a cloud of the bytes of a message, and of the most points or rows it may have.
+    read: returns the cloud in the bytes of a message, given how many points or rows are allowed.
     """
 
     def __init__(
@@ -54,9 +54,10 @@ class NewestInput:
         self._monitor = objects.monitors[topic]
         self.waiting = WaitingClouds(objects, frames, self._monitor)
         self._orders: dict[int, tuple[int, int]] = {}
-        """By sender, the last one at the end: older stamps than this are late, and when it came."""
+        """By sender, the latest at the end: the stamp (ns) before which others are late, and the
+        time of its receipt (ns)."""
         self.is_contested = False
-        """Whether several senders take turns: the message of one replaces that of the other."""
+        """Whether several senders take turns, so that each replaces the message of the other."""
 
     def queue(self, data: bytes, now: int) -> None:
         """Queue a serialised message for the next cycle."""
@@ -76,21 +77,21 @@ class NewestInput:
         self._monitor.superseded += self.waiting.add(cloud)
 
     def _note_order(self, stamp: int, now: int, sender: int) -> None:
-        """Store the stamp of a message; RefusedError for one older than the last of its sender."""
+        """Store the stamp of a message; RefusedError if its sender has sent a newer one before."""
         self._note_turn(sender)
         states, (order, received) = self._objects.states, self._orders.pop(sender, (0, 0))
         before = order - stamp
         if stamp and before > 0:
-            most = f"{before / NANOSECONDS:.1f} s before the last one"
+            detail = f"{before / NANOSECONDS:.1f} s before the last one"
             if now - received <= states.order_timeout:
                 self._orders[sender] = order, received
-                raise RefusedError(OLDER, most)
-            self._monitor.doubt(ANEW, "whole message", most)
+                raise RefusedError(OLDER, detail)
+            self._monitor.doubt(ANEW, "whole message", detail)
         is_believed = stamp and stamp <= now + states.stamp_tolerance
         self._orders[sender] = stamp if is_believed else order, now
 
     def _note_turn(self, sender: int) -> None:
-        """Note the sender; one that follows another for good is one that has restarted."""
+        """Note the sender: senders that take turns contest the input; one that follows does not."""
         if sender == ALONE:
             self.forget([other for other in self._orders if other != ALONE])
         is_last = next(reversed(self._orders), sender) == sender
@@ -104,7 +105,7 @@ class NewestInput:
         return tuple(self._orders)
 
     def forget(self, senders: Iterable[int]) -> None:
-        """Forget senders, which are gone; where one is left, the input is no longer contested."""
+        """Forget senders that are gone; if one is left, the input is no longer contested."""
         for sender in senders:
             self._orders.pop(sender, None)
         self.is_contested &= len(self._orders) > 1

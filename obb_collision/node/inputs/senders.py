@@ -31,8 +31,8 @@ MOST = 4096
 class Senders:
     """The publishers of one input.
 
-    depth: of the queue; publishers: how many there are at present; gids: those of all, as the graph
-    has them; numbers: from which each gets one, which is no other publisher's of any input.
+    depth: of the queue; publishers: returns how many there are; gids: returns the gids of all, as
+    the graph has them; numbers: yields the number of each new publisher, unique among all inputs.
     """
 
     def __init__(
@@ -50,14 +50,14 @@ class Senders:
         self._taken = self._before = 0  # since the queue was empty; sent before those of new ones
 
     def emptied(self) -> None:
-        """Take note that no message waits: whatever is lost was pushed out of a full queue."""
+        """Note that no message waits: messages are lost only where a queue is full."""
         self._taken = self._before = 0
 
     def note_message(self, info: Mapping[str, Any]) -> tuple[int, int]:
         """Return the number of the sender of a message, and how many messages were lost before it.
 
-        What a new publisher sent before its first message may be from before the node came; it is
-        lost where the queue was full.
+        Messages that a new publisher sent before its first one may be older than the node; they
+        count as lost if the queue was full.
         """
         number = info.get("publication_sequence_number") or 0
         number = 0 if number >= NO_NUMBER else number
@@ -81,7 +81,7 @@ class Senders:
         return sender, lost
 
     def gone(self, senders: Iterable[int]) -> set[int]:
-        """Return the senders, among some, that certainly publish no more."""
+        """Return which of the senders certainly publish no more."""
         asked = {sender for sender in senders if sender > ALONE}
         if not asked or not self._publishers():
             return asked
@@ -90,7 +90,7 @@ class Senders:
         return (asked & remembered) - present if self._are_listed else set()
 
     def _count(self, number: int) -> int:
-        """Return how many messages were lost before one, of which publisher is not known."""
+        """Return how many messages were lost before one whose publisher is not known."""
         if number - 1 in self._last:
             self._last.remove(number - 1)
             self._last.append(number)

@@ -296,7 +296,7 @@ class Items:
         return self.data[at : at + size]
 
     def texts(self, name: str, rows: slice | Mask = slice(None)) -> list[str]:
-        """Return a text of all items or some; what is no UTF-8 in it is replaced."""
+        """Return a text of all items or some; bytes that are not UTF-8 are replaced."""
         data, spans = self.data, self.of(name)[rows].tolist()
         return [str(data[at : at + size], "utf-8", "replace") for at, size, _ in spans]
 
@@ -383,7 +383,7 @@ class Reader:
         return Header(Stamp(*self.numbers(STAMP)), self.text())
 
     def text(self) -> str:
-        """Return a text; what is no UTF-8 in it is replaced."""
+        """Return a text; bytes that are not UTF-8 are replaced."""
         size = self.count()
         start = self._reserve(size)
         if size and self._data[start + size - 1]:
@@ -391,7 +391,7 @@ class Reader:
         return str(self._data[start : start + max(0, size - 1)], "utf-8", "replace")
 
     def texts(self) -> list[str]:
-        """Return a list of texts; what is no UTF-8 in them is replaced."""
+        """Return a list of texts; bytes that are not UTF-8 are replaced."""
         return self.items(NAMES).texts("text")
 
     def items(self, layout: Layout, most: int = NO_LIMIT) -> Items:

@@ -262,10 +262,10 @@ class Placement:
         self.latest.clock_jumped(shift)
 
     def stop(self, slots: Slots) -> None:
-        """Take the twists of objects away."""
+        """Set the twists of objects to zero."""
         table = self._table
-        seen = slots[~table.has(WAITING, slots) | table.locked[slots]]
-        table.twist[seen] = 0.0
+        placed = slots[~table.has(WAITING, slots) | table.locked[slots]]
+        table.twist[placed] = 0.0
         self._set_twists(slots, np.zeros((len(slots), 6)))
 
     def _place(self, rows: Slots, now: int) -> None:

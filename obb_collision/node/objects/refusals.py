@@ -165,8 +165,8 @@ class UnknownObjects:
         present = (self._table.find_named([self._present(name) for name in names]) >= 0).tolist()
         self._came = {
             name: at
-            for (name, at), there in zip(self._came.items(), present, strict=True)
-            if not there and 0 <= now - at < MEMORY
+            for (name, at), is_present in zip(self._came.items(), present, strict=True)
+            if not is_present and 0 <= now - at < MEMORY
         }
         return list(self._came)
 

@@ -272,15 +272,15 @@ class ObjectShapes:
             self.scene.objects.remove(slots)
 
     def strangers(self) -> Slots:
-        """Return the slots of the scene that the table has no object for.
+        """Return the slots of objects that the scene has and the table has not.
 
-        They are to be removed, or a change has left them that broke off: the scene gets objects
-        first, and loses them last.
+        They are about to be removed, or are left by a change that failed halfway: the scene gets
+        objects first, and loses them last.
         """
         if len(self.scene) == len(self.table):
             return NO_ROWS
-        there = self.scene.indices
-        return there[~self.table.has(LIVE, there)]
+        indices = self.scene.indices
+        return indices[~self.table.has(LIVE, indices)]
 
     def release(self, slots: Slots) -> None:
         """Remove the objects at slots (n,), all in use and distinct, but not from the scene.
@@ -354,16 +354,16 @@ class ObjectShapes:
         levels: list[Accuracy | None] | None,
         columns: tuple[Slots, Slots, Floats],
     ) -> Slots:
-        """Add objects that are no boxes, or change such: slots, -1 for new ones, kinds and sizes.
+        """Add objects that are not boxes, or change them; return their slots.
 
-        Returns the slots of all.
+        columns: slots, -1 for new objects, kinds and sizes.
         """
         slots, kinds, sizes = columns
         poses = np.zeros((len(slots), 7))
         poses[:, 6] = 1.0
-        there = slots >= 0
-        there[there] = ~self.table.has(UNPLACED, slots[there])
-        poses[there] = self.scene.objects.poses_of(slots[there])
+        placed = slots >= 0
+        placed[placed] = ~self.table.has(UNPLACED, slots[placed])
+        poses[placed] = self.scene.objects.poses_of(slots[placed])
         try:
             kinds_and_sizes = zip(kinds.tolist(), sizes.tolist(), strict=True)
             bodies = [_body(kind, size) for kind, size in kinds_and_sizes]

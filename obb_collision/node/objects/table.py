@@ -257,8 +257,8 @@ class ObjectTable:
         """Let a fact that goes by the clock hold for some objects (rows,), and for no others."""
         judge(self.condition, fact, holds)
 
-    def are(self, slots: Slots, serials: Slots) -> Mask:
-        """Return whether slots (any shape) still have the objects of these serials."""
+    def have_serials(self, slots: Slots, serials: Slots) -> Mask:
+        """Return which slots (any shape) still have the objects with these serial numbers."""
         same: Mask = self.has(LIVE, slots) & (self.serial[slots] == serials)
         return same
 

@@ -226,7 +226,7 @@ def text_from_rows(
 ) -> DiagnosticArray:
     """Return a status with the total, then one per pair, at most ``limit``.
 
-    total: how many pairs collide; at least, if pairs are left out of the rows.
+    total: how many pairs collide, a lower bound if ``truncated``.
     """
     message_total = f"{'at least ' if truncated else ''}{total} pairs in collision"
     if total > limit:

@@ -122,7 +122,7 @@ class LinkObjects:
     @property
     def _present(self) -> Rows:
         """The slots of links whose objects exist; an error in ``~/clear`` may have ended some."""
-        return self.slots[self._objects.table.are(self.slots, self._serials)]
+        return self.slots[self._objects.table.have_serials(self.slots, self._serials)]
 
     def remove(self) -> None:
         """Remove the objects of the links."""

@@ -135,15 +135,15 @@ class Running:
     """The time of the trajectory at which the robot was, at least."""
 
     def find_moved(self, tolerance: float) -> str:
-        """Return the name of a joint that was to stay and has not, "" for none."""
+        """Return the name of a joint that moved, but not by the trajectory; "" for none."""
         off = np.abs(self.joints.positions - self.present)
         off[self.columns] = 0.0
         return self.joints.names[int(np.argmax(off))] if off.max(initial=0.0) > tolerance else ""
 
     def advance(self, elapsed: float, tolerance: float) -> None:
-        """Note how far the robot is, by the joints: controllers can be slower than planned.
+        """Note how far the robot is, by its joints: controllers can be slower than planned.
 
-        It is at the first piece from the last one on that the joints are near to.
+        It is at the first piece near to the joints, searched from where it was before.
         """
         pieces, here = self.pieces, self.joints.positions
         ahead = np.flatnonzero((pieces.finishes > self.passed) & (pieces.begins <= elapsed))
@@ -151,8 +151,8 @@ class Running:
         if len(near):
             self.passed = float(pieces.begins[near[0]])
         last = pieces.finishes.max()
-        there = np.abs(pieces.ends[np.argmax(pieces.finishes)] - here).max(initial=0.0)
-        if elapsed >= last and there <= tolerance:
+        left = np.abs(pieces.ends[np.argmax(pieces.finishes)] - here).max(initial=0.0)
+        if elapsed >= last and left <= tolerance:
             self.passed = float(last)
 
     @property

@@ -157,10 +157,10 @@ def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
     """Return states (n, joints); RefusedError unless there is a double for each joint only."""
     names = list(names)
     fields = [field.name for field in message.fields]
-    joints, there = set(names), set(fields)
+    joints, present = set(names), set(fields)
     for what, wrong in (
         ("unknown joint", [name for name in fields if name not in joints]),
-        ("missing joint", [name for name in names if name not in there]),
+        ("missing joint", [name for name in names if name not in present]),
     ):
         if wrong:
             raise RefusedError(what, repr(shortened(wrong[0])))
@@ -323,10 +323,10 @@ class SpeedScale:
         self._objects, self._base = Standstill(), Standstill()
 
     def _standing(self, scene: RobotScene) -> Mask:
-        """Return (slots,) which objects stand still, as the base does.
+        """Return (slots,) which objects stand still; none of them while the base moves.
 
-        Of those by markers and of the scene file: objects of other topics are tracked, and may move
-        at any time.
+        Only objects by markers and of the scene file can: objects of other topics are tracked, and
+        may move at any time.
         """
         table, store = self._checked.objects.table, self._checked.objects.scene.objects.store
         count, now = min(len(table.serial), len(store.poses)), monotonic()

@@ -172,8 +172,8 @@ class Evidence:
     def _of_scene(self, now: int) -> Iterator[Reason]:
         """Yield which objects are missing: required ones, unknown ones, or all."""
         objects, parameters = self._objects, self._parameters
-        there = objects.is_declared_empty or parameters.expect_empty
-        if objects.is_empty and not (there or objects.unplaceable):
+        may_be_empty = objects.is_declared_empty or parameters.expect_empty
+        if objects.is_empty and not (may_be_empty or objects.unplaceable):
             yield Reason("no_objects")
         missing = self._missing() if parameters.required_objects else ()
         if missing:

@@ -187,13 +187,13 @@ def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any])
     table = state.table
     hit = np.flatnonzero(result.counts)
     slots, clouds = result.indices[hit], result.clouds[hit]
-    seen = np.maximum(clouds, 0)
+    cloud_slots = np.maximum(clouds, 0)
     rows = np.zeros(len(slots), dtype)
     rows["ns"], rows["id"] = table.ns[slots], table.id[slots]
     rows["count"], rows["first"] = result.counts[hit], result.first[hit]
     rows["nearest"], rows["distance"] = result.nearest[hit], result.distances[hit]
     _put(rows, POSITION_FIELDS, result.positions[hit])
-    rows["cloud_ns"], rows["cloud_id"] = table.ns[seen], table.id[seen]
+    rows["cloud_ns"], rows["cloud_id"] = table.ns[cloud_slots], table.id[cloud_slots]
     for number, name in enumerate(state.report.cycle.watched):
         namespace, _, ident = name.rpartition("/")
         own = clouds == -1 - number
