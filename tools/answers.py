@@ -149,14 +149,14 @@ def answers(parts: tuple[Callable[[], Iterator[tuple[str, object]]], ...]) -> di
 
 def main(how: str, path: str) -> int:
     """Record answers in a file, or compare with those in it; returns the exit code."""
-    found = answers((of_boxes, of_scenes, of_robots))
+    hashes = answers((of_boxes, of_scenes, of_robots))
     if how == "record":
-        Path(path).write_text(json.dumps(found, indent=0, sort_keys=True))
-        print(f"{len(found)} answers recorded")
+        Path(path).write_text(json.dumps(hashes, indent=0, sort_keys=True))
+        print(f"{len(hashes)} answers recorded")
         return 0
     known = json.loads(Path(path).read_text())
-    changed = sorted(name for name in {*found, *known} if found.get(name) != known.get(name))
-    print(f"{len(found)} answers, {len(changed)} changed", *changed[:50], sep="\n")
+    changed = sorted(name for name in {*hashes, *known} if hashes.get(name) != known.get(name))
+    print(f"{len(hashes)} answers, {len(changed)} changed", *changed[:50], sep="\n")
     return 1 if changed else 0
 
 

@@ -126,9 +126,9 @@ def missing(what: str, beside: str, why: str) -> Goal:
 
 def node_goals(rows: Sequence[dict[str, Any]]) -> Iterator[Goal]:
     """Return the goals of the node, from a row per input."""
-    found = {(row["way"], row["objects"]): row for row in rows}
+    by_input = {(row["way"], row["objects"]): row for row in rows}
     for way, objects, most, most_99 in NODE:
-        row, late = found[way, objects], f", 99 % below {most_99:g} ms" if most_99 else ""
+        row, late = by_input[way, objects], f", 99 % below {most_99:g} ms" if most_99 else ""
         what, wanted = f"node, {objects:,} by {way}", f"median below {most:g} ms{late}"
         if "median" not in row:
             yield Goal(what, "", wanted, "a frame has no answer", False)
@@ -173,29 +173,29 @@ class Goals:
     def beside_mujoco(self) -> Iterator[Goal]:
         """Measure moving boxes beside MuJoCo, with and without contacts."""
         for k, boxes in enumerate(SIZES):
-            found = self._run(Case(boxes=boxes), [*BESIDE_MUJOCO, MUJOCO])
+            by_name = self._run(Case(boxes=boxes), [*BESIDE_MUJOCO, MUJOCO])
             for ours, wanted in BESIDE_MUJOCO.items():
                 what, beside = f"{ours.name}, {boxes:,} boxes", f"{MUJOCO.name} (contacts)"
-                theirs = found[MUJOCO.name].median_ms if MUJOCO.name in found else None
-                yield ratio(what, beside, wanted[k], found[ours.name].median_ms, theirs, "ms")
+                theirs = by_name[MUJOCO.name].median_ms if MUJOCO.name in by_name else None
+                yield ratio(what, beside, wanted[k], by_name[ours.name].median_ms, theirs, "ms")
 
     def beside_coal(self) -> Iterator[Goal]:
         """Measure every form beside the best broad phase of coal."""
         for form in FORMS:
             case = Case(form, FORM_BOXES)
-            found = self._run(case, [SCENE_SEPARATIONS, *COAL])
+            by_name = self._run(case, [SCENE_SEPARATIONS, *COAL])
             what, best = f"{SCENE_SEPARATIONS.name}, {form}", best_coal(self.rows, case)
             name, theirs = (best.name, best.median_ms) if best else ("coal", None)
-            ours = found[SCENE_SEPARATIONS.name].median_ms
+            ours = by_name[SCENE_SEPARATIONS.name].median_ms
             yield ratio(what, name, BESIDE_COAL, ours, theirs, "ms")
 
     def growth(self) -> Iterator[Goal]:
         """Measure how time grows from ten thousand boxes to a million."""
         sizes = [self._run(Case(boxes=n), [FIND_PAIRS, SCENE_SEPARATIONS]) for n in LARGE]
-        for one in (FIND_PAIRS, SCENE_SEPARATIONS):
+        for contestant in (FIND_PAIRS, SCENE_SEPARATIONS):
             for k in (1, 2):
-                a, b = (sizes[j][one.name].median_ms for j in (k - 1, k))
-                what = f"{one.name}, {LARGE[k]:,} boxes"
+                a, b = (sizes[j][contestant.name].median_ms for j in (k - 1, k))
+                what = f"{contestant.name}, {LARGE[k]:,} boxes"
                 text = f"{b / a:.1f} times: {digits(a)} and {digits(b)} ms"
                 wanted = f"at most {GROWTH:g} times"
                 yield Goal(what, f"{LARGE[k - 1]:,}", wanted, text, b / a <= GROWTH)
@@ -242,10 +242,10 @@ class Goals:
         plan = contest.ContestPlan(2_000, 20_000, 2_000, PAIR_SECONDS)
         made = generated_corpus(self._plan.seed)
         price = contest.measure(made, plan, self._plan.seed, self._show)
-        found = {row.name: row for row in price.rows}
+        by_name = {row.name: row for row in price.rows}
         for level, peers in PER_PAIR.items():
             for peer, wanted in peers.items():
-                row, ours = found.get(f"{peer} {level}"), found[level].pair_ns
+                row, ours = by_name.get(f"{peer} {level}"), by_name[level].pair_ns
                 theirs = row.pair_ns if row else None
                 yield ratio(f"{level} per pair", peer, wanted, ours, theirs, "ns")
 

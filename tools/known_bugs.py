@@ -93,22 +93,22 @@ def read_bugs() -> tuple[KnownBug, ...]:
     Their distances are those of exact arithmetic, rounded once: the tests compute them again with
     an oracle that shares no code with the library. ``hulls``: how many random pairs there are.
     """
-    found = []
+    bugs = []
     for bug in json.loads(Path(__file__).with_suffix(".json").read_text("utf-8")):
         hulls = bug.pop("hulls", 0)
         pairs = tuple((_body(a), _body(b)) for a, b in bug.pop("pairs", ()))
-        distances = [math.nan if one is None else one for one in bug.pop("distances", ())]
+        distances = [math.nan if gap is None else gap for gap in bug.pop("distances", ())]
         if hulls:
             pairs, distances = _random_hulls(hulls)
-        found.append(KnownBug(**bug, pairs=pairs, distances=tuple(distances), least=bool(hulls)))
-    return tuple(found)
+        bugs.append(KnownBug(**bug, pairs=pairs, distances=tuple(distances), least=bool(hulls)))
+    return tuple(bugs)
 
 
-def _body(given: Any) -> Body:
+def _body(data: Any) -> Body:
     """Return a box as the library stores it, or corners."""
-    if not isinstance(given, dict):
-        return np.array(given)
-    return PlacedBox(**{name: np.array(value) for name, value in given.items()})
+    if not isinstance(data, dict):
+        return np.array(data)
+    return PlacedBox(**{name: np.array(value) for name, value in data.items()})
 
 
 def _random_hulls(count: int) -> tuple[tuple[tuple[Body, Body], ...], list[float]]:
@@ -133,10 +133,10 @@ KNOWN_BUGS = read_bugs()
 def ours(a: Body, b: Body) -> Answer:
     """Return the answer of this library: exact verdict, and distance or depth."""
     if isinstance(a, PlacedBox) and isinstance(b, PlacedBox):
-        one, two = (Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
-        collides = verdicts(one, two, exact=True)[0] != SEPARATE
-        found = clearances(one, two, max_distance=FARTHEST)
-        return Answer(bool(collides), float(found.distances[0]))
+        box_a, box_b = (Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
+        collides = verdicts(box_a, box_b, exact=True)[0] != SEPARATE
+        result = clearances(box_a, box_b, max_distance=FARTHEST)
+        return Answer(bool(collides), float(result.distances[0]))
     assert not isinstance(a, PlacedBox)
     assert not isinstance(b, PlacedBox)
     trees = MeshTrees.join([MeshTrees.build(x, outward_faces(x)) for x in (a, b)])
@@ -150,12 +150,12 @@ def fault(answer: Answer, distance: float, bug: KnownBug) -> str:
     """Return the fault of an answer, empty for none. distance: NaN for any depth."""
     if answer.collides != (not distance > 0.0):
         return "says colliding" if answer.collides else "says apart"
-    given = answer.distance
+    value = answer.distance
     low, high = distance - TOLERANCE, math.inf if bug.least else distance + TOLERANCE
-    if not (math.isnan(given) or math.isnan(distance) or low <= given <= high):
-        return f"distance {given:.3g}"
-    if given > 0.0 if answer.collides else given < 0.0:
-        return f"contradicts itself: {'colliding' if answer.collides else 'apart'}, {given:.1g} m"
+    if not (math.isnan(value) or math.isnan(distance) or low <= value <= high):
+        return f"distance {value:.3g}"
+    if value > 0.0 if answer.collides else value < 0.0:
+        return f"contradicts itself: {'colliding' if answer.collides else 'apart'}, {value:.1g} m"
     return ""
 
 

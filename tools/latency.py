@@ -216,8 +216,8 @@ class Latency:
             pairs.append(self._pairs)
             while perf_counter() < due:
                 self._executors[0].spin_once(timeout_sec=max(0.0, due - perf_counter()))
-        some = np.array(samples[WARM_SAMPLES:])
-        return Measured(way, objects, some, float(np.mean(pairs[WARM_SAMPLES:])))
+        warm = np.array(samples[WARM_SAMPLES:])
+        return Measured(way, objects, warm, float(np.mean(pairs[WARM_SAMPLES:])))
 
     def close(self) -> None:
         """Take the nodes down."""

@@ -76,10 +76,10 @@ class Asked:
         domain = own_domain()
         namespace = f"/chunks_{os.getpid()}"
         self._robot, self._number, self._answer = robot, 0, PointCloud2()
-        given = [f"robots:=['{ROBOT}']", f"robot_bases:=['{ROBOT}: 0 0 0 0 0 0 1']"]
-        given += [f"mesh_folders:=['{packages.resolve()}']", "joint_timeout:=0.0"]
+        parameters = [f"robots:=['{ROBOT}']", f"robot_bases:=['{ROBOT}: 0 0 0 0 0 0 1']"]
+        parameters += [f"mesh_folders:=['{packages.resolve()}']", "joint_timeout:=0.0"]
         words = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "error"]
-        words += [word for one in given for word in ("-p", one)]
+        words += [word for parameter in parameters for word in ("-p", parameter)]
         self._child = Child(words, domain, folder / "node.log")
         self._client = Client(domain, namespace, TYPES, LATCHED, ROBOT)
 
@@ -98,10 +98,10 @@ class Asked:
             client.publishers[SRDF].publish(String(data=srdf))
         client.publishers[URDF].publish(String(data=urdf))
         writer = MarkerArrayWriter(FRAME, NANOSECONDS, 0.0)
-        for number, one in enumerate(boxes):
-            assert isinstance(one.shape, Box)
-            size = list(one.shape.size)
-            writer.add(("box", number), Marker.CUBE, Marker.ADD, list(one.pose), size)
+        for number, box in enumerate(boxes):
+            assert isinstance(box.shape, Box)
+            size = list(box.shape.size)
+            writer.add(("box", number), Marker.CUBE, Marker.ADD, list(box.pose), size)
         limit, message = perf_counter() + PATIENCE, writer.message()
         while True:
             client.publishers["objects"].publish(message)

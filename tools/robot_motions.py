@@ -46,13 +46,13 @@ Row = dict[str, Any]
 
 def boxes_of(count: int, rng: np.random.Generator) -> list[SceneObject]:
     """Return boxes of 4 to 24 cm around a robot."""
-    found: list[SceneObject] = []
-    while len(found) < count:
+    boxes: list[SceneObject] = []
+    while len(boxes) < count:
         place = rng.uniform((-1.0, -1.0, -0.1), (1.0, 1.0, 1.2))
         size, turn = 2.0 * rng.uniform(0.02, 0.12, 3), rng.normal(size=4)
         if np.hypot(*place[:2]) >= CLEAR_OF_BASE:
-            found.append(box_at(len(found), size, place, turn))
-    return found
+            boxes.append(box_at(len(boxes), size, place, turn))
+    return boxes
 
 
 def box_at(number: int, size: Floats, place: Floats, turn: Floats) -> SceneObject:
@@ -65,8 +65,8 @@ def box_at(number: int, size: Floats, place: Floats, turn: Floats) -> SceneObjec
 def scene_of(objects: Sequence[SceneObject]) -> Scene:
     """Return a scene of objects."""
     scene = Scene()
-    for one in objects:
-        scene.add(one.name, one.shape, one.pose)
+    for box in objects:
+        scene.add(box.name, box.shape, box.pose)
     return scene
 
 
@@ -76,12 +76,12 @@ def free_states(checker: RobotScene, count: int, rng: np.random.Generator) -> Fl
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     still = np.isin(np.arange(len(low)), robot.tree.columns[robot.tree.kinds == PRISMATIC])
-    found = np.empty((0, len(low)))
-    while len(found) < count:
+    valid = np.empty((0, len(low)))
+    while len(valid) < count:
         states = rng.uniform(low, high, (count, len(low)))
         states[:, still] = np.clip(0.0, low, high)[still]
-        found = np.concatenate([found, states[checker.check(states).valid]])
-    return found[:count]
+        valid = np.concatenate([valid, states[checker.check(states).valid]])
+    return valid[:count]
 
 
 def ends_of(robot: Robot, starts: Floats, length: float, rng: np.random.Generator) -> Floats:
@@ -93,12 +93,12 @@ def ends_of(robot: Robot, starts: Floats, length: float, rng: np.random.Generato
 
 def sampled(checker: RobotScene, starts: Floats, ends: Floats) -> Mask:
     """Return (n,) which motions collide at one of many states."""
-    times, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
+    times, collides = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
     for first in range(0, len(starts), AT_ONCE):
         a, b = (states[first : first + AT_ONCE, None] for states in (starts, ends))
         states = (a + times * (b - a)).reshape(-1, starts.shape[1])
-        found.append(checker.check(states).colliding.reshape(-1, SAMPLES).any(axis=1))
-    return np.concatenate(found)
+        collides.append(checker.check(states).colliding.reshape(-1, SAMPLES).any(axis=1))
+    return np.concatenate(collides)
 
 
 def least_times(calls: Sequence[Callable[[], object]], rounds: int = ROUNDS) -> list[float]:
@@ -123,8 +123,8 @@ def motion_rows(
         for length in LENGTHS:
             starts = free_states(checker, max(compared, TIMED), rng)
             ends = ends_of(robot, starts, length, rng)
-            some = starts[:compared], ends[:compared]
-            collides = sampled(checker, *some) if compared else np.empty(0, np.bool_)
+            sides = starts[:compared], ends[:compared]
+            collides = sampled(checker, *sides) if compared else np.empty(0, np.bool_)
             here = {"world": f"{count} boxes", "length": length, "checker": "this library"}
             yield here | _row(checker, starts, ends, collides)
 
@@ -133,7 +133,7 @@ def _row(checker: RobotScene, starts: Floats, ends: Floats, collides: Mask) -> R
     a, b = starts[:TIMED], ends[:TIMED]
     free = checker.check_motions(a, b).valid
     parts = (np.ones(len(a), np.bool_), free, ~free)
-    motions = [partial(checker.check_motions, a[some], b[some]) for some in parts]
+    motions = [partial(checker.check_motions, a[part], b[part]) for part in parts]
     state, each, of_free, of_others = least_times([lambda: checker.check(a), *motions])
     (single,) = least_times([lambda: [checker.check_motions(a[:1], b[:1]) for _ in range(CALLS)]])
     compared = len(collides)

@@ -72,14 +72,14 @@ def default_robot() -> tuple[Path, Path | None, Path]:
 
 def random_boxes(count: int, rng: np.random.Generator) -> list[SceneObject]:
     """Return boxes around a robot, the smaller the more there are."""
-    found: list[SceneObject] = []
+    boxes: list[SceneObject] = []
     largest = 0.4 if count <= 10 else 0.3 if count <= 30 else 0.2
-    while len(found) < count:
+    while len(boxes) < count:
         size, turn = rng.uniform(0.25 * largest, largest, 3), rng.normal(size=4)
         place = rng.uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.2))
         if np.hypot(*place[:2]) > CLEAR_OF_BASE + 0.5 * float(np.linalg.norm(size)):
-            found.append(box_at(len(found), size, place, turn))
-    return found
+            boxes.append(box_at(len(boxes), size, place, turn))
+    return boxes
 
 
 def worlds(options: argparse.Namespace) -> Iterator[tuple[str, list[SceneObject], Scene]]:
@@ -128,11 +128,11 @@ def compared(name: str, check: CheckStates, states: Floats, truth: np.ndarray | 
     """
     if truth is None or name == TRUTH:
         return {}
-    found = check(states)
+    colliding = check(states)
     return {
         "compared": len(states),
-        "missed": int((truth & ~found).sum()),
-        "false_alarms": float((found & ~truth).sum() / max(1, found.sum())),
+        "missed": int((truth & ~colliding).sum()),
+        "false_alarms": float((colliding & ~truth).sum() / max(1, colliding.sum())),
     }
 
 

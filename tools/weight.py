@@ -159,16 +159,16 @@ class Project:
         return sum(s.text.count("\n") for s in self.all if s.name.startswith(folder))
 
     def inner_users(self, library: str) -> list[str]:
-        """Modules that use names of a library that begin with an underscore, or inner modules.
+        """Return the modules that use private names or inner modules of a library.
 
-        An attribute counts as the library's where the package defines none of this name.
+        An attribute counts as the library's unless the package defines one of the same name.
         """
         ours = {node.name for node in (*self.functions, *self.classes)}
         for source in self.package:
             ours |= {n.attr for n in source.nodes if _is_set_on_self(n)}
             ours |= {n.target.id for n in source.all(ast.AnnAssign) if hasattr(n.target, "id")}
             ours |= {n.id for n in source.all(ast.Name) if isinstance(n.ctx, ast.Store)}
-        found = []
+        users = []
         for source in self.package:
             modules = [(m, name) for m, name in source.imports if m.split(".")[0] == library]
             paths = {f"{module}.{name}".rstrip(".") for module, name in modules}
@@ -184,8 +184,8 @@ class Project:
             if modules:
                 inner |= {name for name, _ in source.foreign_names if name not in ours}
             if inner:
-                found.append(source.name)
-        return found
+                users.append(source.name)
+        return users
 
 
 def _is_set_on_self(node: ast.AST) -> bool:
@@ -216,8 +216,8 @@ def module_graph(sources: Sequence[Source], types: bool) -> dict[str, set[str]]:
     graph: dict[str, set[str]] = {}
     for path, source in paths.items():
         wanted = (name for name, typed in source.needs if types or not typed)
-        found = {name if name in paths else name.rpartition(".")[0] for name in wanted}
-        graph[path] = (found & set(paths)) - {path}
+        modules = {name if name in paths else name.rpartition(".")[0] for name in wanted}
+        graph[path] = (modules & set(paths)) - {path}
     return graph
 
 
@@ -225,21 +225,21 @@ def circles(graph: Mapping[str, set[str]]) -> set[frozenset[str]]:
     """Return the groups of modules that import each other, directly or not."""
     reached: dict[str, set[str]] = {}
     for start in graph:
-        seen, waiting = set[str](), [start]
+        visited, waiting = set[str](), [start]
         while waiting:
-            new = graph[waiting.pop()] - seen
-            seen |= new
+            new = graph[waiting.pop()] - visited
+            visited |= new
             waiting += new
-        reached[start] = seen
+        reached[start] = visited
     return {
-        frozenset(other for other in seen if start in reached[other])
-        for start, seen in reached.items()
-        if start in seen
+        frozenset(path for path in visited if start in reached[path])
+        for start, visited in reached.items()
+        if start in visited
     }
 
 
 def arrows(graph: Mapping[str, set[str]], folder: str) -> set[tuple[str, str]]:
-    """Return which rooms of a folder import which: its folders, and files beside them."""
+    """Return which rooms of a folder import which; rooms are its folders and its files."""
     depth = folder.count(".") + 1
     inside = {path: path.split(".")[depth] for path in graph if path.startswith(f"{folder}.")}
     pairs = {(inside[a], inside[b]) for a in inside for b in graph[a] if b in inside}
@@ -247,7 +247,7 @@ def arrows(graph: Mapping[str, set[str]], folder: str) -> set[tuple[str, str]]:
 
 
 def duplicates(sources: Iterable[Source]) -> int:
-    """Return how many runs of lines stand somewhere else before, SAME lines or longer."""
+    """Return how many runs of at least SAME lines repeat earlier ones."""
     seen, count = set[tuple[str, ...]](), 0
     for source in sources:
         runs = [tuple(source.code[k : k + SAME]) for k in range(len(source.code) - SAME + 1)]
@@ -339,7 +339,7 @@ def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[in
     """
     from tools.latency import Latency
 
-    seen: set[tuple[str, int]] = set()
+    functions: set[tuple[str, int]] = set()
     caller = sys.modules[Latency.__module__].__file__
 
     def note(frame: Any, event: str, _: object) -> None:
@@ -349,7 +349,7 @@ def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[in
         while frame.f_code.co_filename != caller:
             code, frame = frame.f_code, frame.f_back
             if code.co_filename.startswith(f"{root / PACKAGE}{os.sep}"):
-                seen.add((code.co_filename, code.co_firstlineno))
+                functions.add((code.co_filename, code.co_firstlineno))
 
     latency = Latency()
     try:
@@ -360,7 +360,7 @@ def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[in
     finally:
         sys.setprofile(None)
         latency.close()
-    return len(seen), len({file for file, _ in seen})
+    return len(functions), len({file for file, _ in functions})
 
 
 def table(values: Figures) -> str:
@@ -383,13 +383,13 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     root = Path(__file__).parents[1]
     names = subprocess.check_output(["git", "ls-files"], cwd=root, text=True).splitlines()
-    found = figures(Project(root, [name for name in names if (root / name).is_file()]))
+    values = figures(Project(root, [name for name in names if (root / name).is_file()]))
     if options.collect:
-        found["tests collected"] = collected(root)
+        values["tests collected"] = collected(root)
     if options.path:
         path = path_of_poses(root)
-        found["functions from poses to collisions"], found["their files"] = path
-    print(table(found))
+        values["functions from poses to collisions"], values["their files"] = path
+    print(table(values))
     return 0
 
 

@@ -136,14 +136,14 @@ def attempt(fault: Fault, domain: int) -> Outcome:
     ):
         bench = Bench(Path(folder), domain)
         try:
-            seen, held = fault.make(bench), True
+            observed, held = fault.make(bench), True
         except FoundError as error:
             logs = Path(folder).glob("node_*.log")
             last = " / ".join(line for log in logs for line in last_lines(log, 5))
-            seen, held = f"{error}; last lines: {last}", False
+            observed, held = f"{error}; last lines: {last}", False
         finally:
             bench.close()
-    return Outcome(fault, seen, held, time.monotonic() - start)
+    return Outcome(fault, observed, held, time.monotonic() - start)
 
 
 HEAD = ("| fault | what the node did |", "|---|---|")
@@ -193,8 +193,8 @@ def line_of(outcome: Outcome) -> str:
 def row_of(outcome: Outcome) -> str:
     """Return a row of a table in Markdown."""
     fault = outcome.fault
-    seen = outcome.seen if outcome.held else f"**not as expected**: {outcome.seen}"
-    return f"| `{fault.name}` | {seen.replace('|', '/')} |"
+    text = outcome.seen if outcome.held else f"**not as expected**: {outcome.seen}"
+    return f"| `{fault.name}` | {text.replace('|', '/')} |"
 
 
 def write_table(page: Path, outcomes: Sequence[Outcome]) -> None:

@@ -174,7 +174,7 @@ class Bench:
             if time.monotonic() > asked + REPEAT:
                 asked = time.monotonic()
                 self.send(markers)
-            last = [one for one in self.client.answers[-3:] if one.stamp > since]
+            last = [answer for answer in self.client.answers[-3:] if answer.stamp > since]
             return wanted in map(pairs_of, last)
 
         self.until(is_right, "right answer", limit)
@@ -187,7 +187,7 @@ class Bench:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.probe()
-        times = [start, *(one.stamp for one in self.client.answers), time.time_ns()]
+        times = [start, *(answer.stamp for answer in self.client.answers), time.time_ns()]
         return max(after - before for before, after in pairwise(times)) / NANOSECONDS
 
     def send(self, markers: Iterable[Marker]) -> None:

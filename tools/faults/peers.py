@@ -76,13 +76,13 @@ def send(node: Node) -> Callable[[], None]:
     markers = node.create_publisher(MarkerArray, "objects", 10)
     poses = node.create_publisher(PointCloud2, "object_poses", 10)
     row = [cube((BURST, number), (STEP * number, FAR, 0.0)) for number in range(COUNT)]
-    given, header = MarkerArray(markers=row), Header(frame_id="map")
+    message, header = MarkerArray(markers=row), Header(frame_id="map")
     rows = np.zeros((COUNT, 7))
     rows[:, 0], rows[:, 1], rows[:, 6] = STEP * np.arange(COUNT), FAR, 1.0
     numbers, random = [namespace_number(BURST)] * COUNT, np.random.default_rng(1)
 
     def step() -> None:
-        markers.publish(given)
+        markers.publish(message)
         for _ in range(20):
             moved = rows.copy()
             moved[:, 2] = random.uniform(0.0, 0.1)

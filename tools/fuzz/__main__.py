@@ -87,9 +87,9 @@ def attack(options: argparse.Namespace) -> list[Attack]:
     pool = ProcessPoolExecutor(count, get_context("spawn"), here._take_interrupts)
     with pool:
         shares = [[share(part, index, count) for part in parts] for index in range(count)]
-        for some in shares[1:] if options.messages else ():
-            some.insert(0, ("message", 0, len(CASES)))  # the largest are part of each warm-up
-        runs = [pool.submit(here._run, options, some, index) for index, some in enumerate(shares)]
+        for work in shares[1:] if options.messages else ():
+            work.insert(0, ("message", 0, len(CASES)))  # the largest are part of each warm-up
+        runs = [pool.submit(here._run, options, work, index) for index, work in enumerate(shares)]
         return [run.result() for run in runs]
 
 
@@ -97,8 +97,8 @@ def share(part: Part, index: int, count: int) -> Part:
     """Return a process's share of a part, in whole batches."""
     what, first, last = part
     batches = -(-(last - first) // BATCH)
-    ends = (first + BATCH * (batches * one // count) for one in (index, index + 1))
-    start, end = (min(last, one) for one in ends)
+    ends = (first + BATCH * (batches * number // count) for number in (index, index + 1))
+    start, end = (min(last, number) for number in ends)
     return what, start, end
 
 
@@ -267,10 +267,10 @@ def attack_node(folder: Path, seed: int, number: int, start: Callable[[list[str]
 
 
 def _only(text: str) -> Part:
-    found = ONLY.fullmatch(text)
-    if found is None or int(found[3] or found[2]) < int(found[2]):
+    match = ONLY.fullmatch(text)
+    if match is None or int(match[3] or match[2]) < int(match[2]):
         raise argparse.ArgumentTypeError(f"must be like raw:17 or message:0-99, not {shown(text)}")
-    return found[1], int(found[2]), int(found[3] or found[2]) + 1
+    return match[1], int(match[2]), int(match[3] or match[2]) + 1
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -93,8 +93,8 @@ def good_files() -> dict[str, bytes]:
     box = trimesh.creation.box((1.0, 0.5, 0.25))
     files = {"good.obj": OBJ, "good.stl": STL}
     for kind in ("ply", "glb", "dae", "stl"):
-        found = box.export(file_type=kind)
-        files[f"box.{kind}"] = found if isinstance(found, bytes) else found.encode()
+        content = box.export(file_type=kind)
+        files[f"box.{kind}"] = content if isinstance(content, bytes) else content.encode()
     return files
 
 
@@ -183,7 +183,7 @@ INSERTED = (
 
 def urdf() -> str:
     """Return a robot with every kind of joint and geometry."""
-    links = [LINKS.format(k=k, geometry=one) for k, one in enumerate((*GEOMETRIES, ""))]
+    links = [LINKS.format(k=k, geometry=geometry) for k, geometry in enumerate((*GEOMETRIES, ""))]
     links[-1] = '<link name="l6"/>'
     joints = [
         JOINTS.format(k=k, n=k + 1, kind=kind, mimic='<mimic joint="j0"/>' if k == 1 else "")
@@ -194,13 +194,13 @@ def urdf() -> str:
 
 def _with_other_value(line: str, random: Random) -> str:
     """Replace the value of an attribute, or its name, or that of an element."""
-    found = list(re.finditer(r'"[^"]*"|\b\w+(?==)|(?<=<)\w+', line))
-    if not found:
+    matches = list(re.finditer(r'"[^"]*"|\b\w+(?==)|(?<=<)\w+', line))
+    if not matches:
         return random.choice(VALUES)
-    one = random.choice(found)
+    match = random.choice(matches)
     value = random.choice(VALUES)
-    return line[: one.start()] + (f'"{value}"' if line[one.start()] == '"' else value) + line[
-        one.end() :
+    return line[: match.start()] + (f'"{value}"' if line[match.start()] == '"' else value) + line[
+        match.end() :
     ]  # fmt: skip
 
 

@@ -67,9 +67,9 @@ def mutate(message: Any, random: Random) -> None:
     """Spoil one field of a message in place, at any depth."""
     name, kind = random.choice(list(message.get_fields_and_field_types().items()))
     value = getattr(message, name)
-    found = re.fullmatch(r"sequence<([^,>]+)(?:, *\d+)?>|([^\[]+)\[\d+\]", kind)
-    if found is not None:
-        _mutate_sequence(message, name, found[1] or found[2], bool(found[1]), random)
+    match = re.fullmatch(r"sequence<([^,>]+)(?:, *\d+)?>|([^\[]+)\[\d+\]", kind)
+    if match is not None:
+        _mutate_sequence(message, name, match[1] or match[2], bool(match[1]), random)
     elif hasattr(value, "get_fields_and_field_types"):
         mutate(value, random)
     else:

@@ -150,13 +150,13 @@ class Child:
 
     def delays(self) -> dict[str, float]:
         """Return the time (s) that each thread waited for a processor, by its number."""
-        found = {}
+        waits = {}
         for file in Path(f"/proc/{self._process.pid}/task").glob("*/schedstat"):
             try:
-                found[file.parent.name] = int(file.read_text().split()[1]) * 1e-9
+                waits[file.parent.name] = int(file.read_text().split()[1]) * 1e-9
             except OSError:  # it has ended
                 continue
-        return found
+        return waits
 
     def waited(self, before: dict[str, float]) -> float:
         """Return how long (s) the WAITING threads that waited most did so since ``delays``."""

@@ -149,8 +149,8 @@ class RobotMessages:
         return message
 
     def _states(self, states: Floats | None = None, header: Header | None = None) -> PointCloud2:
-        given = self._values(self._random.choice((0, 1, 50))) if states is None else states
-        return states_to_ros(self._robot, given, header or self._messages.header())
+        values = self._values(self._random.choice((0, 1, 50))) if states is None else states
+        return states_to_ros(self._robot, values, header or self._messages.header())
 
     def _trajectory(self) -> JointTrajectory:
         message = JointTrajectory(joint_names=list(self._robot.joint_names))
@@ -178,7 +178,7 @@ class RobotMessages:
             (f"{ROBOT}/joint_states", joints),
             (f"{ROBOT}/states_to_check", self._states(states, header)),
         ]
-        possible, alone = (one.check(states).valid for one in (self._holding, self._alone))
+        possible, alone = (scene.check(states).valid for scene in (self._holding, self._alone))
         return Question(messages, possible, alone)
 
 
@@ -196,17 +196,17 @@ def ask_robot(robot: RobotMessages, random: Random, client: Client, child: Child
     valid, or if free states stay invalid.
     """
     number, start, before, next_time = random.getrandbits(31), time.monotonic(), child.delays(), 0.0
-    seen: object = None
+    rows: object = None
     while time.monotonic() < start + KNOWN + child.waited(before):
         if time.monotonic() > next_time:
             client.call(child, Trigger, "clear", Trigger.Request())
             next_time = time.monotonic() + CLEARING
         header = Header(stamp=stamp_to_ros(time.time_ns()), frame_id="map")
         question = robot.question(number, header)
-        seen = _ask(question, header, client, child)
-        if seen is None:
+        rows = _ask(question, header, client, child)
+        if rows is None:
             return
-    raise FoundError(f"after {KNOWN:g} s states of the robot are {seen}; {client.status()}")
+    raise FoundError(f"after {KNOWN:g} s states of the robot are {rows}; {client.status()}")
 
 
 def _ask(question: Question, header: Header, client: Client, child: Child) -> object:

@@ -141,9 +141,9 @@ def coal_checker(case: Case, triangles: bool) -> CheckStates:
         name = f"shape{number}"
         shapes.addGeometryObject(pin.GeometryObject(name, joint, parent, place, geometry(shape)))
     count = len(case.shapes)
-    for one in case.world:
-        place = pin.XYZQUATToSE3(np.array(one.pose))
-        shapes.addGeometryObject(pin.GeometryObject(one.name, 0, 0, place, geometry(one.shape)))
+    for item in case.world:
+        place = pin.XYZQUATToSE3(np.array(item.pose))
+        shapes.addGeometryObject(pin.GeometryObject(item.name, 0, 0, place, geometry(item.shape)))
     for i, j in case.pairs.tolist():
         shapes.addCollisionPair(pin.CollisionPair(i, j))
     for i, j in np.argwhere(~case.allowed).tolist():
@@ -210,8 +210,8 @@ def mujoco_checker(case: Case) -> CheckStates:
         bodies.append(body)
     for number, (link, shape, pose) in enumerate(case.shapes):
         add(bodies[link], f"shape{number}", shape, pose)
-    for one in case.world:
-        add(spec.worldbody, one.name, one.shape, one.pose)
+    for item in case.world:
+        add(spec.worldbody, item.name, item.shape, item.pose)
     owners = [link for link, _, _ in case.shapes]
     checked = {tuple(sorted((owners[i], owners[j]))) for i, j in case.pairs.tolist()}
     for i in range(len(names)):

@@ -78,17 +78,17 @@ class Result:
 
     def faults(self) -> list[str]:
         """Return the goals that were missed."""
-        found = [self.stopped] if self.stopped else []
+        texts = [self.stopped] if self.stopped else []
         if self.wrong:
-            found.append(f"{self.wrong} wrong answers")
+            texts.append(f"{self.wrong} wrong answers")
         if not self.checked:
-            found.append("nothing was checked")
-        found += [f"refused: {reason} {count}" for reason, count in self.refused.items()]
+            texts.append("nothing was checked")
+        texts += [f"refused: {reason} {count}" for reason, count in self.refused.items()]
         for name, (first, last) in self._held().items():
             limit, unit = (FEW, "") if name in ("descriptors", "threads") else (self.growth, " MB")
             if last - first > limit:
-                found.append(f"{name} grew by {last - first:.3g}{unit}")
-        return found
+                texts.append(f"{name} grew by {last - first:.3g}{unit}")
+        return texts
 
     def _held(self) -> dict[str, tuple[float, float]]:
         """Return the resources of the process after warm-up and at the end; memory in MB."""
@@ -166,8 +166,8 @@ def truth_of(poses: Floats, sizes: Floats) -> Truth:
     gaps = _gaps(corners[i], corners[j], rotations[i], rotations[j])
     exact = _on_grid(poses, sizes)
     sure = (np.abs(gaps) > SURE) | (exact[i] & exact[j])
-    found = (gaps <= 0.0) | ~sure
-    return Truth(pairs[found], -gaps[found], sure[found])
+    collide = (gaps <= 0.0) | ~sure
+    return Truth(pairs[collide], -gaps[collide], sure[collide])
 
 
 def _near(centers: Floats, radii: Floats) -> Integers:

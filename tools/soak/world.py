@@ -239,7 +239,7 @@ KINDS: dict[str, type] = {
 }
 """Message of each input."""
 SCENERY, PLACES = "scenery", 40
-"""Namespace of the scenery, and how much of it there is at most."""
+"""Namespace of the scenery, and the number of its places."""
 BUILT = (Marker.TRIANGLE_LIST, Marker.POINTS, Marker.SPHERE_LIST, Marker.LINE_LIST)
 DEEP = 500.0
 """How far below the room they are (m)."""
@@ -284,7 +284,7 @@ def rows_of(bodies: Bodies) -> tuple[Floats, Floats]:
 
 
 def scenery_of(random: Random, header: Header) -> Marker:
-    """Return a shape to be built, or a cube of a short life, in a place of its own."""
+    """Return a shape to be built, or a cube with a short lifetime, in a random place."""
     place = random.randrange(PLACES)
     if random.random() < 0.5:
         return built_shape(random, header, place)
@@ -294,7 +294,7 @@ def scenery_of(random: Random, header: Header) -> Marker:
 
 
 def built_shape(random: Random, header: Header, place: int) -> Marker:
-    """Return a shape to be built in a place, another one each time."""
+    """Return a shape of random points to be built in a place."""
     marker = _placed(header, place, random.choice(BUILT))
     spread = random.random
     marker.points = [Point(x=spread(), y=spread(), z=spread()) for _ in range(CORNERS)]
