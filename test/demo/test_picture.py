@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The still picture: states by colour, zones in their own, texts apart from objects."""
+"""The still picture: states and zones in colours of their own, texts apart from objects."""
 
 from __future__ import annotations
 

@@ -251,16 +251,16 @@ def all_of_sensors(folder: Path) -> dict[str, Any]:
 
 
 def main(folder: str) -> None:
-    """Run each part in a process of its own, which begins with what all of them import."""
+    """Run each part in a forked process of its own; all share the modules imported before."""
     (Path(folder) / "finger.obj").write_text(MESH)
     of_folder = partial(all_of_a_robot, Path(folder)), partial(all_of_sensors, Path(folder))
     for part in (*of_folder, all_of_a_node):
-        number = os.fork()
-        if not number:
+        child = os.fork()
+        if not child:
             sys.stdout.write(json.dumps(part()) + "\n")
             sys.stdout.flush()
             os._exit(0)
-        assert os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]) == 0, part
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, part
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def random_shape(rng: np.random.Generator) -> Shape | oc.OBB:
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([14, 70]))
 def test_pairs_are_those_of_exact_arithmetic(seed: int, exact: bool, count: int) -> None:
-    """After any changes, too: a scene is then as one built anew, see test_changes.py."""
+    """It holds after changes, too: test_changes.py shows that they leave a scene as built anew."""
     rng = np.random.default_rng(seed)
     scene = oc.Scene(exact=exact, padding=float(rng.choice([0.0, 0.25])))
     for k in range(count):

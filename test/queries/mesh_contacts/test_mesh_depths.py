@@ -232,11 +232,11 @@ def test_one_inside_the_other_has_one_point_as_no_surfaces_cross() -> None:
 
 
 def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
-    """The hull of the room is full: only its triangles leave room for the box."""
+    """The hull of the room holds the box; triangles overlap it by a centimetre or two."""
     floor, wall = BOX_CORNERS * [4, 4, 0.5] - [0, 0, 0.5], BOX_CORNERS * [0.5, 4, 4] + [-4.5, 0, 4]
     a = place(np.concatenate([floor, wall]), np.concatenate([BOX_FACES, BOX_FACES + 8]))
-    for there, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
-        b = place(BOX_CORNERS, BOX_FACES, there)
+    for position, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
+        b = place(BOX_CORNERS, BOX_FACES, position)
         assert -oc.separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
         assert -depths_of_hulls(a, b).lower[0] > 0.5
     b = place(BOX_CORNERS, BOX_FACES, [-3.02, 0, 0.98])  # in both

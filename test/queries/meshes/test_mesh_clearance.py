@@ -161,7 +161,7 @@ def test_normals_prove_the_distance() -> None:
 
 
 def test_one_inside_the_other() -> None:
-    """Solids have no distance from what is in them, surfaces and cavities do."""
+    """The distance from a body inside is zero for a solid, but not for a surface or a cavity."""
     box, ball = MeshTrees.from_half_extents([2.0, 2.0, 2.0]), MeshTrees.build(*ZOO["sphere2"])
     inner = standing(ball)
     found = oc.clearances(standing(box), inner)
@@ -326,7 +326,7 @@ def test_hulls_meet_where_their_surfaces_do_or_one_holds_the_other() -> None:
 
 
 def test_separate_means_that_a_plane_exists() -> None:
-    """By fractions, on a few hundred pairs that are near."""
+    """Fractions decide a few hundred pairs of hulls that are near each other."""
     names = [name for name in ZOO if len(ZOO[name][0]) < 40]
     corners = [Hull(ZOO[name][0]).points for name in names]
     hulls = pool_of(corners)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Descriptions of robots: names, limits, poses and shapes, what an SRDF adds, and what is bad."""
+"""Descriptions of robots: names, limits, poses, shapes and SRDFs, and files that are refused."""
 
 from __future__ import annotations
 
