@@ -490,7 +490,7 @@ class CollisionNode(ManagedNode):
         )
         inputs = self.inputs.markers, self.inputs.unknown, *self.inputs.newest, self.obstacles
         others = self.objects, self.robots, self.outputs.events.pairs, *self.monitors.values()
-        parts: list[Any] = [*inputs, *others]
+        parts: list[Any] = [*inputs, self.sources.left_out, *others]
         for part in parts:  # one that fails leaves none of the others in the old time
             self._change("clock jump", partial(part.clock_jumped, shift))
 

@@ -16,185 +16,59 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial, wraps
-from importlib.util import find_spec
-from itertools import product
 from math import nan
 from random import Random
-from typing import Any, ClassVar, TypeAlias
-from unittest.mock import Mock, patch
+from typing import Any, TypeAlias
+from unittest.mock import patch
 
 import numpy as np
-from evidence_model import ARM, CHANGES, EDGE, OFFSET, ORDER, REACH, SPEED, WAIT, Model, Robot
+from evidence_model import Model
+from evidence_sources import Source
+from evidence_things import ARM, CHANGES, EDGE, ORDER, Robot
+from evidence_world import (
+    ANY,
+    CYCLE_LIMIT,
+    EITHER,
+    FAIL,
+    FRAMES,
+    FRONT,
+    GIVEN,
+    JOINTS,
+    NAMES,
+    PLACES,
+    PLAIN,
+    POSE_FAULTS,
+    RARELY,
+    ROBOT_TOPICS,
+    SENSORS,
+    SHORTEST_LIFE,
+    SIZES,
+    STAMPS,
+    STEPS,
+    TOPICS,
+    UNKNOWN,
+    USUALLY,
+    WATCHED,
+    Builder,
+    World,
+    rule,
+)
 from geometry_msgs.msg import Point, TransformStamped
 from objects_rig import SECOND
-from rclpy.clock_type import ClockType
-from rclpy.context import Context
-from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
-from rclpy.time import Time
-from rig import DOMAIN, NAMESPACE, STATUS, FakeFrames, cube, pose
+from rig import STATUS, cube, pose
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
-from walks import Rules, Step, one_of, repeated, several
+from walks import Step, one_of, repeated, several
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
 from obb_collision.node.inputs import MarkerUpdate
 from obb_collision.node.messages import conversions as cv
-from obb_collision.node.node import CollisionNode
-from obb_collision.scene.building.builder import Outcome
-from obb_collision.scene.building.jobs import BuildError
-from obb_collision.shapes import Box
-
-FAIL = Mock(side_effect=ZeroDivisionError)
-START = 1000.0
-
-
-class Builder:
-    """Builds boxes in place of meshes, when told so: ``delivers`` is "built" or "failed"."""
-
-    limits: Any = None
-
-    def __init__(self) -> None:
-        self.delivers = ""
-        self.wanted: dict[Any, tuple[Any, Any]] = {}
-
-    def request(self, name: Any, signature: Any, job: Any) -> None:
-        self.wanted[name] = signature, job
-
-    def cancel(self, name: Any) -> None:
-        self.wanted.pop(name, None)
-
-    def wants(self, name: Any) -> bool:
-        return name in self.wanted
-
-    def poll(self) -> Iterator[Outcome]:
-        what, self.delivers = self.delivers, ""
-        for name in list(self.wanted) if what else ():
-            signature, job = self.wanted.pop(name)
-            if what == "built":
-                yield Outcome(job, signature, {name}, Box([np.ptp(job.points)] * 3))
-            else:
-                yield Outcome(job, signature, {name}, error=BuildError("bad shape"))
-
-    def close(self) -> None:
-        pass
-
-
-class World:
-    """The one node of all examples with a robot, or without, and its clocks."""
-
-    made: ClassVar[dict[bool, World]] = {}
-    lived: ClassVar[float] = 0.0
-    """Seconds of the node's clock that went by."""
-    reached: ClassVar[Counter[str]] = Counter()
-    """How often something was known, or not for a reason."""
-
-    def __init__(self, has_robot: bool) -> None:
-        self.now, self.steady, self.frames, self.context = START, START, FakeFrames(), Context()
-        self.frames.known["odom"] = pose(OFFSET)
-        self.context.init(domain_id=DOMAIN)
-        options: dict[str, Any] = {"use_sim_time": True, "autostart": False, "marker_rate": 0.0}
-        options |= {"stale_speed": SPEED, "stale_reach": REACH, "transform_timeout": WAIT}
-        if has_robot:
-            options |= {"robots": [ARM], "robot_bases": [f"{ARM}: object_transform"]}
-        self.node = CollisionNode(
-            context=self.context,
-            namespace=f"{NAMESPACE}/model_{has_robot}",  # with a logger of its own, which is mute
-            frames=self.frames,
-            steady=lambda: self.steady,
-            parameter_overrides=[
-                Parameter(name, value=one) for name, one in (options | {"accuracy": "obb"}).items()
-            ],
-        )
-        self.node.status._steady = lambda: self.steady
-        self.node.get_logger().set_level(LoggingSeverity.FATAL)
-
-    @classmethod
-    def get(cls, has_robot: bool) -> World:
-        if has_robot not in cls.made:
-            cls.made[has_robot] = World(has_robot)
-        return cls.made[has_robot]
-
-    def begin(self) -> None:
-        """Let all walks begin at one time: how they go depends on nothing before."""
-        self.advance(START - self.now, START - self.steady)
-
-    def advance(self, seconds: float, steady: float | None = None) -> None:
-        self.now += seconds
-        World.lived += seconds if 0.0 < seconds < 10.0 else 0.0  # no jumps
-        self.steady += seconds if steady is None else steady
-        time = Time(nanoseconds=round(self.now * SECOND), clock_type=ClockType.ROS_TIME)
-        clock: Any = self.node.get_clock()
-        clock.set_ros_time_override(time)
-
-    def set(self, given: dict[str, Any]) -> None:
-        values = {name: one if one != [] else [""] for name, one in given.items()}
-        results = self.node.set_parameters([Parameter(n, value=v) for n, v in values.items()])
-        assert all(result.successful for result in results), results
-
-    @classmethod
-    def end_all(cls) -> None:
-        for world in cls.made.values():
-            world.node.destroy_node()
-            world.context.try_shutdown()
-        cls.made.clear()
-
-
-ROBOT_TOPICS = f"{ARM}/joint_states", f"{ARM}/robot_description"
-TOPICS = *CHANGES, "object_states", "object_poses", "object_boxes"
-NAMES = "a/0", "a/1", "b/0", "boxes/0"
-ANY = *NAMES, "boxes/1", "a/7"
-UNKNOWN = "z/0"
-PLACES = one_of([0.7 * k for k in range(6)])
-SIZES = one_of([1.0, 2.0])
-FRAMES = one_of(["map", "map", "map", "odom", "odom", "lost"])
-STAMPS = one_of([0.0, 0.0, 0.0, -0.3, -30.0, 5.0, None])
-"""Seconds from now on; None: no stamp."""
-POSE_FAULTS = one_of(["", "", "", "pose", "zero", "stamp"])
-USUALLY = one_of([True, True, False])
-EITHER = one_of([True, False])
-RARELY = one_of([*[False] * 9, True])
-SHORTEST_LIFE = 1.0
-"""Seconds: of a marker."""
-CYCLE_LIMIT = 0.52
-"""Seconds that the node's parameters give a cycle by default."""
-STEPS = one_of([0.0503, 0.1103, 0.2311, 0.4703, 0.7117, 1.3017])
-PLAIN: dict[str, Any] = {
-    "object_timeout": 0.0,
-    "object_timeout_overrides": [],
-    "joint_timeout": 0.0,
-    "judge_ages": "stamp_and_receipt",
-    "stale_policy": "unknown",
-    "stale_policy_overrides": [],
-    "required_objects": [],
-    "required_inputs": [],
-    "ignored_objects": [],
-    "expect_empty": False,
-}
-GIVEN = {
-    "object_timeout": one_of([0.0, 0.5]),
-    "object_timeout_overrides": one_of([[], ["a/1: 0.3"], ["a/*: 0.8", "a/0: 0"], ["arm*: 0.9"]]),
-    "joint_timeout": one_of([0.0, 0.6]),
-    "judge_ages": one_of(["stamp_and_receipt", "stamp_and_receipt", "receipt"]),
-    "stale_policy": one_of(["unknown", "unknown", "collide", "keep", "ignore"]),
-    "stale_policy_overrides": one_of([[], ["b/*: keep", "arm/*: collide"], ["a/0: ignore"]]),
-    "required_objects": one_of([[], [], [], ["b/*"]]),
-    "required_inputs": one_of([[], [], [], ["object_states: 0.7"]]),
-    "ignored_objects": one_of([[], [], ["z/*"]]),
-    "expect_empty": EITHER,
-}
-BEGIN = GIVEN | {
-    "has_robot": EITHER if find_spec("lxml") else one_of([False]),
-    "scene": repeated(PLACES, 0, 3),
-}
-JOINTS = [pair for pair in product([0.0, 1.4, 3.0, nan, None], repeat=2) if any(pair)]
-rule = Rules()
+from obb_collision.node.objects.table import OF_SOURCE
 
 
 def row(random: Random) -> tuple[float, float, str]:
@@ -221,10 +95,14 @@ class EvidenceMachine:
 
     is_started = False
 
-    def begin(self, has_robot: bool = False, scene: Sequence[float] = (), **given: Any) -> None:
-        self.given, self.world, self.scene = PLAIN | given, World.get(has_robot), scene
+    def begin(
+        self, has_robot: bool = False, has_sensors: bool = False, scene: Sequence[float] = (),
+        **given: Any,
+    ) -> None:  # fmt: skip
+        self.given, self.scene = PLAIN | given, scene
+        self.world = World.get(has_robot, has_sensors)
         self.node: Any = self.world.node
-        self.has_robot = has_robot
+        self.has_robot, self.has_sensors = has_robot, has_sensors
         self.world.begin()
         self.world.set(self.given)
         self.start()
@@ -254,7 +132,15 @@ class EvidenceMachine:
         self.node.count_publishers = self.count_publishers
         self.speaker, self.losing = 1, set[str]()
         robot = Robot() if self.has_robot else None
-        self.model = Model(self.world.now, self.world.steady, self.world.now, robot)
+        sensors = SENSORS if self.has_sensors else ()
+        self.model = Model(
+            self.world.now,
+            self.world.steady,
+            self.world.now,
+            robot,
+            [Source(name, self.has_robot and name == FRONT) for name in sensors],
+            [WATCHED],
+        )
         self.node.trigger_activate()
         self.is_started = True
         self.set_model()
@@ -266,6 +152,12 @@ class EvidenceMachine:
             self.base()
             self.joints([1.4, 3.0])
             self.tick()
+        if self.has_sensors:
+            self.see_all()
+            self.tick()
+
+    def see_all(self) -> None:
+        """Let every sensor deliver."""
 
     def teardown(self) -> None:
         if self.is_started:
@@ -282,19 +174,21 @@ class EvidenceMachine:
     def set_model(self) -> None:
         self.model.ignored = self.given["ignored_objects"]
         self.model.by_stamp = self.given["judge_ages"] != "receipt"
+        self.model.joints_age = self.given["joint_timeout"] > 0.0
 
     @rule(**GIVEN)
     def configure(self, **given: Any) -> None:
         self.given = PLAIN | given
         self.world.set(self.given)
         self.model.by_stamp = self.given["judge_ages"] != "receipt"
+        self.model.joints_age = self.given["joint_timeout"] > 0.0
         self.tick(0.1103)
         self.set_model()
 
     def gone(self, topic: str, senders: Iterable[int]) -> set[int]:
         return {one for one in senders if (topic, one % 10) in self.model.gone}
 
-    @rule(3.0, who=one_of([1, 2]), loses=several([*TOPICS, *ROBOT_TOPICS], 0, 1))
+    @rule(3.0, who=one_of([1, 2]), loses=several([*TOPICS, *ROBOT_TOPICS, *SENSORS], 0, 1))
     def turn(self, who: int = 2, loses: Sequence[str] = ()) -> None:
         """Let one of two publishers send from now on; loses: topics whose next message is lost."""
         self.speaker = who
@@ -346,7 +240,7 @@ class EvidenceMachine:
         answer = self.node.status.answer
         assert answer.pairs == len(pairs), (answer.message, self.model.things)
         self.world.reached.update([("free", "", "collides", "unknown")[level], *codes])
-        self.world.reached.update(self.model.kinds(codes))
+        self.world.reached.update(self.model.kinds(codes, self.given))
 
     def compare_objects(self) -> None:
         """Compare what there is: by whom it came, its place, its size, and that it is the same."""
@@ -355,7 +249,7 @@ class EvidenceMachine:
         owners = {
             cv.name_from_key(key): bool(table.of_set[slot])
             for key, slot in table.slots.items()
-            if not table.of_robot[slot]
+            if not table.of_robot[slot] and table.of_set[slot] != OF_SOURCE
         }
         assert owners == {name: thing.of_set for name, thing in things.items()}
         placed = {n: thing for n, thing in things.items() if thing.x is not None and thing.shaped}
@@ -367,6 +261,9 @@ class EvidenceMachine:
             edge = 0.5 * thing.size + self.model.growth(name, thing, self.given)
             assert np.abs(boxes.centers[row] - (thing.x, 0.0, 0.0)).max() < 1e-9
             assert np.abs(boxes.half_extents[row] - edge).max() < 1e-9
+        for name, thing in self.model.seen_things.items():
+            points = np.sort(scene.objects.shape_of(name).points[:, 0])
+            assert np.allclose(points, sorted(thing.points), atol=1e-6), (name, points, thing)
 
     def look(self) -> None:
         """Look between two cycles: what is known to collide is no less so."""
@@ -387,19 +284,22 @@ class EvidenceMachine:
             self.clear()
         self.tick()
 
-    @rule(0.5, what=one_of(["check", "update", "sets", "robots"]), clears=USUALLY)
+    @rule(0.5, what=one_of(["check", "update", "sets", "robots", "sources"]), clears=USUALLY)
     def fail_in_a_cycle(self, what: str = "check", clears: bool = True) -> None:
-        node, has_robot = self.node, self.has_robot
+        node = self.node
+        if (what == "robots") > self.has_robot or (what == "sources") > self.has_sensors:
+            what = "check"
         owner, name = {
             "check": (node.objects.scene, "check"),
             "update": (node.objects, "update"),
             "sets": (node.inputs.boxes, "apply"),
             "robots": (node.robots, "apply"),
-        }[what if has_robot else what.replace("robots", "check")]
+            "sources": (node.sources, "apply"),
+        }[what]
         self.world.advance(0.0503)
         with patch.object(owner, name, FAIL):
-            self.cycle(what if has_robot else what.replace("robots", "check"))
-        self.heal(clears and what in ("sets", "robots"))
+            self.cycle(what)
+        self.heal(clears and what in ("sets", "robots", "sources"))
 
     @rule(0.5, what=one_of(["transform", "marker", "clear"]), clears=USUALLY)
     def fail_in_a_message(self, what: str = "clear", clears: bool = True) -> None:
@@ -481,6 +381,7 @@ class EvidenceMachine:
             if self.has_robot:
                 self.base(0.7)
                 self.joints([1.4, 3.0], None if shift else 0.0)
+            self.see_all()
             self.tick(step)
             kinds.append(self.node.status.answer.kind)
         assert len({*kinds[6:]}) == 1, kinds
@@ -506,7 +407,7 @@ class EvidenceMachine:
         if cut:
             if topic == "object_boxes":
                 self.model.doubt_set(is_read=False)
-            self.model.unreadable.add(self.model.sender)
+            self.model.cannot_read()
         self.take[topic](data[: end or len(data) // 2] if cut else data)
         return not cut
 

@@ -16,195 +16,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from itertools import combinations
-from math import inf, isnan, nan
+from math import inf
 from typing import Any
 
-ORDER = (
-    *("starting", "inactive", "disabled", "internal_error", "blocked", "overload"),
-    *("clock_stopped", "two_publishers", "no_objects", "required_missing", "input_silent"),
-    *("input_unreadable", "messages_lost", "unknown_objects", "shape_building"),
-    *("unplaced", "refused", "late_frame", "stale", "robot_unknown", "joint_unknown"),
-    "base_unknown",
+from evidence_sources import Message, Newest, Source, senders_of
+from evidence_things import (
+    AHEAD,
+    CHANGES,
+    DEAD,
+    HALF,
+    LINKS,
+    LONGEST_WAIT,
+    MEMORY,
+    NOBODY,
+    OFFSET,
+    OLD,
+    ONE,
+    ORDER,
+    REACH,
+    REORDERED,
+    SEEN,
+    SPEED,
+    TIMEOUT,
+    TURNS,
+    TWIN,
+    TWO,
+    WAIT,
+    Joint,
+    Robot,
+    Rows,
+    Sender,
+    Thing,
+    last,
 )
-ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.23
-"""The robot, its links, and the edge of the first one: the other is moved by joints along x. With
-this edge nothing just touches."""
-OLD, DEAD = "stale: old stamp", "stale: dead transform"
-ONE, HALF = "input_unreadable: one of two", "collides, and not all is known"
-TWIN, TURNS, TWO = "two_publishers: of status", "two_publishers: of sets", "free: two senders"
-KINDS = OLD, DEAD, ONE, HALF, TWIN, TURNS, TWO
-"""What is known in ways that are worth counting."""
-CHANGES = "objects", "object_transform"
-TIMEOUT = "object_timeout"
-Sender = tuple[str, int]
-"""A topic, and which of its publishers."""
-NOBODY = "", 0
-Rows = list[tuple[str, float, float, str]]
-OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
-"""Where odom is, and for how long (s) states wait for it."""
-REORDERED, MEMORY, AHEAD = 1.0, 1.0, 0.5
-"""Age (s) of a state up to which an older one is late, and of one that names an unknown object;
-and how far ahead a stamp is believed."""
-SPEED, REACH = 0.37, 1.0
-
-
-@dataclass
-class Thing:
-    """An object: what was said of it, and what of that could be used.
-
-    sender, maker: of its latest state and marker; awaited: the size that is being built; shaped:
-    whether it has one; seen: by a cycle; serial: of the node's, when it was last looked at;
-    carried: when the transform was true that placed it, if that was the latest; told: its last
-    speed; speed: that when it became stale; locked: its x in odom, if it follows that; is_alone:
-    that alone has an age.
-    """
-
-    size: float
-    of_set: bool = False
-    expiry: float = inf
-    sender: Sender = NOBODY
-    maker: Sender = NOBODY
-    x: float | None = None
-    at: float = 0.0
-    stamp: float = 0.0
-    carried: float = inf
-    locked: float | None = None
-    is_alone: bool = False
-    told: float = 0.0
-    speed: float = 0.0
-    states: list[tuple[float, str, float, float, float]] = field(default_factory=list)
-    received: float = 0.0
-    order: float = 0.0
-    repeated: bool = False
-    bad_pose: bool = False
-    bad_shape: bool = False
-    overtaken: bool = False
-    held_back: bool = False
-    late: bool = False
-    stale: bool = False
-    awaited: float | None = None
-    shaped: bool = True
-    is_mesh: bool = False
-    seen: bool = False
-    serial: int = -1
-
-    @property
-    def is_building(self) -> bool:
-        return self.awaited is not None or not self.shaped
-
-    def since(self, by_stamp: bool) -> float:
-        if self.is_alone:
-            return self.carried
-        return min(self.at, self.carried, self.stamp if by_stamp and self.stamp else inf)
-
-    def jump(self, by: float, by_stamp: bool) -> None:
-        if by_stamp and self.stamp:
-            self.carried = min(self.carried, self.stamp)
-        for name in ("at", "received", "expiry", "carried"):
-            setattr(self, name, getattr(self, name) + by)
-        self.stamp = self.order = 0.0
-        self.states = [(x, frame, s, at + by, c + by) for x, frame, s, at, c in self.states]
-
-
-@dataclass
-class Joint:
-    """A joint, or the base: what came last of it; NaN: nothing."""
-
-    x: float = nan
-    stamp: float = 0.0
-    at: float = -inf
-    since: float = -inf
-    frame: str = "map"
-    bad: bool = False
-    repeated: bool = False
-    overdue: float = inf
-    sender: Sender = NOBODY
-
-    def after(
-        self,
-        x: float,
-        stamp: float,
-        now: float,
-        fault: str,
-        by_stamp: bool,
-        sender: Sender,
-        frame: str = "map",
-    ) -> Joint:
-        late = 0 < stamp < self.stamp and now - self.at <= REORDERED
-        if fault or (isnan(x) and not late):
-            return replace(self, bad=True)
-        if late:
-            return replace(self, overdue=self.at + REORDERED / 2)
-        believed = stamp if stamp <= now + AHEAD else 0.0
-        since = min(now, believed) if by_stamp and believed else now
-        return Joint(x, believed, now, since, frame, repeated=not isnan(self.x), sender=sender)
-
-    def is_unknown(self, now: float, limit: float) -> bool:
-        return isnan(self.x) or self.bad or self.overdue < now or 0.0 < limit < now - self.since
-
-    def jump(self, by: float, _: bool) -> None:
-        self.stamp, self.at, self.since, self.overdue = 0.0, self.at + by, self.since + by, inf
-
-
-@dataclass
-class Robot:
-    """Two links, where the base is and beyond two joints. edge: of the second, 0: not described."""
-
-    edge: float = 0.0
-    refused: bool = False
-    base: Joint = field(default_factory=Joint)
-    changed: bool = False
-
-    def __post_init__(self) -> None:
-        self.renew()
-
-    def renew(self) -> None:
-        """Make links whose joints are not known."""
-        self.joints, self.changed = [Joint(), Joint()], True
-        sizes = (EDGE, self.edge) if self.edge else ()
-        self.links = {name: Thing(size) for name, size in zip(LINKS, sizes, strict=False)}
-
-    def faults(self, now: float, given: dict[str, Any]) -> set[str]:
-        """Return what is not known when links are placed."""
-        if self.refused or not self.links:
-            return {"robot_unknown"}
-        limit = self.limit(given) if self.base.repeated else self.limit(given | {TIMEOUT: 0.0})
-        found = {"base_unknown"} if self.base.is_unknown(now, limit) else set()
-        if any(joint.is_unknown(now, given["joint_timeout"]) for joint in self.joints):
-            found.add("joint_unknown")
-        return found
-
-    @staticmethod
-    def limit(given: dict[str, Any]) -> float:
-        own = last(given["object_timeout_overrides"], ARM)
-        return float(given[TIMEOUT] if own is None else own)
-
-    def codes(self, now: float, given: dict[str, Any], latest: Callable[[], float]) -> set[str]:
-        found = self.faults(now, given)
-        if self.links and not isnan(self.base.x):
-            is_lost = self.base.frame == "lost"
-            if self.base.frame == "odom":
-                since = latest()  # in any case: it takes note of when it was seen
-                is_lost = 0.0 < self.limit(given) < now - since
-            found |= {"base_unknown"} if is_lost else set()
-        return found
 
 
 class Model:
     """What can be known. until: up to when odom is; steady: seconds, by which inputs are silent."""
 
-    def __init__(self, now: float, steady: float, until: float, robot: Robot | None) -> None:
+    def __init__(
+        self,
+        now: float,
+        steady: float,
+        until: float,
+        robot: Robot | None,
+        sources: Sequence[Source],
+        watched: Sequence[str],
+    ) -> None:
         self.now, self.steady, self.until, self.robot = now, steady, until, robot
+        self.sources, self.watched = sources, watched
         self.active = self.enabled = True
         self.activated = steady
         self.failed = self.broken = self.overloaded = False
         self.built: set[float] = set()
         self.delivers = ""
         self.deleting: list[str] = []
+        self.adding: set[str] = set()
         self.removed: dict[str, Thing] = {}
         self.things: dict[str, Thing] = {}
         self.newcomers: dict[tuple[str, bool], float] = {}
@@ -216,9 +86,8 @@ class Model:
         self.gone: set[Sender] = set()
         self.missed: dict[str, float] = {}
         self.heard: dict[str, float] = {}
-        self.sets: list[tuple[str, float, float, Rows, Sender]] = []
-        self.orders: dict[Sender, tuple[float, float]] = {}
-        self.taking_turns = self.has_twin = False
+        self.sets = Newest()
+        self.has_twin = self.joints_age = False
         self.speakers: dict[str, list[Sender]] = {}  # by topic, the last one last
         self.declared = False
         self.ignored: list[str] = []
@@ -237,6 +106,8 @@ class Model:
         """Take note of who sends the next message, and of whether some are lost before it."""
         self.sender = topic, number
         self.heard[topic] = self.steady
+        if topic in self.watched:
+            return
         known = self.speakers.get(topic, [])
         self.speakers[topic] = [*(one for one in known if one != self.sender), self.sender]
         self.gone.discard(self.sender)
@@ -244,20 +115,31 @@ class Model:
         if lost and topic in CHANGES:
             self.missed[topic] = self.now
 
+    def cannot_read(self) -> None:
+        """Take note that the message cannot be read."""
+        if self.sender[0] not in self.watched:
+            self.unreadable.add(self.sender)
+
+    @property
+    def newest(self) -> list[Newest]:
+        return [self.sets, *self.sources]
+
+    @property
+    def seen_things(self) -> dict[str, Thing]:
+        return {source.name: source.thing for source in self.sources}
+
     def look(self) -> None:
         """Forget senders that are gone and of which nothing is left, and losses made good."""
-        for one in self.unreadable & self.gone:
-            things = (t for t in self.things.values() if not t.stale)
-            of_things = (sender for thing in things for sender in (thing.sender, thing.maker))
-            if one not in (*of_things, *(joint.sender for joint in self.joints())):
-                self.unreadable.discard(one)
-        if self.taking_turns:
-            self.orders = {one: x for one, x in self.orders.items() if one not in self.gone}
-            self.taking_turns = len(self.orders) > 1
+        in_use = senders_of((self.things | self.seen_things).values())
+        in_use |= {joint.sender for joint in self.joints()}
+        self.unreadable -= self.gone - in_use
+        for newest in self.newest:
+            newest.forget(self.gone)
         self.unknown = {name: at for name, at in self.unknown.items() if name not in self.things}
         since = self.missed.get("object_transform", inf)
         bases = [] if self.robot is None else [self.robot.base.at]
-        times = *bases, *(thing.received for thing in self.things.values())
+        there = (thing for name, thing in self.things.items() if name not in self.adding)
+        times = *bases, *(thing.received for thing in there)
         if not self.deleting and all(at > since for at in times):
             self.missed.pop("object_transform", None)
 
@@ -308,6 +190,7 @@ class Model:
         if thing is None:
             before = self.removed.get(name)
             thing = self.things[name] = Thing(size, shaped=False)
+            self.adding.add(name)
             if before is not None and before.shaped and not before.is_mesh and frame == "map":
                 # deleted and sent again as it was: another message about it
                 thing.repeated = before.size == size and before.x is not None
@@ -374,16 +257,12 @@ class Model:
             self.state(thing, x, frame, stamp, speed=speed)
 
     def take_set(self, frame: str, stamp: float, rows: Rows) -> None:
-        self.taking_turns |= self.sender in self.orders and [*self.orders][-1] != self.sender
-        order, received = self.orders.pop(self.sender, (0.0, -inf))
-        if 0 < stamp < order and self.now - received <= REORDERED:
-            self.orders[self.sender] = order, received
+        if not self.sets.is_in_order(self.sender, stamp, self.now):
             self.doubt_set()
             return
-        self.orders[self.sender] = stamp if 0 < stamp <= self.now + AHEAD else order, self.now
         if frame == "map":
-            self.sets.clear()
-        self.sets.append((frame, stamp, self.now, rows, self.sender))
+            self.sets.waiting.clear()
+        self.sets.waiting.append(Message(frame, stamp, self.now, rows, self.sender))
 
     def doubt_set(self, is_read: bool = True) -> None:
         """Mark the boxes that are there once what came before is applied, or the input."""
@@ -398,60 +277,66 @@ class Model:
         """Apply what waits: deletions, and the newest set that can be placed."""
         self.deleted.update(dict.fromkeys(self.deleting, self.now))
         self.deleting.clear()
+        self.adding.clear()
         self.removed.clear()
         if has_sets:
             self.sync_sets()
 
     def sync_sets(self) -> None:
-        usable = [self.is_placed_at(frame, stamp) for frame, stamp, *_ in self.sets]
+        waiting = self.sets.waiting
+        usable = [self.is_placed_at(one.frame, one.stamp) for one in waiting]
         if any(usable):
-            last = len(usable) - 1 - usable[::-1].index(True)
-            self.use_set(*self.sets[last])
-            del self.sets[: last + 1]
-        for one in [one for one in self.sets if self.now - one[2] > WAIT]:
-            self.sets.remove(one)
+            newest = len(usable) - 1 - usable[::-1].index(True)
+            self.use_set(waiting[newest])
+            del waiting[: newest + 1]
+        for one in [one for one in waiting if self.now - one.at > WAIT]:
+            waiting.remove(one)
             for thing in self.things.values():
                 thing.bad_pose |= thing.of_set
-            if not one[3]:
-                self.unreadable.add(one[4])
-            for name, *_ in one[3]:
+            if not one.content:
+                self.unreadable.add(one.sender)
+            for name, *_ in one.content:
                 if name not in self.things:
                     self.newcomers[name, True] = inf
         self.see()
 
-    def use_set(
-        self, frame: str, stamp: float, received: float, rows: Rows, sender: Sender
-    ) -> None:
-        speaker, self.sender = self.sender, sender
+    def use_set(self, one: Message) -> None:
         self.newcomers = {key: at for key, at in self.newcomers.items() if not key[1]}
         for name in [n for n, thing in self.things.items() if thing.of_set]:
-            if name not in [row[0] for row in rows]:
+            if name not in [row[0] for row in one.content]:
                 del self.things[name]
-        carried = self.latest() if frame == "odom" and not stamp else inf
-        now, self.now = self.now, received
-        for name, x, size, fault in rows:
+        for name, x, size, fault in one.content:
             if name in self.things and not self.things[name].of_set:
                 self.newcomers[name, True] = inf
                 continue
             if fault:
                 self.refuse(name, fault, size, of_set=True)
                 continue
-            thing = self.things.setdefault(name, Thing(size, True))
+            thing = self.things.setdefault(name, Thing(size, of_set=True))
             thing.size, thing.bad_shape = size, False
             self.newcomers.pop((name, False), None)
-            self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp, carried)
-        self.now, self.sender = now, speaker
+            self.place_at(thing, x + OFFSET * (one.frame == "odom"), one)
         self.declare()
+
+    def place_at(self, thing: Thing, x: float, one: Message) -> None:
+        """Place a thing by a message that came earlier, now that its frame is known."""
+        carried = self.latest() if one.frame == "odom" and not one.stamp else inf
+        before = self.now, self.sender
+        self.now, self.sender = one.at, one.sender
+        self.state(thing, x, "map", one.stamp, carried)
+        self.now, self.sender = before
 
     def clear(self, fails: bool = False) -> None:
         for name in self.things:
             self.deleted[name] = self.now
             self.unknown.pop(name, None)
-        self.sets.clear()
-        self.taking_turns = False
+        for newest in self.newest:
+            newest.clear()
         self.broken = fails
         if fails:
             return
+        for source in self.sources:
+            source.renew()
         self.things.clear()
         self.newcomers.clear()
         self.unreadable.clear()
@@ -469,22 +354,24 @@ class Model:
         self.newcomers = {key: at + by for key, at in self.newcomers.items()}
         for times in (self.unknown, self.deleted, self.missed):
             times.update({name: at + by for name, at in times.items()})
-        self.sets = [
-            (frame, stamp, at + by, rows, who) for frame, stamp, at, rows, who in self.sets
-        ]
-        self.orders = {one: (0.0, at + by) for one, (_, at) in self.orders.items()}
+        for newest in self.newest:
+            newest.jump(by)
+        if self.robot is not None:
+            self.robot.trails = [[] for _ in self.robot.links]
         self.seen = self.seen[0], self.seen[1] + by
 
     def all_things(self) -> dict[str, Thing]:
-        return self.things | (self.robot.links if self.robot else {})
+        return self.things | self.seen_things | (self.robot.links if self.robot else {})
 
     def cycle(self, given: dict[str, Any], fails: str = "", waited: bool = False) -> None:
         self.overloaded = waited
-        self.broken |= fails in ("sets", "robots")
+        self.broken |= fails in ("sets", "robots", "sources")
         self.failed = fails == "update" or (fails == "check" and self.active and self.enabled)
         self.sync(has_sets=fails != "sets")
         if self.robot is not None and fails != "robots":
             self.place_links(self.robot, given)
+        if self.sources and fails != "sources":
+            self.sync_sources()
         if fails != "update":
             self.update(given)
         if not self.failed:
@@ -531,6 +418,17 @@ class Model:
         for thing in robot.links.values():
             thing.bad_pose |= is_unknown
 
+    def sync_sources(self) -> None:
+        """Use what sensors saw, with the robot where it is by now."""
+        robot = self.robot
+        if robot is not None:
+            robot.record(self.by_stamp)
+            for thing in self.all_things().values() if any(s.waiting for s in self.sources) else ():
+                self.place(thing)
+            robot.record(self.by_stamp)
+        for source in self.sources:
+            source.apply(self)
+
     def update(self, given: dict[str, Any]) -> None:
         over = [n for n, thing in self.things.items() if thing.seen and thing.expiry <= self.now]
         for name in over:
@@ -562,17 +460,20 @@ class Model:
             thing.awaited = None
 
     def colliding(self, given: dict[str, Any]) -> list[tuple[Thing, Thing]]:
-        """Return the pairs that collide: links of the robot never do with each other."""
-        boxes = [
-            (thing, thing.x, 0.5 * thing.size + self.growth(name, thing, given), name in LINKS)
-            for name, thing in self.all_things().items()
+        """Return the pairs that collide: links never do with each other, nor do clouds."""
+        kinds = self.things, self.seen_things, self.robot.links if self.robot else {}
+        bodies = [
+            (thing, [thing.x + x for x in thing.points], size, kind)
+            for kind, things in enumerate(kinds)
+            for name, thing in things.items()
             if thing.x is not None and thing.shaped and not self.has(name, thing, given, "ignore")
+            for size in [0.5 * thing.size + self.growth(name, thing, given)]
         ]
         return [
             (a, b)
-            for (a, xa, ra, is_link), (b, xb, rb, is_other) in combinations(boxes, 2)
-            if self.enabled and self.active and abs(xa - xb) <= ra + rb
-            if not (is_link and is_other)
+            for (a, at, ra, kind), (b, bt, rb, other) in combinations(bodies, 2)
+            if self.enabled and self.active and (kind != other or kind == 0)
+            if any(abs(x - y) <= ra + rb for x in at for y in bt)
         ]
 
     def left(self) -> list[tuple[Thing, Thing]]:
@@ -601,7 +502,7 @@ class Model:
         ]
 
     def age(self, name: str, thing: Thing, given: dict[str, Any]) -> None:
-        own = last(given["object_timeout_overrides"], name)
+        own = last(self.limits(given), name)
         thing.is_alone = own is None and not thing.repeated and None is not thing.locked
         thing.is_alone &= thing.carried < inf
         limit = given["object_timeout"] if thing.repeated or thing.is_alone else 0.0
@@ -612,9 +513,22 @@ class Model:
         if thing.stale and not before:
             thing.order, thing.speed = 0.0, max(thing.told, SPEED)
 
+    def is_silent(self, source: Source, given: dict[str, Any]) -> bool:
+        waited = self.steady - self.activated
+        is_heard = self.heard.get(source.topic, -inf) >= self.activated
+        return not is_heard and 0.0 < given[f"{source.topic}.timeout"] < waited
+
+    def limits(self, given: dict[str, Any]) -> list[str]:
+        """Return age limits by name; that of a source comes last."""
+        of_sources = [f"{one.name}: {given[f'{one.topic}.timeout']}" for one in self.sources]
+        return [*given["object_timeout_overrides"], *of_sources]
+
     def has(self, name: str, thing: Thing, given: dict[str, Any], policy: str) -> bool:
-        is_it = (last(given["stale_policy_overrides"], name) or given["stale_policy"]) == policy
-        return thing.stale and is_it
+        of_source = (
+            given.get(f"{name.split('/')[1]}.stale_policy") if name in self.seen_things else None
+        )
+        own = of_source or last(given["stale_policy_overrides"], name)
+        return thing.stale and (own or given["stale_policy"]) == policy
 
     def moved(self, thing: Thing) -> float:
         return thing.speed * max(self.now - thing.since(self.by_stamp), 0.0)
@@ -627,24 +541,37 @@ class Model:
         self.look()
         found = {*self.of_cycle(), *self.of_clock(given), *self.of_scene(given)}
         unknown = set() if not self.robot else self.robot.codes(self.now, given, self.latest)
-        for name, thing in (self.things if unknown else self.all_things()).items():
-            if self.has(name, thing, given, "ignore"):
-                continue
-            lost = self.has(name, thing, given, "collide") and self.moved(thing) > REACH
-            if thing.is_building:
-                found.add("shape_building")
-            elif thing.bad_pose or thing.bad_shape or thing.held_back:
-                found.add("refused")
-            elif thing.x is None:
-                found.add("unplaced")
-            elif thing.late:
-                found.add("late_frame")
-            elif lost or self.has(name, thing, given, "unknown"):
-                found.add("stale")
+        for name, thing in self.all_things().items():
+            if not (unknown and name in LINKS):
+                found |= {self.state_of(name, thing, given)}
         return [code for code in ORDER if code in found | unknown]
 
-    def kinds(self, codes: Sequence[str]) -> Iterator[str]:
+    def state_of(self, name: str, thing: Thing, given: dict[str, Any]) -> str:
+        """Return the code of why a thing may not be where it is, "" if it is."""
+        if self.has(name, thing, given, "ignore"):
+            return ""
+        lost = self.has(name, thing, given, "collide") and self.moved(thing) > REACH
+        if thing.is_building:
+            return "shape_building"
+        if thing.bad_pose or thing.bad_shape or thing.held_back:
+            return "refused"
+        if thing.x is None:
+            return "unplaced"
+        if thing.late:
+            return "late_frame"
+        return "stale" if lost or self.has(name, thing, given, "unknown") else ""
+
+    def kinds(self, codes: Sequence[str], given: dict[str, Any]) -> Iterator[str]:
         """Yield in which ways all or less is known."""
+        unreadable = {topic for topic, _ in self.unreadable}
+        for source in self.sources:
+            yield SEEN + self.state_of(source.name, source.thing, given)
+            yield from [f"{SEEN}input_silent"] * self.is_silent(source, given)
+            yield from [f"{SEEN}input_unreadable"] * (source.topic in unreadable)
+            yield from [f"{SEEN}two_publishers"] * source.taking_turns
+            yield from [f"{SEEN}left out"] * source.left_out
+            is_hit = any(source.thing in pair for pair in self.left())
+            yield from [f"{SEEN}collides"] * is_hit
         for thing in self.all_things().values() if "stale" in codes else ():
             others = thing.at if thing.is_alone else min(thing.at, thing.stamp or inf)
             if thing.stale and thing.carried < others:
@@ -659,7 +586,7 @@ class Model:
             yield TWO
         if "two_publishers" in codes:
             yield from [TWIN] * self.has_twin
-            yield from [TURNS] * self.taking_turns
+            yield from [TURNS] * self.sets.taking_turns
 
     def of_cycle(self) -> Iterator[str]:
         if not self.active:
@@ -670,11 +597,11 @@ class Model:
             yield "internal_error"
         if self.overloaded:
             yield "overload"
-        if self.taking_turns or self.has_twin:
+        if self.has_twin or any(newest.taking_turns for newest in self.newest):
             yield "two_publishers"
 
     def of_clock(self, given: dict[str, Any]) -> Iterator[str]:
-        entries = *given["object_timeout_overrides"], *given["required_inputs"]
+        entries = *self.limits(given), *given["required_inputs"]
         limits = [given[TIMEOUT], *(float(entry.split(": ")[1]) for entry in entries)]
         limits += [given["joint_timeout"]] if self.robot else []
         heard = max(self.heard.values(), default=-inf)
@@ -683,7 +610,8 @@ class Model:
             yield "clock_stopped"
 
     def of_scene(self, given: dict[str, Any]) -> Iterator[str]:
-        if not (self.things or self.newcomers or self.declared or given["expect_empty"]):
+        there = self.things or (self.sources and self.robot and self.robot.links)
+        if not (there or self.newcomers or self.declared or given["expect_empty"]):
             yield "no_objects"
         if self.newcomers:
             yield "refused"
@@ -695,6 +623,8 @@ class Model:
             since = self.heard.get(topic, -inf)
             if since < self.activated or self.steady - since > float(limit):
                 yield "input_silent"
+        if any(self.is_silent(source, given) for source in self.sources):
+            yield "input_silent"
         if self.unreadable:
             yield "input_unreadable"
         if self.missed:
@@ -702,8 +632,3 @@ class Model:
         for name, at in self.unknown.items():
             if name not in self.things and self.now - at < MEMORY:
                 yield "unknown_objects"
-
-
-def last(entries: Sequence[str], name: str) -> str | None:
-    values = [entry.split(": ")[1] for entry in entries if fnmatch(name, entry.split(": ")[0])]
-    return values[-1] if values else None

@@ -78,9 +78,11 @@ REMEDIES = {
     "clock_stopped": "Messages arrive, but the time of /clock does not advance, so nothing ages. "
     "Start the clock, or unset use_sim_time.",
     "two_publishers": "For collision_status: give each node its own name or namespace. For sets "
-    "of boxes: merge them in one sender. The code ends when one publisher is left.",
-    "no_objects": "Send objects. If the scene is empty, set expect_empty, call ~/clear, send "
-    "DELETEALL or an empty set, delete the last object, or load a scene file without objects.",
+    "of boxes: merge them in one sender. For sensors: name a source for each. The code ends when "
+    "one publisher is left.",
+    "no_objects": "Send objects, or a robot for what sensors see. If the scene is empty, set "
+    "expect_empty, call ~/clear, send DELETEALL or an empty set, delete the last object, or load a "
+    "scene file without objects.",
     "required_missing": "Send the objects of required_objects.",
     "input_silent": "Start the sender: no message arrived within required_inputs, input_timeout or "
     "the timeout of a source.",

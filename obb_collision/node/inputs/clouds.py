@@ -118,7 +118,8 @@ class WaitingClouds:
                 timeout = int(self._objects.placement.timeout * NANOSECONDS)
                 waits = self._frames.waits or self.is_patient
                 may_wait = waits and now - cloud.received <= timeout
-                if refusal.reason in LATER and may_wait:
+                # an earlier one than that refused would hide that there is a newer one
+                if refusal.reason in LATER and may_wait and not refused:
                     kept.insert(0, cloud)
                     continue
                 item = "" if refusal is error else "whole message"

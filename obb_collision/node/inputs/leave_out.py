@@ -30,7 +30,7 @@ from typing import Protocol
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import Boxes, add_outwards
 from obb_collision.geometry.poses import as_poses
 from obb_collision.node.inputs.cuts import Points
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
@@ -90,6 +90,10 @@ class LeftOut:
         if any(self._words()):
             self._objects.placement.place(now)
             self.record()
+
+    def clock_jumped(self, _: int) -> None:
+        """Forget where everything was: stamps mean something else from now on."""
+        self._poses.clear()
 
     def record(self) -> None:
         """Store the present poses of all objects that are left out."""
@@ -194,9 +198,10 @@ class LeftOut:
         if len(slots) == 0:
             return
         store, cache = self._objects.scene.objects.store, self._objects.scene.objects.cache
-        local = store.local_centers[slots], store.local_rotations[slots], store.half_extents[slots]
-        columns = placed(local, poses)
-        boxes = Boxes.trusted(columns["centers"], columns["rotations"], store.half_extents[slots])
+        # without the growth of stale objects: points within it may be anything
+        sizes = add_outwards(store.local_half_extents[slots], store.own_paddings[slots][:, None])
+        columns = placed((store.local_centers[slots], store.local_rotations[slots], sizes), poses)
+        boxes = Boxes.trusted(columns["centers"], columns["rotations"], sizes)
         shaped = (store.accuracies[slots] > Accuracy.OBB) & (store.kinds[slots] > BOX)
         rows = np.flatnonzero(shaped)
         cornered = rows[cache.cores(slots[rows])[:, 0] == HULL_CORE]
@@ -207,7 +212,8 @@ class LeftOut:
         if len(rows):
             bodies = convex_bodies(store, cache, store.all_boxes(), slots[rows])
             centers, rotations = as_poses(poses[rows], warn=False)
-            yield boxes[rows], replace(bodies, centers=centers, rotations=rotations)
+            radii = bodies.radii - store.growths[slots[rows]]
+            yield boxes[rows], replace(bodies, radii=radii, centers=centers, rotations=rotations)
 
 
 def _unknown(name: str, stamp: int, until: int) -> RefusedError:

@@ -285,11 +285,11 @@ class Sources:
         obstacles: Obstacles,
     ) -> None:
         self._parameters, self._clock = parameters, clock
-        self._left_out = LeftOut(objects, parameters, robots, self._words)
+        self.left_out = LeftOut(objects, parameters, robots, self._words)
         self.obstacles: list[Source] = []
         self.watched: list[Source] = []
         for row, settings in enumerate(parameters.source_settings):
-            parts = objects, frames, clock, self._settings_of(row), self._left_out
+            parts = objects, frames, clock, self._settings_of(row), self.left_out
             if settings.use == WATCH:
                 self.watched.append(WatchedSource(obstacles, *parts))
             else:
@@ -321,7 +321,7 @@ class Sources:
     def apply(self) -> None:
         """Give the objects of sources the points of their newest messages."""
         if self.all:
-            self._left_out.record()
+            self.left_out.record()
             self._apply(self.obstacles)
 
     def apply_watched(self) -> None:
@@ -336,6 +336,6 @@ class Sources:
     def _apply(self, sources: list[Source]) -> None:
         waiting = [source for source in sources if source.waiting.clouds]
         if waiting:
-            self._left_out.place(self._clock())
+            self.left_out.place(self._clock())
         for source in waiting:
             source.apply()

@@ -34,7 +34,7 @@ from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.states import Staleness, States
-from obb_collision.node.objects.table import NO_TIME, ObjectTable, Slots
+from obb_collision.node.objects.table import NO_TIME, OF_SOURCE, ObjectTable, Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder, Limits
 from obb_collision.scene.report import Report
@@ -92,8 +92,14 @@ class Objects:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no object but links of robots."""
-        return len(self.table) == np.count_nonzero(self.table.of_robot)
+        """Whether there is no object but links of robots, or but what sensors see.
+
+        With links the clouds of sensors are objects as any; alone they collide with nothing.
+        """
+        table = self.table
+        links = int(np.count_nonzero(table.of_robot))
+        clouds = int(np.count_nonzero(table.of_set == OF_SOURCE))
+        return len(table) - links <= (0 if links else clouds)
 
     def pairs_on_boxes(self, report: Report) -> Mask:
         """Return (m,) which pairs of a report are on boxes though a hull of theirs is being built.

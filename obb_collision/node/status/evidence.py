@@ -42,7 +42,7 @@ from obb_collision.node.inputs.subscriptions import Subscriptions
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.table import Slots
+from obb_collision.node.objects.table import OF_SOURCE, Slots
 from obb_collision.node.parameters.entries import Groups, bounds_text
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.parameters.sources import WATCH, SourceSettings
@@ -101,9 +101,9 @@ class Evidence:
         limits = [parameters.object_timeout, parameters.joint_timeout if robots else 0.0]
         for entries in (parameters.object_timeout_overrides, parameters.required_inputs):
             limits += [limit for _, limit in entries]
-        limits += [source.timeout for source in parameters.source_settings]
         settings = parameters.source_settings
         self._sources = [source for source in settings if source.use != WATCH]
+        limits += [source.timeout for source in self._sources]
         self._unasked = {*UNASKED, *(source.topic for source in settings if source.use == WATCH)}
         self._standstill = min((limit for limit in limits if limit), default=LONGEST_STANDSTILL)
         self._standstill = min(self._standstill, LONGEST_STANDSTILL)
@@ -153,7 +153,11 @@ class Evidence:
             yield Reason("internal_error", detail=broken or "in the last cycle")
         if cycle.delay > self._parameters.allowed_delay:
             yield Reason("overload")
-        shared = [boxes.topic for boxes in self._newest if boxes.is_contested]
+        shared = [
+            newest.topic
+            for newest in self._newest
+            if newest.is_contested and newest.topic not in self._unasked
+        ]
         if self._others or shared:
             who = (*(STATUS for _ in range(self._others > 0)), *shared)
             yield Reason("two_publishers", who, len(who))
@@ -232,7 +236,7 @@ class Evidence:
         if topic == "objects" or missed is None:
             return missed is not None
         table = self._objects.table
-        own = table.live & ~table.of_robot
+        own = table.live & ~table.of_robot & (table.of_set != OF_SOURCE)
         if (table.received[own] <= missed.time).any():
             return True
         if any(robot.has_base_of(missed.time) for robot in self._robots.robots):

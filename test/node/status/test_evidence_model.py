@@ -28,8 +28,9 @@ from unittest.mock import patch
 
 import pytest
 from each import each
-from evidence_machine import BEGIN, PLACES, SIZES, EvidenceMachine, World, rule
-from evidence_model import CHANGES, KINDS, ORDER
+from evidence_things import CHANGES, KINDS, ORDER
+from evidence_world import BEGIN, PLACES, SIZES, World, rule
+from sensor_machine import SensorMachine
 from walks import Rules, Step, check, draw_all, one_of, repeated
 
 from obb_collision.node.status import evidence
@@ -50,7 +51,7 @@ def walk(number: int, length: int) -> None:
     random = Random(number)
     begin: Step = "begin", draw_all(BEGIN, random)
     steps = [begin, *rule.walk(random, length), TICK]
-    check(EvidenceMachine.go, steps, f"walk {number}")
+    check(SensorMachine.go, steps, f"walk {number}")
 
 
 @each("number", range(100))
@@ -151,14 +152,40 @@ FOUND: dict[str, Callable[[Any], Any]] = {
         m.markers(cut=True), m.markers(), m.markers(cut=True)),
     "twice before a cycle": lambda m: (
         m.configure(**LIMITED), m.markers(), m.markers(), m.tick(0.7117)),
+    "sensors: watched, by turns": lambda m: (
+        m.watch(), m.turn(2), m.watch(), m.turn(1), m.watch(), m.tick()),
+    "sensors: watched, while the clock stands still": lambda m: (
+        m.configure(**{"seen.timeout": 0.1}), m.stand_still(0.2311)),
+    "sensors: another input lost changes": lambda m: (
+        m.markers(), m.turn(loses=["object_transform"]), m.transform("b/0"), m.tick(),
+        m.transform("b/0")),
+    "sensors alone": lambda m: m.see([0.0]),
+    "sensors: two senders, one cut": lambda m: (
+        m.markers(), m.see(fault="cut"), m.turn(2), m.see(), m.tick(), m.end(1)),
+    "sensors: by turns": lambda m: (
+        m.markers(), m.see(), m.turn(2), m.see(), m.turn(1), m.see(), m.tick(), m.end(2)),
+    "sensors: refused, and then an earlier one": lambda m: (
+        m.markers(), m.transforms(known=False), m.see(frame="odom"),
+        m.see(frame="odom", ahead=None, fault="content"), m.tick(), m.transforms()),
+    "robot and sensors: left out after the clock was set back": lambda m: (
+        m.configure(joint_timeout=5.0), m.joints([0.0, 3.0]), m.tick(0.1103), m.joints([1.4, 3.0]),
+        m.tick(), m.jump(-0.3), m.joints([0.0, 1.4]), m.see([1.4])),
+    "robot and sensors: grown by its age": lambda m: (
+        m.configure(object_timeout_overrides=["arm/*: 0.9"], stale_policy="collide"),
+        m.tick(1.3017), m.see([0.4], ahead=None)),
+    "robot and sensors: a robot that is not known": lambda m: (
+        m.joints([nan, 1.4]), m.see([0.7]), m.tick(), m.joints(), m.tick(), m.see([0.7])),
+    "robot and sensors: a state that comes later": lambda m: (
+        m.configure(joint_timeout=5.0), m.tick(0.1103), m.see([0.0, 1.4]), m.tick(), m.joints(),
+        m.tick(), m.see([0.0]), m.tick(0.4703)),
 }  # fmt: skip
 """Sequences after which the node claimed something else, and what is rare of robots."""
 
 
-def run(steps: Callable[[Any], Any], has_robot: bool = False) -> None:
+def run(steps: Callable[[Any], Any], has_robot: bool, has_sensors: bool) -> None:
     """Let the machine go through some steps."""
-    machine = EvidenceMachine()
-    machine.begin(has_robot=has_robot)
+    machine = SensorMachine()
+    machine.begin(has_robot=has_robot, has_sensors=has_sensors)
     try:
         steps(machine)
         machine.tick()
@@ -171,7 +198,7 @@ def test_what_the_machine_found(what: str) -> None:
     has_robot = what.startswith("robot")
     if has_robot:
         pytest.importorskip("lxml")
-    run(FOUND[what], has_robot)
+    run(FOUND[what], has_robot, "sensors" in what)
 
 
 BOX_STEPS = Rules()
@@ -190,4 +217,4 @@ def test_sets_of_boxes_and_markers_of_equal_names(number: int) -> None:
     start: list[Step] = [("begin", {}), ("markers", {"names": ["boxes/9"]}), TICK]
     # the name that sets have a number of
     drawn = BOX_STEPS.walk(random, random.randint(3, 10))
-    check(EvidenceMachine.go, [*start, *(one for step in drawn for one in (step, TICK))], "boxes")
+    check(SensorMachine.go, [*start, *(one for step in drawn for one in (step, TICK))], "boxes")
