@@ -129,11 +129,10 @@ def thin_out(points: Floats, edge: float) -> tuple[Rows, float]:
     if not np.prod(sizes) <= MOST_CELLS:
         spans = " x ".join(f"{span:g}" for span in (sizes * edge).tolist())
         raise RefusedError(VOXEL_TOO_SMALL, f"{edge:g} m for points that span {spans} m")
-    bits = int(2 * len(points)).bit_length()
-    keys, owners = np.full(1 << bits, -1, np.int64), np.empty(1 << bits, np.int64)
-    places = np.empty(len(points), np.int64)
-    moved = thin_kernel(points, edge, low, sizes, keys, owners, places)
-    rows = np.sort(owners[keys >= 0])
+    table = np.zeros(1 << int(2 * len(points)).bit_length(), np.int32)
+    owners, places = np.empty(len(points), np.int64), np.empty(len(points), np.int32)
+    count, moved = thin_kernel(points, edge, low, sizes, table, owners, places)
+    rows = np.sort(owners[:count])
     return rows, float(np.nextafter(moved * (1.0 + 1e-12), inf)) if moved > 0.0 else 0.0
 
 
@@ -152,45 +151,50 @@ def thin_kernel(
     edge: float,
     low: Floats,
     sizes: Floats,
-    keys: np.ndarray,
-    owners: np.ndarray,
+    table: np.ndarray,
+    owners: Rows,
     places: np.ndarray,
-) -> float:
-    """Write the keys of cells and the rows of their points to a hash table; return the distance.
+) -> tuple[int, float]:
+    """Write the rows of the points that are kept; return their number, and the distance.
 
-    keys, owners: the table, of a power of two, keys -1; places (n,): of each point in it.
+    table: a hash table of a power of two, zeros: cells by their numbers, from 1 on. owners (n,): of
+    each cell. places (n,): the cell of each point. Neighbours in a picture are often in one cell.
     """
-    mask, bits = len(keys) - 1, 0
-    while (1 << bits) < len(keys):
+    mask, bits = len(table) - 1, 0
+    while (1 << bits) < len(table):
         bits += 1
     shift = np.uint64(64 - bits)
+    keys, squares = np.empty(len(points), np.int64), np.empty(len(points))
+    count, last, cell = 0, np.int64(-1), 0
     for n in range(len(points)):
         i = np.floor(points[n, 0] / edge)  # no integers, which end at 2^63
         j = np.floor(points[n, 1] / edge)
         k = np.floor(points[n, 2] / edge)
         key = np.int64(i - low[0]) * np.int64(sizes[1]) + np.int64(j - low[1])
         key = key * np.int64(sizes[2]) + np.int64(k - low[2])
-        at = np.int64((np.uint64(key) * SPREAD) >> shift)
-        while keys[at] >= 0 and keys[at] != key:
-            at = (at + 1) & mask
-        places[n] = at
-        if keys[at] < 0:
-            keys[at], owners[at] = key, n
-            continue
-        m, here, there = owners[at], 0.0, 0.0
+        square = 0.0
         for axis in range(3):
-            center = ((i, j, k)[axis] + 0.5) * edge
-            here += (points[n, axis] - center) ** 2
-            there += (points[m, axis] - center) ** 2
-        if here < there:
-            owners[at] = n
+            square += (points[n, axis] - ((i, j, k)[axis] + 0.5) * edge) ** 2
+        if key != last:
+            last = key
+            at = np.int64((np.uint64(key) * SPREAD) >> shift)
+            while table[at] > 0 and keys[table[at] - 1] != key:
+                at = (at + 1) & mask
+            if table[at] == 0:
+                keys[count], squares[count], owners[count] = key, square, n
+                count += 1
+                table[at] = count
+            cell = table[at] - 1
+        places[n] = cell
+        if square < squares[cell]:
+            squares[cell], owners[cell] = square, n
     longest = 0.0
     for n in range(len(points)):
         m, square = owners[places[n]], 0.0
         for axis in range(3):
             square += (points[n, axis] - points[m, axis]) ** 2
         longest = max(longest, square)
-    return sqrt(longest)
+    return count, sqrt(longest)
 
 
 def compile_kernels() -> None:

@@ -596,6 +596,7 @@ def test_one_point_of_each_cell_is_kept(kind: type) -> None:
         assert moved <= edge * 3**0.5 * (1 + 1e-9)
     far = np.array([[1e18, 0.0, 0.0], [1e18, 0.5, 0.0], [1e18, 0.6, 0.0]])
     assert thin_out(far, 0.3)[0].tolist() == [0, 1, 2], "cells beyond 2^63"
+    assert thin_out(np.full((2, 3), 1e300), 0.3)[0].tolist() == [0], "squares beyond doubles"
     with pytest.raises(RefusedError, match="voxel too small"):
         thin_out(np.array([[0.0] * 3, [1e12] * 3]), 1e-9)
 
