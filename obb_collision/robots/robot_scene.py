@@ -25,7 +25,7 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind, is_single
 from obb_collision.queries.points.points import points_in_bodies
-from obb_collision.queries.rays.rays import hidden_points
+from obb_collision.queries.rays.hidden import add_hidden
 from obb_collision.robots.checks.arrays import check_turns
 from obb_collision.robots.checks.distances import state_distances
 from obb_collision.robots.checks.motions import check_motions, displacements
@@ -327,10 +327,7 @@ class RobotScene(PlacedRobots):
         assert inside.boxes is not None
         own = inside.boxes >= 0
         if sensor is not None:
-            others = np.flatnonzero(~own & np.isfinite(cloud).all(axis=1))
-            origin = as_array(sensor, "sensor", (3,))
-            rest = np.asarray(cloud[others], np.float64)
-            own[others] = hidden_points(origin, rest, boxes, bodies, metres)
+            add_hidden(own, as_array(sensor, "sensor", (3,)), cloud, boxes, bodies, metres)
         return own
 
     def check_path(

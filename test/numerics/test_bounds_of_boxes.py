@@ -59,6 +59,7 @@ from obb_collision.queries.rays.boxes import (
     enters_bounds,
     moved_ahead,
 )
+from obb_collision.queries.rays.hidden import middle_from, sight_of
 from obb_collision.queries.rays.rays import as_rays
 from obb_collision.queries.verdict import VOLUME_BOUND, fast_verdict
 from obb_collision.queries.verdict.coarse import (
@@ -435,6 +436,19 @@ def test_rays_moved_ahead() -> None:
         share = dot(rest, line) / dot(line, line)
         ratios.append(norm(minus(rest, [share * x for x in line])) / Fraction(bound))
     assert len(ratios) > 50
+    check_ratios(ratios)
+
+
+def test_ends_of_segments() -> None:
+    """Where a segment from a sensor ends, computed from its middle, direction and length."""
+    rng, ratios = np.random.default_rng(9), []
+    for eye, point, center in rng.normal(size=(200, 3, 3)) * [[1e3], [1.0], [1.0]]:
+        sight = sight_of(vector(eye), vector(point))
+        middle, half = exact(middle_from(sight, vector(center))), Fraction(sight.length) / 2
+        for side, end in ((-1, eye), (1, point)):
+            found = [m + side * half * u for m, u in zip(middle, exact(sight.unit), strict=True)]
+            off = minus(found, minus(exact(end), exact(center)))
+            ratios.append(norm(off) / Fraction(sight.error))
     check_ratios(ratios)
 
 

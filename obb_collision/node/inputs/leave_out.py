@@ -42,7 +42,7 @@ from obb_collision.node.parameters.entries import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.queries.points.points import points_in_bodies
-from obb_collision.queries.rays.rays import hidden_points
+from obb_collision.queries.rays.hidden import add_hidden
 from obb_collision.scene.building.shape_cache import BOX, CLOUD
 from obb_collision.scene.refinement.bodies import box_bodies, convex_bodies
 from obb_collision.scene.store.patterns import matching
@@ -137,7 +137,7 @@ class LeftOut:
         result = np.zeros(len(points), np.bool_)
         for boxes, shapes in self._bodies(*self._at(words, stamp)):
             bodies = box_bodies(boxes, np.arange(len(boxes))) if shapes is None else shapes
-            result |= hidden_points(sensor, points, boxes, bodies, padding)
+            add_hidden(result, sensor, points, boxes, bodies, padding)
         return result
 
     def _slots(self, words: Sequence[str]) -> tuple[Rows, Rows, dict[str, bool]]:

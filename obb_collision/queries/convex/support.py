@@ -110,7 +110,7 @@ class ConvexBodies:
         """The fields, for kernels."""
         return Cores(*vars(self).values())
 
-    def take(self, rows: Rows | Mask, margin: float = 0.0) -> ConvexBodies:
+    def take(self, rows: Rows | Mask, margin: float | Floats = 0.0) -> ConvexBodies:
         """Return the bodies of some rows, grown by a margin (m)."""
         fields = {name: value[rows] for name, value in vars(self).items() if name != "hulls"}
         return replace(self, **{**fields, "radii": fields["radii"] + margin})

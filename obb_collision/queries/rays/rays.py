@@ -42,7 +42,6 @@ from obb_collision.numerics.vec3 import axis_of, dot, lengths, plus, scaled, vec
 from obb_collision.queries.convex.support import ConvexBodies, Solids, solids_of
 from obb_collision.queries.meshes.placed import BOX_BOUND, PlacedMeshes, body_at, root_boxes
 from obb_collision.queries.meshes.trees import NodeStack, node_stack
-from obb_collision.queries.points.points import points_in_bodies
 from obb_collision.queries.rays.bodies import hit_convex, hit_mesh, triangle_normal
 from obb_collision.queries.rays.boxes import (
     MISSED,
@@ -62,7 +61,7 @@ from obb_collision.queries.rays.boxes import (
 )
 from obb_collision.queries.verdict.pair_rows import as_each
 from obb_collision.queries.verdict.sat import box_at
-from obb_collision.typing import Floats, Integers, Mask, Vector
+from obb_collision.typing import Floats, Integers, Vector
 
 NO_RADII = np.empty(0)
 #: Rays below which a second thread does not pay: 0.1 ms.
@@ -155,31 +154,6 @@ def cast_at_bodies(bodies: ConvexBodies, boxes: Boxes, rays: Rays) -> RayHits:
     Never late, and at most 1e-9 of the size of a body early, along its normal (``bodies``).
     """
     return _hits(rays, bodies, boxes)
-
-
-def hidden_points(
-    sensor: Floats, points: Floats, boxes: Boxes, bodies: ConvexBodies, padding: float
-) -> Mask:
-    """Return which points (n, 3) bodies in boxes hide from a sensor at (3,); not checked.
-
-    A body hides the points behind it and its padding (m). If the sensor is in the padding, only
-    those behind the body itself; if the sensor is in the body, none.
-    """
-    ways = points - sensor
-    far = lengths(ways)
-    result, ahead = np.zeros(len(points), np.bool_), np.flatnonzero(far > 0.0)
-    origins = np.broadcast_to(sensor, (len(ahead), 3)).copy()
-    rays = Rays(origins, ways[ahead] / far[ahead, None], far[ahead])
-    near, within = (
-        points_in_bodies(boxes, bodies, sensor[None], margin).counts > 0
-        for margin in (padding, 0.0)
-    )
-    for which, margin in ((~near, padding), (near & ~within, 0.0)):
-        if which.any():
-            arrays = boxes[np.flatnonzero(which)].arrays
-            around = Boxes.trusted(*arrays._replace(half_extents=arrays.half_extents + margin))
-            result[ahead] |= cast_at_bodies(bodies.take(which, margin), around, rays).hits
-    return result
 
 
 def cast_at_padded(meshes: PlacedMeshes, radii: Floats, rays: Rays) -> RayHits:

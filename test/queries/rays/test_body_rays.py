@@ -52,6 +52,7 @@ from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays, cast_segmen
 from obb_collision.queries.convex.support import HULL_CORE, ConvexBodies
 from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points import points_in_bodies
+from obb_collision.queries.rays.hidden import add_hidden
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_at_padded
 from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES
@@ -385,6 +386,36 @@ def test_a_radius_is_hit_first_and_reach_and_origin_count() -> None:
     inside = cast_at_bodies(body, around(body), as_rays(body.centers, ways, np.inf))
     assert (inside.distances == 0.0).all()
     assert (inside.normals == 0.0).all()
+
+
+@each("kind", KINDS)
+@each("padding", [0.0, 0.05])
+def test_points_are_hidden_whose_rays_hit_before_them(kind: str, padding: float) -> None:
+    rng = np.random.default_rng(10)
+    body = random_bodies(KINDS[kind], COUNT, rng, np.ones(3), 0.1)
+    body = moved(body, centers=body.centers - body.centers.mean(axis=0))
+    sensor = np.array([30.0, 0.0, 0.0])
+    points = np.repeat(body.centers, 20, axis=0) + rng.normal(size=(20 * COUNT, 3))
+    points = sensor + rng.uniform(0.8, 1.5, (len(points), 1)) * (points - sensor)
+    points[::50, 1], points[1::50] = np.nan, sensor
+    found, known = np.zeros((2, len(points)), np.bool_)
+    known[: len(points) // 2] = True
+    for out in (found, known):
+        add_hidden(out, sensor, points.astype(np.float32), around(body), body, padding)
+    np.testing.assert_array_equal(known[len(points) // 2 :], found[len(points) // 2 :])
+    assert known[: len(points) // 2].all()
+    assert not found[::50].any()
+    assert not found[1::50].any()
+    seen = np.flatnonzero(np.isfinite(points).all(axis=1) & (points != sensor).any(axis=1))
+    ways = points[seen].astype(np.float32) - sensor
+    rays = as_rays(np.tile(sensor, (len(seen), 1)), ways, np.linalg.norm(ways, axis=1))
+    fewer, more = (
+        cast_at_bodies(grown, around(grown), rays).hits
+        for grown in (moved(body, radii=body.radii + padding + off) for off in (-1e-6, 1e-6))
+    )
+    assert (fewer <= found[seen]).all()
+    assert (found[seen] <= more).all()
+    assert 50 < found.sum() < len(points) - 50
 
 
 @each("kind", KINDS)
