@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from obb_collision.benchmarks.corpora import Corpus
 from obb_collision.benchmarks.measuring import Show, Table, on_threads, take_turns
 from obb_collision.demo.motion import Motions, read_motions
+from obb_collision.demo.sensors import World
 from obb_collision.geometry.poses import as_poses
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.sweep import SweptPairs
@@ -110,16 +111,13 @@ class PairsOnly(Variant):
 
 def frames_of(motions: Motions) -> list[Moment]:
     """Return the states of a scene that all variants go through."""
-    description = motions.description
-    scene = description.build()
+    world = World(motions)
     frames = []
     for number in range(SCENE_FRAMES):
-        poses, twists = motions.states(number / FRAME_RATE)
-        points = None
-        if description.lidar is not None:
-            scene.move(description.names, poses)
-            points = description.lidar.scan(scene, number / FRAME_RATE)
-        frames.append(Moment(poses, twists, points))
+        time = number / FRAME_RATE
+        world.place(time)
+        points = [world.see(sensor, time).points.astype("f4") for sensor in motions.sensors]
+        frames.append(Moment(*motions.states(time), np.concatenate(points) if points else None))
     return frames
 
 

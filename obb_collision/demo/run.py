@@ -39,9 +39,9 @@ from visualization_msgs.msg import MarkerArray
 
 from obb_collision.demo.listener import NARRATORS, Listener
 from obb_collision.demo.scene import DemoScene
-from obb_collision.demo.sensing import POINT_DTYPE, SensorFrames, SensorPublishers
+from obb_collision.demo.sensing import SensorFrames, SensorPublishers
 from obb_collision.demo.snapshot import DrawnScene, take_snapshot
-from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
+from obb_collision.node.messages.clouds import poses_to_ros
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros, states_to_ros
 from obb_collision.node.messages.marker_shapes import shape_to_ros
 from obb_collision.node.messages.names import namespace_number
@@ -52,8 +52,6 @@ from obb_collision.robots.description.urdf import description_text
 from obb_collision.scene_files.description import SceneRobot
 
 FRAME = "map"
-#: Scans of the lidar per second, Hz.
-SCAN_RATE = 10.0
 DESCRIPTIONS = ("robot_description", "robot_description_semantic")
 
 
@@ -69,8 +67,6 @@ class ScenePublisher(Node):
         super().__init__("scene", **node_options)
         self.scene = scene
         self._objects: Any = None
-        self._points: Any = None
-        self._next_scan = 0.0
         depth = QoSProfile(depth=10)
         if scene.file is not None:
             self._motion = self.create_publisher(MultiDOFJointState, "object_states", depth)
@@ -86,8 +82,6 @@ class ScenePublisher(Node):
             for robot in scene.robots
             for kind in DESCRIPTIONS
         }
-        if scene.description.lidar is not None:
-            self._points = self.create_publisher(PointCloud2, "points", QoSProfile(depth=2))
         self.sensors = SensorPublishers(self, scene.motions, frames)
         self._time, self.scales = 0.0, dict.fromkeys(scene.motions.robots, 1.0)
         for name in scene.motions.robots if scene.motions.sensors else ():
@@ -142,21 +136,11 @@ class ScenePublisher(Node):
             self.scene.motions.delays[robot] += (1.0 - scale) * passed
         self.publish_objects(time)
         self.sense(time)
-        if time >= self._next_scan:
-            self._next_scan = time + 1.0 / SCAN_RATE
-            self.publish_points(time)
 
     def sense(self, time: float, all_of_them: bool = False) -> None:
         """Publish joints, and what the sensors that are due, or all, see at a time."""
         stamp = self.publish_joints(time) or self._header()[0]
         self.sensors.publish(time, stamp, all_of_them)
-
-    def publish_points(self, time: float) -> None:
-        """Publish the points of the lidar at a time, if the scene has one."""
-        points = self.scene.points(time)
-        if points is not None:
-            rows = points.astype("<f4").view(POINT_DTYPE)[:, 0]
-            self._points.publish(cloud_to_ros(rows, self._header()[1]))
 
     def _header(self) -> tuple[int, Header]:
         now = self.get_clock().now().nanoseconds
@@ -312,7 +296,6 @@ class Demo:
         self.spin_until(lambda: self.listener.cycles > 0)
         self._begin_robots()
         self._sense(0.0)
-        self.publisher.publish_points(0.0)
         stamps = self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
 
@@ -336,10 +319,11 @@ class Demo:
         for publish in (self.publisher.publish_objects, self.publisher.publish_joints):
             stamp = publish(time) or 0
             self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
+        seen = self.listener.stamp
         self._sense(time)
-        self.publisher.publish_points(time)
         last, stamps = self.listener.stamp, self.listener.effect_stamps
-        self.spin_until(lambda: min(stamps.values(), default=last) >= last)
+        wanted = dict.fromkeys(stamps, last) | {"points": seen}  # whose stamps are those of clouds
+        self.spin_until(lambda: all(stamps[name] >= wanted[name] for name in stamps))
 
     def _sense(self, time: float) -> None:
         """Publish what sensors see at a time, until the node has a cycle with all of it."""
@@ -402,10 +386,9 @@ class Demo:
             return is_current and names.keys() <= {*cycle.boxes.names}  # type: ignore[union-attr]
 
         self.spin_until(is_latest)
-        cycle, points = listener.cycle, self.scene.points(self.time)
+        cycle = listener.cycle
         assert cycle is not None
         seen, strange = self.publisher.sensors.seen()
-        seen = seen if points is None else points.astype(np.float64)
         drawn = take_snapshot(cycle._replace(points=seen), self.scene.shapes, self.scene.zones)
         return replace(drawn, strangers=strange)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scenes of the demo: names, shapes, zones and lidar points; and scenes made at random."""
+"""Scenes of the demo: names, shapes and zones; and scenes made at random."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from obb_collision.demo.motion import Motions, Track, object_track
 from obb_collision.geometry.poses import Pose, quaternion_from_rpy
 from obb_collision.node.inputs.scene_file import keys_from_names
 from obb_collision.node.messages.conversions import name_from_key
-from obb_collision.scene_files.description import Cloud, SceneDescription, SceneObject
+from obb_collision.scene_files.description import SceneDescription, SceneObject
 from obb_collision.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats
 
@@ -61,20 +61,12 @@ class DemoScene:
             for name, obj in objects.items()
             if obj.color is not None and obj.color[3] < 1.0
         }
-        self._scene = None if description.lidar is None else description.build()
 
     @property
     def moving_count(self) -> int:
         """How many objects move, the links of robots that move included."""
         robots = [entry.robot for entry in self.robots if entry.name in self.motions.robots]
         return len(self.motions.moving) + sum(len(placed) for r in robots for placed in r.shapes)
-
-    def points(self, time: float) -> Cloud | None:
-        """Return the points (k, 3) that the lidar measures at a time, None without a lidar."""
-        if self._scene is None or self.description.lidar is None:
-            return None
-        self._scene.move(self.description.names, self.motions.states(time)[0])
-        return self.description.lidar.scan(self._scene, time)
 
 
 #: Floor per object, m^2: some collide at any time, most don't.

@@ -25,19 +25,18 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from obb_collision.demo.motion import Motions
-from obb_collision.demo.sensors import LASER, Sensor, World
-from obb_collision.geometry.poses import rotate_vectors
+from obb_collision.demo.sensors import Seen, Sensor, World
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
-from obb_collision.typing import Floats, Mask
+from obb_collision.typing import Floats
 
 #: A point of a cloud.
 POINT_DTYPE = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 #: Poses of a frame that are remembered: a node asks for those of the latest messages.
 KEPT = 100
-NOTHING: tuple[Floats, Mask] = np.empty((0, 3)), np.empty(0, np.bool_)
+NOTHING, NOBODY = np.empty((0, 3)), np.empty(0, np.bool_)
 
 
 class SensorFrames:
@@ -69,7 +68,7 @@ class SensorFrames:
 
 def message_of(sensor: Sensor, distances: Floats, header: Header) -> PointCloud2 | LaserScan:
     """Return a message of distances (n,) along the rays, m, infinite where nothing is in range."""
-    if sensor.type == LASER:
+    if sensor.is_scan:
         limits = {"angle_min": -0.5 * sensor.angle, "angle_max": 0.5 * sensor.angle}
         limits |= {"angle_increment": sensor.step, "range_max": sensor.range}
         return LaserScan(header=header, ranges=distances.astype("<f4").tolist(), **limits)
@@ -88,12 +87,12 @@ class SensorPublishers:
 
     def __init__(self, node: Node, motions: Motions, frames: SensorFrames) -> None:
         self._frames = frames
-        self._seen: dict[str, tuple[Floats, Mask]] = {}
+        self._seen: dict[str, Seen] = {}
         self._due = dict.fromkeys(motions.sensors, 0.0)
         self._world = World(motions) if self._due else None
         self._publishers: dict[str, Any] = {
             sensor.name: node.create_publisher(
-                LaserScan if sensor.type == LASER else PointCloud2, sensor.name, QoSProfile(depth=2)
+                LaserScan if sensor.is_scan else PointCloud2, sensor.name, QoSProfile(depth=2)
             )
             for sensor in self._due
         }
@@ -106,17 +105,13 @@ class SensorPublishers:
         self._world.place(time)
         for sensor in due:
             self._due[sensor] = time + 1.0 / sensor.rate
-            pose = self._world.pose(sensor, time)
-            distances, strange = self._world.see(sensor, pose)
-            self._frames.place(sensor.frame, stamp, pose)
+            seen = self._seen[sensor.name] = self._world.see(sensor, time)
+            self._frames.place(sensor.frame, stamp, seen.pose)
             header = Header(stamp=stamp_to_ros(stamp), frame_id=sensor.frame)
-            self._publishers[sensor.name].publish(message_of(sensor, distances, header))
-            rows = np.isfinite(distances)
-            turned = rotate_vectors(pose[3:], distances[rows, None] * sensor.rays[rows])
-            self._seen[sensor.name] = pose[:3] + turned, strange[rows]
+            self._publishers[sensor.name].publish(message_of(sensor, seen.distances, header))
 
     def seen(self) -> tuple[Floats, Floats]:
         """Return the points (n, 3) that sensors saw last, and those (k, 3) of strangers."""
-        points, strange = zip(NOTHING, *self._seen.values(), strict=True)
-        mask = np.concatenate(strange)
-        return np.concatenate(points)[~mask], np.concatenate(points)[mask]
+        points = np.concatenate([NOTHING, *(seen.points for seen in self._seen.values())])
+        strange = np.concatenate([NOBODY, *(seen.strange for seen in self._seen.values())])
+        return points[~strange], points[strange]

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi, tan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 TYPES = CAMERA, LASER = ("camera", "laser")
 #: Most rays in a row or column, and messages per second.
 MAX_RAYS, MAX_RATE = 4096, 1000.0
+#: The lowest and the highest row of a laser with several, rad above the level.
+RISES = -0.535, 0.185
 #: Widest view of a camera, rad: its picture is plane.
 WIDEST = 2.8
 STRANGE, ZONE = "strange", "zone"
@@ -55,7 +57,8 @@ class Sensor:
 
     width, height: rays in a row and in a column; angle: between the ends of a row, rad; range: m;
     rate: messages per second. pose (7,): of its frame in that of ``leader``, an object, or of the
-    scene. A camera looks along z, x to the right; a laser turns about z and looks along x.
+    scene. A camera looks along z, x to the right; a laser turns about z and looks along x, and with
+    several rows up and down, too.
     """
 
     name: str
@@ -78,12 +81,20 @@ class Sensor:
         """Unit directions (height * width, 3) in its frame, row by row."""
         columns, rows = (np.arange(n) - 0.5 * (n - 1) for n in (self.width, self.height))
         if self.type == LASER:
-            turns = columns * self.step
-            return np.stack([np.cos(turns), np.sin(turns), np.zeros(self.width)], axis=1)
+            rises = np.linspace(*RISES, self.height) if self.height > 1 else [0.0]
+            turn, rise = np.meshgrid(columns * self.step, rises)
+            flat = np.cos(rise)
+            rays = np.stack([flat * np.cos(turn), flat * np.sin(turn), np.sin(rise)], axis=-1)
+            return rays.reshape(-1, 3)
         focal = 0.5 * self.width / tan(0.5 * self.angle)
         x, y = np.meshgrid(columns / focal, rows / focal)
         rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+    @property
+    def is_scan(self) -> bool:
+        """Whether its messages are scans, of one row; others are clouds."""
+        return self.type == LASER and self.height == 1
 
     @property
     def step(self) -> float:
@@ -109,8 +120,6 @@ def read_sensor(value: Value, name: str, poses: Mapping[str, Floats]) -> Sensor:
     leader = found.pop("follow", None)
     if found["type"] == CAMERA and found["angle"] > WIDEST:
         value.refuse(f"the angle of a camera is at most {WIDEST:g} rad")
-    if found["type"] == LASER and found.setdefault("height", 1) != 1:
-        value.refuse("a laser has one row of rays")
     pose = _looking(value, found.pop("position"), found.pop("target"), found["type"])
     if leader is not None:
         pose = compose_poses(inverse_poses(poses[leader]), pose)
@@ -129,6 +138,19 @@ def _looking(value: Value, position: Any, target: Any, kind: str) -> Floats:
         axes = (np.cross((0.0, 0.0, 1.0), right), -right, np.array((0.0, 0.0, 1.0)))
     matrix = np.stack([axis / np.linalg.norm(axis) for axis in axes], axis=1)
     return np.concatenate([position, quaternions_from_matrices(matrix[None])[0]])
+
+
+class Seen(NamedTuple):
+    """What a sensor sees: its pose (7,), and the distances (n,) along its rays, infinite for none.
+
+    points (k, 3): the ends of the others, in the frame of the scene; strange (k,): which are of
+    strangers.
+    """
+
+    pose: Floats
+    distances: Floats
+    points: Floats
+    strange: Mask
 
 
 class World:
@@ -167,19 +189,14 @@ class World:
         """Place everything where it is at a time (s)."""
         self._scene.move(list(map(str, self._rows)), self._poses(time)[self._rows])
 
-    def pose(self, sensor: Sensor, time: float) -> Floats:
-        """Return the pose (7,) of the frame of a sensor at a time (s)."""
-        if sensor.leader is None:
-            return sensor.pose
-        row = self._motions.description.names.index(sensor.leader)
-        return compose_poses(self._motions.states(time)[0][row], sensor.pose)
-
-    def see(self, sensor: Sensor, pose: Floats) -> tuple[Floats, Mask]:
-        """Return distances (n,) along the rays of a sensor at a pose, and which are of strangers.
-
-        Metres; infinite for none.
-        """
+    def see(self, sensor: Sensor, time: float) -> Seen:
+        """Return what a sensor sees of what was placed, being where it is at a time (s)."""
+        pose = sensor.pose
+        if sensor.leader is not None:
+            row = self._motions.description.names.index(sensor.leader)
+            pose = compose_poses(self._motions.states(time)[0][row], pose)
         origins = np.tile(pose[:3], (len(sensor.rays), 1))
         rays = rotate_vectors(pose[3:], sensor.rays)
         hits = self._scene.cast_rays(origins, rays, sensor.range, accuracy=Accuracy.MESH)
-        return hits.distances, self._strange[hits.boxes]  # -1, of none, is the floor's
+        ends = hits.distances[hits.hits, None] * rays[hits.hits]
+        return Seen(pose, hits.distances, pose[:3] + ends, self._strange[hits.boxes[hits.hits]])

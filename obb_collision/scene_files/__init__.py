@@ -20,7 +20,6 @@
 from obb_collision.scene_files.description import (
     AllowedRule,
     EffectChoice,
-    Lidar,
     SceneDescription,
     SceneObject,
     SceneRobot,
@@ -32,7 +31,6 @@ __all__ = [
     "READY",
     "AllowedRule",
     "EffectChoice",
-    "Lidar",
     "SceneDescription",
     "SceneFileError",
     "SceneObject",

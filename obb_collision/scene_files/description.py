@@ -12,92 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The content of a scene file: objects, robots, groups, allowed pairs, accuracy, effects, lidar.
-
-The lidar is simulated, for demos and measurements of the effect ``points``: its rays hit the floor
-(z = 0) and the shapes of the objects that it sees.
-"""
+"""The content of a scene file: objects, robots, groups, allowed pairs, accuracy, effects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import compress, groupby
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import Pose
 from obb_collision.geometry.shapes.primitives import NO_SCALE, Triple
-from obb_collision.geometry.values import read_only_view
 from obb_collision.robots.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
 from obb_collision.shapes import Box, Shape
-from obb_collision.typing import Floats
-
-Cloud = NDArray[np.float32]
-
-#: Lines of a scanner, and their lowest and highest angle above the horizon, rad.
-LINES = 32
-LOWEST, HIGHEST = np.radians(-35.0), np.radians(15.0)
-#: Standard deviation of a measured distance, and minimum distance, m.
-NOISE, NEAREST = 0.01, 0.3
-#: The direction of a ray of length zero: any.
-UP = 0.0, 0.0, 1.0
-
-
-@dataclass(frozen=True)
-class Lidar:
-    """A scanner: rays per revolution, range (m), position (3,), patterns of objects that it sees.
-
-    seed: of the noise of the distances; equal seeds and times give equal clouds.
-    """
-
-    count: int
-    range: float
-    position: Triple = (0.0, 0.0, 1.0)
-    sees: tuple[str, ...] = ("*",)
-    seed: int = 0
-
-    @cached_property
-    def directions(self) -> Floats:
-        """Unit directions (count, 3) of the rays, line by line from the lowest."""
-        lines = min(LINES, self.count)
-        line = np.arange(self.count) * lines // self.count
-        turn = np.modf(np.arange(self.count) * lines / self.count)[0] * 2.0 * np.pi
-        rise = LOWEST + (HIGHEST - LOWEST) * line / max(lines - 1, 1)
-        x, y = np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn)
-        return read_only_view(np.stack([x, y, np.sin(rise)], axis=1))
-
-    def scan(self, scene: Scene, time: float) -> Cloud:
-        """Return the points (k, 3) seen of a scene at a time (s), except on objects around it."""
-        directions, origin = self.directions, np.array(self.position)
-        with np.errstate(divide="ignore"):
-            ways = np.where(directions[:, 2] < 0.0, -origin[2] / directions[:, 2], np.inf)
-        ways[ways <= 0.0] = np.inf
-        ways = np.minimum(ways, self.range)
-        visible = set(compress(scene.names, matching(self.sees, scene.names)))
-        while True:
-            around = scene.cast_rays([origin], [UP], 0.0, accuracy=Accuracy.MESH, objects=visible)
-            if not around.hits[0]:
-                break
-            visible.remove(scene.name(around.boxes[0]))
-        origins = np.tile(origin, (len(directions), 1))
-        hits = scene.cast_rays(origins, directions, ways, accuracy=Accuracy.MESH, objects=visible)
-        ways = np.minimum(ways, hits.distances)
-        moment = round(time * 1e6) % 2**63  # microseconds
-        noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)
-        seen = (ways >= NEAREST) & (ways < self.range)
-        points = origin + (ways + noise)[seen, None] * directions[seen]
-        return points.astype(np.float32)
-
 
 #: Effects of the node only: topics for people and monitors.
 NODE_EFFECTS = (
@@ -188,7 +123,6 @@ class SceneDescription:
     padding: float = 0.0
     time_budget: float | None = None
     effects: Mapping[str, EffectChoice] = field(default_factory=lambda: MappingProxyType({}))
-    lidar: Lidar | None = None
     robots: tuple[SceneRobot, ...] = ()
     view: View | None = None
     notes: tuple[str, ...] = ()

@@ -37,7 +37,6 @@ from obb_collision.scene_files.description import (
     NODE_EFFECTS,
     AllowedRule,
     EffectChoice,
-    Lidar,
     SceneDescription,
     SceneRobot,
     View,
@@ -142,12 +141,10 @@ def read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[f
 
 KEYS = (
     *("name", "description", "objects", "groups", "allowed", "accuracy", "padding"),
-    *("time_budget", "effects", "lidar", "robots", "view"),
+    *("time_budget", "effects", "robots", "view"),
 )
 #: Key of the accuracy of all objects that no other entry matches.
 DEFAULT = "default"
-#: Maximum rays of a lidar: more than large ones have per revolution.
-MAX_RAYS = 10_000_000
 #: Maximum number of patterns of a word or list, and of allowed pairs of patterns: all are compared
 #: with the names of all objects.
 MAX_PATTERNS, MAX_RULES = 1000, 100_000
@@ -178,7 +175,6 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
             f"seconds, above 0 and at most {MAX_BUDGET:g}", lambda x: 0.0 < x <= MAX_BUDGET
         ),
         "effects": lambda value: read_effects(value, words.patterns),
-        "lidar": lambda value: _read_lidar(value, words),
         "view": _read_view,
         "accuracy": lambda value: _read_accuracies(value, words),
     }
@@ -283,13 +279,6 @@ def _read_accuracies(
             level = read_accuracy(entry)
             levels += [(pattern, level) for pattern in words.meant(entry, word)]
     return default, tuple(levels)
-
-
-def _read_lidar(value: Value, words: Words) -> Lidar:
-    required = {"count": lambda entry: entry.whole(1, MAX_RAYS), "range": Value.positive}
-    optional: dict[str, Reader] = {"position": Value.triple, "sees": words.patterns}
-    optional["seed"] = lambda entry: entry.whole(0, 2**32 - 1)
-    return Lidar(**value.read(required, optional))
 
 
 def _read_view(value: Value) -> View:

@@ -278,7 +278,6 @@ groups: {{all: [cup, plate], wrong: [nothing]}}
 allowed: [[cup, plate], [all, tray], [wrong, cup]]
 accuracy: {{cup: hull, wrong: mesh}}
 effects: {{contacts: {{objects: [cup, wrong]}}}}
-lidar: {{count: 1, range: 1, sees: [cup]}}
 """
     lines = refusal(write(text)).splitlines()
     assert len(lines) == 2

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,6 @@ from obb_collision.geometry.poses import unit_quaternions
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene_files import (
     READY,
-    Lidar,
     SceneDescription,
     SceneFileError,
     find_scene,
@@ -44,7 +42,7 @@ from obb_collision.scene_files import (
     native,
     objects,
 )
-from obb_collision.scene_files.description import NODE_EFFECTS, NOISE
+from obb_collision.scene_files.description import NODE_EFFECTS
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Sphere
 
 PAGE = ROOT / "docs" / "scene_files.md"
@@ -203,8 +201,6 @@ REFUSED = [
     (top("time_budget: 5"), "must be seconds, above 0 and at most 1, got 5"),
     (top("effects: {separations: {objects: b}}"), "b is not a group, object or"),
     (top("effects: {markers: {objects: a}}"), "effects.markers.objects: unknown"),
-    (top("lidar: {count: 1.5, range: 1}"), "lidar.count: must be a whole number"),
-    (top("lidar: {count: 1}"), "lidar: needs range"),
     (top("view: {eye: [0, 0, 1], target: [0, 0, 0]}"), "view: eye and target must"),
     (ball("motion: {follow: b}"),
      ":2: objects[0].motion: a scene does not move; the demo reads NAME.motion.yaml beside"),
@@ -235,7 +231,7 @@ def ready(request: pytest.FixtureRequest) -> SceneDescription:
 def test_ready_scenes_are_those_of_the_folder_and_of_the_page() -> None:
     found = (ROOT / "config").glob("*.yaml")
     motions = {f"{name}.motion" for name in READY}
-    others = {"obb_collision", "camera.params"}
+    others = {"obb_collision", "camera.params", "lidar_zone.params"}
     assert {path.stem for path in found} == {*READY, *motions, *others}
     rows = re.findall(r"^\| `(\w+)\.yaml` \|", DOCS, re.MULTILINE)
     assert tuple(rows) == READY
@@ -266,39 +262,6 @@ def test_scenes_are_found_in_a_pip_target(tmp_path: Path, monkeypatch: pytest.Mo
     module = tmp_path / "obb_collision" / "scene_files" / "load.py"
     monkeypatch.setattr("obb_collision.scene_files.load.__file__", str(module))
     assert load_scene("tabletop").names == ["a"]
-
-
-def test_a_lidar_sees_cylinders_as_they_are() -> None:
-    lidar = Lidar(20000, 8.0, (0.0, 0.0, 1.5))
-    scene, pose = oc.Scene(), np.array([3, 0, 1, 0, 0.1, 0, 1.0])
-    scene.add("cylinder", Cylinder(0.5, 1.5), pose)
-    scene.add("not seen", Box([0.1, 9.0, 9.0]), [1, 0, 0, 0, 0, 0, 1])
-    box = oc.Boxes.from_poses([pose], [[0.5, 0.5, 0.75]])
-    lidar = replace(lidar, sees=("cyl*",), seed=3)
-    seen = lidar.scan(scene, 0.5)
-    assert seen.dtype == np.float32
-    assert np.array_equal(seen, lidar.scan(scene, 0.5))
-    assert not np.array_equal(seen, lidar.scan(scene, 0.6))
-    assert np.linalg.norm(seen - [0, 0, 1.5], axis=1).max() < 8.0 + 6 * NOISE
-    assert (seen[:, 2] > -6 * NOISE).all()
-    points = seen.astype(float)
-    local = (points[points[:, 2] > 0.1] - box.centers[0]) @ box.rotations[0]
-    radii, heights = np.hypot(local[:, 0], local[:, 1]), np.abs(local[:, 2])
-    assert len(local) > 100
-    assert ((radii < 0.5 + 6 * NOISE) & (heights < 0.75 + 6 * NOISE)).all()
-    assert ((radii > 0.5 - 6 * NOISE) | (heights > 0.75 - 6 * NOISE)).all()
-
-
-def test_a_lidar_in_a_box_or_straight_above_a_face_gives_no_nonsense() -> None:
-    lidar = Lidar(1000, 8.0, (0.0, 0.0, 1.0))
-    around = oc.Scene()
-    around.add("around", Box([2, 2, 2]), [0, 0, 1, 0, 0, 0, 1])
-    around.add("too", Sphere(1.5), [0, 0, 1, 0, 0, 0, 1])
-    points = lidar.scan(around, 0.0)
-    assert np.isfinite(points).all()
-    assert (np.abs(points[:, 2]) < 6 * NOISE).all()  # the floor
-    assert len(points) > 100
-    assert len(Lidar(1, 8.0).scan(around, 0.0)) <= 1
 
 
 def words(heading: str) -> set[str]:
