@@ -43,6 +43,7 @@ from obb_collision.numerics.vec3 import (
     max_of,
     minus,
     norm,
+    plus,
     scaled,
     sum_abs,
     vector_at,
@@ -58,6 +59,7 @@ from obb_collision.queries.convex.support import (
     Cores,
     body_place,
     borrowed_core,
+    support,
 )
 from obb_collision.queries.meshes.inside import OUTSIDE_MESH, point_side
 from obb_collision.queries.meshes.placed import POINT_BOUND, Meshes, PairPose, body_at, node_at
@@ -220,7 +222,40 @@ def convex_holds(bodies: Cores, i: int, point: Vector, margin: float) -> bool:
         if core.radius + margin == 0.0 and core.kind != SEGMENT_CORE:
             return False
     needed = core.radius + margin + rounding(pose)
+    if core.radius + margin > 0.0 and SMALL < pose.size < LARGE:
+        found = _approached(core, p, core.radius + margin, needed)
+        if found >= 0:
+            return found > 0
     return not search(core, point_core(core), pose, ZERO, needed).gap > needed
+
+
+#: Steps towards a point, before a search that finds the distance itself.
+APPROACHES = 4
+#: Sizes (m) whose squares neither over- nor underflow.
+SMALL, LARGE = 1e-100, 1e100
+
+
+@njit(refcount=False)
+def _approached(core: Core, p: Vector, reach: float, needed: float) -> int:
+    """Return 1 if a point of the core is within reach of p, 0 if none is within needed, else -1.
+
+    Steps of Frank and Wolfe (1956): x is in the core, and far the corner farthest towards p.
+    """
+    x = support(core, p)
+    for _ in range(APPROACHES):
+        v = minus(p, x)
+        square = dot(v, v)
+        if square <= reach * reach:
+            return 1
+        edge = minus(support(core, v), x)
+        gap = square - dot(v, edge)
+        if gap > 0.0 and gap * gap > (1.0 + FORMULA_ROUNDING) * needed * needed * square:
+            return 0
+        length = dot(edge, edge)
+        if length == 0.0:
+            return -1
+        x = plus(x, scaled(edge, min(dot(v, edge) / length, 1.0)))
+    return -1
 
 
 @njit(inline=True, refcount=False)
