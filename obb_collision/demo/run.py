@@ -218,7 +218,7 @@ def node_parameters(
 
 
 class Demo:
-    """The three nodes of the demo for a scene, and their executor.
+    """The three nodes of the demo for a scene (checker, publisher, listener), and their executor.
 
     rate: of publications of moving objects, Hz. report: prints a line. live: whether boxes are
     published at that rate, too, for a view. stopped: tells whether to end; until the scene moves,
@@ -256,7 +256,7 @@ class Demo:
         report("starting; the first start compiles kernels and reports its progress")
         frames = SensorFrames()
         files = [] if scene.parameters is None else ["--params-file", str(scene.parameters)]
-        self._checker = CollisionNode(
+        self.checker = CollisionNode(
             frames=frames if scene.motions.sensors else None,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics", *files],
@@ -271,7 +271,7 @@ class Demo:
         if live:
             self.listener.watch_inputs()
         self._executor = SingleThreadedExecutor(context=context)
-        for node in (self._checker, self.publisher, self.listener):
+        for node in (self.checker, self.publisher, self.listener):
             self._executor.add_node(node)
 
     def run(self) -> None:
@@ -295,7 +295,7 @@ class Demo:
         self.listener.epoch = NOT_YET
         self.spin_until(lambda: self.listener.cycles > 0)
         self._begin_robots()
-        self._sense(0.0)
+        self.sense(0.0)
         stamps = self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
 
@@ -320,15 +320,15 @@ class Demo:
             stamp = publish(time) or 0
             self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
         seen = self.listener.stamp
-        self._sense(time)
+        self.sense(time)
         last, stamps = self.listener.stamp, self.listener.effect_stamps
         wanted = dict.fromkeys(stamps, last) | {"points": seen}  # whose stamps are those of clouds
         self.spin_until(lambda: all(stamps[name] >= wanted[name] for name in stamps))
 
-    def _sense(self, time: float) -> None:
+    def sense(self, time: float) -> None:
         """Publish what sensors see at a time, until the node has a cycle with all of it."""
         names = {sensor.name for sensor in self.scene.motions.sensors}
-        monitors = [self._checker.monitors[name] for name in names & self._checker.monitors.keys()]
+        monitors = [self.checker.monitors[name] for name in names & self.checker.monitors.keys()]
         if not monitors:
             return
         for monitor in monitors:
@@ -405,5 +405,5 @@ class Demo:
     def close(self) -> None:
         """Destroy the nodes."""
         self._executor.shutdown()
-        for node in (self.listener, self.publisher, self._checker):
+        for node in (self.listener, self.publisher, self.checker):
             node.destroy_node()

@@ -30,16 +30,16 @@ from rclpy.parameter import Parameter
 from rig import own_context
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from std_msgs.msg import Header
+from sensor_msgs.msg import LaserScan, PointCloud2
 
 import obb_collision as oc
 from obb_collision.demo.command import scene_file
 from obb_collision.demo.motion import Motions
 from obb_collision.demo.run import Demo
 from obb_collision.demo.scene import DemoScene
-from obb_collision.demo.sensing import SensorFrames, message_of
 from obb_collision.demo.sensors import World
 from obb_collision.node.messages.clouds import points_from_ros
+from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats
 
@@ -126,46 +126,6 @@ def test_rays_end_where_brute_force_says(name: str, time: float) -> None:
     assert {*map(tuple, points.round(6))} <= {*map(tuple, seen.points.round(6))}
 
 
-def test_messages_are_as_drivers_send_them() -> None:
-    moving = motions()
-    world, messages = World(moving), {}
-    for sensor in moving.sensors:
-        seen = world.see(sensor, 0.0)
-        message = message_of(sensor, seen.distances, Header(frame_id=sensor.frame))
-        messages[sensor.name] = sensor, seen.pose, seen.distances, message
-    camera, pose, distances, cloud = messages["camera"]
-    assert (cloud.height, cloud.width, cloud.row_step) == (120, 160, 160 * 12)
-    assert cloud.header.frame_id == "camera_optical_frame"
-    points = points_from_ros(cloud)
-    assert np.array_equal(np.isnan(points).any(axis=1), np.isinf(distances))
-    np.testing.assert_allclose(
-        np.linalg.norm(points, axis=1), np.where(np.isinf(distances), np.nan, distances), rtol=1e-6
-    )
-    right, down, forward = Rotation.from_quat(pose[3:]).as_matrix().T
-    toward = np.array([0.75, 0.0, 0.9]) - pose[:3]
-    np.testing.assert_allclose(forward, toward / np.linalg.norm(toward), atol=1e-9)
-    assert right[2] == pytest.approx(0.0)
-    assert down[2] < 0.0
-    assert points[0, 0] < 0.0 < points[-1, 0] or np.isnan(points[[0, -1]]).any()
-    assert np.degrees(np.arctan2(camera.rays[:160, 0], camera.rays[:160, 2])).max() < 28.65
-    laser, _, distances, scan = messages["laser"]
-    angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
-    np.testing.assert_allclose(np.cos(angles), laser.rays[:, 0], atol=1e-6)
-    np.testing.assert_allclose(np.sin(angles), laser.rays[:, 1], atol=1e-6)
-    np.testing.assert_allclose(scan.ranges, distances, rtol=1e-6)
-
-
-def test_frames_are_known_at_the_stamps_of_messages() -> None:
-    frames, pose = SensorFrames(), np.array([1.0, 0, 0, 0, 0, 0, 1])
-    with pytest.raises(RefusedError, match="unknown frame"):
-        frames.lookup("a", 0)
-    for stamp in range(1, 200):
-        frames.place("a", stamp, stamp * pose)
-    assert frames.lookup("a", 0)[0][0] == frames.lookup("a", 199)[0][0] == 199
-    with pytest.raises(RefusedError, match="extrapolation"):
-        frames.lookup("a", 200)
-
-
 def arm_to_strangers(moving: Motions, time: float) -> float:
     """Return the distance of the arm to the nearest stranger, m, by a scene that knows it."""
     assert moving.strangers is not None
@@ -187,11 +147,50 @@ def demo() -> Iterator[Demo]:
         demo = Demo(context, DemoScene(moving, file), 30.0, 1.0, lambda _: None)
         try:
             endless = [Parameter(f"{name}.timeout", value=0.0) for name in ("camera", "laser")]
-            demo._checker.set_parameters(endless)
+            demo.checker.set_parameters(endless)
             demo.begin()
             yield demo
         finally:
             demo.close()
+
+
+def test_messages_are_as_drivers_send_them(demo: Demo) -> None:
+    moving, clouds, scans, time = demo.scene.motions, list[Any](), list[Any](), 3.0
+    demo.listener.create_subscription(PointCloud2, "camera", clouds.append, 2)
+    demo.listener.create_subscription(LaserScan, "laser", scans.append, 2)
+    demo.settle(time)
+    while not (clouds and scans):  # until the subscriptions are discovered
+        demo.sense(time)
+    (camera, laser), world = moving.sensors, World(moving)
+    world.place(time)
+    cloud, seen = clouds[-1], world.see(camera, time)
+    assert (cloud.height, cloud.width, cloud.row_step) == (120, 160, 160 * 12)
+    assert not cloud.is_dense
+    points = points_from_ros(cloud)
+    assert np.array_equal(np.isnan(points).any(axis=1), np.isinf(seen.distances))
+    pose, at = demo.checker.frames.lookup(
+        "camera_optical_frame", stamp_from_ros(cloud.header.stamp)
+    )
+    assert cloud.header.frame_id == "camera_optical_frame"
+    assert at == stamp_from_ros(cloud.header.stamp)
+    placed = Rotation.from_quat(pose[3:]).apply(points[np.isfinite(seen.distances)]) + pose[:3]
+    np.testing.assert_allclose(placed, seen.points, atol=1e-6)
+    right, down, forward = Rotation.from_quat(pose[3:]).as_matrix().T
+    toward = np.array([0.75, 0.0, 0.9]) - pose[:3]
+    np.testing.assert_allclose(forward, toward / np.linalg.norm(toward), atol=1e-9)
+    assert right[2] == pytest.approx(0.0)
+    assert down[2] < 0.0
+    assert 28.0 < np.degrees(np.arctan2(camera.rays[:, 0], camera.rays[:, 2])).max() < 28.65
+    scan, seen = scans[-1], world.see(laser, time)
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+    np.testing.assert_allclose(np.cos(angles), laser.rays[:, 0], atol=1e-6)
+    np.testing.assert_allclose(np.sin(angles), laser.rays[:, 1], atol=1e-6)
+    np.testing.assert_allclose(scan.ranges, seen.distances, rtol=1e-6)
+    base = moving.states(time)[0][moving.description.names.index("base/0")]
+    np.testing.assert_allclose(seen.pose[:3], base[:3] + np.array([0.4, 0.0, 0.0625]))
+    for frame, reason in (("arm", "unknown frame"), ("laser_frame", "extrapolation")):
+        with pytest.raises(RefusedError, match=reason):
+            demo.checker.frames.lookup(frame, 1)
 
 
 def met(demo: Demo, sensor: str) -> set[str]:
@@ -226,7 +225,7 @@ def test_the_arm_stops_before_the_hand_which_it_would_hit(demo: Demo) -> None:
     distances = []
     for time in np.arange(0.0, 4.75, 0.125).tolist():
         demo.publisher.publish_step(time)  # time is that of the scene, not of a clock
-        demo._sense(time)
+        demo.sense(time)
         if time > 3.0:  # the hand is far before
             distances.append([arm_to_strangers(each, time) for each in (moving, blind)])
     seeing, unseeing = np.min(distances, axis=0)
@@ -237,7 +236,7 @@ def test_the_arm_stops_before_the_hand_which_it_would_hit(demo: Demo) -> None:
 
 def test_without_the_self_filter_the_arm_collides_with_its_own_points(demo: Demo) -> None:
     assert met(demo, "camera") == set()
-    demo._checker.set_parameters([Parameter("camera.leave_out", value=["table/*", "carton/*"])])
+    demo.checker.set_parameters([Parameter("camera.leave_out", value=["table/*", "carton/*"])])
     demo.settle(0.0)
     assert {"arm/upper_arm/1", "arm/forearm/1", "arm/hand/1"} <= met(demo, "camera")
 
@@ -260,4 +259,4 @@ def test_the_page_shows_the_file_that_the_node_gets(demo: Demo) -> None:
     for name in ("camera", "laser"):
         values |= {f"{name}.{key}": value for key, value in values.pop(name).items()}
     for name in values.keys() - {"scene_file", "robot_bases"}:  # which the demo sets in its way
-        assert demo._checker.get_parameter(name).value == values[name], name
+        assert demo.checker.get_parameter(name).value == values[name], name
