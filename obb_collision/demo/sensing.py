@@ -104,7 +104,7 @@ class SensorPublishers:
             return
         self._world.place(time)
         for sensor in due:
-            self._due[sensor] = time + 1.0 / sensor.rate
+            self._due[sensor] = max(self._due[sensor] + 1.0 / sensor.rate, time)
             seen = self._seen[sensor.name] = self._world.see(sensor, time)
             self._frames.place(sensor.frame, stamp, seen.pose)
             header = Header(stamp=stamp_to_ros(stamp), frame_id=sensor.frame)
