@@ -48,9 +48,11 @@ from obb_collision.numerics.constants import (
     ORTHONORMAL_ROUNDING,
     UNDERFLOW,
 )
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.clearance.clearance import CERTAINLY_APART, PROVEN
 from obb_collision.queries.points import INSIDE_BOUND, contains
+from obb_collision.queries.points.near_points import BLOCK_BOUND, block_gap
 from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.rays.boxes import (
     DISTANCE_SLACK,
@@ -72,6 +74,7 @@ from obb_collision.queries.verdict.sat import best_face, box_of, enter_frame, pa
 from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Floats, Mask
 from tools.cases.families import FAMILIES
+from tools.cases.placement import random_rotations
 
 PAIRS = 8
 FEWER = 6
@@ -436,6 +439,33 @@ def test_rays_moved_ahead() -> None:
         share = dot(rest, line) / dot(line, line)
         ratios.append(norm(minus(rest, [share * x for x in line])) / Fraction(bound))
     assert len(ratios) > 50
+    check_ratios(ratios)
+
+
+def test_blocks_of_points() -> None:
+    """How far the bounds of points are from a box, less the slack, along its own axes."""
+    rng, ratios = np.random.default_rng(10), []
+    for rotation in random_rotations(rng, 200):
+        center, half = rng.normal(size=3), rng.uniform(0.01, 1.0, 3)
+        box, nodes = box_of(center, rotation, half), np.zeros((1, 6, LANES))
+        low = center + rng.normal(size=3) * 3.0
+        nodes[0, :3, 0], nodes[0, 3:, 0] = low, low + rng.uniform(0.0, 0.5, 3)
+        sides = (
+            vector(abs(rotation[:, 0])),
+            vector(abs(rotation[:, 1])),
+            vector(abs(rotation[:, 2])),
+        )
+        found = block_gap(box, sides, nodes, 0, 0)
+        first, last = exact(nodes[0, :3, 0]), exact(nodes[0, 3:, 0])
+        width = [x / 2 for x in minus(last, first)]
+        offset = minus([x + y for x, y in zip(first, width, strict=True)], exact(center))
+        slack = Fraction(BLOCK_BOUND) * (taxicab(offset) + sum(width) + sum(exact(half)))
+        beyond = [
+            abs(dot(axis, offset)) - reach - dot([abs(x) for x in axis], width) - slack
+            for axis, reach in zip(map(exact, rotation.T), exact(half), strict=True)
+        ]
+        wanted = norm([max(x, Fraction(0)) for x in beyond])
+        ratios.append(abs(Fraction(found) - wanted) / slack)
     check_ratios(ratios)
 
 

@@ -22,8 +22,10 @@ import sys
 import numpy as np
 import pytest
 from cloud_oracle import SOLIDS, placed
+from convex_bodies import CORNER_SIGNS
 from hypothesis import given
 from hypothesis import strategies as st
+from sweep_motions import TWISTING, motion_of_boxes, places_at
 
 import obb_collision as oc
 from obb_collision.typing import Floats
@@ -308,6 +310,43 @@ def test_a_sweep_is_never_late(level: str, moves: str) -> None:
             near = scene.check().clearances
             row = [{"cloud", name} == {scene.names[i], scene.names[j]} for i, j in near.pairs]
             assert near.distances[row] < 2e-3
+
+
+@pytest.mark.parametrize("name", TWISTING)
+def test_no_sweep_is_late_in_the_families_of_boxes(name: str, pairs: int) -> None:
+    """The smaller box of each pair as the points of its corners and some in it."""
+    rng, samples = np.random.default_rng(5), 800
+    given = TWISTING[name](rng, max(20, pairs // 100))
+    motion, halves = motion_of_boxes(given), given.boxes.half_extents
+    scenes = {level: oc.Scene(accuracy=level) for level in ("obb", "hull", "mesh")}
+    points = [np.vstack([CORNER_SIGNS, rng.uniform(-1, 1, (40, 3))]) * half for half in halves]
+    times, truth = np.linspace(0.0, 1.0, samples), {}
+    for k in range(0, len(points), 2):
+        seen, solid = (k, k + 1) if halves[k].sum() < halves[k + 1].sum() else (k + 1, k)
+        for row in (k, k + 1):
+            own = points[row] @ motion.rotations[row].T + motion.arms[row]
+            shape = oc.shapes.Cloud(own) if row == seen else oc.shapes.Hull(own)
+            for scene in scenes.values():
+                scene.add(f"{row}", shape, [*given.origins[row], 0, 0, 0, 1])
+                scene.set_twist(f"{row}", given.twists[row])
+        (at, turn), (there, solid_turn) = (
+            places_at(motion, np.full(samples, row), times) for row in (seen, solid)
+        )
+        offsets = np.einsum("nij,pj->npi", turn, points[seen]) + (at - there)[:, None]
+        local = np.abs(np.einsum("nji,npj->npi", solid_turn, offsets))
+        slack = 1e-12 * (np.abs(motion.arms[k : k + 2]).sum() + halves[k : k + 2].sum())
+        met = (local <= halves[solid] - slack).all(axis=2).any(axis=1)
+        if met.any():
+            truth[k, k + 1] = given.horizon * times[met.argmax()]
+    assert truth
+    for scene in scenes.values():
+        scene.check_only([(f"{k}", f"{k + 1}") for k in range(0, len(points), 2)])
+        scene.set_effect("sweep", "on", horizon=given.horizon)
+        report = scene.check()
+        table = report.swept.predicted
+        found = dict(zip(map(tuple, table.pairs.tolist()), table.free_until, strict=True))
+        found |= dict.fromkeys(map(tuple, report.pairs.tolist()), 0.0)
+        assert [pair for pair, time in truth.items() if not found.get(pair, np.inf) <= time] == []
 
 
 def advanced(pose: Floats, twist: Floats, time: float) -> Floats:

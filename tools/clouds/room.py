@@ -181,9 +181,9 @@ def pixel_rays(pixels: tuple[int, int], focal: float) -> Floats:
     return np.stack([u / focal, v / focal, np.ones(len(u))], axis=1)
 
 
-def room_points(count: int, seed: int) -> Floats:
+def room_points(count: int, seed: int, camera: tuple[tuple[int, int], float] = MAPPER) -> Floats:
     """Return points (count, 3) around the robot in float32, as a mapper with three cameras has."""
-    rng, parts, ways = np.random.default_rng(seed), [], pixel_rays(*MAPPER)
+    rng, parts, ways = np.random.default_rng(seed), [], pixel_rays(*camera)
     for place in MAPPERS:
         eye, turn = camera_pose(np.array(place))
         there = ways @ turn.T

@@ -20,6 +20,7 @@ Distances are from the boxes as given: the caller bounds the errors of their pla
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.bounds_tree import STACK, BoundsTree, lowest, overlaps
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import (
     absolute,
@@ -35,10 +37,13 @@ from obb_collision.numerics.vec3 import (
     fast_norm,
     max_of,
     minus,
+    plus,
+    scaled,
+    sum_abs,
     vector_at,
 )
 from obb_collision.queries.verdict.sat import BoxAt, box_at
-from obb_collision.typing import Floats, Rows, Vector
+from obb_collision.typing import Axes, Floats, Rows, Vector
 
 FIRST_ROOM = 256
 """Points for which there is room at first."""
@@ -67,9 +72,8 @@ def near_points(
 
 
 ALL, NEAREST, ANY = 0, 1, 2
-FIRST_STEP, STEP, SMALLEST = 0.02, 4.0, 1e-300
-"""The search for the nearest point begins within FIRST_STEP times the distance of some point. Each
-further reach is STEP times the one before, and at least SMALLEST metres."""
+#: Error of the distance of a block (derivation above).
+BLOCK_BOUND = 64 * ROUNDOFF
 
 
 @njit
@@ -82,53 +86,74 @@ def _near_kernel(
     levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     used = 0
     for row in range(len(reaches)):
-        box, limit, before = box_at(boxes, row), reaches[row], used
+        box, reach, before = box_at(boxes, row), reaches[row], used
         sides = absolute(box.axes[0]), absolute(box.axes[1]), absolute(box.axes[2])
         half, c = combined(sides, box.half_extents), box.center
-        reach = limit
-        if most == NEAREST:  # in steps, so that few points are farther than the nearest one
-            reach = min(limit, FIRST_STEP * _distance(box, vector_at(points, 0)))
-        while True:
-            levels[0], waiting[0] = len(starts) - 2, 0
-            depth, widest = 1, reach
-            while depth > 0:
-                depth -= 1
-                level, block = levels[depth], waiting[depth]
-                x, y, z = half[0] + reach, half[1] + reach, half[2] + reach
-                mask = overlaps(
-                    nodes, starts[level] + block, c[0] - x, c[1] - y, c[2] - z, c[0] + x, c[1] + y,
-                    c[2] + z,
-                )  # fmt: skip
-                while mask != 0:
-                    child = LANES * block + lowest(mask)
-                    mask &= mask - 1
-                    if level > 0:
+        levels[0], waiting[0] = len(starts) - 2, 0
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            level, block = levels[depth], waiting[depth]
+            x, y, z = half[0] + reach, half[1] + reach, half[2] + reach
+            mask = overlaps(
+                nodes, starts[level] + block, c[0] - x, c[1] - y, c[2] - z, c[0] + x, c[1] + y,
+                c[2] + z,
+            )  # fmt: skip
+            least, nearest = np.inf, -1
+            while mask != 0:
+                lane = lowest(mask)
+                mask &= mask - 1
+                child = LANES * block + lane
+                if level > 0:
+                    gap = block_gap(box, sides, nodes, starts[level] + block, lane)
+                    if gap > max(reach, 0.0):
+                        continue
+                    if gap < least:
+                        least, nearest, child = gap, child, nearest
+                    if child >= 0:
                         levels[depth], waiting[depth] = level - 1, child
                         depth += 1
-                        continue
-                    distance = _distance(box, vector_at(points, child))
-                    if distance > reach:
-                        continue
-                    if used == len(owners):
-                        owners, numbers = _doubled(owners), _doubled(numbers)
-                        distances = _doubled(distances)
-                    place = before if most == NEAREST else used
-                    if place < used and not distance < distances[place]:
-                        continue
-                    owners[place], numbers[place], distances[place] = row, order[child], distance
-                    used = max(used, place + 1)
-                    if most == NEAREST:
-                        reach = distance
-                    elif most == ANY:
-                        mask = depth = 0
-            if used > before or not widest < limit:
-                break
-            reach = min(limit, max(STEP * widest, SMALLEST))
+                    continue
+                distance = box_distance(box, vector_at(points, child))
+                if distance > reach:
+                    continue
+                if used == len(owners):
+                    owners, numbers = _doubled(owners), _doubled(numbers)
+                    distances = _doubled(distances)
+                place = before if most == NEAREST else used
+                if place < used and not distance < distances[place]:
+                    continue
+                owners[place], numbers[place], distances[place] = row, order[child], distance
+                used = max(used, place + 1)
+                if most == NEAREST:
+                    reach = distance
+                elif most == ANY:
+                    mask = depth = 0
+            if nearest >= 0:  # last in, first out
+                levels[depth], waiting[depth] = level - 1, nearest
+                depth += 1
     return owners[:used].copy(), numbers[:used].copy(), distances[:used].copy()
 
 
-@njit
-def _distance(box: BoxAt, point: Vector) -> float:
+@njit(inline=True, refcount=False)
+def block_gap(box: BoxAt, sides: Axes, nodes: Floats, row: int, lane: int) -> float:
+    """Return a lower bound, not negative, of the distance of a box from bounds in a block.
+
+    sides: the magnitudes of the axes of the box.
+    """
+    low = nodes[row, 0, lane], nodes[row, 1, lane], nodes[row, 2, lane]
+    high = nodes[row, 3, lane], nodes[row, 4, lane], nodes[row, 5, lane]
+    half = scaled(minus(high, low), 0.5)
+    offset = minus(plus(low, half), box.center)
+    (x, y, z), (u, v, w) = absolute(components(box.axes, offset)), components(sides, half)
+    a, b, c = box.half_extents
+    slack = BLOCK_BOUND * (sum_abs(offset) + sum_abs(half) + a + b + c)
+    x, y, z = max(x - a - u - slack, 0.0), max(y - b - v - slack, 0.0), max(z - c - w - slack, 0.0)
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@njit(inline=True, refcount=False)
+def box_distance(box: BoxAt, point: Vector) -> float:
     """Return the distance of a point from a box, negative inside of it."""
     excess = minus(absolute(components(box.axes, minus(point, box.center))), box.half_extents)
     most = max_of(excess)

@@ -22,7 +22,6 @@ ball k, where ``count`` is the number of bodies.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,7 +30,17 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.bounds_tree import LANE_BITS, LEVELS, lowest, overlaps
 from obb_collision.geometry.trees.clouds import Cloud
 from obb_collision.numerics.intrinsics import LANES
-from obb_collision.numerics.vec3 import axes_of, components, minus, plus, rows_at, vector_at
+from obb_collision.numerics.vec3 import (
+    absolute,
+    axes_of,
+    combined,
+    components,
+    minus,
+    plus,
+    rows_at,
+    vector_at,
+)
+from obb_collision.queries.points.near_points import block_gap, box_distance
 from obb_collision.queries.verdict.sat import BoxAt
 from obb_collision.robots.checks.arrays import Clouds, LinkBodies
 from obb_collision.typing import Floats, Integers, Rows, Vector
@@ -149,49 +158,54 @@ def find_balls(
     return count
 
 
-@njit(inline=True, refcount=False)
-def box_gap(box: BoxAt, point: Vector) -> float:
-    """Return the distance of a point from a box, negative inside of it."""
-    u, v, w = components(box.axes, minus(point, box.center))
-    h = box.half_extents
-    u, v, w = abs(u) - h[0], abs(v) - h[1], abs(w) - h[2]
-    inside = max(u, v, w)
-    if inside <= 0.0:
-        return inside
-    u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
-    return math.sqrt(u * u + v * v + w * w)
-
-
 @njit(refcount=False)
-def nearest_ball(
-    clouds: Clouds, c: int, box: BoxAt, limit: float, sphere: float, waiting: Integers
-) -> int:
-    """Return the ball of cloud c whose centre is nearest to a box, up to a limit; -1 for none.
+def balls_near(
+    clouds: Clouds, c: int, box: BoxAt, limit: float, nearest: bool, waiting: Integers,
+    out: Integers,
+) -> int:  # fmt: skip
+    """Write the balls of cloud c whose centres are nearer to a box than a limit; return how many.
 
-    sphere: the radius of a sphere around the box.
+    nearest: only the nearest one. Distances are those in the frame of the cloud, see
+    ``near_points``; the errors of the places there are the caller's.
     """
     nodes, starts = clouds.nodes, clouds.levels
     blocks, levels = waiting[0], waiting[1]
-    middle = minus(box.center, vector_at(clouds.centers, c))
-    x, y, z = components(axes_of(clouds.rotations, c), middle)
+    turn, place = axes_of(clouds.rotations, c), vector_at(clouds.centers, c)
+    u, v, w = box.axes
+    axes = components(turn, u), components(turn, v), components(turn, w)
+    box = BoxAt(components(turn, minus(box.center, place)), axes, box.half_extents)
+    sides = absolute(axes[0]), absolute(axes[1]), absolute(axes[2])
+    (x, y, z), (u0, v0, w0) = box.center, combined(sides, box.half_extents)
     levels[0], blocks[0] = clouds.tops[c], 0
-    depth, result = 1, -1
+    depth, count = 1, 0
     while depth > 0:
         depth -= 1
         level, block = levels[depth], blocks[depth]
-        row = starts[c, level] + block
-        reach = sphere + max(limit, 0.0)
-        mask = overlaps(
-            nodes, row, x - reach, y - reach, z - reach, x + reach, y + reach, z + reach
-        )
+        row, reach = starts[c, level] + block, max(limit, 0.0)
+        i, j, k = u0 + reach, v0 + reach, w0 + reach
+        mask = overlaps(nodes, row, x - i, y - j, z - k, x + i, y + j, z + k)
+        least, first = np.inf, -1
         while mask != 0:
             lane = lowest(mask)
             mask &= mask - 1
             if level > 0:
-                levels[depth], blocks[depth] = level - 1, LANES * block + lane
-                depth += 1
+                child, gap = LANES * block + lane, block_gap(box, sides, nodes, row, lane)
+                if gap > reach:
+                    continue
+                if gap < least:
+                    least, first, child = gap, child, first
+                if child >= 0:
+                    levels[depth], blocks[depth] = level - 1, child
+                    depth += 1
                 continue
-            gap = box_gap(box, ball_center(clouds, c, LANES * row + lane))
+            point = nodes[row, 0, lane], nodes[row, 1, lane], nodes[row, 2, lane]
+            gap = box_distance(box, point)
             if gap < limit:
-                limit, result = gap, LANES * row + lane
-    return result
+                if nearest:
+                    limit, count = gap, 0
+                out[count] = LANES * row + lane
+                count += 1
+        if first >= 0:  # the nearest block is the next one
+            levels[depth], blocks[depth] = level - 1, first
+            depth += 1
+    return count

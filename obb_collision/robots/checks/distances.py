@@ -50,13 +50,7 @@ from obb_collision.robots.checks.arrays import (
     with_own_clouds,
     without_clouds,
 )
-from obb_collision.robots.checks.balls import (
-    ball_center,
-    body_at,
-    box_gap,
-    find_balls,
-    nearest_ball,
-)
+from obb_collision.robots.checks.balls import balls_near, body_at
 from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StateDistances
@@ -222,18 +216,15 @@ def _ask_clouds(
             if len(tests.allowed) and tests.allowed[i, j - tests.first]:
                 continue
             box = placed_box(bodies, placed, i)
-            sphere = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
             slack = bodies.spheres[j] + slack_of(bodies, i, box.center)
             slack += LINK_PLACING * bodies.reaches[j]
-            ball = nearest_ball(clouds, c, box, best + slack, sphere, placed.waiting)
-            if ball < 0:
+            if balls_near(clouds, c, box, best + slack, True, placed.waiting, balls) == 0:
                 continue
+            ball = balls[0]
             best = _closer(question, nearest, room, n, i, count + ball, best)
-            reach = sphere + max(best, 0.0) + slack
-            found = find_balls(clouds, c, box.center, box.center, reach, placed.waiting, balls)
+            found = balls_near(clouds, c, box, best + slack, False, placed.waiting, balls)
             for m in range(found):
-                center = ball_center(clouds, c, balls[m])
-                if balls[m] != ball and box_gap(box, center) < best + slack:
+                if balls[m] != ball:
                     best = _closer(question, nearest, room, n, i, count + balls[m], best)
 
 
