@@ -55,7 +55,7 @@ DIAGNOSTICS = 2.5
 #: Values of /diagnostics that are printed; the JSON has all of them.
 SHOWN = (
     *("count", "colliding", "stale", "refused", "unplaceable", "cycle mean (ms)", "cycle max (ms)"),
-    *("overruns", "rate (Hz)", "age (s)"),
+    *("overruns", "rate (Hz)", "age (s)", "rejected"),
 )
 
 

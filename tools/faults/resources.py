@@ -55,7 +55,7 @@ def refusals(bench: Bench) -> str:
     """Return the reasons for which objects were refused or are not placed."""
     parts = [bench.client.part(name) for name in ("input objects", "objects")]
     keys = [pair.key for part in parts for pair in part.values]
-    return ", ".join(key for key in keys if key.startswith(("refused: ", "unplaceable: ")))
+    return ", ".join(key for key in keys if key.startswith(("rejected: ", "unplaceable: ")))
 
 
 def few_descriptors(bench: Bench) -> str:
@@ -66,7 +66,7 @@ def few_descriptors(bench: Bench) -> str:
     longest = max(bench.probe() for _ in range(10))
     bench.until(
         lambda: (
-            bench.client.count("refused", "input objects")
+            bench.client.count("rejected", "input objects")
             + bench.client.count("unplaceable", "objects")
         ),
         "refusal",
@@ -190,19 +190,19 @@ def two_on_a_cold_cache(bench: Bench) -> str:
         bench.start(namespace=namespace, wait=False, NUMBA_CACHE_DIR=cache)
         for namespace in (first, second)
     ]
-    took = []
+    seen = []
     for namespace in (first, second):
         if namespace != first:
             bench.listen(namespace)
         bench.begin(COLD)
-        took.append(f"{time.monotonic() - start:.0f} s")
+        seen.append(f"{time.monotonic() - start:.0f} s")
     for node in nodes:
         check(node.end() == 0, "a node did not end well")
     start = time.monotonic()
     bench.start(NUMBA_CACHE_DIR=cache)
     warm = time.monotonic() - start
     check(warm < STARTING, f"the third one took {warm:.0f} s")
-    return f"both right, after {' and '.join(took)}; a third one after {warm:.1f} s, by their cache"
+    return f"both right, after {' and '.join(seen)}; a third one after {warm:.1f} s, by their cache"
 
 
 BEGIN, JUMP = 1000.0, 500.0
@@ -233,16 +233,16 @@ def jump_clock(bench: Bench) -> str:
     bench.start("use_sim_time:=true")
     simulation = Simulation(bench)
     simulation.run(10)
-    texts = []
+    seen = []
     for name, jump in (("forwards", JUMP), ("backwards", -2.0 * JUMP), ("backwards", -100.0)):
         simulation.now += jump
         first = simulation.probe()
         rest = simulation.run(5)
         check(first <= RIGHT + 1.0 and rest <= RIGHT, f"{name}: right after {first:.2f} s")
-        texts.append(f"{abs(jump):g} s {name}: right after {first:.2f} s")
+        seen.append(f"{abs(jump):g} s {name}: right after {first:.2f} s")
     bench.spin(1.1)  # for /diagnostics of after that
-    late = bench.client.count("refused: older stamp", "input objects")
-    return f"{'; '.join(texts)}; {late:g} states refused, which overtook the clock's message"
+    late = bench.client.count("rejected: older stamp", "input objects")
+    return f"{'; '.join(seen)}; {late:g} states refused, which overtook the clock's message"
 
 
 def stop_clock(bench: Bench) -> str:
@@ -272,5 +272,5 @@ def refuse_old(bench: Bench) -> str:
         lambda: pairs_of(bench.client.answers[-1]) == {(1, 3)}, "the pair of the newest states"
     )
     topic = "input object_transform"
-    bench.until(lambda: bench.client.count("refused: older stamp", topic) == 1.0, "one refusal")
+    bench.until(lambda: bench.client.count("rejected: older stamp", topic) == 1.0, "one refusal")
     return f"1 of 4 states refused (`older stamp`), the others used, after {took:.2f} s"

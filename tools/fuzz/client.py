@@ -142,7 +142,7 @@ class Client:
 
     def answer_at(self, stamp: Any) -> PointCloud2 | None:
         """Return the answer to the states with a stamp, None before it arrives."""
-        return next((answer for answer in self.validity if answer.header.stamp == stamp), None)
+        return next((one for one in self.validity if one.header.stamp == stamp), None)
 
     def _take_status(self, message: DiagnosticArray) -> None:
         self._taken += 1
@@ -168,14 +168,14 @@ class Client:
         limit: seconds, to which the time is added that the node waited for a processor.
         """
         start, before = time.monotonic(), child.delays()
-        while not (value := reached()):
+        while not (found := reached()):
             if child.exit_code is not None:
                 raise FoundError(f"the node ended with {child.exit_code} before {what}")
             spent = time.monotonic() - start
             if spent > limit and spent > limit + child.waited(before):
                 raise FoundError(f"no {what} within {limit:g} s")
             self.spin(0.05)
-        return value
+        return found
 
     def wait_for_start(self, child: Child) -> None:
         """Wait until the node answers, with all effects computed."""
@@ -204,7 +204,7 @@ class Client:
                 counts = "; ".join(f"{pair.key}: {pair.value}" for pair in status.values)
                 raise FoundError(f"the node counted internal errors: {counts}")
             for pair in status.values:
-                if pair.key in ("messages", "lost") or pair.key.startswith("refused: "):
+                if pair.key in ("messages", "lost") or pair.key.startswith("rejected: "):
                     yield pair.key, int(pair.value)
 
     @property
@@ -214,8 +214,8 @@ class Client:
 
     def part(self, name: str) -> DiagnosticStatus:
         """Return the last diagnostics of a part, an empty status if there are none."""
-        parts = (status for status in self.parts if status.name.endswith(f": {name}"))
-        return next(parts, DiagnosticStatus())
+        found = (status for status in self.parts if status.name.endswith(f": {name}"))
+        return next(found, DiagnosticStatus())
 
     def count(self, key: str, part: str = "") -> float:
         """Return a count of a part in the last diagnostics, or the sum over all parts."""
@@ -229,11 +229,11 @@ class Client:
         return f"diagnostics: {', '.join([*(part.message for part in self.parts), *values])}"
 
     def services(self) -> dict[str, type]:
-        """Return the types of the node's services, by their names relative to the node.
+        """Return the types of the node's services, by their names behind that of the node.
 
-        The result is empty until all services that are needed here are known.
+        None of them, while not all that are needed here are known.
         """
-        head, kinds_by_name = f"{self.namespace}/{NODE}/", {}
+        head, found = f"{self.namespace}/{NODE}/", {}
         try:
             listed = self.node.get_service_names_and_types_by_node(NODE, self.namespace)
         except NodeNameNonExistentError:  # not discovered yet
@@ -241,10 +241,10 @@ class Client:
         for name, kinds in listed:
             package, _, kind = kinds[0].split("/")
             if name.startswith(head):
-                kinds_by_name[name.removeprefix(head)] = getattr(
+                found[name.removeprefix(head)] = getattr(
                     importlib.import_module(f"{package}.srv"), kind
                 )
-        return kinds_by_name if kinds_by_name.keys() >= NEEDED else {}
+        return found if found.keys() >= NEEDED else {}
 
     def call(self, child: Child, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the node, and again if no answer comes.
@@ -383,11 +383,11 @@ def _hostile_request(kind: Any, names: list[str], random: Random) -> Any:
     request = kind.Request()
     for name, type_name in request.get_fields_and_field_types().items():
         if type_name == "sequence<string>":
-            texts = [random.choice((*names, hostile_value("string", random))) for _ in range(5)]
-            setattr(request, name, texts)
+            given = [random.choice((*names, hostile_value("string", random))) for _ in range(5)]
+            setattr(request, name, given)
         elif type_name == "sequence<rcl_interfaces/Parameter>":
-            chosen = [random.choice(names) for _ in range(random.randint(0, LONGEST_LIST))]
-            setattr(request, name, [hostile_parameter(parameter, random) for parameter in chosen])
+            some = [random.choice(names) for _ in range(random.randint(0, LONGEST_LIST))]
+            setattr(request, name, [hostile_parameter(one, random) for one in some])
     for _ in range(random.randint(0, 3)):
         try:
             mutate(request, random)

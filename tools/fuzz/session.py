@@ -69,7 +69,7 @@ CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 ASKED = 0.3
 """Share of the batches behind which states of the robot are asked for."""
-FULL = "refused: too many objects"
+FULL = "rejected: too many objects"
 """Why objects are refused that a node has no room for."""
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
@@ -132,7 +132,7 @@ class Session:
             ask_robot(self._stream.robot, random, client, self._child)
             self.result.probes["states of a robot"] += 1
         way = ON_ITS_WAY + ON_ITS_WAY_PER_MEGABYTE * size / 1e6
-        late = [entry for entry in self._recent[:-1] if entry[0] > began]
+        late = [one for one in self._recent[:-1] if one[0] > began]
         self._recent = [*late, *self._recent[-1:], (began + way, size)]
         self._measure(name, sum(size for _, size in self._recent), before)
 
@@ -160,14 +160,14 @@ class Session:
         probe = self._probes.make(number, random, time.time_ns(), everything, full)
         if probe.kind in MOVES:
             self._ask(number, probe, probe.first, probe.known)
-            pairs = self._ask(number, probe, probe.messages, probe.sure)
+            found = self._ask(number, probe, probe.messages, probe.sure)
         else:
-            pairs = self._ask(number, probe, probe.first + probe.messages, probe.sure)
-        if pairs != probe.pairs:
+            found = self._ask(number, probe, probe.first + probe.messages, probe.sure)
+        if found != probe.pairs:
             later = self._ask(number, probe, [], probe.sure)
             raise FoundError(
                 f"pairs of probe {number}, by {probe.kind}: missing "
-                f"{sorted(probe.pairs - pairs)}, wrong {sorted(pairs - probe.pairs)}; "
+                f"{sorted(probe.pairs - found)}, wrong {sorted(found - probe.pairs)}; "
                 f"in the next answer missing {sorted(probe.pairs - later)}, wrong "
                 f"{sorted(later - probe.pairs)}; {self._client.status()}"
             )
@@ -191,10 +191,10 @@ class Session:
         def answered() -> set[Pair] | None:
             nonlocal next_time, seen, no_room
             fresh, seen = client.answers[seen:], len(client.answers)
-            crowded = any(item.message.width >= self._most_pairs for item in fresh)
+            crowded = any(one.message.width >= self._most_pairs for one in fresh)
             full = adds and client.count(FULL) > no_room
             if time.monotonic() > next_time and (crowded or full or (messages and is_set)):
-                again = [item for item in messages if adds or (is_set and item[0] in COMPLETE)]
+                again = [one for one in messages if adds or (is_set and one[0] in COMPLETE)]
                 removed = probe.room if adds or is_set else probe.others
                 for topic, data in [*(removed if crowded or full else ()), *again]:
                     client.publishers[topic].publish(data)
@@ -202,8 +202,8 @@ class Session:
                 next_time, no_room = time.monotonic() + RESENDING, client.count(FULL)
             return find_answer(fresh, probe.sure[0], sure, self._most_pairs)
 
-        pairs: set[Pair] = self._client.until(self._child, answered, what)
-        return pairs
+        found: set[Pair] = self._client.until(self._child, answered, what)
+        return found
 
     def _probe_points(self, random: Random, probe: Probe) -> None:
         """Send finite and other points, and compare the counts in boxes."""
@@ -250,7 +250,7 @@ def find_answer(answers: list[Answer], first: int, sure: Pair, most: int) -> set
             continue
         ours = [name in NUMBERS for name in rows["ns_a"].tolist()]
         ids = zip(rows["id_a"][ours].tolist(), rows["id_b"][ours].tolist(), strict=True)
-        pairs = {pair for pair in ids if all(first <= ident < first + BOXES for ident in pair)}
+        pairs = {pair for pair in ids if all(first <= one < first + BOXES for one in pair)}
         if sure in pairs:
             return pairs
     return None
@@ -327,17 +327,17 @@ def _print_usages(result: Result) -> None:
 
 def faults(result: Result, most: float) -> list[str]:
     """Return the goals that were missed; most: allowed growth of memory (MB)."""
-    texts = []
+    found = []
     if result.late:
-        texts.append(
+        found.append(
             f"the node was blocked for longer than allowed, first during {result.late[0][0]}"
         )
     growth = result.usages.growth()
     if growth is not None and growth.memory > most * 1e6:
-        texts.append(f"its memory grew by {_megabytes(growth.memory)}")
+        found.append(f"its memory grew by {_megabytes(growth.memory)}")
     if growth is not None and max(growth.descriptors, growth.threads) > MORE:
-        texts.append(f"it grew by {growth.descriptors} descriptors, {growth.threads} threads")
-    return texts
+        found.append(f"it grew by {growth.descriptors} descriptors, {growth.threads} threads")
+    return found
 
 
 def _megabytes(size: float) -> str:

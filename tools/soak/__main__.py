@@ -112,7 +112,7 @@ class Session:
     def end(self, child: Child) -> None:
         """Read the last diagnostics: refused messages, and internal errors."""
         for key, count in self.client.last_counts(child):
-            if count and key.startswith("refused: "):
+            if count and key.startswith("rejected: "):
                 self._result.refused[key.partition(": ")[2]] = count
 
     def _send(self, changes: dict[str, Change]) -> None:

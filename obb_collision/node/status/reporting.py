@@ -93,7 +93,7 @@ def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> P
         "messages": monitor.messages,
         "rate (Hz)": f"{messages / seconds:.2f}",
         "age (s)": age,
-        "refused": monitor.refused.total(),
+        "rejected": monitor.refused.total(),
         "qos mismatches": monitor.mismatches,
     }
     more = {"superseded": monitor.superseded, "lost": monitor.lost}
@@ -101,10 +101,10 @@ def input_part(topic: str, monitor: InputMonitor, now: int, seconds: float) -> P
     if monitor.ignored is not None:
         values["not finite in the last cloud"] = monitor.ignored
     values |= {f"last cloud: {what}": count for what, count in monitor.last_cloud.items()}
-    for word, counts in (("refused", monitor.refused), ("doubtful", monitor.doubted)):
+    for word, counts in (("rejected", monitor.refused), ("doubtful", monitor.doubted)):
         values |= {f"{word}: {reason}": count for reason, count in sorted(counts.items())}
     faults = {
-        f"{refused} items refused": refused,
+        f"{refused} items rejected": refused,
         f"{doubted} items used, but doubtful": doubted,
         "a publisher has incompatible QoS": monitor.mismatches,
     }

@@ -98,7 +98,7 @@ class Buffer:
 
 
 class TransformListener:
-    """Stands in for tf2's listener: transforms come only by ``set_transform`` of its buffer."""
+    """Takes in transforms by set_transform of its buffer only."""
 
     def __init__(self, buffer: Buffer, node: Node, *, spin_thread: bool = False) -> None:
         self.buffer = buffer
@@ -237,8 +237,8 @@ def test_with_tf2_what_cannot_be_placed_is_told_coloured_and_never_free(tf2_ros:
         found = rig.status(": objects")
         assert (found["unplaceable"], found["names unplaceable"]) == ("1", "new/1")
         assert (found["refused"], found["names refused"]) == ("1", "a/2")
-        assert rig.status("input object_transform")["refused: extrapolation"] == "1"
-        assert rig.status("input objects")["refused: unknown frame"] == "1"
+        assert rig.status("input object_transform")["rejected: extrapolation"] == "1"
+        assert rig.status("input objects")["rejected: unknown frame"] == "1"
 
 
 PERIOD = 20 * MILLISECOND

@@ -215,7 +215,7 @@ def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> 
     rig.send_points([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, 0]])
     assert inside(rig) == [("a/1", 1)]
     status = rig.status("input points")
-    assert status["refused: field layout"] == "1"
+    assert status["rejected: field layout"] == "1"
     assert status["not finite in the last cloud"] == "2"
     rig.send_points([[0.0, 0, 0]], "nowhere")
     rig.until(lambda: rig.refused("points").get("unknown frame") == 1, "unknown frame")

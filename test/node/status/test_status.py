@@ -47,7 +47,7 @@ def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig:
     status = rig.status("input objects")
     assert status["topic"] == NAMESPACE + "/objects"
     assert status["messages"] == "1"
-    assert status["refused: bad scale"] == "1"
+    assert status["rejected: bad scale"] == "1"
     assert 0.0 <= float(status["age (s)"]) < 2.0 * PATIENCE, "since it came, not since 1970"
     assert rig.status("input object_poses")["age (s)"] == "never"
     objects = rig.status(": objects")
