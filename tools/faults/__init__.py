@@ -15,6 +15,6 @@
 """Faults around a node, each made with real processes, and what the node did.
 
 ``bench`` starts a node in another process and asks it, ``peers`` are programs beside it. The
-faults are in ``processes`` and ``resources``, one function per fault; ``__main__`` has the list of
-them, and is ``python -m tools.faults``.
+faults are in ``processes``, ``resources`` and ``sensors``, one function per fault; ``__main__`` has
+the list of them, and is ``python -m tools.faults``.
 """

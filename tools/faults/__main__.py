@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from obb_collision.cli import Parser, interruptible, new_file, option
-from tools.faults import processes, resources
+from tools.faults import processes, resources, sensors
 from tools.faults.bench import Bench
 from tools.fuzz.client import FoundError
 from tools.fuzz.process import for_killed_processes, last_lines, own_domain
@@ -98,6 +98,28 @@ FAULTS = (
         "the newest state counts, no answer later than 1 s, drops counted, right within 1 s after",
         processes.overload,
     ),
+    Fault(
+        "sensor-killed",
+        "`stale` within its timeout (0.5 s) and 1 s, beside its pair; right with the next one",
+        sensors.kill_sensor,
+    ),
+    Fault(
+        "sensor-frozen",
+        "`stale` within its timeout (0.5 s) and 1 s, beside its pair; right when it goes on",
+        sensors.freeze_sensor,
+    ),
+    Fault(
+        "sensor-late",
+        "`stale` within 1.5 s and 1 s, never free; right when it has caught up",
+        sensors.delay_sensor,
+    ),
+    Fault(
+        "sensor-frame-lost",
+        "`late_frame` within 0.5 s and 1 s, beside its pair; right with a frame that is known",
+        sensors.lose_frame,
+    ),
+    Fault("sensor-flood", "no answer later than 1 s, memory bounded, drops counted", sensors.flood),
+    Fault("sensor-clock-back", "right within 1.5 s", sensors.set_clock_back),
     Fault("parameter-storm", "no answer later than 1 s", processes.storm_parameters),
     Fault(
         "few-descriptors",

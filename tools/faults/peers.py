@@ -16,14 +16,17 @@
 
 ``sender`` adds a row of colliding cubes and moves them as fast as it can, ``reader`` subscribes to
 what a node publishes, and ``setter`` sets parameters of a node as fast as it can, right and wrong
-ones. Each prints READY once it is at work, and goes on until it is killed.
+ones. ``camera`` sees a point at the origin, ``flood`` a room, as fast as it can. Each prints READY
+once it is at work, and goes on until it is killed.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable
 from random import Random
+from struct import pack
 from typing import Any
 
 import numpy as np
@@ -32,15 +35,18 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.messages.clouds import poses_to_ros
+from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, pose_to_ros, stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import TOPICS
+from obb_collision.typing import Floats
 
 READY = "at work"
 BURST, COUNT = "burst", 500
@@ -58,6 +64,47 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "accuracy": ("obb", "exact", 7),
 }
 """Values that a setter sets: such as change nothing about the probe, and wrong ones."""
+
+
+CAMERA = "camera"
+SENSOR_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+CAMERA_PERIOD = 0.05
+"""Seconds between two clouds."""
+PIXELS = 640 * 480
+
+
+def cloud_at(points: Floats, stamp: float, frame: str = "map") -> PointCloud2:
+    """Return a cloud of points (n, 3) as of depth cameras, 16 bytes each; stamp: seconds."""
+    rows = np.zeros(len(points), [(name, "<f4") for name in ("x", "y", "z", "rgb")])
+    for column, axis in enumerate("xyz"):
+        rows[axis] = points[:, column]
+    return cloud_to_ros(
+        rows, Header(frame_id=frame, stamp=stamp_to_ros(round(stamp * NANOSECONDS)))
+    )
+
+
+def look(node: Node) -> Callable[[], None]:
+    """Publish clouds of one point at the origin, 20 a second."""
+    publisher = node.create_publisher(PointCloud2, CAMERA, SENSOR_QOS)
+
+    def step() -> None:
+        publisher.publish(cloud_at(np.zeros((1, 3)), time.time()))
+        time.sleep(CAMERA_PERIOD)
+
+    return step
+
+
+def flood(node: Node) -> Callable[[], None]:
+    """Publish clouds of a room far away, 4.9 MB each."""
+    publisher = node.create_publisher(PointCloud2, CAMERA, SENSOR_QOS)
+    points = np.random.default_rng(1).uniform(FAR, FAR + 5.0, (PIXELS, 3))
+    data = bytearray(serialize_message(cloud_at(points, 0.0)))
+
+    def step() -> None:
+        data[4:12] = pack("<iI", *divmod(time.time_ns(), NANOSECONDS))
+        publisher.publish(bytes(data))
+
+    return step
 
 
 def cube(key: tuple[str, int], position: Iterable[float], stamp: float = 0.0) -> Marker:
@@ -117,7 +164,9 @@ def set_parameters(node: Node) -> Callable[[], None]:
     return step
 
 
-KINDS = {"sender": send, "reader": read, "setter": set_parameters}
+KINDS = {
+    "sender": send, "reader": read, "setter": set_parameters, "camera": look, "flood": flood,
+}  # fmt: skip
 
 
 def main(kind: str, namespace: str) -> None:
