@@ -91,13 +91,6 @@ class Cloud(Shape):
         """The tree over the points, built when first needed."""
         return BoundsTree.build(self.points, self.points)
 
-    @cached_property
-    def ordered(self) -> Floats:
-        """The points (n, 3) in the order of the tree."""
-        ordered = self.points[self.tree.order]
-        ordered.setflags(write=False)
-        return ordered
-
 
 @njit
 def _take_finite(rows: np.ndarray, out: Floats, bounds: Floats) -> int:

@@ -40,7 +40,6 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
     sum_abs,
-    vector_at,
 )
 from obb_collision.queries.verdict.sat import BoxAt, box_at
 from obb_collision.typing import Axes, Floats, Rows, Vector
@@ -58,17 +57,16 @@ class NearPoints(NamedTuple):
 
 
 def near_points(
-    tree: BoundsTree, ordered: Floats, boxes: BoxArrays, reaches: Floats, only: str = "all"
+    tree: BoundsTree, boxes: BoxArrays, reaches: Floats, only: str = "all"
 ) -> NearPoints:
     """Return the points of a tree that are at most ``reaches`` (n,) metres from boxes (n,).
 
-    ordered: the points (p, 3) in the order of the tree, so that neighbours are near in memory.
     only: for each box "all" such points, the "nearest" one, or "any" one.
     """
     if len(tree.order) == 0:
         return NearPoints(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
     most = {"all": ALL, "nearest": NEAREST, "any": ANY}[only]
-    return NearPoints(*_near_kernel(tree, ordered, boxes, reaches, most))
+    return NearPoints(*_near_kernel(tree, boxes, reaches, most))
 
 
 ALL, NEAREST, ANY = 0, 1, 2
@@ -78,7 +76,7 @@ BLOCK_BOUND = 64 * ROUNDOFF
 
 @njit
 def _near_kernel(
-    tree: BoundsTree, points: Floats, boxes: BoxArrays, reaches: Floats, most: int
+    tree: BoundsTree, boxes: BoxArrays, reaches: Floats, most: int
 ) -> tuple[np.ndarray, np.ndarray, Floats]:
     order, nodes, starts = tree.order, tree.nodes, tree.starts
     owners, numbers = np.empty(FIRST_ROOM, np.int64), np.empty(FIRST_ROOM, np.int64)
@@ -94,18 +92,16 @@ def _near_kernel(
         while depth > 0:
             depth -= 1
             level, block = levels[depth], waiting[depth]
+            node = starts[level] + block
             x, y, z = half[0] + reach, half[1] + reach, half[2] + reach
-            mask = overlaps(
-                nodes, starts[level] + block, c[0] - x, c[1] - y, c[2] - z, c[0] + x, c[1] + y,
-                c[2] + z,
-            )  # fmt: skip
+            mask = overlaps(nodes, node, c[0] - x, c[1] - y, c[2] - z, c[0] + x, c[1] + y, c[2] + z)
             least, nearest = np.inf, -1
             while mask != 0:
                 lane = lowest(mask)
                 mask &= mask - 1
                 child = LANES * block + lane
                 if level > 0:
-                    gap = block_gap(box, sides, nodes, starts[level] + block, lane)
+                    gap = block_gap(box, sides, nodes, node, lane)
                     if gap > max(reach, 0.0):
                         continue
                     if gap < least:
@@ -114,7 +110,8 @@ def _near_kernel(
                         levels[depth], waiting[depth] = level - 1, child
                         depth += 1
                     continue
-                distance = box_distance(box, vector_at(points, child))
+                point = nodes[node, 0, lane], nodes[node, 1, lane], nodes[node, 2, lane]
+                distance = box_distance(box, point)
                 if distance > reach:
                     continue
                 if used == len(owners):

@@ -164,9 +164,7 @@ class CloudPairs:
             middle, _, extent = cloud.local_box
             size = np.abs(position).sum() + np.abs(middle).sum() + extent.sum() + 3.0 * radius
             errors = PLACING * (size + np.abs(centers).sum(axis=1) + halves.sum(axis=1))
-            near = near_points(
-                cloud.tree, cloud.ordered, local, reaches[rows] + radius + errors, only
-            )
+            near = near_points(cloud.tree, local, reaches[rows] + radius + errors, only)
             errors = errors[near.boxes]
             places = cloud.points[near.points] @ turn.T + position
             numbers = rows[near.boxes], places, radius + errors, near.distances - radius, errors
